@@ -1,0 +1,149 @@
+#include "base/file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+
+namespace splatvol {
+namespace {
+
+tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
+  return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
+}
+
+class FileSource final : public ByteSource {
+ public:
+  FileSource(int descriptor, std::uint64_t size, std::string path)
+      : descriptor_(descriptor), size_(size), path_(std::move(path)) {}
+  FileSource(const FileSource&) = delete;
+  FileSource& operator=(const FileSource&) = delete;
+  ~FileSource() override { ::close(descriptor_); }
+
+  std::uint64_t size() const override { return size_; }
+  const std::string& name() const override { return path_; }
+
+  Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    if (offset > size_ || out.size() > size_ - offset)
+      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", path_, out.size(), offset, size_);
+    while (!out.empty()) {
+      const ssize_t got = ::pread(descriptor_, out.data(), out.size(), static_cast<off_t>(offset));
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) return fail_errno(path_, "cannot read");
+      if (got == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path_);
+      out = out.subspan(static_cast<std::size_t>(got));
+      offset += static_cast<std::uint64_t>(got);
+    }
+    return {};
+  }
+
+ private:
+  int descriptor_;
+  std::uint64_t size_;
+  std::string path_;
+};
+
+class MemorySource final : public ByteSource {
+ public:
+  MemorySource(std::span<const std::byte> bytes, std::string name) : bytes_(bytes), name_(std::move(name)) {}
+  std::uint64_t size() const override { return bytes_.size(); }
+  const std::string& name() const override { return name_; }
+  Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
+      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end ({} bytes)", name_, out.size(), offset, bytes_.size());
+    std::ranges::copy(bytes_.subspan(offset, out.size()), out.begin());
+    return {};
+  }
+
+ private:
+  std::span<const std::byte> bytes_;
+  std::string name_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
+  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return fail_errno(path, "cannot open");
+  struct stat status {};
+  if (::fstat(descriptor, &status) != 0 || !S_ISREG(status.st_mode)) {
+    ::close(descriptor);
+    return fail(ErrorCode::io, "{}: not a regular file", path);
+  }
+  return std::make_unique<FileSource>(descriptor, static_cast<std::uint64_t>(status.st_size), path);
+}
+
+std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name) {
+  return std::make_unique<MemorySource>(bytes, std::move(name));
+}
+
+Result<std::string> read_text_file(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(source, open_file(path));
+  std::string text(source->size(), '\0');
+  SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
+  return text;
+}
+
+Result<AtomicFile> AtomicFile::create(const std::string& path) {
+  // mkstemp makes the file 0600; a finished file gets what the user's umask allows.
+  std::string temporary = path + ".XXXXXX";
+  const int descriptor = ::mkostemp(temporary.data(), O_CLOEXEC);
+  if (descriptor < 0) return fail_errno(path, "cannot create");
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  ::fchmod(descriptor, 0666 & ~mask);
+  return AtomicFile(descriptor, path, std::move(temporary));
+}
+
+AtomicFile::AtomicFile(int descriptor, std::string path, std::string temporary_path)
+    : descriptor_(descriptor), path_(std::move(path)), temporary_path_(std::move(temporary_path)) {}
+
+AtomicFile::AtomicFile(AtomicFile&& other) noexcept
+    : descriptor_(std::exchange(other.descriptor_, -1)),
+      path_(std::move(other.path_)),
+      temporary_path_(std::move(other.temporary_path_)),
+      end_(other.end_) {}
+
+AtomicFile::~AtomicFile() {
+  if (descriptor_ < 0) return;
+  ::close(descriptor_);
+  ::unlink(temporary_path_.c_str());
+}
+
+Status AtomicFile::append(std::span<const std::byte> bytes) {
+  SPLATVOL_TRY(write_at(end_, bytes));
+  end_ += bytes.size();
+  return {};
+}
+
+Status AtomicFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return fail_errno(path_, "cannot write");
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+    offset += static_cast<std::uint64_t>(put);
+  }
+  return {};
+}
+
+Status AtomicFile::commit() {
+  if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
+  if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) return fail_errno(path_, "cannot rename to");
+  ::close(std::exchange(descriptor_, -1));
+
+  // The rename itself lasts through a power cut only when the folder is synced too.
+  const auto folder = std::filesystem::path(path_).parent_path();
+  const int directory = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (directory < 0) return fail_errno(path_, "cannot sync the folder of");
+  const int synced = ::fsync(directory);
+  ::close(directory);
+  return synced == 0 ? Status{} : fail_errno(path_, "cannot sync the folder of");
+}
+
+}  // namespace splatvol

@@ -1,0 +1,75 @@
+// Bytes in and out: the seam between readers and storage, and files that appear whole or not at all.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// Random access to the bytes of a file, wherever they are. Implementations are thread-safe.
+class ByteSource {
+ public:
+  virtual ~ByteSource() = default;
+
+  /// Number of bytes that can be read.
+  [[nodiscard]] virtual std::uint64_t size() const = 0;
+
+  /// Fills `out` with the bytes at `offset`; fails unless all of them exist and were read.
+  [[nodiscard]] virtual Status read(std::uint64_t offset, std::span<std::byte> out) = 0;
+
+  /// What to call it in messages: a path or an address.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+};
+
+/// Opens a regular file for positional reads.
+[[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
+
+/// Serves bytes held in memory; `name` appears in messages.
+[[nodiscard]] std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name);
+
+/// Reads a whole file; fails with one line where it is missing, unreadable or not a regular file.
+[[nodiscard]] Result<std::string> read_text_file(const std::string& path);
+
+/// A file that gets its name only when it is complete.
+///
+/// Bytes go to a temporary name in the same folder; `commit` syncs it to the disk and renames it over `path`. Destroyed
+/// without commit, it removes the temporary file and leaves whatever stood at `path` untouched. Not thread-safe.
+class AtomicFile {
+ public:
+  [[nodiscard]] static Result<AtomicFile> create(const std::string& path);
+  AtomicFile(AtomicFile&& other) noexcept;
+  AtomicFile& operator=(AtomicFile&&) = delete;
+  ~AtomicFile();
+
+  /// Appends bytes at the end.
+  [[nodiscard]] Status append(std::span<const std::byte> bytes);
+
+  /// Overwrites bytes at `offset`; a hole left before it reads as zeros. Does not move the end of `append`.
+  [[nodiscard]] Status write_at(std::uint64_t offset, std::span<const std::byte> bytes);
+
+  /// Moves the place of the next `append`.
+  void seek(std::uint64_t offset) { end_ = offset; }
+
+  /// Place of the next `append`, bytes from the start.
+  [[nodiscard]] std::uint64_t position() const { return end_; }
+
+  /// Where the bytes are until `commit`; for libraries that write by name.
+  [[nodiscard]] const std::string& temporary_path() const { return temporary_path_; }
+
+  [[nodiscard]] Status commit();
+
+ private:
+  AtomicFile(int descriptor, std::string path, std::string temporary_path);
+
+  int descriptor_;
+  std::string path_;
+  std::string temporary_path_;
+  std::uint64_t end_ = 0;
+};
+
+}  // namespace splatvol

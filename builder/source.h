@@ -1,0 +1,61 @@
+// Where points come from: any input as a stream of pieces, so that a partitioned mesh is never whole in memory.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+
+namespace splatvol {
+
+/// What the cells of an input were, counted; shown to the user after a build.
+struct CellCensus {
+  std::map<std::string, std::uint64_t> cells;  // by type name: "tetrahedron", "hexahedron", "polyhedron", ...
+  std::uint64_t tetrahedra = 0;      // after splitting
+  std::uint64_t inverted = 0;        // tetrahedra with negative volume as their cell orders them
+  std::uint64_t flat = 0;            // tetrahedra with volume exactly 0
+  std::uint64_t without_volume = 0;  // vertices, lines and surface cells: their points are kept, they fill nothing
+  std::uint64_t hidden = 0;          // blanked cells, and ghost copies of cells that another piece owns
+  std::uint64_t not_star_shaped = 0; // polyhedra that no vertex sees whole: split with some inverted tetrahedra
+
+  CellCensus& operator+=(const CellCensus& other);
+};
+
+/// A part of the input, small enough to hold.
+struct Piece {
+  std::vector<dvec3> points;
+  std::vector<std::vector<double>> values;  // [attribute][point]; NaN: missing
+  std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
+  CellCensus census;
+};
+
+/// A stream of pieces. Not thread-safe.
+class Source {
+ public:
+  virtual ~Source() = default;
+
+  /// The scalars of every piece, in the order of Piece::values. A vector U gives "U" (its magnitude), then "U[0]",
+  /// "U[1]", ...; with a selection, only those that were asked for, in the order of asking.
+  [[nodiscard]] virtual const std::vector<std::string>& attributes() const = 0;
+
+  /// Pieces in all, for progress.
+  [[nodiscard]] virtual std::size_t piece_count() const = 0;
+
+  /// The next piece, in an order that does not depend on threads; an empty pointer after the last.
+  [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
+};
+
+/// Opens an input by what it is: .vtu, .pvtu, .vtk, or a PLOT3D grid and its solution as two paths in this order.
+///
+/// `selection` names the attributes to read; empty: all point data. Fails where a file is missing, damaged, of a kind
+/// or version that cannot be read right, has no point data, or lacks a selected attribute (the message lists those
+/// that are there). Safe on untrusted files as far as VTK's readers are.
+[[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& paths,
+                                                          const std::vector<std::string>& selection);
+
+}  // namespace splatvol

@@ -1,0 +1,45 @@
+// Pictures: linear premultiplied RGBA in 32-bit float, to and from OpenEXR and PNG, and their comparison.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+
+namespace splatvol {
+
+struct Image {
+  int width = 0;
+  int height = 0;
+  std::vector<vec4> pixels;  // row 0 at the top; premultiplied, background not applied
+
+  [[nodiscard]] vec4& at(int x, int y) { return pixels[static_cast<std::size_t>(y) * width + x]; }
+  [[nodiscard]] const vec4& at(int x, int y) const { return pixels[static_cast<std::size_t>(y) * width + x]; }
+};
+
+/// Written into the header of an EXR file (string attributes) or a PNG file (text chunks).
+using Provenance = std::map<std::string, std::string>;
+
+/// Writes .exr (channels R, G, B, A; 32-bit float) or .png (8 bits, the image over `background`, sRGB curve applied),
+/// by the extension of `path`. The file appears whole or not at all.
+[[nodiscard]] Status write_image(const std::string& path, const Image& image, dvec3 background, const Provenance& provenance);
+
+/// Whether write_image knows the extension of `path`: ask before work of minutes.
+[[nodiscard]] bool is_image_path(const std::string& path);
+
+/// Reads an EXR file with channels R, G, B and optionally A (1 where absent).
+[[nodiscard]] Result<Image> read_exr(const std::string& path);
+
+struct ImageDifference {
+  double rmse;  // of linear premultiplied RGB, over all pixels and the three channels
+  double psnr;  // -20 log10(rmse), dB for a peak of 1; infinity where the pictures are equal
+  double max;   // largest absolute difference of a channel, alpha left out
+  double mean_a, mean_b;  // mean of RGB
+};
+
+/// Fails where the sizes differ.
+[[nodiscard]] Result<ImageDifference> compare_images(const Image& a, const Image& b);
+
+}  // namespace splatvol

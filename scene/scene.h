@@ -1,0 +1,86 @@
+// What to draw and from where: camera, image, attribute, transfer function; read from a scene file.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+
+namespace splatvol {
+
+struct Camera {
+  enum class Projection { perspective, orthographic };
+
+  Projection projection = Projection::perspective;
+  double vertical_fov_degrees = 30;  // perspective: full angle, (0, 180)
+  double parallel_height = 1;        // orthographic: world units from the image's lower to its upper edge, > 0
+  dvec3 position{0};
+  dvec3 focal_point{0};
+  dvec3 up{0, 1, 0};
+};
+
+/// Colour and extinction as functions of the value, piecewise linear in t = (value - lo) / (hi - lo), clamped outside.
+/// A missing value (NaN) has extinction 0.
+struct TransferFunction {
+  struct Color {
+    double t;
+    dvec3 rgb;  // linear
+  };
+  struct Density {
+    double t;
+    double extinction;  // per world length unit, >= 0
+  };
+
+  double lo = 0;
+  double hi = 1;
+  std::vector<Color> colors;       // at least one, t not decreasing
+  std::vector<Density> densities;  // at least one, t not decreasing
+
+  [[nodiscard]] dvec3 color(double value) const;
+  [[nodiscard]] double extinction(double value) const;
+
+  /// (r, g, b, extinction) at `count` >= 2 equally spaced values from lo to hi, both included.
+  [[nodiscard]] std::vector<vec4> table(std::size_t count) const;
+};
+
+struct Scene {
+  Camera camera;
+  int width = 512;
+  int height = 512;
+  dvec3 background{0};  // linear
+  std::string attribute;
+  TransferFunction transfer_function;
+  bool lighting = false;
+};
+
+/// Reads a scene from JSON text; the error names the field that is missing or out of range.
+[[nodiscard]] Result<Scene> parse_scene(const std::string& json);
+
+/// Reads a scene file; the error begins with the path.
+[[nodiscard]] Result<Scene> load_scene(const std::string& path);
+
+/// The camera as a frame: view coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
+///
+/// A view point (x, y, z) appears at pixels (f x / z + W / 2, f y / z + H / 2) in perspective and (f x + W / 2,
+/// f y + H / 2) in orthographic projection, counted from the lower left corner; pixel centres lie at halves.
+struct View {
+  dvec3 eye;
+  dvec3 right, up, forward;  // orthonormal
+  double focal = 1;          // f: pixels (perspective), or pixels per world unit (orthographic)
+  bool orthographic = false;
+  int width = 0;
+  int height = 0;
+
+  [[nodiscard]] dvec3 to_view(dvec3 world) const {
+    const dvec3 d = world - eye;
+    return {glm::dot(d, right), glm::dot(d, up), glm::dot(d, forward)};
+  }
+};
+
+/// Fails where the camera's axes are degenerate (position equals focal point, up along the line of sight).
+[[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);
+
+}  // namespace splatvol

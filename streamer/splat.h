@@ -1,0 +1,25 @@
+// What the streamer hands to the renderer: decoded splats, in batches with a common origin.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "base/math.h"
+
+namespace splatvol {
+
+/// A splat of the paper's kernel (`octant`), as the renderer's buffers hold it.
+struct OctantSplat {
+  vec3 position;  // relative to its batch's origin, world units
+  float value;    // NaN: missing, draws nothing
+  float size;     // d: thickness and diameter scale, world units
+};
+static_assert(sizeof(OctantSplat) == 20);
+
+/// Splats near one origin, so that single precision keeps their detail far from the world's origin.
+struct SplatBatch {
+  dvec3 origin;
+  std::span<const OctantSplat> splats;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,76 @@
+#include "tools/tool.h"
+
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <new>
+
+#include "tools/version.h"
+
+namespace splatvol {
+
+int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
+  app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+
+  Status status;
+  try {
+    status = body();
+  } catch (const std::bad_alloc&) {
+    status = fail(ErrorCode::out_of_budget, "not enough memory");
+  } catch (const std::exception& error) {
+    status = fail(ErrorCode::io, "{}", error.what());
+  }
+  if (status) return 0;
+  fmt::print(stderr, "{}: {}\n", app.get_name(), status.error().message);
+  return 1;
+}
+
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+ProgressBar::ProgressBar(std::string stage)
+    : stage_(std::move(stage)), visible_(::isatty(STDERR_FILENO) == 1), start_(seconds_now()) {}
+
+ProgressBar::~ProgressBar() {
+  if (visible_) fmt::print(stderr, "\r\033[K");
+}
+
+void ProgressBar::update(double fraction) {
+  const double now = seconds_now();
+  if (!visible_ || now - last_drawn_ < 0.1) return;
+  last_drawn_ = now;
+  constexpr int width = 32;
+  const int filled = static_cast<int>(fraction * width);
+  const double left = fraction > 0 ? (now - start_) * (1 - fraction) / fraction : 0;
+  fmt::print(stderr, "\r\033[K{:<10} [{:=>{}}{:>{}}] {:3.0f} %  {:.0f} s left", stage_, "", filled, "", width - filled, fraction * 100, left);
+  std::fflush(stderr);
+}
+
+Result<std::uint64_t> parse_bytes(const std::string& text) {
+  std::size_t end = 0;
+  double number = -1;
+  try {
+    number = std::stod(text, &end);
+  } catch (const std::exception&) {
+    end = 0;
+  }
+  const std::string suffix = text.substr(end);
+  const std::string units = "KMGT";
+  const std::size_t power = suffix.empty() || suffix == "B" ? 0 : units.find(suffix[0]) + 1;
+  const bool known = suffix.size() <= 1 || suffix == suffix.substr(0, 1) + "iB" || suffix == suffix.substr(0, 1) + "B";
+  const double bytes = number * std::pow(1024.0, static_cast<double>(power));
+  if (end == 0 || !(number >= 0) || (power == 0 && !suffix.empty() && suffix != "B") || !known || bytes >= 0x1p63)
+    return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 512M or 2G", text);
+  return static_cast<std::uint64_t>(bytes);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,41 @@
+// What every program shares: exit codes, one line for an error, a progress bar, sizes such as "2G".
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// Parses the command line and runs `body`. Returns the process's exit code: 0 done, 1 the data or a file is bad (one
+/// line on stderr, "tool: reason"), 2 wrong usage. --help and --version print and return 0.
+int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
+
+/// A bar on stderr with the time left; prints nothing unless stderr is a terminal.
+class ProgressBar {
+ public:
+  explicit ProgressBar(std::string stage);
+  ~ProgressBar();
+  ProgressBar(const ProgressBar&) = delete;
+  ProgressBar& operator=(const ProgressBar&) = delete;
+
+  /// Draws at most ten times a second; `fraction` in [0, 1].
+  void update(double fraction);
+
+ private:
+  std::string stage_;
+  bool visible_;
+  double start_;
+  double last_drawn_ = 0;
+};
+
+/// Reads a number of bytes: "65536", "64K", "1.5G" (powers of 1024; K, M, G, T, with or without iB).
+[[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text);
+
+/// Seconds since an arbitrary fixed moment.
+[[nodiscard]] double seconds_now();
+
+}  // namespace splatvol
