@@ -9,9 +9,12 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <random>
 
 namespace splatvol {
 namespace {
+
+constexpr std::uint64_t max_text_bytes = 64u << 20;  // scenes and mesh headers are a few kilobytes
 
 tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
@@ -68,7 +71,8 @@ class MemorySource final : public ByteSource {
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
-  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Without O_NONBLOCK, a pipe nobody writes to would keep us here for ever.
+  const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return fail_errno(path, "cannot open");
   struct stat status {};
   if (::fstat(descriptor, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -84,20 +88,21 @@ std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std:
 
 Result<std::string> read_text_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(source, open_file(path));
+  if (source->size() > max_text_bytes) return fail(ErrorCode::invalid_data, "{}: {} bytes are no text file", path, source->size());
   std::string text(source->size(), '\0');
   SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
   return text;
 }
 
 Result<AtomicFile> AtomicFile::create(const std::string& path) {
-  // mkstemp makes the file 0600; a finished file gets what the user's umask allows.
-  std::string temporary = path + ".XXXXXX";
-  const int descriptor = ::mkostemp(temporary.data(), O_CLOEXEC);
-  if (descriptor < 0) return fail_errno(path, "cannot create");
-  const mode_t mask = ::umask(0);
-  ::umask(mask);
-  ::fchmod(descriptor, 0666 & ~mask);
-  return AtomicFile(descriptor, path, std::move(temporary));
+  // An unpredictable name that does not exist yet, with the permissions that the user's umask allows.
+  std::random_device random;
+  for (;;) {
+    std::string temporary = fmt::format("{}.{:08x}{:08x}", path, random(), random());
+    const int descriptor = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (descriptor >= 0) return AtomicFile(descriptor, path, std::move(temporary));
+    if (errno != EEXIST) return fail_errno(path, "cannot create");
+  }
 }
 
 AtomicFile::AtomicFile(int descriptor, std::string path, std::string temporary_path)

@@ -32,7 +32,7 @@ class ByteSource {
 /// Serves bytes held in memory; `name` appears in messages.
 [[nodiscard]] std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name);
 
-/// Reads a whole file; fails with one line where it is missing, unreadable or not a regular file.
+/// Reads a whole file of at most 64 MiB; fails with one line where it is missing, unreadable or not a regular file.
 [[nodiscard]] Result<std::string> read_text_file(const std::string& path);
 
 /// A file that gets its name only when it is complete.

@@ -21,7 +21,8 @@ struct CellCensus {
   std::uint64_t flat = 0;            // tetrahedra with volume exactly 0
   std::uint64_t without_volume = 0;  // vertices, lines and surface cells: their points are kept, they fill nothing
   std::uint64_t hidden = 0;          // blanked cells, and ghost copies of cells that another piece owns
-  std::uint64_t not_star_shaped = 0; // polyhedra that no vertex sees whole: split with some inverted tetrahedra
+  std::uint64_t non_finite = 0;      // cells left out: a corner's position is not finite
+  std::uint64_t not_star_shaped = 0; // cells that no vertex sees whole: split with some inverted tetrahedra
 
   CellCensus& operator+=(const CellCensus& other);
 };
@@ -43,7 +44,7 @@ class Source {
   /// "U[1]", ...; with a selection, only those that were asked for, in the order of asking.
   [[nodiscard]] virtual const std::vector<std::string>& attributes() const = 0;
 
-  /// Pieces in all, for progress.
+  /// Pieces in all, for progress; a file of several that is not open yet counts as one.
   [[nodiscard]] virtual std::size_t piece_count() const = 0;
 
   /// The next piece, in an order that does not depend on threads; an empty pointer after the last.

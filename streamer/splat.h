@@ -16,6 +16,11 @@ struct OctantSplat {
 };
 static_assert(sizeof(OctantSplat) == 20);
 
+/// How far a splat reaches from its centre, in units of its size (6 standard deviations of 0.4 d), and at least, in
+/// pixels: the renderer widens splats that would slip between the centres of pixels.
+inline constexpr double octant_reach = 2.4;
+inline constexpr double octant_smallest_reach_pixels = 3;
+
 /// Splats near one origin, so that single precision keeps their detail far from the world's origin.
 struct SplatBatch {
   dvec3 origin;

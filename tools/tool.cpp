@@ -2,11 +2,15 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <cctype>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
 #include <new>
+#include <string_view>
 
 #include "tools/version.h"
 
@@ -56,19 +60,16 @@ void ProgressBar::update(double fraction) {
 }
 
 Result<std::uint64_t> parse_bytes(const std::string& text) {
-  std::size_t end = 0;
   double number = -1;
-  try {
-    number = std::stod(text, &end);
-  } catch (const std::exception&) {
-    end = 0;
-  }
-  const std::string suffix = text.substr(end);
-  const std::string units = "KMGT";
-  const std::size_t power = suffix.empty() || suffix == "B" ? 0 : units.find(suffix[0]) + 1;
-  const bool known = suffix.size() <= 1 || suffix == suffix.substr(0, 1) + "iB" || suffix == suffix.substr(0, 1) + "B";
-  const double bytes = number * std::pow(1024.0, static_cast<double>(power));
-  if (end == 0 || !(number >= 0) || (power == 0 && !suffix.empty() && suffix != "B") || !known || bytes >= 0x1p63)
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  std::string suffix(end, text.data() + text.size());
+  std::ranges::transform(suffix, suffix.begin(), [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  constexpr std::string_view units = "BKMGT";
+  const std::size_t power = suffix.empty() ? 0 : units.find(suffix[0]);
+  const std::string rest = suffix.empty() ? suffix : suffix.substr(1);
+  const bool known = power < units.size() && (rest.empty() || (power > 0 && (rest == "B" || rest == "IB")));
+  const double bytes = known ? number * std::pow(1024.0, static_cast<double>(power)) : -1;
+  if (error != std::errc() || !(bytes >= 0) || bytes >= 0x1p63)
     return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 512M or 2G", text);
   return static_cast<std::uint64_t>(bytes);
 }

@@ -1,0 +1,28 @@
+// Tetrahedra to a .vtu file, through VTK's writer.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+
+namespace splatvol {
+
+/// A quantity of every point: `components` numbers for each, one point after the other.
+struct PointArray {
+  std::string name;
+  int components = 1;
+  std::vector<float> values;
+};
+
+/// Writes a .vtu file (file version 1.0, compressed, coordinates in double). It appears whole or not at all, and holds
+/// the same bytes for the same input. Requires values.size() == components * points.size() and indices in range.
+[[nodiscard]] Status write_vtu(const std::string& path, std::span<const dvec3> points,
+                               std::span<const std::array<std::uint32_t, 4>> tetrahedra,
+                               std::span<const PointArray> arrays);
+
+}  // namespace splatvol

@@ -1,0 +1,52 @@
+#include "format/codec.h"
+
+#include <xxhash.h>
+#include <zstd.h>
+
+#include <memory>
+
+namespace splatvol::format {
+namespace {
+
+// Level 3 is where zstd's speed on shuffled floats stays above the disk's and a higher level gains under 2 %.
+constexpr int compression_level = 3;
+constexpr std::uint64_t max_ratio = 1024;  // R7
+constexpr std::uint64_t ratio_slack = 64;
+
+// A context costs more to make than a chunk to compress: one for each thread.
+ZSTD_CCtx* compressor() {
+  thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), &ZSTD_freeCCtx);
+  return context.get();
+}
+
+ZSTD_DCtx* decompressor() {
+  thread_local const std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context(ZSTD_createDCtx(), &ZSTD_freeDCtx);
+  return context.get();
+}
+
+}  // namespace
+
+std::uint64_t hash_bytes(std::span<const std::byte> bytes) { return XXH3_64bits(bytes.data(), bytes.size()); }
+
+Bytes pack(std::span<const std::byte> raw) {
+  Bytes packed(ZSTD_compressBound(raw.size()));
+  const std::size_t size =
+      ZSTD_compressCCtx(compressor(), packed.data(), packed.size(), raw.data(), raw.size(), compression_level);
+  if (ZSTD_isError(size) || size >= raw.size() || raw.size() > max_ratio * size + ratio_slack)
+    return Bytes(raw.begin(), raw.end());
+  packed.resize(size);
+  return packed;
+}
+
+Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
+  if (packed.size() == unpacked_bytes) return Bytes(packed.begin(), packed.end());
+  if (unpacked_bytes < packed.size() || unpacked_bytes > max_ratio * packed.size() + ratio_slack)
+    return fail(ErrorCode::invalid_data, "{}: {} bytes cannot hold {} [R7]", what, packed.size(), unpacked_bytes);
+  Bytes raw(unpacked_bytes);
+  const std::size_t size = ZSTD_decompressDCtx(decompressor(), raw.data(), raw.size(), packed.data(), packed.size());
+  if (ZSTD_isError(size) || size != unpacked_bytes)
+    return fail(ErrorCode::invalid_data, "{}: damaged zstd frame [R7]", what);
+  return raw;
+}
+
+}  // namespace splatvol::format

@@ -1,0 +1,72 @@
+// Bytes to smaller bytes and back: zstd frames, byte planes, XXH3-64.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include "base/error.h"
+
+namespace splatvol::format {
+
+using Bytes = std::vector<std::byte>;
+
+/// XXH3-64 with seed 0.
+[[nodiscard]] std::uint64_t hash_bytes(std::span<const std::byte> bytes);
+
+/// A zstd frame of `raw`, or `raw` itself where that is not smaller or breaks the ratio of spec rule R7.
+/// Equal sizes mean: stored raw. Deterministic. Thread-safe.
+[[nodiscard]] Bytes pack(std::span<const std::byte> raw);
+
+/// Undoes `pack` into exactly `unpacked_bytes` bytes; `what` begins the message of an error. Safe on untrusted input:
+/// what it allocates is bounded by 1024 times the packed size. Thread-safe.
+[[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what);
+
+/// Appends a record as it lies in memory.
+template <class T>
+  requires std::is_trivially_copyable_v<T>
+void append_record(Bytes& bytes, const T& record) {
+  const auto raw = std::as_bytes(std::span(&record, 1));
+  bytes.insert(bytes.end(), raw.begin(), raw.end());
+}
+
+/// Copies a record out of `bytes`. Requires offset + sizeof(T) <= bytes.size().
+template <class T>
+  requires std::is_trivially_copyable_v<T>
+[[nodiscard]] T read_record(std::span<const std::byte> bytes, std::size_t offset) {
+  T record;
+  std::memcpy(&record, bytes.data() + offset, sizeof(T));
+  return record;
+}
+
+/// Appends the lowest `width` bytes of every number as `width` planes, lowest byte first.
+template <class T>
+  requires std::is_trivially_copyable_v<T>
+void append_planes(Bytes& bytes, std::span<const T> numbers, std::size_t width = sizeof(T)) {
+  const std::size_t start = bytes.size();
+  bytes.insert(bytes.end(), numbers.size() * width, std::byte{0});
+  for (std::size_t plane = 0; plane < width; ++plane) {
+    std::byte* out = bytes.data() + start + plane * numbers.size();
+    const auto* in = reinterpret_cast<const std::byte*>(numbers.data()) + plane;
+    for (std::size_t i = 0; i < numbers.size(); ++i) out[i] = in[i * sizeof(T)];
+  }
+}
+
+/// Reads `width` planes into numbers; bytes above are zero. Requires planes.size() >= numbers.size() * width.
+template <class T>
+  requires std::is_trivially_copyable_v<T>
+void read_planes(std::span<const std::byte> planes, std::span<T> numbers, std::size_t width = sizeof(T)) {
+  if (width < sizeof(T)) std::ranges::fill(std::as_writable_bytes(numbers), std::byte{0});
+  for (std::size_t plane = 0; plane < width; ++plane) {
+    const std::byte* in = planes.data() + plane * numbers.size();
+    auto* out = reinterpret_cast<std::byte*>(numbers.data()) + plane;
+    for (std::size_t i = 0; i < numbers.size(); ++i) out[i * sizeof(T)] = in[i];
+  }
+}
+
+}  // namespace splatvol::format

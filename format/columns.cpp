@@ -1,0 +1,172 @@
+#include "format/columns.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::uint32_t missing_value_bits = 0x7FC00000u;
+constexpr std::uint8_t form_grid = 1;
+constexpr std::uint8_t form_exact = 2;
+
+// Rounding to the grid moves a coordinate by half a step; the difference from the origin, of up to 2^46 steps, is itself
+// rounded by up to 2^-7 step.
+constexpr double error_in_steps = 0.51;
+constexpr int max_grid_bits = 45;
+
+PackedChunk pack_payload(const Bytes& payload) {
+  PackedChunk chunk{{}, pack(payload)};
+  chunk.entry.hash = hash_bytes(chunk.bytes);
+  chunk.entry.packed_bytes = static_cast<std::uint32_t>(chunk.bytes.size());
+  chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+  return chunk;
+}
+
+Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed, std::string_view what) {
+  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return unpack(packed, entry.unpacked_bytes, what);
+}
+
+int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
+
+// A grid whose step is a power of two and whose origin is a multiple of it: nearby chunks share their lattice, and
+// coordinates that single precision represents come back exactly when the step is small enough.
+bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& header) {
+  if (!(error > 0)) return false;
+  const double step = std::ldexp(1.0, std::ilogb(error / error_in_steps));
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto [low, high] = std::ranges::minmax(positions, {}, [axis](const dvec3& p) { return p[axis]; });
+    const double origin = std::floor(low[axis] / step) * step;
+    const double span = std::round((high[axis] - origin) / step);
+    const double reach = std::max(std::abs(origin), std::abs(high[axis])) / step;
+    if (!std::isfinite(origin) || !std::isfinite(step * span) || !(reach < std::exp2(max_grid_bits))) return false;
+    header.origin[axis] = origin;
+    header.width[axis] = static_cast<std::uint8_t>(bytes_for(static_cast<std::uint64_t>(span)));
+  }
+  header.form = form_grid;
+  header.step = step;
+  header.error = std::min(error, step * error_in_steps);
+  return true;
+}
+
+Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count, std::string_view what) {
+  if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
+  const auto header = read_record<PositionHeader>(payload, 0);
+  std::size_t bytes_per_point = 0;
+  bool valid = (header.form == form_grid || header.form == form_exact) && header.zero == 0 && header.error >= 0 &&
+               std::isfinite(header.error) && header.step >= 0 && std::isfinite(header.step);
+  for (int axis = 0; axis < 3; ++axis) {
+    bytes_per_point += header.form == form_exact ? sizeof(double) : header.width[axis];
+    valid = valid && std::isfinite(header.origin[axis]) && header.width[axis] <= (header.form == form_grid ? 7 : 0);
+  }
+  if (!valid || payload.size() != sizeof(PositionHeader) + count * bytes_per_point)
+    return fail(ErrorCode::invalid_data, "{}: bad position header [R17]", what);
+  return header;
+}
+
+}  // namespace
+
+ValueSummary ValueBins::summarize(std::span<const float> stored) const {
+  ValueSummary summary;
+  for (const float value : stored) {
+    if (!std::isfinite(value)) continue;
+    summary.min = std::min(summary.min, value);
+    summary.max = std::max(summary.max, value);
+    summary.occupancy |= std::uint64_t{1} << bin(value);
+  }
+  return summary;
+}
+
+PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
+  PositionHeader header{};
+  const bool grid = make_grid(positions, error, header);
+  if (!grid) header = {.form = form_exact, .width = {}, .zero = 0, .error = 0, .origin = {}, .step = 0};
+
+  Bytes payload;
+  append_record(payload, header);
+  std::vector<std::uint64_t> cells(grid ? positions.size() : 0);
+  std::vector<double> coordinates(grid ? 0 : positions.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    if (grid) {
+      for (std::size_t i = 0; i < positions.size(); ++i)
+        cells[i] = static_cast<std::uint64_t>(std::round((positions[i][axis] - header.origin[axis]) / header.step));
+      append_planes<std::uint64_t>(payload, cells, header.width[axis]);
+    } else {
+      for (std::size_t i = 0; i < positions.size(); ++i) coordinates[i] = positions[i][axis];
+      append_planes<double>(payload, coordinates);
+    }
+  }
+  return pack_payload(payload);
+}
+
+PackedChunk pack_values(std::span<const float> stored, const ValueBins& bins) {
+  std::vector<std::uint32_t> bits(stored.size());
+  for (std::size_t i = 0; i < stored.size(); ++i)
+    bits[i] = std::isfinite(stored[i]) ? std::bit_cast<std::uint32_t>(stored[i]) : missing_value_bits;
+  Bytes payload;
+  append_planes<std::uint32_t>(payload, bits);
+  PackedChunk chunk = pack_payload(payload);
+  const ValueSummary summary = bins.summarize(stored);
+  chunk.entry.min = summary.min;
+  chunk.entry.max = summary.max;
+  chunk.entry.occupancy = summary.occupancy;
+  return chunk;
+}
+
+PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts) {
+  Bytes payload;
+  append_planes(payload, depths);
+  append_planes(payload, counts);
+  return pack_payload(payload);
+}
+
+Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out, std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), what));
+  auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
+  std::vector<std::uint64_t> cells(out.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::size_t width = header.form == form_grid ? header.width[axis] : sizeof(double);
+    read_planes<std::uint64_t>(planes, cells, width);
+    planes = planes.subspan(width * out.size());
+    for (std::size_t i = 0; i < out.size(); ++i)
+      out[i][axis] = header.form == form_grid ? header.origin[axis] + header.step * static_cast<double>(cells[i])
+                                              : std::bit_cast<double>(cells[i]);
+  }
+  const auto finite = [](const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); };
+  if (!std::ranges::all_of(out, finite)) return fail(ErrorCode::invalid_data, "{}: a position is not finite [R17]", what);
+  return {};
+}
+
+Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out, std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  if (payload.size() != out.size_bytes()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
+  read_planes<float>(payload, out);
+  if (std::ranges::any_of(out, [](float value) { return std::isinf(value); }))
+    return fail(ErrorCode::invalid_data, "{}: a value is infinite [R17]", what);
+  return {};
+}
+
+Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint8_t> depths,
+                      std::span<std::uint8_t> counts, std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  if (payload.size() != depths.size() + counts.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
+  read_planes(payload, depths);
+  read_planes(std::span<const std::byte>(payload).subspan(depths.size()), counts);
+  if (std::ranges::max(depths) > max_octant_depth || std::ranges::min(counts) == 0)
+    return fail(ErrorCode::invalid_data, "{}: octant depth or count out of range [R17]", what);
+  return {};
+}
+
+Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "position"));
+  if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
+  return read_record<PositionHeader>(payload, 0).error;
+}
+
+}  // namespace splatvol::format

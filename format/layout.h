@@ -1,0 +1,120 @@
+// The fixed-size records of a .svol file (spec/svol-1.md), as they lie on the disk: little-endian, without padding.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+namespace splatvol::format {
+
+static_assert(std::endian::native == std::endian::little, "records are copied as they are");
+
+inline constexpr std::uint8_t magic[8] = {0x89, 'S', 'V', 'O', 'L', 0x0D, 0x0A, 0x1A};
+inline constexpr std::uint8_t footer_magic[8] = {'S', 'V', 'O', 'L', 'E', 'N', 'D', '\n'};
+inline constexpr std::uint16_t major_version = 1;
+inline constexpr std::uint16_t minor_version = 0;
+inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
+inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
+inline constexpr std::size_t max_resolutions = 64;
+inline constexpr std::size_t max_attributes = 65535;
+inline constexpr std::size_t max_size_bounds = 16;
+inline constexpr std::size_t max_octant_depth = 64;  // of the column
+inline constexpr std::size_t max_node_depth = 42;    // of the index: finer cells have no key
+inline constexpr std::uint64_t max_page_nodes = 4096;
+
+struct Superblock {                  // spec 2
+  std::uint8_t magic[8];             //  0
+  std::uint16_t major_version;       //  8
+  std::uint16_t minor_version;       // 10
+  std::uint32_t critical_features;   // 12
+  std::uint64_t file_bytes;          // 16
+  std::uint64_t preamble_bytes;      // 24
+  std::uint32_t section_count;       // 32
+  std::uint32_t reserved0;           // 36
+  std::uint64_t section_table_hash;  // 40
+  std::uint64_t reserved1;           // 48
+  std::uint64_t hash;                // 56: of bytes 0 to 55
+};
+static_assert(sizeof(Superblock) == 64 && offsetof(Superblock, hash) == 56);
+
+enum class SectionKind : std::uint32_t {
+  metadata = 1,
+  index_root = 2,
+  directory_root = 3,
+  rows = 4,
+  index_pages = 5,
+  directory_pages = 6,
+  histograms = 7,
+};
+
+/// R7: the longest metadata that so many packed bytes may hold. JSON takes many times its length in memory.
+[[nodiscard]] constexpr std::uint64_t max_metadata_bytes(std::uint64_t packed_bytes) {
+  const std::uint64_t by_ratio = (1u << 16) + 64 * packed_bytes;
+  return by_ratio < (1u << 22) ? by_ratio : 1u << 22;
+}
+
+enum class Codec : std::uint32_t { raw = 0, zstd = 1, extent = 2 };
+
+struct SectionEntry {            // spec 3
+  SectionKind kind;              //  0
+  std::uint32_t flags;           //  4: bit 0: critical
+  std::uint64_t offset;          //  8
+  std::uint64_t packed_bytes;    // 16
+  std::uint64_t unpacked_bytes;  // 24
+  std::uint64_t hash;            // 32
+  Codec codec;                   // 40
+  std::uint32_t reserved;        // 44
+};
+static_assert(sizeof(SectionEntry) == 48 && offsetof(SectionEntry, codec) == 40);
+
+struct ChunkEntry {              // spec 5
+  std::uint64_t hash;            //  0: of the packed bytes
+  std::uint32_t packed_bytes;    //  8
+  std::uint32_t unpacked_bytes;  // 12
+  float min;                     // 16
+  float max;                     // 20
+  std::uint64_t occupancy;       // 24
+};
+static_assert(sizeof(ChunkEntry) == 32 && offsetof(ChunkEntry, occupancy) == 24);
+
+struct DirectoryPageRef {  // spec 5
+  std::uint64_t offset;    //  0: from the start of the file
+  std::uint64_t bytes;     //  8
+  std::uint64_t hash;      // 16
+};
+static_assert(sizeof(DirectoryPageRef) == 24);
+
+struct IndexBlock {              // spec 6
+  std::uint32_t packed_bytes;    //  0
+  std::uint32_t unpacked_bytes;  //  4
+  std::uint64_t hash;            //  8
+};
+static_assert(sizeof(IndexBlock) == 16);
+
+struct IndexPageRef {         // spec 6
+  std::uint64_t offset;       //  0: within the section of index pages
+  std::uint32_t front_bytes;  //  8: up to the end of the structure block
+  std::uint32_t page_bytes;   // 12
+  std::uint64_t hash;         // 16: of the node count and the block table
+};
+static_assert(sizeof(IndexPageRef) == 24 && offsetof(IndexPageRef, hash) == 16);
+
+struct PositionHeader {   // spec 8
+  std::uint8_t form;      //  0: 1 grid, 2 exact
+  std::uint8_t width[3];  //  1: bytes of q on each axis
+  std::uint32_t zero;     //  4
+  double error;           //  8
+  double origin[3];       // 16
+  double step;            // 40
+};
+static_assert(sizeof(PositionHeader) == 48 && offsetof(PositionHeader, step) == 40);
+
+struct Footer {              // spec 10
+  std::uint8_t magic[8];     //  0
+  std::uint64_t file_bytes;  //  8
+  std::uint64_t table_hash;  // 16: of superblock and section table
+  std::uint64_t hash;        // 24: of bytes 0 to 23
+};
+static_assert(sizeof(Footer) == 32);
+
+}  // namespace splatvol::format

@@ -1,0 +1,334 @@
+#include "format/octree.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::uint64_t summary_bytes = 16;  // min, max and occupancy of a node
+
+// Many enough that a page is worth a read, few enough that little of it is unused.
+constexpr std::uint32_t target_page_nodes = 256;
+
+// The root page shares the preamble with the first points, however many attributes there are.
+constexpr std::uint64_t target_root_bytes = 64u << 10;
+
+std::uint32_t target_root_nodes(const NodeShape& shape) {
+  const std::uint64_t node_bytes = 32 + summary_bytes * shape.attributes;
+  return static_cast<std::uint32_t>(std::min<std::uint64_t>(target_page_nodes, target_root_bytes / node_bytes));
+}
+
+void append_varint(Bytes& bytes, std::uint64_t number) {
+  for (; number >= 0x80; number >>= 7) bytes.push_back(static_cast<std::byte>(number | 0x80));
+  bytes.push_back(static_cast<std::byte>(number));
+}
+
+// Reads a structure block front to back; after a read past the end, `ok` is false and zeros are returned.
+class StructureReader {
+ public:
+  explicit StructureReader(std::span<const std::byte> bytes) : bytes_(bytes) {}
+
+  std::uint8_t byte() {
+    if (at_ >= bytes_.size()) return ok_ = false, std::uint8_t{0};
+    return static_cast<std::uint8_t>(bytes_[at_++]);
+  }
+  std::uint64_t varint() {
+    std::uint64_t number = 0;
+    for (int shift = 0; shift < 64; shift += 7) {
+      const std::uint8_t next = byte();
+      if (shift == 63 && next > 1) ok_ = false;
+      number |= static_cast<std::uint64_t>(next & 0x7F) << shift;
+      if (next < 0x80) return number;
+    }
+    ok_ = false;
+    return 0;
+  }
+  IndexPageRef link() {
+    if (bytes_.size() - at_ < sizeof(IndexPageRef)) return ok_ = false, IndexPageRef{};
+    at_ += sizeof(IndexPageRef);
+    return read_record<IndexPageRef>(bytes_, at_ - sizeof(IndexPageRef));
+  }
+  bool ok() const { return ok_; }
+  bool at_end() const { return at_ == bytes_.size(); }
+
+ private:
+  std::span<const std::byte> bytes_;
+  std::size_t at_ = 0;
+  bool ok_ = true;
+};
+
+// Cuts the tree: walks it depth first, keeps with each node the forest of its children until that is too large for one
+// page, then turns the heaviest children's forests into pages of their own.
+class IndexPacker {
+ public:
+  IndexPacker(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit)
+      : tree_(tree), emit_(emit), subtree_ends_(tree.size()), links_(tree.size(), no_link) {}
+
+  Result<PackedIndexPage> run() {
+    if (!arrays_match()) return fail(ErrorCode::invalid_argument, "index: arrays of different lengths");
+    SPLATVOL_TRY(walk(0));
+    if (next_ != tree_.size()) return fail(ErrorCode::invalid_argument, "index: nodes without a parent");
+    return pack_page({0});
+  }
+
+ private:
+  static constexpr std::uint32_t no_link = ~std::uint32_t{0};
+
+  bool arrays_match() const {
+    const std::size_t nodes = tree_.size();
+    const NodeShape& shape = tree_.shape;
+    return nodes > 0 && nodes < no_link && tree_.first_resolutions.size() == nodes && tree_.counts.size() == nodes * shape.resolutions &&
+           tree_.size_codes.size() == nodes * shape.size_bounds * shape.resolutions && tree_.summaries.size() == nodes * shape.attributes;
+  }
+
+  // Returns how many nodes of the next subtree stay on the page of its root.
+  Result<std::uint32_t> walk(std::size_t depth) {
+    if (next_ >= tree_.size()) return fail(ErrorCode::invalid_argument, "index: a node lacks children");
+    if (depth > max_node_depth) return fail(ErrorCode::invalid_argument, "index: deeper than {}", max_node_depth);
+    const std::size_t node = next_++;
+    std::uint32_t weight = 1;
+    std::vector<std::pair<std::uint32_t, std::size_t>> children;  // weight, node
+    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i) {
+      const std::size_t child = next_;
+      SPLATVOL_TRY_ASSIGN(child_weight, walk(depth + 1));
+      children.emplace_back(child_weight, child);
+      weight += child_weight;
+    }
+    subtree_ends_[node] = next_;
+
+    std::ranges::stable_sort(children, std::greater<>(), &std::pair<std::uint32_t, std::size_t>::first);
+    const std::uint32_t target = depth == 0 ? target_root_nodes(tree_.shape) : target_page_nodes;
+    for (const auto& [child_weight, child] : children) {
+      if (weight <= target || child_weight == 1) break;
+      SPLATVOL_TRY(page_out(child));
+      weight -= child_weight - 1;
+    }
+    return weight;
+  }
+
+  void append_children(std::vector<std::size_t>& order, std::size_t node) const {
+    std::size_t child = node + 1;
+    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i, child = subtree_ends_[child]) order.push_back(child);
+  }
+
+  Status page_out(std::size_t node) {
+    std::vector<std::size_t> forest;
+    append_children(forest, node);
+    SPLATVOL_TRY_ASSIGN(page, pack_page(std::move(forest)));
+    page.ref.offset = offset_;
+    offset_ += page.bytes.size();
+    links_[node] = static_cast<std::uint32_t>(refs_.size());
+    refs_.push_back(page.ref);
+    return emit_(page);
+  }
+
+  // The forest with the given roots, down to leaves and linked nodes.
+  Result<PackedIndexPage> pack_page(std::vector<std::size_t> order) const {
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const std::size_t node = order[i];
+      if (links_[node] == no_link) append_children(order, node);
+    }
+    std::vector<Bytes> raw(1 + tree_.shape.attributes);
+    for (const std::size_t node : order) append_node(raw[0], node);
+    for (std::size_t a = 0; a < tree_.shape.attributes; ++a) raw[1 + a] = summary_block(order, a);
+
+    Bytes table, blocks;
+    append_record(table, static_cast<std::uint32_t>(order.size()));
+    append_record(table, std::uint32_t{0});
+    std::uint64_t front_bytes = 0;
+    for (const Bytes& block : raw) {
+      const Bytes packed = pack(block);
+      append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(block.size()), hash_bytes(packed)});
+      blocks.insert(blocks.end(), packed.begin(), packed.end());
+      if (front_bytes == 0) front_bytes = packed.size();
+    }
+    PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
+    page.bytes.insert(page.bytes.end(), blocks.begin(), blocks.end());
+    if (page.bytes.size() > std::numeric_limits<std::uint32_t>::max())
+      return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", tree_.shape.attributes);
+    page.ref.front_bytes = static_cast<std::uint32_t>(table.size() + front_bytes);
+    page.ref.page_bytes = static_cast<std::uint32_t>(page.bytes.size());
+    return page;
+  }
+
+  void append_node(Bytes& block, std::size_t node) const {
+    const bool linked = links_[node] != no_link;
+    block.push_back(static_cast<std::byte>(tree_.child_masks[node]));
+    block.push_back(static_cast<std::byte>(linked ? 1 : 0));
+    block.push_back(static_cast<std::byte>(tree_.first_resolutions[node]));
+    for (const std::uint64_t count : tree_.counts_of(node)) append_varint(block, count);
+    for (std::size_t bound = 0; bound < tree_.shape.size_bounds; ++bound)
+      for (std::size_t r = tree_.first_resolutions[node]; r < tree_.shape.resolutions; ++r)
+        block.push_back(static_cast<std::byte>(tree_.size_code_at(node, bound, r)));
+    if (linked) append_record(block, refs_[links_[node]]);
+  }
+
+  Bytes summary_block(const std::vector<std::size_t>& order, std::size_t attribute) const {
+    std::vector<float> mins, maxs;
+    std::vector<std::uint64_t> masks;
+    for (const std::size_t node : order) {
+      const ValueSummary& summary = tree_.summaries[node * tree_.shape.attributes + attribute];
+      mins.push_back(summary.min);
+      maxs.push_back(summary.max);
+      masks.push_back(summary.occupancy);
+    }
+    Bytes block;
+    for (const float value : mins) append_record(block, value);
+    for (const float value : maxs) append_record(block, value);
+    for (const std::uint64_t mask : masks) append_record(block, mask);
+    return block;
+  }
+
+  const NodeArrays& tree_;
+  const std::function<Status(const PackedIndexPage&)>& emit_;
+  std::size_t next_ = 0;
+  std::uint64_t offset_ = 0;
+  std::vector<std::size_t> subtree_ends_;  // [node]: the node after its subtree
+  std::vector<std::uint32_t> links_;       // [node]: index into refs_
+  std::vector<IndexPageRef> refs_;
+};
+
+// Most bytes that a node's structure can take.
+std::uint64_t max_structure_bytes(const NodeShape& shape) {
+  return 3 + (10 + shape.size_bounds) * shape.resolutions + sizeof(IndexPageRef);
+}
+
+IndexBlock block_at(std::span<const std::byte> front, std::size_t index) { return read_record<IndexBlock>(front, 8 + index * sizeof(IndexBlock)); }
+
+Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, const NodeShape& shape, std::string_view what) {
+  const std::uint64_t table_bytes = index_table_bytes(shape.attributes);
+  if (front.size() != ref.front_bytes || front.size() < table_bytes || hash_bytes(front.first(table_bytes)) != ref.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  const auto nodes = read_record<std::uint32_t>(front, 0);
+  if (nodes < 1 || nodes > max_page_nodes) return fail(ErrorCode::invalid_data, "{}: {} nodes [R13]", what, nodes);
+
+  std::uint64_t end = table_bytes;
+  for (std::size_t b = 0; b <= shape.attributes; ++b) {
+    const IndexBlock block = block_at(front, b);
+    if (b == 0 ? block.unpacked_bytes > nodes * max_structure_bytes(shape) : block.unpacked_bytes != nodes * summary_bytes)
+      return fail(ErrorCode::invalid_data, "{}: a block has the wrong length [R13]", what);
+    if (end > ref.page_bytes || block.packed_bytes > ref.page_bytes - end)
+      return fail(ErrorCode::invalid_data, "{}: a block passes the end [R15]", what);
+    end += block.packed_bytes;
+    if (b == 0 && end != ref.front_bytes) return fail(ErrorCode::invalid_data, "{}: wrong length of the structure [R15]", what);
+  }
+  if (end != ref.page_bytes) return fail(ErrorCode::invalid_data, "{}: bytes left over [R15]", what);
+  return {};
+}
+
+Result<Bytes> unpack_block(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what) {
+  if (packed.size() != block.packed_bytes || hash_bytes(packed) != block.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return unpack(packed, block.unpacked_bytes, what);
+}
+
+Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count, std::uint64_t links_end, std::string_view what,
+                  IndexPage& page) {
+  StructureReader reader(structure);
+  NodeArrays& nodes = page.nodes;
+  const NodeShape shape = nodes.shape;
+  for (std::uint32_t node = 0; node < node_count; ++node) {
+    const std::uint8_t mask = reader.byte();
+    const std::uint8_t flags = reader.byte();
+    const std::uint8_t first = reader.byte();
+    if (!reader.ok() || flags > 1 || (flags == 1 && mask == 0) || first >= shape.resolutions)
+      return fail(ErrorCode::invalid_data, "{}: node {} is out of range [R13]", what, node);
+    nodes.child_masks.push_back(mask);
+    nodes.first_resolutions.push_back(first);
+    std::uint64_t all = 0;
+    for (std::size_t s = 0; s < shape.resolutions; ++s) {
+      nodes.counts.push_back(reader.varint());
+      all |= nodes.counts.back();
+      if (nodes.counts.back() >> 48 != 0) return fail(ErrorCode::invalid_data, "{}: node {} has too many points [R14]", what, node);
+    }
+    if (all == 0) return fail(ErrorCode::invalid_data, "{}: node {} is empty [R14]", what, node);
+    for (std::size_t bound = 0; bound < shape.size_bounds; ++bound)
+      for (std::size_t r = 0; r < shape.resolutions; ++r) nodes.size_codes.push_back(r < first ? std::uint8_t{0} : reader.byte());
+    page.links.push_back(IndexPage::no_node);
+    if (flags == 0) continue;
+    page.links.back() = static_cast<std::uint32_t>(page.pages.size());
+    const IndexPageRef ref = reader.link();
+    if (ref.offset > links_end || ref.page_bytes > links_end - ref.offset)
+      return fail(ErrorCode::invalid_data, "{}: node {} links to no page before this one [R16]", what, node);
+    if (ref.front_bytes > ref.page_bytes || ref.front_bytes < index_table_bytes(shape.attributes))
+      return fail(ErrorCode::invalid_data, "{}: node {} links to a page of the wrong length [R15]", what, node);
+    page.pages.push_back(ref);
+  }
+  if (!reader.ok() || !reader.at_end()) return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
+  return {};
+}
+
+// Children follow in breadth-first order: their places follow from the masks, and their points must be their parent's.
+Status connect_children(IndexPage& page, std::string_view what) {
+  const NodeArrays& nodes = page.nodes;
+  std::uint64_t next = page.top_nodes;
+  std::vector<std::uint8_t> depths(nodes.size(), 0);
+  for (std::size_t node = 0; node < nodes.size(); ++node) {
+    const auto children = static_cast<std::uint64_t>(std::popcount(nodes.child_masks[node]));
+    if (children == 0 || page.links[node] != IndexPage::no_node) {
+      page.first_children.push_back(IndexPage::no_node);
+      continue;
+    }
+    if (children > nodes.size() - std::min<std::uint64_t>(next, nodes.size()))
+      return fail(ErrorCode::invalid_data, "{}: node {} lacks children [R13]", what, node);
+    if (next <= node || depths[node] >= max_node_depth)
+      return fail(ErrorCode::invalid_data, "{}: node {} is its own child, or too deep [R13]", what, node);
+    page.first_children.push_back(static_cast<std::uint32_t>(next));
+    std::fill_n(depths.begin() + static_cast<std::ptrdiff_t>(next), children, static_cast<std::uint8_t>(depths[node] + 1));
+    for (std::size_t s = 0; s < nodes.shape.resolutions; ++s) {
+      std::uint64_t sum = 0;
+      for (std::uint64_t child = next; child < next + children; ++child) sum += nodes.counts_of(child)[s];
+      if (sum != nodes.counts_of(node)[s])
+        return fail(ErrorCode::invalid_data, "{}: the children of node {} do not add up [R14]", what, node);
+    }
+    next += children;
+  }
+  if (next != nodes.size()) return fail(ErrorCode::invalid_data, "{}: nodes without a parent [R13]", what);
+  return {};
+}
+
+}  // namespace
+
+std::uint64_t IndexPage::memory_bytes() const {
+  return sizeof(IndexPage) + nodes.size() * (2 + 2 * sizeof(std::uint32_t)) + nodes.counts.size() * sizeof(std::uint64_t) +
+         nodes.size_codes.size() + nodes.summaries.size() * sizeof(ValueSummary) + pages.size() * sizeof(IndexPageRef);
+}
+
+Result<PackedIndexPage> pack_index(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit) {
+  return IndexPacker(tree, emit).run();
+}
+
+Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front, NodeShape shape,
+                                    std::uint32_t expected_top_nodes, std::uint64_t links_end, std::string_view what) {
+  SPLATVOL_TRY(check_table(ref, front, shape, what));
+  const auto node_count = read_record<std::uint32_t>(front, 0);
+  if (node_count < expected_top_nodes) return fail(ErrorCode::invalid_data, "{}: {} nodes [R13]", what, node_count);
+
+  IndexPage page;
+  page.nodes.shape = shape;
+  page.top_nodes = expected_top_nodes;
+  SPLATVOL_TRY_ASSIGN(structure, unpack_block(block_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
+  SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
+  SPLATVOL_TRY(connect_children(page, what));
+  return page;
+}
+
+SummaryBlock find_summary_block(std::span<const std::byte> front, std::size_t attribute, NodeShape shape) {
+  std::uint64_t offset = index_table_bytes(shape.attributes);
+  for (std::size_t b = 0; b <= attribute; ++b) offset += block_at(front, b).packed_bytes;
+  return {offset, block_at(front, 1 + attribute)};
+}
+
+Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what, IndexPage& page) {
+  SPLATVOL_TRY_ASSIGN(raw, unpack_block(block, packed, what));
+  const std::size_t count = page.nodes.size();
+  if (raw.size() != count * summary_bytes) return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);
+  page.nodes.summaries.clear();
+  for (std::size_t node = 0; node < count; ++node)
+    page.nodes.summaries.push_back({read_record<float>(raw, node * 4), read_record<float>(raw, (count + node) * 4),
+                                    read_record<std::uint64_t>(raw, (count + node) * 8)});
+  return {};
+}
+
+}  // namespace splatvol::format

@@ -1,0 +1,106 @@
+// The paged, index-only octree of a .svol file (spec/svol-1.md, section 6).
+#pragma once
+
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "base/error.h"
+#include "format/codec.h"
+#include "format/columns.h"
+#include "format/layout.h"
+
+namespace splatvol::format {
+
+/// Sizes of a node's arrays, from the metadata.
+struct NodeShape {
+  std::size_t resolutions;  // R + 1
+  std::size_t size_bounds;
+  std::size_t attributes;
+};
+
+/// The bound that a size code states, world units: edge 2^(2 - c/8).
+[[nodiscard]] inline double size_bound(std::uint8_t code, double edge) { return edge * std::exp2(2 - code / 8.0); }
+
+/// The size code of a splat: the largest c whose bound is not below `size`. Requires 0 <= size <= 4 edge.
+[[nodiscard]] inline std::uint8_t size_code(double size, double edge) {
+  const auto code = static_cast<std::uint8_t>(std::clamp(std::floor(8 * std::log2(4 * edge / size)), 0.0, 255.0));
+  // The logarithm may be rounded up to the next code.
+  return code > 0 && size_bound(code, edge) < size ? static_cast<std::uint8_t>(code - 1) : code;
+}
+
+/// Nodes in memory, as arrays over the nodes. In a whole tree they stand in depth-first order, children in octant order;
+/// in a page in breadth-first order.
+struct NodeArrays {
+  NodeShape shape;
+  std::vector<std::uint8_t> child_masks;
+  std::vector<std::uint8_t> first_resolutions;
+  std::vector<std::uint64_t> counts;     // [node][segment]
+  std::vector<std::uint8_t> size_codes;  // [node][bound][resolution]; below first_resolution not stored, 0
+  std::vector<ValueSummary> summaries;   // [node][attribute]; in a page: [node], of the attribute that was asked for
+
+  [[nodiscard]] std::size_t size() const { return child_masks.size(); }
+  [[nodiscard]] std::span<const std::uint64_t> counts_of(std::size_t node) const {
+    return std::span(counts).subspan(node * shape.resolutions, shape.resolutions);
+  }
+  [[nodiscard]] std::uint8_t size_code_at(std::size_t node, std::size_t bound, std::size_t resolution) const {
+    return size_codes[(node * shape.size_bounds + bound) * shape.resolutions + resolution];
+  }
+};
+
+/// A page as read: a forest in breadth-first order.
+struct IndexPage {
+  static constexpr std::uint32_t no_node = ~std::uint32_t{0};
+
+  NodeArrays nodes;
+  std::uint32_t top_nodes = 0;                 // the first nodes: the forest's roots
+  std::vector<std::uint32_t> first_children;   // [node]: no_node for leaves and where the children are in another page
+  std::vector<std::uint32_t> links;            // [node]: index into `pages`, or no_node
+  std::vector<IndexPageRef> pages;
+
+  /// Bytes held, for budgets.
+  [[nodiscard]] std::uint64_t memory_bytes() const;
+};
+
+/// A page ready to be written: its bytes and what a reference to it says (the offset is for the caller to fill in).
+struct PackedIndexPage {
+  IndexPageRef ref;
+  Bytes bytes;
+};
+
+/// Cuts a whole tree into pages and hands them to `emit` in file order: children's pages before their parents', offsets
+/// filled in from 0; returns the root page, which is not emitted and kept small. Fails where the arrays are no tree in
+/// depth-first order, or one deeper than max_node_depth.
+[[nodiscard]] Result<PackedIndexPage> pack_index(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit);
+
+/// Bytes at the start of a page that a reference's hash covers.
+[[nodiscard]] constexpr std::uint64_t index_table_bytes(std::size_t attributes) {
+  return 8 + sizeof(IndexBlock) * (1 + attributes);
+}
+
+/// Checks and unpacks a page without its attribute blocks. `front` holds the page's first ref.front_bytes bytes;
+/// `expected_top_nodes` is the number of the linking node's children (1 for the root); the pages that this one links to
+/// must end at or before `links_end` within their section. Safe on untrusted bytes: what it allocates is bounded by a few
+/// MiB.
+[[nodiscard]] Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front, NodeShape shape,
+                                                  std::uint32_t expected_top_nodes, std::uint64_t links_end,
+                                                  std::string_view what);
+
+/// An attribute's block, as the table of a page describes it.
+struct SummaryBlock {
+  std::uint64_t offset;  // from the start of the page
+  IndexBlock block;
+};
+
+/// Finds an attribute's block. Requires a front that unpack_index_page accepted, and attribute < shape.attributes.
+[[nodiscard]] SummaryBlock find_summary_block(std::span<const std::byte> front, std::size_t attribute, NodeShape shape);
+
+/// Checks and unpacks an attribute's block into the page's summaries. Safe on untrusted bytes.
+[[nodiscard]] Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what,
+                                      IndexPage& page);
+
+}  // namespace splatvol::format

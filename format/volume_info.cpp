@@ -1,0 +1,302 @@
+#include "format/volume_info.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+#include "format/layout.h"
+
+namespace splatvol::format {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
+constexpr int max_nesting = 32;
+
+constexpr std::array<std::pair<ColumnKind, const char*>, 5> column_names = {{
+    {ColumnKind::position, "position"},
+    {ColumnKind::value, "value"},
+    {ColumnKind::octant, "octant"},
+    {ColumnKind::moments, "moments"},
+    {ColumnKind::value_moments, "value_moments"},
+}};
+
+const char* name_of(ColumnKind kind) {
+  return std::ranges::find(column_names, kind, &std::pair<ColumnKind, const char*>::first)->second;
+}
+
+json number_or_null(double number) { return std::isfinite(number) ? json(number) : json(nullptr); }
+
+// Thrown and caught within this file: JSON is read by a library that reports errors in the same way.
+struct RuleBroken : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+void require(bool condition, const std::string& what) {
+  if (!condition) throw RuleBroken(what);
+}
+
+// The library converts numbers silently, and counts text as a list of one: every value is taken through one of these.
+
+const json& member(const json& object, const char* key) {
+  require(object.is_object() && object.contains(key), fmt::format("'{}' is missing", key));
+  return object.at(key);
+}
+
+const json& list(const json& object, const char* key) {
+  const json& node = member(object, key);
+  require(node.is_array(), fmt::format("'{}' is not a list", key));
+  return node;
+}
+
+std::string text(const json& object, const char* key) {
+  const json& node = member(object, key);
+  require(node.is_string(), fmt::format("'{}' is not text", key));
+  return node.get<std::string>();
+}
+
+double finite(const json& node, const char* key) {
+  require(node.is_number() && std::isfinite(node.get<double>()), fmt::format("'{}' is not a finite number", key));
+  return node.get<double>();
+}
+
+std::uint64_t whole(const json& node, const char* key, std::uint64_t least, std::uint64_t most) {
+  const bool valid = node.is_number_unsigned() && node.get<std::uint64_t>() >= least && node.get<std::uint64_t>() <= most;
+  require(valid, fmt::format("'{}' is not a whole number from {} to {}", key, least, most));
+  return node.get<std::uint64_t>();
+}
+
+std::uint64_t whole_member(const json& object, const char* key, std::uint64_t least, std::uint64_t most) {
+  return whole(member(object, key), key, least, most);
+}
+
+double finite_or_null(const json& object, const char* key) {
+  const json& node = member(object, key);
+  return node.is_null() ? std::numeric_limits<double>::quiet_NaN() : finite(node, key);
+}
+
+Cube read_cube(const json& node) {
+  Cube cube;
+  const json& origin = list(node, "origin");
+  require(origin.size() == 3, "'origin' is not a list of three numbers");
+  for (int axis = 0; axis < 3; ++axis) cube.origin[axis] = finite(origin[static_cast<std::size_t>(axis)], "origin");
+  cube.edge = finite(member(node, "edge"), "edge");
+  require(cube.edge > 0, "'edge' is not above 0");
+  for (int axis = 0; axis < 3; ++axis) require(std::isfinite(cube.origin[axis] + cube.edge), "'cube' is not finite");
+  return cube;
+}
+
+Attribute read_attribute(const json& node) {
+  Attribute attribute;
+  attribute.name = text(node, "name");
+  attribute.unit = text(node, "unit");
+  attribute.offset = finite(member(node, "offset"), "offset");
+  attribute.min = finite_or_null(node, "min");
+  attribute.max = finite_or_null(node, "max");
+  attribute.missing = whole_member(node, "missing", 0, max_points);
+  require(std::isnan(attribute.min) == std::isnan(attribute.max) && !(attribute.min > attribute.max), "'min' and 'max' disagree");
+  const ValueBins bins = bins_of(attribute);
+  require(std::isnan(attribute.min) || (std::isfinite(bins.min) && std::isfinite(bins.max) && std::isfinite(bins.max - bins.min)),
+          "'min' and 'max' are out of range");
+  return attribute;
+}
+
+Column read_column(const json& node, std::size_t attributes) {
+  Column column;
+  const std::string name = text(node, "kind");
+  for (const auto& [kind, known] : column_names)
+    if (name == known) column.kind = kind;
+  const std::string scope = text(node, "scope");
+  require(scope == "segment" || scope == "resolution", fmt::format("column scope '{}' is unknown", scope));
+  column.scope = scope == "segment" ? ColumnScope::segment : ColumnScope::resolution;
+  if (node.contains("attribute") && attributes > 0)
+    column.attribute = static_cast<int>(whole_member(node, "attribute", 0, attributes - 1));
+  require(member(node, "critical").is_boolean(), "'critical' is neither true nor false");
+  if (column.kind == ColumnKind::unknown) {
+    require(!node.at("critical").get<bool>(), fmt::format("column kind '{}' is unknown and critical", name));
+    return column;
+  }
+  const bool of_attribute = column.kind == ColumnKind::value || column.kind == ColumnKind::value_moments;
+  const bool of_segment = column.kind == ColumnKind::position || column.kind == ColumnKind::value;
+  require(of_attribute == (column.attribute >= 0), fmt::format("column '{}' has the wrong attribute", name));
+  require(of_segment == (column.scope == ColumnScope::segment), fmt::format("column '{}' has the wrong scope", name));
+  return column;
+}
+
+std::vector<Column> read_columns(const json& nodes, std::size_t attributes) {
+  std::vector<Column> columns;
+  std::set<std::pair<ColumnKind, int>> seen;
+  for (const json& node : nodes) {
+    const Column column = read_column(node, attributes);
+    require(column.kind == ColumnKind::unknown || seen.insert({column.kind, column.attribute}).second, "a column appears twice");
+    columns.push_back(column);
+  }
+  require(seen.contains({ColumnKind::position, -1}), "'columns' has no position");
+  return columns;
+}
+
+std::vector<std::uint64_t> read_counts(const json& nodes) {
+  std::vector<std::uint64_t> counts;
+  require(!nodes.empty() && nodes.size() <= max_resolutions, fmt::format("'resolution_counts' has not 1 to {} entries", max_resolutions));
+  for (const json& node : nodes) {
+    const std::uint64_t least = counts.empty() ? 1 : counts.back() + 1;
+    counts.push_back(whole(node, "resolution_counts", least, max_points));
+  }
+  return counts;
+}
+
+VolumeInfo read_info(const json& root) {
+  VolumeInfo info;
+  info.cube = read_cube(member(root, "cube"));
+  info.resolution_counts = read_counts(list(root, "resolution_counts"));
+  info.points_per_chunk = static_cast<std::uint32_t>(whole_member(root, "points_per_chunk", 64, 65536));
+  info.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
+  const json& reduction = member(root, "reduction");
+  info.reduction_method = text(reduction, "method");
+  info.leaf_points = static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
+
+  std::set<std::string> names;
+  for (const json& node : list(root, "attributes")) {
+    info.attributes.push_back(read_attribute(node));
+    require(names.insert(info.attributes.back().name).second, fmt::format("attribute '{}' appears twice", info.attributes.back().name));
+    require(info.attributes.back().missing <= info.point_count(), "'missing' is above the number of points");
+  }
+  require(info.attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
+  info.columns = read_columns(list(root, "columns"), info.attributes.size());
+
+  info.size_bounds.clear();
+  for (const json& node : list(root, "size_bounds")) {
+    require(node.is_string(), "'size_bounds' is not a list of names");
+    info.size_bounds.push_back(node.get<std::string>());
+  }
+  require(info.size_bounds.size() <= max_size_bounds, fmt::format("more than {} size bounds", max_size_bounds));
+  require(member(root, "provenance").is_object(), "'provenance' is not an object");
+  info.provenance = root.at("provenance").dump();
+  return info;
+}
+
+// Deep nesting would let a few bytes exhaust the stack of whoever walks the tree.
+json parse_shallow(const std::string& text) {
+  return json::parse(text, [](int depth, json::parse_event_t, json&) {
+    require(depth <= max_nesting, fmt::format("nested deeper than {} levels", max_nesting));
+    return true;
+  });
+}
+
+json to_json(const Attribute& attribute) {
+  return {{"name", attribute.name},
+          {"unit", attribute.unit},
+          {"offset", attribute.offset},
+          {"min", number_or_null(attribute.min)},
+          {"max", number_or_null(attribute.max)},
+          {"missing", attribute.missing}};
+}
+
+json to_json(const Column& column) {
+  require(column.kind != ColumnKind::unknown, "a column of unknown kind cannot be written");
+  json node = {{"kind", name_of(column.kind)},
+               {"scope", column.scope == ColumnScope::segment ? "segment" : "resolution"},
+               {"critical", column.kind == ColumnKind::position}};
+  if (column.attribute >= 0) node["attribute"] = column.attribute;
+  return node;
+}
+
+json to_json(const VolumeInfo& info) {
+  json root;
+  root["cube"] = {{"origin", {info.cube.origin.x, info.cube.origin.y, info.cube.origin.z}}, {"edge", info.cube.edge}};
+  root["resolution_counts"] = info.resolution_counts;
+  root["points_per_chunk"] = info.points_per_chunk;
+  root["rows_per_directory_page"] = info.rows_per_directory_page;
+  root["reduction"] = {{"method", info.reduction_method}, {"leaf_points", info.leaf_points}};
+  root["attributes"] = json::array();
+  for (const Attribute& attribute : info.attributes) root["attributes"].push_back(to_json(attribute));
+  root["columns"] = json::array();
+  for (const Column& column : info.columns) root["columns"].push_back(to_json(column));
+  root["size_bounds"] = info.size_bounds;
+  root["provenance"] = parse_shallow(info.provenance);
+  return root;
+}
+
+tl::unexpected<Error> bad_metadata(ErrorCode code, const std::exception& error) { return fail(code, "metadata: {} [R9]", error.what()); }
+
+}  // namespace
+
+int VolumeInfo::find_column(ColumnKind kind, int attribute) const {
+  const auto found =
+      std::ranges::find_if(columns, [&](const Column& c) { return c.kind == kind && c.attribute == attribute; });
+  return found == columns.end() ? -1 : static_cast<int>(found - columns.begin());
+}
+
+int VolumeInfo::find_attribute(const std::string& name) const {
+  const auto found = std::ranges::find(attributes, name, &Attribute::name);
+  return found == attributes.end() ? -1 : static_cast<int>(found - attributes.begin());
+}
+
+Result<std::string> metadata_to_json(const VolumeInfo& info) {
+  try {
+    // Names come from input files and need not be UTF-8.
+    std::string text = to_json(info).dump(-1, ' ', false, json::error_handler_t::replace);
+    read_info(parse_shallow(text));
+    return text;
+  } catch (const std::exception& error) {
+    return bad_metadata(ErrorCode::invalid_argument, error);
+  }
+}
+
+Result<VolumeInfo> metadata_from_json(const std::string& text) {
+  try {
+    return read_info(parse_shallow(text));
+  } catch (const std::exception& error) {
+    return bad_metadata(ErrorCode::invalid_data, error);
+  }
+}
+
+RowLayout::RowLayout(const VolumeInfo& info)
+    : counts_(info.resolution_counts), points_per_chunk_(info.points_per_chunk), first_group_{0}, first_row_{0} {
+  std::uint64_t begin = 0;
+  for (const std::uint64_t end : counts_) {
+    first_group_.push_back(first_group_.back() + (end - begin + points_per_chunk_ - 1) / points_per_chunk_);
+    first_row_.push_back(first_row_.back() + first_group_.back());
+    begin = end;
+  }
+  for (int c = 0; c < static_cast<int>(info.columns.size()); ++c) {
+    all_columns_.push_back(c);
+    if (info.columns[static_cast<std::size_t>(c)].scope == ColumnScope::resolution) resolution_columns_.push_back(c);
+  }
+}
+
+Group RowLayout::group(std::uint64_t index) const {
+  const auto next = std::ranges::upper_bound(first_group_, index);
+  const auto segment = static_cast<std::size_t>(next - first_group_.begin()) - 1;
+  const std::uint64_t segment_begin = segment == 0 ? 0 : counts_[segment - 1];
+  const std::uint64_t begin = segment_begin + (index - first_group_[segment]) * points_per_chunk_;
+  return {segment, begin, static_cast<std::uint32_t>(std::min<std::uint64_t>(points_per_chunk_, counts_[segment] - begin))};
+}
+
+std::size_t RowLayout::resolution_of_row(std::uint64_t row) const {
+  return static_cast<std::size_t>(std::ranges::upper_bound(first_row_, row) - first_row_.begin()) - 1;
+}
+
+const std::vector<int>& RowLayout::columns_of_row(std::uint64_t row) const {
+  const std::size_t resolution = resolution_of_row(row);
+  return row - first_row_[resolution] >= first_group_[resolution] ? all_columns_ : resolution_columns_;
+}
+
+std::uint64_t RowLayout::chunks_before(std::uint64_t row) const {
+  if (row == 0) return 0;
+  // Within a resolution the older groups come first, with fewer columns.
+  std::uint64_t chunks = 0;
+  for (std::size_t r = 0; r < counts_.size() && row > first_row_[r]; ++r) {
+    const std::uint64_t rows = std::min(row, first_row_[r + 1]) - first_row_[r];
+    const std::uint64_t older = std::min(rows, first_group_[r]);
+    chunks += older * resolution_columns_.size() + (rows - older) * all_columns_.size();
+  }
+  return chunks;
+}
+
+}  // namespace splatvol::format

@@ -1,0 +1,184 @@
+#include "format/volume_writer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::uint64_t section_count = 7;
+constexpr std::uint64_t front_bytes = sizeof(Superblock) + section_count * sizeof(SectionEntry);
+constexpr std::uint64_t directory_page_target_bytes = 64u << 10;
+
+// Pages of about 64 KiB; larger ones where the references to so many pages would crowd the preamble: page 0 and the
+// references, which share it, are smallest together where they are equal.
+std::uint32_t choose_rows_per_page(const VolumeInfo& info, const RowLayout& rows) {
+  const auto row_bytes = static_cast<double>(std::max<std::size_t>(1, info.columns.size()) * sizeof(ChunkEntry));
+  const double by_size = static_cast<double>(directory_page_target_bytes) / row_bytes;
+  const double balanced = std::sqrt(static_cast<double>(rows.row_count() * sizeof(DirectoryPageRef)) / row_bytes);
+  return static_cast<std::uint32_t>(std::clamp(std::max(by_size, balanced), 1.0, 0x1p24));
+}
+
+// Rule R7 keeps a reader's memory in proportion to the bytes that it was given.
+Bytes pack_metadata(const Bytes& raw) {
+  Bytes packed = pack(raw);
+  return raw.size() <= max_metadata_bytes(packed.size()) ? packed : raw;
+}
+
+}  // namespace
+
+VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info)
+    : file_(std::move(file)), info_(std::move(info)), rows_(info_) {}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info, const NodeArrays& tree) {
+  SPLATVOL_TRY(metadata_to_json(info));
+  if (tree.shape.resolutions != info.resolutions() || tree.shape.size_bounds != info.size_bounds.size() ||
+      tree.shape.attributes != info.attributes.size())
+    return fail(ErrorCode::invalid_argument, "the index is of another shape than the metadata");
+  info.rows_per_directory_page = choose_rows_per_page(info, RowLayout(info));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  std::unique_ptr<VolumeWriter> writer(new VolumeWriter(std::move(file), std::move(info)));
+  SPLATVOL_TRY(writer->pack_front(tree));
+  return writer;
+}
+
+Status VolumeWriter::pack_front(const NodeArrays& tree) {
+  SPLATVOL_TRY_ASSIGN(json, metadata_to_json(info_));
+  const auto json_bytes = std::as_bytes(std::span(json));
+  metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
+  metadata_ = pack_metadata(metadata_raw_);
+
+  SPLATVOL_TRY_ASSIGN(root, pack_index(tree, [this](const PackedIndexPage& page) -> Status {
+    index_pages_.insert(index_pages_.end(), page.bytes.begin(), page.bytes.end());
+    return {};
+  }));
+  index_root_ = std::move(root);
+
+  page_count_ = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
+  const std::uint64_t root_bytes = sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
+  rows_offset_ = front_bytes + metadata_.size() + index_root_.bytes.size() + root_bytes;
+  if (rows_offset_ > max_preamble_bytes)
+    return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer", info_.attributes.size());
+  file_.seek(rows_offset_);
+  return {};
+}
+
+std::uint64_t VolumeWriter::directory_page_bytes(std::uint64_t page) const {
+  const std::uint64_t first = page * info_.rows_per_directory_page;
+  const std::uint64_t last = std::min(rows_.row_count(), first + info_.rows_per_directory_page);
+  return sizeof(std::uint64_t) + (rows_.chunks_before(last) - rows_.chunks_before(first)) * sizeof(ChunkEntry);
+}
+
+Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
+  if (next_row_ >= rows_.row_count() || chunks.size() != rows_.columns_of_row(next_row_).size())
+    return fail(ErrorCode::invalid_argument, "row {} has {} chunks", next_row_, chunks.size());
+  if (directory_page_.empty()) append_record(directory_page_, file_.position());
+  for (const PackedChunk& chunk : chunks) {
+    append_record(directory_page_, chunk.entry);
+    SPLATVOL_TRY(file_.append(chunk.bytes));
+  }
+  const std::size_t resolution = rows_.resolution_of_row(next_row_);
+  ++next_row_;
+  const bool last = next_row_ == rows_.row_count();
+  if (last || next_row_ % info_.rows_per_directory_page == 0) SPLATVOL_TRY(close_directory_page());
+  if (last || rows_.resolution_of_row(next_row_) != resolution) resolution_ends_.push_back(file_.position());
+  return {};
+}
+
+Status VolumeWriter::close_directory_page() {
+  const bool head = directory_refs_.empty();
+  directory_refs_.push_back({directory_tail_.size(), directory_page_.size(), hash_bytes(directory_page_)});
+  Bytes& target = head ? directory_head_ : directory_tail_;
+  target.insert(target.end(), directory_page_.begin(), directory_page_.end());
+  directory_page_.clear();
+  return {};
+}
+
+void VolumeWriter::add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
+                               std::uint64_t unpacked_bytes, Codec codec) {
+  sections_.push_back({kind, critical ? 1u : 0u, offset, packed.size(), unpacked_bytes, hash_bytes(packed), codec, 0});
+}
+
+void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes) {
+  sections_.push_back({kind, 1, offset, bytes, 0, 0, Codec::extent, 0});
+}
+
+// As many of the coarsest resolutions as a reader's first read will hold; the very coarsest even if it is larger.
+std::uint64_t VolumeWriter::choose_preamble_bytes() const {
+  const std::uint64_t first_read = std::clamp(file_bytes_ / 64, min_first_read_bytes, max_preamble_bytes);
+  std::uint64_t preamble = resolution_ends_[0] <= max_preamble_bytes ? resolution_ends_[0] : rows_offset_;
+  for (const std::uint64_t end : resolution_ends_)
+    if (end <= first_read) preamble = std::max(preamble, end);
+  return preamble;
+}
+
+Status VolumeWriter::finish(const Histograms& histograms) {
+  if (histograms.size() != info_.attributes.size())
+    return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(), info_.attributes.size());
+  if (next_row_ != rows_.row_count()) return fail(ErrorCode::invalid_argument, "{} of {} rows were written", next_row_, rows_.row_count());
+
+  // Behind the rows.
+  const std::uint64_t rows_end = file_.position();
+  const auto histogram_raw = std::as_bytes(std::span(histograms));
+  const Bytes histogram_packed = pack(histogram_raw);
+  SPLATVOL_TRY(file_.append(histogram_packed));
+  const std::uint64_t index_offset = file_.position();
+  SPLATVOL_TRY(file_.append(index_pages_));
+  const std::uint64_t directory_offset = file_.position();
+  SPLATVOL_TRY(file_.append(directory_tail_));
+  const std::uint64_t footer_offset = file_.position();
+  file_bytes_ = footer_offset + sizeof(Footer);
+
+  // The preamble's parts, now that every offset is known.
+  const std::uint64_t metadata_offset = front_bytes;
+  const std::uint64_t index_root_offset = metadata_offset + metadata_.size();
+  const std::uint64_t directory_root_offset = index_root_offset + index_root_.bytes.size();
+  const std::uint64_t head_offset = directory_root_offset + sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef);
+  for (std::size_t page = 0; page < directory_refs_.size(); ++page)
+    directory_refs_[page].offset = page == 0 ? head_offset : directory_offset + directory_refs_[page].offset;
+  Bytes directory_root;
+  append_record(directory_root, page_count_);
+  for (const DirectoryPageRef& ref : directory_refs_) append_record(directory_root, ref);
+  directory_root.insert(directory_root.end(), directory_head_.begin(), directory_head_.end());
+
+  const auto codec_of = [](std::span<const std::byte> raw, std::span<const std::byte> packed) {
+    return raw.size() == packed.size() ? Codec::raw : Codec::zstd;
+  };
+  add_section(SectionKind::metadata, true, metadata_offset, metadata_, metadata_raw_.size(), codec_of(metadata_raw_, metadata_));
+  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_root_.bytes.size(), index_root_.ref.front_bytes,
+                       index_root_.ref.hash, Codec::extent, 0});
+  add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(), Codec::raw);
+  add_extent(SectionKind::rows, rows_offset_, rows_end - rows_offset_);
+  add_section(SectionKind::histograms, false, rows_end, histogram_packed, histogram_raw.size(), codec_of(histogram_raw, histogram_packed));
+  add_extent(SectionKind::index_pages, index_offset, directory_offset - index_offset);
+  add_extent(SectionKind::directory_pages, directory_offset, footer_offset - directory_offset);
+
+  Superblock superblock{};
+  std::ranges::copy(magic, superblock.magic);
+  superblock.major_version = major_version;
+  superblock.minor_version = minor_version;
+  superblock.file_bytes = file_bytes_;
+  superblock.preamble_bytes = choose_preamble_bytes();
+  superblock.section_count = static_cast<std::uint32_t>(sections_.size());
+  superblock.section_table_hash = hash_bytes(std::as_bytes(std::span(sections_)));
+  superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
+
+  Bytes front;
+  append_record(front, superblock);
+  for (const SectionEntry& section : sections_) append_record(front, section);
+  Footer footer{};
+  std::ranges::copy(footer_magic, footer.magic);
+  footer.file_bytes = file_bytes_;
+  footer.table_hash = hash_bytes(front);
+  footer.hash = hash_bytes(std::as_bytes(std::span(&footer, 1)).first(offsetof(Footer, hash)));
+  SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
+
+  front.insert(front.end(), metadata_.begin(), metadata_.end());
+  front.insert(front.end(), index_root_.bytes.begin(), index_root_.bytes.end());
+  front.insert(front.end(), directory_root.begin(), directory_root.end());
+  SPLATVOL_TRY(file_.write_at(0, front));
+  return file_.commit();
+}
+
+}  // namespace splatvol::format

@@ -1,0 +1,71 @@
+// Writes a .svol file front to back (spec/svol-1.md).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/file.h"
+#include "format/columns.h"
+#include "format/layout.h"
+#include "format/octree.h"
+#include "format/volume_info.h"
+
+namespace splatvol::format {
+
+/// Counts of values in each of the 64 bins, for each attribute.
+using Histograms = std::vector<std::array<std::uint64_t, 64>>;
+
+/// A file in the making. Rows are appended in row order; nothing stands under the final name before `finish`.
+/// Not thread-safe; packing the chunks beforehand may be spread over threads.
+class VolumeWriter {
+ public:
+  /// Cuts the index and reserves the preamble. Fails where the file cannot be created, where `info` breaks a rule of the
+  /// specification or does not fit `tree`, or where metadata, root index page and directory root alone pass 1 MiB
+  /// (thousands of attributes). Chooses info.rows_per_directory_page.
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(const std::string& path, VolumeInfo info,
+                                                                    const NodeArrays& tree);
+
+  /// Appends the next row: one chunk for each of its columns, in order.
+  [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
+
+  /// Writes what follows the rows, then the preamble, and gives the file its name. Requires all rows.
+  [[nodiscard]] Status finish(const Histograms& histograms);
+
+  [[nodiscard]] const RowLayout& rows() const { return rows_; }
+
+  /// Bytes of the finished file; 0 before.
+  [[nodiscard]] std::uint64_t file_bytes() const { return file_bytes_; }
+
+ private:
+  VolumeWriter(AtomicFile file, VolumeInfo info);
+  [[nodiscard]] Status pack_front(const NodeArrays& tree);
+  [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t page) const;
+  [[nodiscard]] Status close_directory_page();
+  void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
+                   std::uint64_t unpacked_bytes, Codec codec);
+  void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
+  [[nodiscard]] std::uint64_t choose_preamble_bytes() const;
+
+  AtomicFile file_;
+  VolumeInfo info_;
+  RowLayout rows_;
+  std::uint64_t page_count_ = 0;
+  std::uint64_t rows_offset_ = 0;
+  std::uint64_t next_row_ = 0;
+  std::uint64_t file_bytes_ = 0;
+  Bytes metadata_raw_;
+  Bytes metadata_;
+  PackedIndexPage index_root_;
+  Bytes index_pages_;
+  Bytes directory_page_;                          // the one being filled
+  Bytes directory_head_;                          // page 0, kept for the preamble
+  Bytes directory_tail_;                          // the other pages
+  std::vector<DirectoryPageRef> directory_refs_;  // offsets of the tail's pages from its start until `finish`
+  std::vector<std::uint64_t> resolution_ends_;    // where each resolution's rows end
+  std::vector<SectionEntry> sections_;
+};
+
+}  // namespace splatvol::format

@@ -1,0 +1,246 @@
+#include "reference/reference.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/info.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <mutex>
+#include <vector>
+
+#include "reference/cell.h"
+#include "reference/emission_absorption.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int tile_side = 16;
+
+/// Segments that a thread holds at once; a tile with more is drawn in parts.
+constexpr std::size_t segment_limit = std::size_t{1} << 20;
+
+/// Segments for which a pixel's memory is kept for the next tile.
+constexpr std::size_t kept_capacity = 4096;
+
+Status check_mesh(const TetMesh& mesh) {
+  if (mesh.points.size() != mesh.values.size())
+    return fail(ErrorCode::invalid_argument, "{} points and {} values", mesh.points.size(), mesh.values.size());
+  for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
+    for (const std::uint32_t point : mesh.tetrahedra[cell])
+      if (point >= mesh.points.size())
+        return fail(ErrorCode::invalid_data, "tetrahedron {}: point {} of {}", cell, point, mesh.points.size());
+  return {};
+}
+
+/// Draws the picture tile by tile; each tile needs only the cells whose bounds touch it.
+class CellProjection {
+ public:
+  CellProjection(const TetMesh& mesh, const View& view, const TransferFunction& function)
+      : mesh_(mesh), view_(view), transfer_(function) {
+    image_.width = view.width;
+    image_.height = view.height;
+    image_.pixels.resize(static_cast<std::size_t>(view.width) * view.height, vec4(0));
+    tiles_across_ = (view.width + tile_side - 1) / tile_side;
+    tiles_ = static_cast<std::size_t>(tiles_across_) * ((view.height + tile_side - 1) / tile_side);
+  }
+
+  ReferencePicture render(const std::function<void(double)>& progress) {
+    transform_points();
+    bound_cells();
+    fill_tiles();
+    draw_tiles(progress);
+    return {std::move(image_), segments_};
+  }
+
+ private:
+  using Segment = Crossing;
+
+  /// The segments of a part of a tile, by pixel; kept between tiles for its memory.
+  struct Scratch {
+    std::vector<std::vector<Segment>> pixels;
+    std::size_t count = 0;
+  };
+
+  void transform_points();
+  void bound_cells();
+  [[nodiscard]] bool is_missing(std::uint32_t point) const;
+  [[nodiscard]] CellCorners corners(std::size_t cell) const;
+
+  void fill_tiles();
+  template <class Visit>
+  void visit_tiles(const PixelRectangle& bounds, const Visit& visit) const;
+
+  void draw_tiles(const std::function<void(double)>& progress);
+  void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
+  void gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const;
+  [[nodiscard]] vec4 integrate(const PixelRay& ray, std::vector<Segment>& segments) const;
+
+  const TetMesh& mesh_;
+  const View& view_;
+  PiecewiseTransfer transfer_;
+  Image image_;
+  int tiles_across_ = 0;
+  std::size_t tiles_ = 0;
+  std::vector<dvec3> points_;               // view coordinates
+  std::vector<PixelRectangle> bounds_;      // of each cell
+  std::vector<std::uint64_t> tile_starts_;  // into tile_cells_; one more than tiles
+  std::vector<std::uint32_t> tile_cells_;
+  std::atomic<std::uint64_t> segments_ = 0;
+};
+
+void CellProjection::transform_points() {
+  points_.resize(mesh_.points.size());
+  tbb::parallel_for(std::size_t{0}, points_.size(),
+                    [&](std::size_t i) { points_[i] = view_.to_view(mesh_.points[i]); });
+}
+
+bool CellProjection::is_missing(std::uint32_t point) const {
+  const dvec3& p = points_[point];
+  return !std::isfinite(mesh_.values[point]) || !std::isfinite(p.x + p.y + p.z);
+}
+
+CellCorners CellProjection::corners(std::size_t cell) const {
+  const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
+  return {points_[a], points_[b], points_[c], points_[d]};
+}
+
+void CellProjection::bound_cells() {
+  bounds_.resize(mesh_.tetrahedra.size());
+  tbb::parallel_for(std::size_t{0}, bounds_.size(), [&](std::size_t cell) {
+    const bool missing =
+        std::ranges::any_of(mesh_.tetrahedra[cell], [&](std::uint32_t point) { return is_missing(point); });
+    bounds_[cell] = missing ? PixelRectangle{0, -1, 0, -1} : pixel_bounds(view_, corners(cell));
+  });
+}
+
+template <class Visit>
+void CellProjection::visit_tiles(const PixelRectangle& bounds, const Visit& visit) const {
+  if (bounds.is_empty()) return;
+  for (int y = bounds.y0 / tile_side; y <= bounds.y1 / tile_side; ++y)
+    for (int x = bounds.x0 / tile_side; x <= bounds.x1 / tile_side; ++x)
+      visit(static_cast<std::size_t>(y) * tiles_across_ + x);
+}
+
+void CellProjection::fill_tiles() {
+  tile_starts_.assign(tiles_ + 1, 0);
+  for (const PixelRectangle& bounds : bounds_) visit_tiles(bounds, [&](std::size_t tile) { ++tile_starts_[tile + 1]; });
+  for (std::size_t tile = 0; tile < tiles_; ++tile) tile_starts_[tile + 1] += tile_starts_[tile];
+
+  tile_cells_.resize(tile_starts_.back());
+  std::vector<std::uint64_t> next(tile_starts_.begin(), tile_starts_.end() - 1);
+  for (std::size_t cell = 0; cell < bounds_.size(); ++cell)
+    visit_tiles(bounds_[cell], [&](std::size_t tile) { tile_cells_[next[tile]++] = static_cast<std::uint32_t>(cell); });
+}
+
+void CellProjection::draw_tiles(const std::function<void(double)>& progress) {
+  tbb::enumerable_thread_specific<Scratch> scratches;
+  std::mutex progress_mutex;
+  std::size_t done = 0;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tiles_, 1), [&](const auto& range) {
+    for (std::size_t tile = range.begin(); tile < range.end(); ++tile) {
+      const int x = static_cast<int>(tile % tiles_across_) * tile_side;
+      const int y = static_cast<int>(tile / tiles_across_) * tile_side;
+      const PixelRectangle area{x, std::min(x + tile_side, view_.width) - 1, y,
+                                std::min(y + tile_side, view_.height) - 1};
+      const auto cells =
+          std::span(tile_cells_).subspan(tile_starts_[tile], tile_starts_[tile + 1] - tile_starts_[tile]);
+      draw_area(cells, area, scratches.local());
+      if (!progress) continue;
+      const std::scoped_lock lock(progress_mutex);
+      progress(static_cast<double>(++done) / static_cast<double>(tiles_));
+    }
+  });
+}
+
+void CellProjection::draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch) {
+  const int width = area.x1 - area.x0 + 1;
+  const int height = area.y1 - area.y0 + 1;
+  scratch.pixels.resize(std::max(scratch.pixels.size(), static_cast<std::size_t>(width) * height));
+  for (auto& segments : scratch.pixels) segments.clear();
+  scratch.count = 0;
+  for (const std::uint32_t cell : cells) {
+    gather_cell(cell, area, scratch);
+    if (scratch.count <= segment_limit || width * height == 1) continue;
+
+    // Too much for one pass: halve the longer side and begin again.
+    PixelRectangle first = area;
+    PixelRectangle second = area;
+    if (width > height)
+      second.x0 = (first.x1 = area.x0 + width / 2 - 1) + 1;
+    else
+      second.y0 = (first.y1 = area.y0 + height / 2 - 1) + 1;
+    draw_area(cells, first, scratch);
+    draw_area(cells, second, scratch);
+    return;
+  }
+
+  for (int y = area.y0; y <= area.y1; ++y)
+    for (int x = area.x0; x <= area.x1; ++x) {
+      auto& segments = scratch.pixels[static_cast<std::size_t>(y - area.y0) * width + (x - area.x0)];
+      image_.at(x, view_.height - 1 - y) = integrate(pixel_ray(view_, x, y), segments);
+      if (segments.capacity() > kept_capacity) segments = {};
+    }
+  segments_ += scratch.count;
+}
+
+void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const {
+  const PixelRectangle& bounds = bounds_[cell];
+  const PixelRectangle common{std::max(area.x0, bounds.x0), std::min(area.x1, bounds.x1), std::max(area.y0, bounds.y0),
+                              std::min(area.y1, bounds.y1)};
+  if (common.is_empty()) return;
+
+  const auto& [i, j, k, l] = mesh_.tetrahedra[cell];
+  const std::array values{mesh_.values[i], mesh_.values[j], mesh_.values[k], mesh_.values[l]};
+  CellCrosser crosser(view_.orthographic, corners(cell), values);
+  const int width = area.x1 - area.x0 + 1;
+  for (int y = common.y0; y <= common.y1; ++y) {
+    if (!crosser.select_row(pixel_ray(view_, 0, y).b)) continue;
+    auto* row = &scratch.pixels[static_cast<std::size_t>(y - area.y0) * width];
+    for (int x = common.x0; x <= common.x1; ++x) {
+      const auto crossing = crosser.cross(pixel_ray(view_, x, y).a);
+      if (!crossing || crossing->leave <= std::max(crossing->enter, 0.0)) continue;
+      row[x - area.x0].push_back(*crossing);
+      ++scratch.count;
+    }
+  }
+}
+
+vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segments) const {
+  std::ranges::sort(segments, [](const Segment& a, const Segment& b) {
+    return a.enter != b.enter ? a.enter < b.enter : a.leave < b.leave;
+  });
+  const double world_per_depth = view_.orthographic ? 1 : std::sqrt(1 + ray.a * ray.a + ray.b * ray.b);
+  RayLight light;
+  for (const Segment& segment : segments) {
+    // The part behind the eye is cut off here and not before, so that the order is that of the whole cells.
+    const double enter = std::max(segment.enter, 0.0);
+    const double share = (enter - segment.enter) / (segment.leave - segment.enter);
+    const double value = segment.value_enter + share * (segment.value_leave - segment.value_enter);
+    transfer_.add(value, segment.value_leave, (segment.leave - enter) * world_per_depth, light);
+  }
+  return light.rgba();
+}
+
+}  // namespace
+
+Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
+                                          const ReferenceOptions& options) try {
+  SPLATVOL_TRY(check_mesh(mesh));
+  if (scene.lighting) return fail(ErrorCode::unsupported, "the reference picture knows no lighting");
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
+  const int machine_threads = tbb::info::default_concurrency();
+  tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, machine_threads) : machine_threads);
+  return arena.execute([&] { return CellProjection(mesh, view, scene.transfer_function).render(options.progress); });
+} catch (const std::bad_alloc&) {
+  return fail(ErrorCode::out_of_budget, "not enough memory for {} tetrahedra at {} x {} pixels", mesh.tetrahedra.size(),
+              scene.width, scene.height);
+} catch (const std::exception& error) {
+  return fail(ErrorCode::invalid_argument, "{}", error.what());
+}
+
+}  // namespace splatvol

@@ -1,0 +1,136 @@
+#include "renderer/context.h"
+
+// Epoxy's headers go before any other of OpenGL or EGL.
+#include <epoxy/gl.h>
+
+#include <epoxy/egl.h>
+
+#include <array>
+#include <utility>
+#include <vector>
+
+namespace splatvol {
+
+namespace {
+
+struct Candidate {
+  std::string name;
+  EGLDisplay display;
+};
+
+/// What EGL complains about, in its own words.
+std::string egl_error() {
+  switch (const EGLint code = eglGetError()) {
+    case EGL_SUCCESS:
+      return "no reason given";
+    case EGL_NOT_INITIALIZED:
+      return "EGL_NOT_INITIALIZED";
+    case EGL_BAD_ALLOC:
+      return "EGL_BAD_ALLOC";
+    case EGL_BAD_MATCH:
+      return "EGL_BAD_MATCH";
+    case EGL_BAD_ATTRIBUTE:
+      return "EGL_BAD_ATTRIBUTE";
+    case EGL_BAD_CONFIG:
+      return "EGL_BAD_CONFIG";
+    case EGL_BAD_PARAMETER:
+      return "EGL_BAD_PARAMETER";
+    default:
+      return fmt::format("EGL error 0x{:x}", code);
+  }
+}
+
+/// Displays of the devices that are hardware. Mesa lists its software rasteriser as one more.
+void add_hardware(std::vector<Candidate>& candidates) {
+  if (!epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_device") ||
+      !epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_device_enumeration") ||
+      !epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_device_query"))
+    return;
+
+  std::array<EGLDeviceEXT, 16> devices{};
+  EGLint count = 0;
+  if (!eglQueryDevicesEXT(static_cast<EGLint>(devices.size()), devices.data(), &count)) return;
+  for (EGLint i = 0; i < count; ++i) {
+    const char* extensions = eglQueryDeviceStringEXT(devices[i], EGL_EXTENSIONS);
+    if (extensions && epoxy_extension_in_string(extensions, "EGL_MESA_device_software")) continue;
+    candidates.push_back(
+        {fmt::format("EGL device {}", i), eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, devices[i], nullptr)});
+  }
+}
+
+/// The displays to try, best first: where a graphics card and Mesa's software are both there, the card draws.
+std::vector<Candidate> candidate_displays() {
+  std::vector<Candidate> candidates;
+  add_hardware(candidates);
+
+  // The EXT entry point: through epoxy, the core one aborts where the client library is EGL 1.4.
+  if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
+    candidates.push_back({"Mesa's surfaceless platform", eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA,
+                                                                                  EGL_DEFAULT_DISPLAY, nullptr)});
+  candidates.push_back({"default display", eglGetDisplay(EGL_DEFAULT_DISPLAY)});
+  return candidates;
+}
+
+/// A current OpenGL 4.5 core context on an initialised display, or EGL's reason why there is none.
+tl::expected<EGLContext, std::string> make_context(EGLDisplay display) {
+  if (!epoxy_has_egl_extension(display, "EGL_KHR_surfaceless_context"))
+    return tl::unexpected<std::string>("no EGL_KHR_surfaceless_context");
+  if (!eglBindAPI(EGL_OPENGL_API)) return tl::unexpected(egl_error());
+
+  // Surface type 0: a config that needs no surface at all; the default asks for windows.
+  constexpr std::array<EGLint, 5> config_attributes{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
+  EGLConfig config = nullptr;
+  EGLint config_count = 0;
+  if (!eglChooseConfig(display, config_attributes.data(), &config, 1, &config_count) || config_count == 0)
+    return tl::unexpected<std::string>("no config for OpenGL");
+
+  constexpr std::array<EGLint, 7> context_attributes{EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5,
+                                                     EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                                                     EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+  const EGLContext context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes.data());
+  if (context == EGL_NO_CONTEXT) return tl::unexpected("no OpenGL 4.5 core context: " + egl_error());
+
+  if (!eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context)) {
+    const std::string reason = egl_error();
+    eglDestroyContext(display, context);
+    return tl::unexpected("cannot make the context current: " + reason);
+  }
+  return context;
+}
+
+std::string gl_text(GLenum name) {
+  const GLubyte* text = glGetString(name);
+  return text ? reinterpret_cast<const char*>(text) : "unknown";
+}
+
+}  // namespace
+
+Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
+  std::string reasons;
+  for (const Candidate& candidate : candidate_displays()) {
+    if (!reasons.empty()) reasons += "; ";
+    if (candidate.display == EGL_NO_DISPLAY || !eglInitialize(candidate.display, nullptr, nullptr)) {
+      reasons += candidate.name + ": " + egl_error();
+      continue;
+    }
+    if (auto context = make_context(candidate.display))
+      return std::unique_ptr<HeadlessContext>(new HeadlessContext(candidate.display, *context));
+    else
+      reasons += candidate.name + ": " + context.error();
+    eglTerminate(candidate.display);
+  }
+  return fail(ErrorCode::device, "no OpenGL 4.5 without a window here ({})", reasons);
+}
+
+HeadlessContext::HeadlessContext(void* display, void* context)
+    : display_(display),
+      context_(context),
+      description_(fmt::format("{}, OpenGL {}", gl_text(GL_RENDERER), gl_text(GL_VERSION))) {}
+
+HeadlessContext::~HeadlessContext() {
+  eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+  eglDestroyContext(display_, context_);
+  eglTerminate(display_);
+}
+
+}  // namespace splatvol

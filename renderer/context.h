@@ -1,0 +1,37 @@
+// An OpenGL context without a window or a display server.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// An OpenGL 4.5 core context that draws into its own framebuffers only.
+///
+/// Tries the EGL devices that are hardware, then Mesa's surfaceless platform (its software rasteriser included), then
+/// EGL's default display. The context is current in the thread that created it, and that thread must also destroy it. One
+/// at a time in a process: EGL's displays are shared, and the first to be destroyed closes them.
+class HeadlessContext {
+ public:
+  /// Creates a context and makes it current. Fails with ErrorCode::device where no platform gives one; the message
+  /// names what each of them answered.
+  [[nodiscard]] static Result<std::unique_ptr<HeadlessContext>> create();
+  HeadlessContext(const HeadlessContext&) = delete;
+  HeadlessContext& operator=(const HeadlessContext&) = delete;
+  ~HeadlessContext();
+
+  /// What draws, for provenance: "GL_RENDERER, OpenGL GL_VERSION".
+  [[nodiscard]] const std::string& description() const { return description_; }
+
+ private:
+  // EGL's own handles, void pointers in its interface: its headers bring X11's macros, so they stay out of this one.
+  HeadlessContext(void* display, void* context);
+
+  void* display_;
+  void* context_;
+  std::string description_;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,118 @@
+#include "renderer/gl_objects.h"
+
+#include <vector>
+
+namespace splatvol {
+
+namespace {
+
+using Shader = GlObject<[](GLuint name) { glDeleteShader(name); }>;
+
+std::string_view error_text(GLenum error) {
+  switch (error) {
+    case GL_INVALID_ENUM:
+      return "invalid enum";
+    case GL_INVALID_VALUE:
+      return "invalid value";
+    case GL_INVALID_OPERATION:
+      return "invalid operation";
+    case GL_INVALID_FRAMEBUFFER_OPERATION:
+      return "invalid framebuffer operation";
+    case GL_OUT_OF_MEMORY:
+      return "out of memory";
+    default:
+      return "unknown error";
+  }
+}
+
+std::string first_line(std::string log) {
+  log.resize(log.find_first_of(std::string_view("\n\0", 2)) == std::string::npos
+                 ? log.size()
+                 : log.find_first_of(std::string_view("\n\0", 2)));
+  return log;
+}
+
+Result<Shader> compile(std::string_view program, const ShaderStage& stage) {
+  std::vector<const GLchar*> texts;
+  std::vector<GLint> lengths;
+  for (const std::string_view source : stage.sources) {
+    texts.push_back(source.data());
+    lengths.push_back(static_cast<GLint>(source.size()));
+  }
+
+  Shader shader(glCreateShader(stage.kind));
+  glShaderSource(shader.name(), static_cast<GLsizei>(texts.size()), texts.data(), lengths.data());
+  glCompileShader(shader.name());
+
+  GLint compiled = GL_FALSE;
+  glGetShaderiv(shader.name(), GL_COMPILE_STATUS, &compiled);
+  if (compiled == GL_TRUE) return shader;
+  std::string log(4096, '\0');
+  glGetShaderInfoLog(shader.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
+  return fail(ErrorCode::device, "shader of {} does not compile: {}", program, first_line(std::move(log)));
+}
+
+}  // namespace
+
+Status Buffer::reserve(std::size_t bytes) {
+  if (bytes <= bytes_) return {};
+  GLint64 limit = 0;
+  glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);
+  if (bytes > static_cast<std::size_t>(limit))
+    return fail(ErrorCode::device, "{}: {} bytes, but this device's shaders see {} bytes of a buffer at most", name_,
+                bytes, limit);
+
+  // The old storage goes first, so that both are never held together.
+  object_ = {};
+  bytes_ = 0;
+  GLuint object = 0;
+  glCreateBuffers(1, &object);
+  object_ = GlObject<delete_buffer>(object);
+  glNamedBufferStorage(object, static_cast<GLsizeiptr>(bytes), nullptr,
+                       GL_DYNAMIC_STORAGE_BIT | GL_MAP_READ_BIT | GL_MAP_WRITE_BIT);
+  SPLATVOL_TRY(check_gl(name_));
+  bytes_ = bytes;
+  return {};
+}
+
+void Buffer::write(const void* data, std::size_t bytes) {
+  if (bytes > 0) glNamedBufferSubData(object_.name(), 0, static_cast<GLsizeiptr>(bytes), data);
+}
+
+void* Buffer::map_to_write(std::size_t bytes) {
+  return glMapNamedBufferRange(object_.name(), 0, static_cast<GLsizeiptr>(bytes),
+                               GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+}
+
+const void* Buffer::map_to_read(std::size_t bytes) {
+  return glMapNamedBufferRange(object_.name(), 0, static_cast<GLsizeiptr>(bytes), GL_MAP_READ_BIT);
+}
+
+void Buffer::unmap() { glUnmapNamedBuffer(object_.name()); }
+
+Result<Program> build_program(std::string_view name, std::initializer_list<ShaderStage> stages) {
+  Program program(glCreateProgram());
+  for (const ShaderStage& stage : stages) {
+    SPLATVOL_TRY_ASSIGN(shader, compile(name, stage));
+    glAttachShader(program.name(), shader.name());
+  }
+  glLinkProgram(program.name());
+
+  GLint linked = GL_FALSE;
+  glGetProgramiv(program.name(), GL_LINK_STATUS, &linked);
+  if (linked == GL_TRUE) return program;
+  std::string log(4096, '\0');
+  glGetProgramInfoLog(program.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
+  return fail(ErrorCode::device, "program of {} does not link: {}", name, first_line(std::move(log)));
+}
+
+Status check_gl(std::string_view place) {
+  // Only the first error matters; the rest is drained, so that the next check starts clean. A lost context could report
+  // errors forever: hence the bound.
+  const GLenum first = glGetError();
+  if (first == GL_NO_ERROR) return {};
+  for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) continue;
+  return fail(ErrorCode::device, "{}: OpenGL reports {}", place, error_text(first));
+}
+
+}  // namespace splatvol

@@ -1,0 +1,89 @@
+// OpenGL objects that delete themselves, and errors as Status. Internal to the renderer.
+#pragma once
+
+#include <epoxy/gl.h>
+
+#include <cstddef>
+#include <initializer_list>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// Owns one OpenGL name; needs the context that made it to be current when destroyed.
+template <void (*Delete)(GLuint)>
+class GlObject {
+ public:
+  GlObject() = default;
+  explicit GlObject(GLuint name) : name_(name) {}
+  GlObject(GlObject&& other) noexcept : name_(std::exchange(other.name_, 0)) {}
+  GlObject& operator=(GlObject&& other) noexcept {
+    std::swap(name_, other.name_);
+    return *this;
+  }
+  ~GlObject() {
+    if (name_ != 0) Delete(name_);
+  }
+
+  [[nodiscard]] GLuint name() const { return name_; }
+
+ private:
+  GLuint name_ = 0;
+};
+
+inline void delete_texture(GLuint name) { glDeleteTextures(1, &name); }
+inline void delete_framebuffer(GLuint name) { glDeleteFramebuffers(1, &name); }
+inline void delete_vertex_array(GLuint name) { glDeleteVertexArrays(1, &name); }
+inline void delete_program(GLuint name) { glDeleteProgram(name); }
+inline void delete_buffer(GLuint name) { glDeleteBuffers(1, &name); }
+
+using Texture = GlObject<delete_texture>;
+using Framebuffer = GlObject<delete_framebuffer>;
+using VertexArray = GlObject<delete_vertex_array>;
+using Program = GlObject<delete_program>;
+
+/// A buffer that grows when more is asked of it, and forgets its contents when it does.
+class Buffer {
+ public:
+  /// `name` appears in messages.
+  explicit Buffer(std::string name) : name_(std::move(name)) {}
+
+  /// Makes room for at least `bytes`; exactly as many where it must grow. Fails with ErrorCode::device where a shader
+  /// could not see that much of one buffer, or the device has no memory left.
+  [[nodiscard]] Status reserve(std::size_t bytes);
+
+  /// Replaces the first `bytes` bytes. Requires reserve(bytes) before.
+  void write(const void* data, std::size_t bytes);
+
+  /// Lets the CPU write, or read, the first `bytes` > 0 bytes until unmap. What `map_to_write` gives is undefined until
+  /// written. Null where the device refuses.
+  [[nodiscard]] void* map_to_write(std::size_t bytes);
+  [[nodiscard]] const void* map_to_read(std::size_t bytes);
+  void unmap();
+
+  void bind(GLenum target, GLuint binding) const { glBindBufferBase(target, binding, object_.name()); }
+  [[nodiscard]] GLuint object() const { return object_.name(); }
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }
+
+ private:
+  std::string name_;
+  GlObject<delete_buffer> object_;
+  std::size_t bytes_ = 0;
+};
+
+/// One stage of a program: its kind, and the pieces of source that follow each other in it.
+struct ShaderStage {
+  GLenum kind;
+  std::initializer_list<std::string_view> sources;
+};
+
+/// Compiles and links; a failure carries the first line of the driver's log and `name`.
+[[nodiscard]] Result<Program> build_program(std::string_view name, std::initializer_list<ShaderStage> stages);
+
+/// ErrorCode::device where OpenGL has recorded an error since the last call; `place` says what was being done.
+[[nodiscard]] Status check_gl(std::string_view place);
+
+}  // namespace splatvol

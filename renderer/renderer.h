@@ -1,0 +1,100 @@
+// Draws splats into a picture with OpenGL.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "renderer/gl_objects.h"
+#include "renderer/kernel.h"
+#include "renderer/sort.h"
+#include "scene/image.h"
+#include "scene/scene.h"
+#include "streamer/splat.h"
+
+namespace splatvol {
+
+enum class SortMode {
+  none,   // as the splats were given
+  exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
+};
+
+/// Where a frame's time went, in seconds, each part waited for.
+struct FrameTimes {
+  double sort = 0;    // keys and their sorting; 0 where the last order still holds
+  double upload = 0;  // what the view and the order need
+  double draw = 0;    // projection and rasterisation
+};
+
+/// Splats, kept on the GPU, drawn into a framebuffer of the renderer's own in linear premultiplied RGBA, 32-bit float.
+///
+/// Every call needs the context that was current at `create`, in the same thread. A window copies the framebuffer; the
+/// renderer itself knows of none. It sets all the OpenGL state that it depends on, and leaves it changed.
+class Renderer {
+ public:
+  /// Needs a current OpenGL 4.5 context; fails with ErrorCode::device where there is an older one, or none.
+  [[nodiscard]] static Result<std::unique_ptr<Renderer>> create();
+
+  /// Colour and extinction of the splats, through a table of 4096 entries, interpolated. Fails where the function has no
+  /// control points or an empty domain. Call it before the first draw.
+  [[nodiscard]] Status set_transfer_function(const TransferFunction& function);
+
+  /// Replaces the splats by those of `batches`, back to front where they are to be drawn with SortMode::none. They are
+  /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are no
+  /// splats then.
+  [[nodiscard]] Status set_splats(std::span<const SplatBatch> batches);
+
+  /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
+  /// allows. A splat draws nothing if its value is NaN, its extinction 0, or its centre not in front of the eye.
+  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort);
+
+  /// The picture of the last draw; fails before the first.
+  [[nodiscard]] Result<Image> read_image() const;
+
+  /// Splats that are resident, drawn or not.
+  [[nodiscard]] std::size_t splat_count() const { return splat_count_; }
+
+  /// Bytes of GPU memory held.
+  [[nodiscard]] std::uint64_t gpu_bytes() const;
+
+ private:
+  explicit Renderer(Kernel kernel);
+  [[nodiscard]] Status prepare_quads();
+  [[nodiscard]] Status prepare_target(const View& view);
+  [[nodiscard]] Status upload_frame(const View& view);
+  [[nodiscard]] Status update_order(const View& view, FrameTimes& times);
+  void clear_target() const;
+  void draw_quads(std::size_t count, bool ordered) const;
+
+  Kernel kernel_;
+  KeySorter sorter_;
+
+  // Resident until replaced.
+  std::size_t splat_count_ = 0;
+  std::vector<dvec3> batch_origins_;
+  Buffer splats_{"splats"};
+  Texture transfer_table_;
+  float value_low_ = 0;
+  float inverse_domain_ = 0;
+
+  // Of the frame.
+  Buffer frame_{"frame"};
+  Buffer origins_{"origins of batches"};
+  Buffer keys_{"sort keys"};
+  Buffer order_{"drawing order"};
+  std::size_t ordered_count_ = 0;      // splats that the order holds
+  std::optional<View> ordered_view_;   // whose order it is; none where splats or colours have changed since
+  Buffer quads_{"quads"};
+  Buffer quad_indices_{"indices of quads"};
+  VertexArray vertex_array_;
+
+  Texture color_;
+  Framebuffer framebuffer_;
+  int width_ = 0;
+  int height_ = 0;
+};
+
+}  // namespace splatvol

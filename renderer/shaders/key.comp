@@ -1,0 +1,13 @@
+// What sorting back to front needs of each splat: a key that falls with the distance, or that it draws nothing.
+layout(local_size_x = 64) in;
+layout(std430, binding = 3) restrict writeonly buffer KeyBlock { uint keys[]; };
+layout(location = 0) uniform uint first;
+layout(location = 1) uniform uint count;
+
+void main() {
+  if (gl_GlobalInvocationID.x >= count) return;
+  uint index = first + gl_GlobalInvocationID.x;
+  Quad quad;
+  float distance_to_eye;
+  keys[index] = project(index, quad, distance_to_eye) ? ~floatBitsToUint(distance_to_eye) : 0xffffffffu;
+}

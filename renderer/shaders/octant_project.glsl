@@ -1,0 +1,71 @@
+// The paper's kernel, `octant`: a round Gaussian, at its centre as opaque as a slab of the splat's thickness.
+// (Meredith and Ma 2001, section 3.1.)
+
+struct OctantSplat {
+  float x, y, z;  // relative to the batch's origin, world units
+  float value;
+  float size;
+  uint batch_index;
+};
+
+layout(std430, binding = 0) restrict readonly buffer SplatBlock { OctantSplat splats[]; };
+layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates
+layout(binding = 0) uniform sampler1D transfer_table;                                  // r, g, b, extinction
+
+const float sigma_per_size = 0.4;
+const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
+const float largest_cut = 3.0;                  // sigmas; a square of this half width holds 99.5 % of a Gaussian
+const float faintest_alpha = 1e-5;              // what is fainter is cut: a thousand of them hide 1 %
+const float smallest_sigma = 0.5;               // pixels; a narrower Gaussian slips between the centres of pixels
+const float smallest_float = 1.17549435e-38;
+
+bool is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
+
+// 1 - exp(-depth), by its series where the subtraction would cancel.
+float opacity(float depth) {
+  return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth);
+}
+
+vec4 transfer(float value) {
+  float t = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0);
+  return textureLod(transfer_table, t * frame.table_coordinate.x + frame.table_coordinate.y, 0.0);
+}
+
+// Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
+bool project(uint index, out Quad quad, out float distance_to_eye) {
+  OctantSplat splat = splats[index];
+  if (is_nan(splat.value) || !(splat.size > 0.0)) return false;
+
+  vec3 centre = origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
+  bool orthographic = frame.orthographic != 0.0;
+  distance_to_eye = orthographic ? centre.z : length(centre);
+  if (!(centre.z > 0.0)) return false;
+
+  vec4 material = transfer(splat.value);
+  float alpha = opacity(material.a * splat.size);
+
+  // A splat too small for the raster spreads the same light over more of it.
+  float pixel_size = max((orthographic ? 1.0 : centre.z) / frame.focal, smallest_float);
+  float true_sigma = sigma_per_size * splat.size;
+  float sigma = max(true_sigma, smallest_sigma * pixel_size);
+  alpha *= (true_sigma / sigma) * (true_sigma / sigma);
+  if (!(alpha > faintest_alpha)) return false;
+
+  // The pixels whose centres lie inside the square. Next to the eye its bounds are infinite, until they are clamped.
+  vec2 middle = 0.5 * frame.image_size;
+  float cut = sigma * min(largest_cut, sqrt(2.0 * log(alpha / faintest_alpha)));
+  vec2 low = (centre.xy - cut) / pixel_size + middle;
+  vec2 high = (centre.xy + cut) / pixel_size + middle;
+  if (!(all(lessThan(low, frame.image_size)) && all(greaterThan(high, vec2(0.0))))) return false;
+  uvec2 first = uvec2(ceil(clamp(low, vec2(0.0), frame.image_size) - 0.5));
+  uvec2 end = uvec2(ceil(clamp(high, vec2(0.0), frame.image_size) - 0.5));
+  if (any(greaterThanEqual(first, end))) return false;
+
+  float half_width = half_width_per_sigma * sigma;
+  quad.color = vec4(material.rgb * alpha, alpha);
+  quad.corner = ((vec2(first) - middle) * pixel_size - centre.xy) / half_width;
+  quad.pixel = pixel_size / half_width;
+  quad.columns = first.x | end.x << 16;
+  quad.rows = first.y | end.y << 16;
+  return true;
+}

@@ -1,0 +1,217 @@
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/file.h"
+#include "scene/scene.h"
+
+namespace splatvol {
+namespace {
+
+using nlohmann::json;
+
+constexpr int largest_image_side = 16384;
+
+/// A value of the file together with its place, so that every complaint names the field.
+class Field {
+ public:
+  Field(const json& value, std::string path) : value_(value), path_(std::move(path)) {}
+
+  template <class... Args>
+  tl::unexpected<Error> wrong(fmt::format_string<Args...> format, Args&&... args) const {
+    return fail(ErrorCode::invalid_data, "{}: {}", path_, fmt::format(format, std::forward<Args>(args)...));
+  }
+
+  bool has(const char* name) const { return value_.is_object() && value_.contains(name); }
+
+  Result<Field> member(const char* name) const {
+    if (!value_.is_object()) return wrong("not an object");
+    const std::string path = path_.empty() ? name : path_ + "." + name;
+    if (!value_.contains(name)) return fail(ErrorCode::invalid_data, "{}: missing", path);
+    return Field(value_.at(name), path);
+  }
+
+  std::size_t size() const { return value_.is_array() ? value_.size() : 0; }
+  Field element(std::size_t i) const { return {value_.at(i), fmt::format("{}[{}]", path_, i)}; }
+
+  Result<double> number() const {
+    if (!value_.is_number()) return wrong("not a number");
+    const double number = value_.get<double>();
+    if (!std::isfinite(number)) return wrong("not finite");
+    return number;
+  }
+
+  Result<std::vector<double>> numbers(std::size_t count) const {
+    if (!value_.is_array() || value_.size() != count) return wrong("not a list of {} numbers", count);
+    std::vector<double> list;
+    for (std::size_t i = 0; i < count; ++i) {
+      SPLATVOL_TRY_ASSIGN(number, element(i).number());
+      list.push_back(number);
+    }
+    return list;
+  }
+
+  Result<dvec3> vector() const {
+    SPLATVOL_TRY_ASSIGN(list, numbers(3));
+    return dvec3(list[0], list[1], list[2]);
+  }
+
+  Result<std::string> text() const {
+    if (!value_.is_string()) return wrong("not a string");
+    return value_.get<std::string>();
+  }
+
+  Result<bool> truth() const {
+    if (!value_.is_boolean()) return wrong("neither true nor false");
+    return value_.get<bool>();
+  }
+
+  Result<int> image_side() const {
+    SPLATVOL_TRY_ASSIGN(side, number());
+    if (side != std::floor(side) || side < 1 || side > largest_image_side)
+      return wrong("not a whole number from 1 to {}", largest_image_side);
+    return static_cast<int>(side);
+  }
+
+ private:
+  const json& value_;
+  std::string path_;
+};
+
+Result<dvec3> vector_at(const Field& parent, const char* name) {
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  return field.vector();
+}
+
+Result<dvec3> color_at(const Field& parent, const char* name) {
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  SPLATVOL_TRY_ASSIGN(rgb, field.vector());
+  if (rgb.r < 0 || rgb.g < 0 || rgb.b < 0) return field.wrong("negative colour");
+  return rgb;
+}
+
+Status read_projection(const Field& field, Camera& camera) {
+  if (field.has("projection")) {
+    SPLATVOL_TRY_ASSIGN(projection, field.member("projection"));
+    SPLATVOL_TRY_ASSIGN(name, projection.text());
+    if (name != "perspective" && name != "orthographic")
+      return projection.wrong("'{}' is neither perspective nor orthographic", name);
+    if (name == "orthographic") camera.projection = Camera::Projection::orthographic;
+  }
+  if (camera.projection == Camera::Projection::orthographic) {
+    SPLATVOL_TRY_ASSIGN(height, field.member("parallel_height"));
+    SPLATVOL_TRY_ASSIGN(world_units, height.number());
+    if (world_units <= 0) return height.wrong("not above 0");
+    camera.parallel_height = world_units;
+    return {};
+  }
+  SPLATVOL_TRY_ASSIGN(angle, field.member("vertical_fov_degrees"));
+  SPLATVOL_TRY_ASSIGN(degrees, angle.number());
+  if (degrees <= 0 || degrees >= 180) return angle.wrong("not between 0 and 180");
+  camera.vertical_fov_degrees = degrees;
+  return {};
+}
+
+Result<Camera> read_camera(const Field& scene) {
+  SPLATVOL_TRY_ASSIGN(field, scene.member("camera"));
+  Camera camera;
+  SPLATVOL_TRY_ASSIGN(position, vector_at(field, "position"));
+  SPLATVOL_TRY_ASSIGN(focal_point, vector_at(field, "focal_point"));
+  SPLATVOL_TRY_ASSIGN(up, vector_at(field, "up"));
+  camera.position = position;
+  camera.focal_point = focal_point;
+  camera.up = up;
+  SPLATVOL_TRY(read_projection(field, camera));
+  return camera;
+}
+
+Status read_size(const Field& scene, int& width, int& height) {
+  SPLATVOL_TRY_ASSIGN(image, scene.member("image"));
+  SPLATVOL_TRY_ASSIGN(width_field, image.member("width"));
+  SPLATVOL_TRY_ASSIGN(height_field, image.member("height"));
+  SPLATVOL_TRY_ASSIGN(columns, width_field.image_side());
+  SPLATVOL_TRY_ASSIGN(rows, height_field.image_side());
+  width = columns;
+  height = rows;
+  return {};
+}
+
+/// The control points of one curve: rows of t and `channels` values that are not negative.
+Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const char* name, std::size_t channels) {
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  if (field.size() == 0) return field.wrong("not a list of control points");
+  std::vector<std::vector<double>> rows;
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    const Field point = field.element(i);
+    SPLATVOL_TRY_ASSIGN(row, point.numbers(1 + channels));
+    if (row[0] < 0 || row[0] > 1) return point.wrong("t = {} is outside [0, 1]", row[0]);
+    if (!rows.empty() && row[0] < rows.back()[0]) return point.wrong("t = {} is below the one before", row[0]);
+    for (std::size_t channel = 1; channel <= channels; ++channel)
+      if (row[channel] < 0) return point.wrong("{} is negative", row[channel]);
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+Result<TransferFunction> read_transfer_function(const Field& scene) {
+  SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
+  SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
+  SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
+  if (!(domain[0] < domain[1]) || !std::isfinite(domain[1] - domain[0]))
+    return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
+
+  TransferFunction function;
+  function.lo = domain[0];
+  function.hi = domain[1];
+  SPLATVOL_TRY_ASSIGN(colors, read_curve(field, "colors", 3));
+  SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
+  for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
+  for (const auto& row : densities) function.densities.push_back({row[0], row[1]});
+  return function;
+}
+
+Result<Scene> read_scene(const json& document) {
+  if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
+  const Field field(document, "");
+  Scene scene;
+  SPLATVOL_TRY_ASSIGN(camera, read_camera(field));
+  scene.camera = camera;
+  SPLATVOL_TRY(read_size(field, scene.width, scene.height));
+  SPLATVOL_TRY(make_view(scene.camera, scene.width, scene.height));
+
+  SPLATVOL_TRY_ASSIGN(attribute, field.member("attribute"));
+  SPLATVOL_TRY_ASSIGN(name, attribute.text());
+  if (name.empty()) return attribute.wrong("empty");
+  scene.attribute = name;
+  SPLATVOL_TRY_ASSIGN(transfer_function, read_transfer_function(field));
+  scene.transfer_function = std::move(transfer_function);
+
+  if (field.has("background")) {
+    SPLATVOL_TRY_ASSIGN(background, color_at(field, "background"));
+    scene.background = background;
+  }
+  if (field.has("lighting")) {
+    SPLATVOL_TRY_ASSIGN(lighting_field, field.member("lighting"));
+    SPLATVOL_TRY_ASSIGN(lighting, lighting_field.truth());
+    scene.lighting = lighting;
+  }
+  return scene;
+}
+
+}  // namespace
+
+Result<Scene> parse_scene(const std::string& text) try {
+  return read_scene(json::parse(text));
+} catch (const json::exception& error) {
+  return fail(ErrorCode::invalid_data, "not JSON: {}", error.what());
+} catch (const std::exception& error) {
+  return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
+}
+
+Result<Scene> load_scene(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
+  auto scene = parse_scene(text);
+  if (!scene) return fail_in(path, scene.error());
+  return scene;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,46 @@
+#include <cmath>
+#include <numbers>
+
+#include "scene/scene.h"
+
+namespace splatvol {
+namespace {
+
+/// Sine of the smallest angle between up and the line of sight that still gives a frame.
+constexpr double smallest_tilt = 1e-9;
+
+bool is_finite(dvec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+
+}  // namespace
+
+Result<View> make_view(const Camera& camera, int width, int height) {
+  if (width < 1 || height < 1) return fail(ErrorCode::invalid_argument, "image: {} x {} pixels", width, height);
+
+  const dvec3 sight = camera.focal_point - camera.position;
+  const double distance = glm::length(sight);
+  if (!std::isfinite(distance))
+    return fail(ErrorCode::invalid_argument, "camera.focal_point: too far from the position");
+  if (distance == 0) return fail(ErrorCode::invalid_argument, "camera.focal_point: equals the position");
+  if (!is_finite(camera.up) || glm::length(camera.up) == 0)
+    return fail(ErrorCode::invalid_argument, "camera.up: has no direction");
+
+  View view;
+  view.eye = camera.position;
+  view.forward = sight / distance;
+  const dvec3 across = glm::cross(view.forward, glm::normalize(camera.up));
+  if (!(glm::length(across) > smallest_tilt))
+    return fail(ErrorCode::invalid_argument, "camera.up: lies along the line of sight");
+  view.right = glm::normalize(across);
+  view.up = glm::cross(view.right, view.forward);
+
+  view.orthographic = camera.projection == Camera::Projection::orthographic;
+  const double half_angle = camera.vertical_fov_degrees * std::numbers::pi / 360;
+  view.focal = view.orthographic ? height / camera.parallel_height : 0.5 * height / std::tan(half_angle);
+  if (!std::isfinite(view.focal) || view.focal <= 0)
+    return fail(ErrorCode::invalid_argument, "camera: the field of view is empty");
+  view.width = width;
+  view.height = height;
+  return view;
+}
+
+}  // namespace splatvol

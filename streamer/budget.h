@@ -1,0 +1,54 @@
+// Memory as something that is granted: nothing is held without a reservation.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+
+namespace splatvol {
+
+class MemoryBudget;
+
+/// Bytes of a budget, given back on destruction. Must not outlive its budget.
+class Reservation {
+ public:
+  Reservation() = default;
+  Reservation(Reservation&& other) noexcept;
+  Reservation& operator=(Reservation&& other) noexcept;
+  ~Reservation();
+
+  [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+
+ private:
+  friend class MemoryBudget;
+  Reservation(MemoryBudget* budget, std::uint64_t bytes) : budget_(budget), bytes_(bytes) {}
+
+  MemoryBudget* budget_ = nullptr;
+  std::uint64_t bytes_ = 0;
+};
+
+/// A number of bytes that is never exceeded. Thread-safe.
+class MemoryBudget {
+ public:
+  explicit MemoryBudget(std::uint64_t capacity) : capacity_(capacity) {}
+  MemoryBudget(const MemoryBudget&) = delete;
+  MemoryBudget& operator=(const MemoryBudget&) = delete;
+
+  /// Takes bytes; nullopt, and nothing taken, where they would not fit.
+  [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
+
+  [[nodiscard]] std::uint64_t capacity() const { return capacity_; }
+  [[nodiscard]] std::uint64_t used() const { return used_; }
+
+  /// The most that was ever in use at once.
+  [[nodiscard]] std::uint64_t peak() const { return peak_; }
+
+ private:
+  friend class Reservation;
+
+  const std::uint64_t capacity_;
+  std::atomic<std::uint64_t> used_ = 0;
+  std::atomic<std::uint64_t> peak_ = 0;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,47 @@
+#include "streamer/cache.h"
+
+#include <iterator>
+
+namespace splatvol {
+
+Cache::Pointer Cache::find(const CacheKey& key) {
+  const auto found = places_.find(key);
+  if (found == places_.end()) return nullptr;
+  uses_.splice(uses_.begin(), uses_, found->second.use);
+  return data_of(found->second.entry);
+}
+
+Cache::Pointer Cache::insert(const CacheKey& key, CacheData data, Reservation reservation) {
+  if (Pointer held = find(key)) return held;
+  auto entry = std::make_shared<const Entry>(std::move(data), std::move(reservation));
+  uses_.push_front(key);
+  places_.emplace(key, Place{entry, uses_.begin()});
+  return data_of(entry);
+}
+
+std::optional<Reservation> Cache::reserve(std::uint64_t bytes) {
+  if (bytes > budget_.capacity()) return std::nullopt;
+  for (;;) {
+    if (auto reservation = budget_.reserve(bytes)) return reservation;
+    if (!drop_oldest()) return std::nullopt;
+  }
+}
+
+void Cache::clear() {
+  while (drop_oldest()) {
+  }
+}
+
+bool Cache::drop_oldest() {
+  for (auto use = uses_.end(); use != uses_.begin();) {
+    --use;
+    const auto place = places_.find(*use);
+    if (place->second.entry.use_count() > 1) continue;
+    places_.erase(place);
+    uses_.erase(use);
+    return true;
+  }
+  return false;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,91 @@
+// The view-dependent cut (Meredith and Ma 2001, section 3.3): which node is drawn, and at which resolution.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/octree.h"
+#include "format/volume_info.h"
+#include "scene/scene.h"
+#include "streamer/visibility.h"
+
+namespace splatvol {
+
+struct CutOptions {
+  /// The largest share of the image's shorter side that one splat's size may cover, in percent. 0: all points;
+  /// infinity: the coarsest.
+  double tolerance_percent = 1;
+
+  /// Draw everything at this resolution, whatever the tolerance.
+  std::optional<std::size_t> resolution;
+
+  /// A node that would draw more splats than this is compared with its descendants, whose part nearest to the eye may
+  /// need the detail alone. At 0, of all valid cuts within the tolerance the one with the fewest splats is found, as far
+  /// as no node is better drawn whole at its first resolution.
+  std::uint64_t compare_above = 512;
+
+  /// Give up where the splats and their cut would take more memory than this.
+  std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();
+};
+
+/// Positions [begin, begin + count) of the point array.
+struct PointRange {
+  std::uint64_t begin = 0;
+  std::uint64_t count = 0;
+
+  [[nodiscard]] bool operator==(const PointRange&) const = default;
+};
+
+/// A node to be drawn.
+struct CutItem {
+  Cube cell;
+  std::uint64_t first_range;  // index into Cut::ranges: one for each segment 0 to resolution
+  std::uint32_t resolution;
+};
+
+/// Nodes and resolutions chosen for a view, back to front: no item hides one that comes after it.
+struct Cut {
+  std::vector<CutItem> items;
+  std::vector<PointRange> ranges;
+  std::uint64_t splats = 0;
+
+  [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
+    return std::span(ranges).subspan(item.first_range, item.resolution + 1);
+  }
+
+  [[nodiscard]] std::uint64_t memory_bytes() const { return items.size() * sizeof(CutItem) + ranges.size() * sizeof(PointRange); }
+
+  /// Whether both draw the same points in the same order.
+  [[nodiscard]] bool operator==(const Cut& other) const;
+};
+
+/// Where the cut gets index pages from.
+class IndexPages {
+ public:
+  virtual ~IndexPages() = default;
+
+  /// The page of the root node.
+  [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> root() = 0;
+
+  /// The page that holds the children of `node`. Requires page.links[node] != IndexPage::no_node.
+  [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page, std::uint32_t node) = 0;
+};
+
+/// Chooses the cut from the index alone.
+///
+/// From the root down: nodes outside of the view or without anything visible in them are left out; a node is drawn at
+/// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are asked;
+/// a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
+/// node that reaches the eye's plane satisfies no tolerance but infinity.
+/// Fails with out_of_budget past max_bytes, with invalid_data where the tree is deeper than the format allows, and
+/// with unsupported where the file has no sizes for the octant kernel.
+[[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
+                                     const ValueVisibility& visibility, const CutOptions& options);
+
+}  // namespace splatvol

@@ -1,0 +1,38 @@
+#include "streamer/frustum.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "streamer/splat.h"
+
+namespace splatvol {
+
+Frustum::Frustum(const View& view) : view_(view) {
+  // In perspective the sides pass through the eye, |x| f <= z width / 2; parallel rays keep their distance from it.
+  const auto side = [&](const dvec3& inwards, int pixels) -> Plane {
+    const double half = 0.5 * pixels + octant_smallest_reach_pixels;
+    if (view.orthographic) return {inwards, half / view.focal};
+    return {glm::normalize(view.focal * inwards + half * view.forward), 0};
+  };
+  planes_ = {side(view.right, view.width), side(-view.right, view.width), side(view.up, view.height), side(-view.up, view.height),
+             Plane{view.forward, 0}};
+}
+
+double Frustum::farthest(const Plane& plane, const Cube& cell) const {
+  const double half = 0.5 * cell.edge;
+  const dvec3 centre = cell.origin + half - view_.eye;
+  return plane.offset + glm::dot(plane.normal, centre) + half * glm::dot(glm::abs(plane.normal), dvec3(1));
+}
+
+bool Frustum::touches(const Cube& cell, double reach) const {
+  return std::ranges::all_of(planes_, [&](const Plane& plane) { return farthest(plane, cell) + reach > 0; });
+}
+
+double Frustum::nearest_depth(const Cube& cell) const { return -farthest({-view_.forward, 0}, cell); }
+
+double Frustum::covered_percent(double length, double depth) const {
+  const double pixels_per_length = view_.orthographic ? view_.focal : depth > 0 ? view_.focal / depth : std::numeric_limits<double>::infinity();
+  return 100 * length * pixels_per_length / std::min(view_.width, view_.height);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,38 @@
+// Cells against what a camera sees.
+#pragma once
+
+#include <array>
+
+#include "base/math.h"
+#include "scene/scene.h"
+
+namespace splatvol {
+
+/// The part of space in front of the eye that projects into the image, or not farther outside of it than a splat that
+/// the raster widens to its smallest size reaches.
+class Frustum {
+ public:
+  explicit Frustum(const View& view);
+
+  /// Whether a ball of radius `reach` around any point of the cell may touch the frustum; never wrongly false.
+  [[nodiscard]] bool touches(const Cube& cell, double reach) const;
+
+  /// Least view depth of the cell; 0 or less where it reaches the eye's plane.
+  [[nodiscard]] double nearest_depth(const Cube& cell) const;
+
+  /// How much of the image's shorter side a length covers at a view depth, in percent. Infinite in perspective at the
+  /// eye's plane and behind it.
+  [[nodiscard]] double covered_percent(double length, double depth) const;
+
+ private:
+  struct Plane {
+    dvec3 normal;   // inwards, length 1
+    double offset;  // signed distance of the eye
+  };
+  [[nodiscard]] double farthest(const Plane& plane, const Cube& cell) const;
+
+  View view_;
+  std::array<Plane, 5> planes_;
+};
+
+}  // namespace splatvol

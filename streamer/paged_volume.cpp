@@ -1,0 +1,53 @@
+#include "streamer/paged_volume.h"
+
+#include <algorithm>
+
+namespace splatvol {
+
+using format::DirectoryPage;
+using format::IndexPage;
+
+// How large a page is in memory shows only when it is unpacked; until then its packed bytes stand for it.
+template <class Page, class Read>
+Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_t packed_bytes, Read read) {
+  const auto typed = [](const Cache::Pointer& held) { return std::shared_ptr<const Page>(held, &std::get<Page>(*held)); };
+  if (const Cache::Pointer held = cache_.find(key)) return typed(held);
+  const auto too_large = [&](std::uint64_t bytes) {
+    return fail(ErrorCode::out_of_budget, "{}: no memory for a page of {} bytes", volume_.name(), bytes);
+  };
+  auto reservation = cache_.reserve(packed_bytes);
+  if (!reservation) return too_large(packed_bytes);
+  SPLATVOL_TRY_ASSIGN(fetched, read());
+  const std::uint64_t bytes = fetched.memory_bytes();
+  reservation.reset();
+  reservation = cache_.reserve(bytes);
+  if (!reservation) return too_large(bytes);
+  return typed(cache_.insert(key, std::move(fetched), std::move(*reservation)));
+}
+
+Result<std::shared_ptr<const IndexPage>> PagedVolume::root() {
+  return page<IndexPage>({CacheKey::Kind::index_root, 0}, 0, [&] { return volume_.read_index_root(attribute_); });
+}
+
+Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& parent, std::uint32_t node) {
+  const format::IndexPageRef& ref = parent.pages[parent.links[node]];
+  return page<IndexPage>({CacheKey::Kind::index_page, ref.offset}, ref.page_bytes, [&] {
+    return volume_.read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
+  });
+}
+
+Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::uint64_t number) {
+  const format::RowLayout& rows = volume_.rows();
+  const std::uint64_t first = number * volume_.info().rows_per_directory_page;
+  const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
+  const std::uint64_t chunks = rows.chunks_before(last) - rows.chunks_before(first);
+  const std::uint64_t bytes = chunks * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+  return page<DirectoryPage>({CacheKey::Kind::directory_page, number}, bytes, [&] { return volume_.read_directory_page(number); });
+}
+
+Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {
+  SPLATVOL_TRY_ASSIGN(page, directory_page(volume_.directory_page_of_row(row)));
+  return volume_.find_chunk(*page, row, column);
+}
+
+}  // namespace splatvol

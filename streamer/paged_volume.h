@@ -1,0 +1,39 @@
+// A volume whose index and directory are paged in on demand, through the cache.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "base/error.h"
+#include "format/volume.h"
+#include "streamer/cache.h"
+#include "streamer/cut.h"
+
+namespace splatvol {
+
+/// One attribute of a volume. Not thread-safe.
+class PagedVolume final : public IndexPages {
+ public:
+  /// `attribute` is an index into volume.info().attributes. Keeps references to both.
+  PagedVolume(const format::Volume& volume, int attribute, Cache& cache) : volume_(volume), attribute_(attribute), cache_(cache) {}
+
+  [[nodiscard]] const format::Volume& volume() const { return volume_; }
+  [[nodiscard]] int attribute() const { return attribute_; }
+
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page, std::uint32_t node) override;
+
+  /// Where a chunk of a row lies; `column` must be one of the row's.
+  [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);
+
+ private:
+  template <class Page, class Read>
+  [[nodiscard]] Result<std::shared_ptr<const Page>> page(CacheKey key, std::uint64_t packed_bytes, Read read);
+  [[nodiscard]] Result<std::shared_ptr<const format::DirectoryPage>> directory_page(std::uint64_t number);
+
+  const format::Volume& volume_;
+  int attribute_;
+  Cache& cache_;
+};
+
+}  // namespace splatvol

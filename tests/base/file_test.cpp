@@ -1,0 +1,359 @@
+#include "base/file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
+
+/// A folder of its own for each test, gone afterwards.
+class FileTest : public testing::Test {
+ protected:
+  FileTest() {
+    std::string name = (fs::temp_directory_path() / "splatvol_file_test.XXXXXX").string();
+    folder_ = ::mkdtemp(name.data());
+  }
+  ~FileTest() override {
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);
+  }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(path(name), std::ios::binary) << text;
+  }
+
+  std::string content(const std::string& name) const {
+    std::ifstream file(path(name), std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+
+  /// Names in the folder, sorted: shows a temporary file that was left behind.
+  std::vector<std::string> names() const {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder_)) names.push_back(entry.path().filename().string());
+    std::ranges::sort(names);
+    return names;
+  }
+
+  fs::path folder_;
+};
+
+using Names = std::vector<std::string>;
+
+void expect_one_line_about(const Error& error, const std::string& path) {
+  EXPECT_EQ(error.code, ErrorCode::io);
+  EXPECT_THAT(error.message, StartsWith(path + ": "));
+  EXPECT_THAT(error.message, Not(HasSubstr("\n")));
+}
+
+// Bytes in.
+
+/// A file and memory with the same ten bytes: both must keep the same contract.
+class ByteSourceTest : public FileTest, public testing::WithParamInterface<bool> {
+ protected:
+  std::unique_ptr<ByteSource> open_digits() {
+    if (!GetParam()) return memory_source(bytes_of(digits_), "memory");
+    write("digits", digits_);
+    return std::move(open_file(path("digits")).value());
+  }
+
+  std::string digits_ = "0123456789";
+};
+
+INSTANTIATE_TEST_SUITE_P(Source, ByteSourceTest, testing::Bool(),
+                         [](const auto& suite) { return suite.param ? "File" : "Memory"; });
+
+TEST_P(ByteSourceTest, ReadsEveryRangeInsideAndNoneThatLeavesIt) {
+  const auto source = open_digits();
+  ASSERT_EQ(source->size(), digits_.size());
+
+  for (std::size_t offset = 0; offset <= digits_.size() + 2; ++offset) {
+    for (std::size_t count = 0; count <= digits_.size() + 2; ++count) {
+      std::string out(count, '?');
+      const Status status = source->read(offset, std::as_writable_bytes(std::span(out)));
+      if (offset + count <= digits_.size()) {
+        ASSERT_TRUE(status) << offset << '+' << count << ": " << status.error().message;
+        EXPECT_EQ(out, digits_.substr(offset, count));
+      } else {
+        ASSERT_FALSE(status) << offset << '+' << count;
+        EXPECT_EQ(status.error().code, ErrorCode::invalid_data);
+        EXPECT_EQ(out, std::string(count, '?')) << "a refused read touched the buffer";
+      }
+    }
+  }
+}
+
+TEST_P(ByteSourceTest, RefusesOffsetsWhoseSumWithTheLengthWraps) {
+  const auto source = open_digits();
+  constexpr auto largest = std::numeric_limits<std::uint64_t>::max();
+  constexpr auto half = std::uint64_t{1} << 63;
+  std::array<std::byte, 8> out{};
+
+  // The bounds check itself must refuse these, before the system sees an offset that is negative as an off_t.
+  for (const std::uint64_t offset : {largest, largest - 1, largest - 7, largest - 8, half, half - 1, half - 8}) {
+    const Status status = source->read(offset, out);
+    ASSERT_FALSE(status) << offset;
+    EXPECT_EQ(status.error().code, ErrorCode::invalid_data) << offset;
+  }
+  EXPECT_FALSE(source->read(largest, {}));
+}
+
+TEST_P(ByteSourceTest, NamesItselfInErrors) {
+  const auto source = open_digits();
+  std::array<std::byte, 4> out{};
+  const Status status = source->read(8, out);
+  ASSERT_FALSE(status);
+  EXPECT_THAT(status.error().message, StartsWith(source->name() + ": "));
+  EXPECT_THAT(status.error().message, HasSubstr("4 bytes at 8"));
+}
+
+TEST_F(FileTest, FileThatShrinksWhileOpenIsAnError) {
+  write("shrinking", std::string(100, 'x'));
+  const auto source = open_file(path("shrinking")).value();
+  std::filesystem::resize_file(path("shrinking"), 60);
+
+  std::array<std::byte, 50> out{};
+  EXPECT_TRUE(source->read(10, out));
+  const Status status = source->read(50, out);
+  ASSERT_FALSE(status);
+  expect_one_line_about(status.error(), path("shrinking"));
+}
+
+TEST_F(FileTest, OpenRefusesWhatIsNoRegularFile) {
+  const auto missing = open_file(path("missing"));
+  ASSERT_FALSE(missing);
+  expect_one_line_about(missing.error(), path("missing"));
+  EXPECT_THAT(missing.error().message, HasSubstr("No such file"));
+
+  const auto folder = open_file(folder_.string());
+  ASSERT_FALSE(folder);
+  expect_one_line_about(folder.error(), folder_.string());
+}
+
+TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
+  const std::string text("a\0b\r\n\xff", 6);
+  write("text", text);
+  EXPECT_EQ(read_text_file(path("text")).value(), text);
+  write("empty", "");
+  EXPECT_EQ(read_text_file(path("empty")).value(), "");
+  EXPECT_FALSE(read_text_file(path("missing")));
+}
+
+// Bytes out.
+
+TEST_F(FileTest, NothingStandsAtThePathBeforeCommit) {
+  auto file = AtomicFile::create(path("new")).value();
+  ASSERT_TRUE(file.append(bytes_of("whole")));
+  EXPECT_FALSE(fs::exists(path("new")));
+  EXPECT_EQ(fs::path(file.temporary_path()).parent_path(), folder_) << "a rename works within a file system only";
+
+  ASSERT_TRUE(file.commit());
+  EXPECT_EQ(content("new"), "whole");
+  EXPECT_EQ(names(), Names{"new"});
+}
+
+TEST_F(FileTest, CommitReplacesAnOldFile) {
+  write("old", "much longer than the new content");
+  auto file = AtomicFile::create(path("old")).value();
+  ASSERT_TRUE(file.append(bytes_of("short")));
+  EXPECT_EQ(content("old"), "much longer than the new content");
+  ASSERT_TRUE(file.commit());
+  EXPECT_EQ(content("old"), "short");
+}
+
+TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
+  write("old", "old");
+  {
+    auto file = AtomicFile::create(path("old")).value();
+    ASSERT_TRUE(file.append(bytes_of("new")));
+  }
+  EXPECT_EQ(content("old"), "old");
+  EXPECT_EQ(names(), Names{"old"});
+}
+
+/// Lets writes past `limit` bytes of a file fail, as on a full disk.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t limit) {
+    ::getrlimit(RLIMIT_FSIZE, &old_);
+    old_handler_ = std::signal(SIGXFSZ, SIG_IGN);
+    const rlimit lowered{limit, old_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &lowered);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &old_);
+    std::signal(SIGXFSZ, old_handler_);
+  }
+
+ private:
+  rlimit old_{};
+  void (*old_handler_)(int) = SIG_DFL;
+};
+
+TEST_F(FileTest, FailedWriteLeavesTheOldFile) {
+  write("old", "old");
+  {
+    auto file = AtomicFile::create(path("old")).value();
+    const FileSizeLimit limit(1000);
+    EXPECT_TRUE(file.append(bytes_of(std::string(900, 'x'))));
+
+    // 100 of these bytes still fit: a partial write must not count as done.
+    const Status status = file.append(bytes_of(std::string(900, 'y')));
+    ASSERT_FALSE(status);
+    expect_one_line_about(status.error(), path("old"));
+    EXPECT_EQ(file.position(), 900U);
+  }
+  EXPECT_EQ(content("old"), "old");
+  EXPECT_EQ(names(), Names{"old"});
+}
+
+TEST_F(FileTest, FailedCommitLeavesTheOldContent) {
+  fs::create_directory(path("taken"));
+  write("taken/inside", "old");
+  {
+    auto file = AtomicFile::create(path("taken")).value();
+    ASSERT_TRUE(file.append(bytes_of("new")));
+    const Status status = file.commit();
+    ASSERT_FALSE(status);
+    expect_one_line_about(status.error(), path("taken"));
+  }
+  EXPECT_EQ(content("taken/inside"), "old");
+  EXPECT_EQ(names(), Names{"taken"});
+}
+
+TEST_F(FileTest, WriteAtPatchesWithoutMovingTheEnd) {
+  auto file = AtomicFile::create(path("patched")).value();
+  ASSERT_TRUE(file.append(bytes_of("____5678")));
+  ASSERT_TRUE(file.write_at(0, bytes_of("1234")));
+  EXPECT_EQ(file.position(), 8U);
+  ASSERT_TRUE(file.append(bytes_of("9")));
+  ASSERT_TRUE(file.commit());
+  EXPECT_EQ(content("patched"), "123456789");
+}
+
+TEST_F(FileTest, HolesReadAsZeros) {
+  auto file = AtomicFile::create(path("holed")).value();
+  file.seek(4);
+  ASSERT_TRUE(file.append(bytes_of("end")));
+  ASSERT_TRUE(file.commit());
+  EXPECT_EQ(content("holed"), std::string("\0\0\0\0end", 7));
+}
+
+TEST_F(FileTest, WriteAtRefusesOffsetsThatNoFileHas) {
+  auto file = AtomicFile::create(path("far")).value();
+  EXPECT_FALSE(file.write_at(std::numeric_limits<std::uint64_t>::max(), bytes_of("x")));
+  EXPECT_FALSE(file.write_at(std::uint64_t{1} << 63, bytes_of("x")));
+}
+
+TEST_F(FileTest, MovedFileIsCommittedOnce) {
+  {
+    auto first = AtomicFile::create(path("moved")).value();
+    ASSERT_TRUE(first.append(bytes_of("one ")));
+    AtomicFile second = std::move(first);
+    ASSERT_TRUE(second.append(bytes_of("two")));
+    ASSERT_TRUE(second.commit());
+  }
+  EXPECT_EQ(content("moved"), "one two");
+  EXPECT_EQ(names(), Names{"moved"});
+}
+
+TEST_F(FileTest, CommitGivesTheDescriptorBack) {
+  write("digits", "0123456789");
+  std::unique_ptr<ByteSource> source;
+  {
+    auto file = AtomicFile::create(path("committed")).value();
+    ASSERT_TRUE(file.commit());
+    source = open_file(path("digits")).value();
+  }
+  // Closed a second time, the number that the source has by now would be gone.
+  std::array<std::byte, 4> out{};
+  EXPECT_TRUE(source->read(0, out));
+}
+
+TEST_F(FileTest, PermissionsFollowTheUmask) {
+  const mode_t old_mask = ::umask(0);
+  for (const mode_t mask : {0000U, 0022U, 0027U, 0077U}) {
+    ::umask(mask);
+    auto file = AtomicFile::create(path("permitted")).value();
+    EXPECT_TRUE(file.commit());
+    EXPECT_EQ(::umask(mask), mask) << "create changed the umask";
+
+    struct stat status {};
+    EXPECT_EQ(::stat(path("permitted").c_str(), &status), 0);
+    EXPECT_EQ(status.st_mode & 07777U, 0666U & ~mask);
+  }
+  ::umask(old_mask);
+}
+
+TEST_F(FileTest, CreateRefusesAFolderThatIsNone) {
+  write("file", "");
+  for (const std::string& target : {path("missing/new"), path("file/new")}) {
+    const auto file = AtomicFile::create(target);
+    ASSERT_FALSE(file);
+    expect_one_line_about(file.error(), target);
+  }
+  EXPECT_EQ(names(), Names{"file"});
+}
+
+/// Drops root's right to write anywhere while it lives; without effect for other users.
+class UnprivilegedUser {
+ public:
+  UnprivilegedUser() : id_(::geteuid()) {
+    if (id_ == 0) dropped_ = ::seteuid(nobody) == 0;
+  }
+  UnprivilegedUser(const UnprivilegedUser&) = delete;
+  UnprivilegedUser& operator=(const UnprivilegedUser&) = delete;
+  ~UnprivilegedUser() {
+    if (dropped_ && ::seteuid(id_) != 0) std::abort();
+  }
+
+  [[nodiscard]] bool privileged() const { return id_ == 0 && !dropped_; }
+
+ private:
+  static constexpr uid_t nobody = 65534;
+  uid_t id_;
+  bool dropped_ = false;
+};
+
+TEST_F(FileTest, CreateRefusesAFolderThatMayNotBeWritten) {
+  const auto locked = fs::perms::owner_read | fs::perms::owner_exec | fs::perms::others_read | fs::perms::others_exec;
+  fs::permissions(folder_, locked);
+  {
+    const UnprivilegedUser user;
+    if (user.privileged()) GTEST_SKIP() << "root cannot become another user here";
+    const auto file = AtomicFile::create(path("new"));
+    ASSERT_FALSE(file);
+    expect_one_line_about(file.error(), path("new"));
+    EXPECT_THAT(file.error().message, HasSubstr("Permission denied"));
+  }
+  fs::permissions(folder_, fs::perms::owner_all);
+  EXPECT_EQ(names(), Names{});
+}
+
+}  // namespace
+}  // namespace splatvol

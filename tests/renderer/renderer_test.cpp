@@ -1,0 +1,531 @@
+#include "renderer/renderer.h"
+
+#include <epoxy/gl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+#include "shared_context.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
+constexpr float infinity = std::numeric_limits<float>::infinity();
+
+/// Values 0, 1, 2, 3 are red, green, blue, white; extinction rises from 0 at value -1 to `extinction` at 0 and stays.
+TransferFunction four_colors(double extinction) {
+  TransferFunction function;
+  function.lo = -1;
+  function.hi = 3;
+  function.colors = {{0, {1, 0, 0}}, {0.25, {1, 0, 0}}, {0.5, {0, 1, 0}}, {0.75, {0, 0, 1}}, {1, {1, 1, 1}}};
+  function.densities = {{0, 0}, {0.25, extinction}, {1, extinction}};
+  return function;
+}
+
+/// The eye at `eye`, looking along -z, y up: a world point p has view coordinates (p.x, p.y, -p.z) from the eye.
+View look(int width, int height, Camera camera) {
+  camera.focal_point = camera.position - dvec3(0, 0, 1);
+  return make_view(camera, width, height).value();
+}
+
+/// A world unit is a pixel.
+View orthographic_view(int width, int height, dvec3 eye = dvec3(0)) {
+  Camera camera;
+  camera.projection = Camera::Projection::orthographic;
+  camera.parallel_height = height;
+  camera.position = eye;
+  return look(width, height, camera);
+}
+
+View perspective_view(int width, int height, dvec3 eye = dvec3(0)) {
+  Camera camera;
+  camera.vertical_fov_degrees = 40;
+  camera.position = eye;
+  return look(width, height, camera);
+}
+
+double total_alpha(const Image& image) {
+  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0,
+                         [](double sum, const vec4& pixel) { return sum + pixel.a; });
+}
+
+/// Every channel finite, alpha at most 1, no colour brighter than its alpha.
+void expect_sane(const Image& image) {
+  for (const vec4& pixel : image.pixels) {
+    ASSERT_GE(pixel.a, 0);
+    ASSERT_LE(pixel.a, 1);
+    for (int channel = 0; channel < 3; ++channel) {
+      ASSERT_GE(pixel[channel], 0);
+      ASSERT_LE(pixel[channel], pixel.a + 1e-6F);
+    }
+  }
+}
+
+double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+
+/// The picture by its definition, in double precision: every splat over every pixel of its square.
+Image composite(std::vector<OctantSplat> splats, dvec3 origin, const View& view, const TransferFunction& function) {
+  const auto place = [&](const OctantSplat& splat) { return view.to_view(origin + dvec3(splat.position)); };
+  const auto distance = [&](const OctantSplat& splat) {
+    return view.orthographic ? place(splat).z : glm::length(place(splat));
+  };
+  std::ranges::stable_sort(splats, std::ranges::greater{}, distance);
+
+  Image image{view.width, view.height, std::vector<vec4>(static_cast<std::size_t>(view.width) * view.height)};
+  for (const OctantSplat& splat : splats) {
+    const dvec3 centre = place(splat);
+    const double alpha = 1 - std::exp(-function.extinction(splat.value) * splat.size);
+    if (!(centre.z > 0) || !(alpha > 0)) continue;
+    const double scale = view.focal / (view.orthographic ? 1 : centre.z);
+    const double sigma = 0.4 * splat.size * scale;
+    const dvec3 color = function.color(splat.value);
+    for (int y = 0; y < view.height; ++y) {
+      for (int x = 0; x < view.width; ++x) {
+        const double dx = x + 0.5 - (centre.x * scale + 0.5 * view.width);
+        const double dy = view.height - y - 0.5 - (centre.y * scale + 0.5 * view.height);
+        if (std::max(std::abs(dx), std::abs(dy)) > 3 * sigma) continue;
+        const double a = alpha * std::exp(-(dx * dx + dy * dy) / (2 * sigma * sigma));
+        vec4& pixel = image.at(x, y);
+        pixel = vec4(glm::dvec4(color * a, a) + glm::dvec4(pixel) * (1 - a));
+      }
+    }
+  }
+  return image;
+}
+
+class RendererTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(shared_context());
+    auto made = Renderer::create();
+    ASSERT_TRUE(made) << made.error().message;
+    renderer_ = std::move(*made);
+  }
+
+  /// Draws `splats`, in world coordinates relative to `origin`.
+  Image picture(const std::vector<OctantSplat>& splats, const View& view, const TransferFunction& function,
+                SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
+    const SplatBatch batch{origin, splats};
+    EXPECT_TRUE(renderer_->set_transfer_function(function));
+    EXPECT_TRUE(renderer_->set_splats({&batch, 1}));
+    return redraw(view, sort);
+  }
+
+  /// Draws what is resident.
+  Image redraw(const View& view, SortMode sort = SortMode::exact) {
+    const auto times = renderer_->draw(view, sort);
+    EXPECT_TRUE(times) << times.error().message;
+    auto image = renderer_->read_image();
+    EXPECT_TRUE(image) << image.error().message;
+    return std::move(*image);
+  }
+
+  std::unique_ptr<Renderer> renderer_;
+};
+
+TEST_F(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
+  const double size = 20;
+  for (const double extinction : {1e-4, 0.05, 0.5}) {
+    const Image image = picture({{{0, 0, -10}, 3, static_cast<float>(size)}}, orthographic_view(65, 65),
+                                four_colors(extinction));
+    const double opacity = -std::expm1(-extinction * size);
+    const double sigma = 0.4 * size;
+    for (int x = 0; x < 65; ++x) {
+      const double offset = std::abs(x - 32);
+      const double alpha = offset < 3 * sigma ? opacity * std::exp(-offset * offset / (2 * sigma * sigma)) : 0;
+      EXPECT_NEAR(image.at(x, 32).a, alpha, 2e-5 * opacity + (opacity < 0.01 ? 1e-5 : 0)) << x;
+      EXPECT_NEAR(image.at(32, x).r, alpha, 2e-5 * opacity + (opacity < 0.01 ? 1e-5 : 0)) << x;
+    }
+  }
+}
+
+TEST_F(RendererTest, NothingBeyondTheCut) {
+  const Image image = picture({{{0, 0, -10}, 3, 20}}, orthographic_view(65, 65), four_colors(0.5));
+  EXPECT_GT(image.at(32 + 23, 32).a, 0.005);
+  EXPECT_EQ(image.at(32 + 25, 32).a, 0);
+}
+
+TEST_F(RendererTest, SizeInPerspectiveFallsWithDepth) {
+  const View view = perspective_view(129, 129);
+  for (const float depth : {2.0F, 4.0F, 1000.0F}) {
+    const float size = depth / 20;
+    const Image image = picture({{{0, 0, -depth}, 3, size}}, view, four_colors(1 / size));
+    const double sigma = 0.4 * size * view.focal / depth;
+    const double opacity = 1 - std::exp(-1.0);
+    for (const int offset : {0, 1, 3, 5, 8})
+      EXPECT_NEAR(image.at(64 + offset, 64).a, opacity * std::exp(-offset * offset / (2 * sigma * sigma)), 1e-5);
+  }
+}
+
+TEST_F(RendererTest, UpRightAppearsUpRight) {
+  const Image image = picture({{{10, 20, -10}, 3, 2}}, orthographic_view(65, 65), four_colors(1));
+  EXPECT_NEAR(image.at(32 + 10, 32 - 20).a, 1 - std::exp(-2.0), 1e-5);
+  EXPECT_NEAR(total_alpha(image), image.at(42, 12).a * 2 * std::numbers::pi * 0.64, 0.02);
+}
+
+TEST_F(RendererTest, ControlPointsKeepTheirColors) {
+  const View view = orthographic_view(9, 9);
+  const auto color = [&](float value) {
+    return vec3(picture({{{0, 0, -1}, value, 1e4F}}, view, four_colors(1)).at(4, 4));
+  };
+  EXPECT_LT(glm::distance(color(0), vec3(1, 0, 0)), 1e-3);
+  EXPECT_LT(glm::distance(color(1), vec3(0, 1, 0)), 1e-3);
+  EXPECT_LT(glm::distance(color(2), vec3(0, 0, 1)), 1e-3);
+  EXPECT_LT(glm::distance(color(1.25), vec3(0, 0.75, 0.25)), 1e-3);
+
+  // Clamped outside; exact at the ends, which are entries of the table.
+  EXPECT_EQ(color(3), vec3(1));
+  EXPECT_EQ(color(1e9), vec3(1));
+  EXPECT_EQ(color(infinity), vec3(1));
+  EXPECT_EQ(color(-1), vec3(0));
+  EXPECT_EQ(color(-infinity), vec3(0));
+}
+
+TEST_F(RendererTest, NearOverFarWhateverTheArrayOrder) {
+  const OctantSplat near_red{{0, 0, -5}, 0, 10};
+  const OctantSplat far_blue{{0, 0, -9}, 2, 10};
+  const TransferFunction function = four_colors(0.1);
+  const float a = 1 - std::exp(-1.0F);
+  const vec4 red_over_blue(a, 0, a * (1 - a), 1 - (1 - a) * (1 - a));
+  const vec4 blue_over_red(a * (1 - a), 0, a, red_over_blue.a);
+
+  const View view = orthographic_view(65, 65);
+  EXPECT_LT(glm::distance(picture({near_red, far_blue}, view, function).at(32, 32), red_over_blue), 1e-3);
+  EXPECT_LT(glm::distance(picture({far_blue, near_red}, view, function).at(32, 32), red_over_blue), 1e-3);
+  EXPECT_LT(glm::distance(picture({far_blue, near_red}, view, function, SortMode::none).at(32, 32), red_over_blue),
+            1e-3);
+  EXPECT_LT(glm::distance(picture({near_red, far_blue}, view, function, SortMode::none).at(32, 32), blue_over_red),
+            1e-3);
+}
+
+TEST_F(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
+  const std::vector<OctantSplat> splats{{{0, 0, -10}, 0, 40}, {{8, 0, -9}, 2, 40}};
+  const TransferFunction function = four_colors(0.05);
+  const auto check = [&](const View& view) {
+    EXPECT_LT(rmse(picture(splats, view, function), composite(splats, dvec3(0), view, function)), 1e-4);
+  };
+  check(perspective_view(64, 64));
+  check(orthographic_view(64, 64));
+}
+
+TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
+  std::mt19937 generator(3);
+  std::uniform_real_distribution<float> coordinate(-1, 1);
+  std::vector<OctantSplat> splats(400);
+  for (OctantSplat& splat : splats)
+    splat = {{coordinate(generator), coordinate(generator), 1.5F * coordinate(generator)},
+             1 + 2 * coordinate(generator),
+             0.25F + 0.2F * coordinate(generator)};
+  const TransferFunction function = four_colors(2);
+
+  Camera orthographic;
+  orthographic.projection = Camera::Projection::orthographic;
+  orthographic.parallel_height = 2.5;
+  orthographic.position = {0, 0, 3};
+  for (const View& view : {perspective_view(80, 60, {0.3, 0.2, 4}), look(60, 80, orthographic),
+                           perspective_view(64, 64, {0, 0, 0.2})}) {
+    const Image image = picture(splats, view, function);
+    expect_sane(image);
+    EXPECT_LT(rmse(image, composite(splats, dvec3(0), view, function)), 2e-3);
+  }
+}
+
+TEST_F(RendererTest, BatchesShareOneOrder) {
+  // Splats side by side in depth, dealt out to batches with origins of their own.
+  std::vector<OctantSplat> all;
+  std::array<std::vector<OctantSplat>, 3> parts;
+  const std::array<dvec3, 3> origins{dvec3(5, 0, 0), dvec3(0, -3, 2), dvec3(1, 1, -30)};
+  for (int i = 0; i < 60; ++i) {
+    const dvec3 position(0, 0, -10 - (i * 37) % 60);
+    const float value = static_cast<float>(i % 4);
+    all.push_back({vec3(position), value, 15});
+    parts[i % 3].push_back({vec3(position - origins[i % 3]), value, 15});
+  }
+  const TransferFunction function = four_colors(0.02);
+  const View view = perspective_view(64, 64);
+  const Image expected = picture(all, view, function);
+
+  std::vector<SplatBatch> batches;
+  for (int i = 0; i < 3; ++i) batches.push_back({origins[i], parts[i]});
+  batches.insert(batches.begin() + 1, SplatBatch{dvec3(7), {}});
+  ASSERT_TRUE(renderer_->set_splats(batches));
+  EXPECT_EQ(renderer_->splat_count(), 60U);
+  EXPECT_LT(rmse(redraw(view), expected), 1e-5);
+}
+
+TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
+  const std::vector<OctantSplat> splats{{{0, 0, -5}, 0, 10}, {{0, 0, 5}, 2, 10}};
+  const TransferFunction function = four_colors(0.1);
+  View front = orthographic_view(65, 65, {0, 0, 20});
+  View back = front;
+  back.eye = {0, 0, -20};
+  back.forward = {0, 0, 1};
+  back.right = {-1, 0, 0};
+
+  EXPECT_GT(picture(splats, front, function).at(32, 32).b, 0.6);
+  EXPECT_GT(redraw(back).at(32, 32).r, 0.6);
+  EXPECT_GT(redraw(front).at(32, 32).b, 0.6);
+
+  // A splat hidden by the colours comes back with others.
+  TransferFunction no_red = function;
+  no_red.densities = {{0, 0}, {0.25, 0}, {0.5, 0.1}, {1, 0.1}};
+  ASSERT_TRUE(renderer_->set_transfer_function(no_red));
+  EXPECT_EQ(redraw(front).at(32, 32).r, 0);
+  ASSERT_TRUE(renderer_->set_transfer_function(function));
+  EXPECT_GT(redraw(front).at(32, 32).r, 0.1);
+
+  const std::vector<OctantSplat> swapped{{{0, 0, 5}, 0, 10}, {{0, 0, -5}, 2, 10}};
+  const SplatBatch batch{dvec3(0), swapped};
+  ASSERT_TRUE(renderer_->set_splats({&batch, 1}));
+  EXPECT_GT(redraw(front).at(32, 32).r, 0.6);
+}
+
+TEST_F(RendererTest, AStillViewIsSortedOnce) {
+  const std::vector<OctantSplat> splats(1000, {{0, 0, -5}, 0, 1});
+  const View view = orthographic_view(16, 16);
+  picture(splats, view, four_colors(1));
+  const auto again = renderer_->draw(view, SortMode::exact);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->sort, 0);
+  EXPECT_GT(again->draw, 0);
+}
+
+TEST_F(RendererTest, WhatDrawsNothing) {
+  const View view = perspective_view(32, 32);
+  const std::vector<OctantSplat> nothing{
+      {{0, 0, -5}, nan_value, 1},       // missing
+      {{0, 0, -5}, -1, 1},              // extinction 0
+      {{0, 0, 5}, 0, 100},              // behind the eye, though it would reach before it
+      {{0, 0, 0}, 0, 100},              // the eye at its centre
+      {{3, 0, 0}, 0, 100},              // beside the eye
+      {{0, 0, -5}, 0, 0},               // no size
+      {{0, 0, -5}, 0, -1},              //
+      {{0, 0, -5}, 0, nan_value},       //
+      {{nan_value, 0, -5}, 0, 1},       // nowhere
+      {{0, nan_value, -5}, 0, 1},       //
+      {{0, 0, nan_value}, 0, 1},        //
+      {{infinity, 0, -5}, 0, 1},        //
+      {{0, 0, -infinity}, 0, 1},        //
+      {{500, 0, -5}, 0, 1},             // outside the picture
+      {{0, 0, -5}, 0, 1e-20F},          // too faint for a float
+  };
+  for (const SortMode sort : {SortMode::none, SortMode::exact}) {
+    const Image image = picture(nothing, view, four_colors(1), sort);
+    for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
+
+    // Nor do they disturb one that draws.
+    std::vector<OctantSplat> with_one = nothing;
+    with_one.insert(with_one.begin() + 7, {{0, 0, -5}, 0, 1});
+    EXPECT_EQ(rmse(picture(with_one, view, four_colors(1), sort),
+                   picture({{{0, 0, -5}, 0, 1}}, view, four_colors(1), sort)),
+              0);
+  }
+}
+
+TEST_F(RendererTest, SplatAtTheEyeCoversThePicture) {
+  const View view = perspective_view(32, 32);
+  const float opacity = 1 - std::exp(-1.0F);
+  for (const float depth : {1e-3F, 1e-10F, 1e-30F, 1e-37F}) {
+    const Image image = picture({{{0, 0, -depth}, 0, 1}}, view, four_colors(1));
+    expect_sane(image);
+    for (const vec4& pixel : image.pixels) ASSERT_NEAR(pixel.a, opacity, 1e-4) << depth;
+
+    // Beside the axis it covers all the same, as faint as its Gaussian is that far out.
+    const Image aside = picture({{{0.4F, 0, -depth}, 0, 1}}, view, four_colors(1));
+    expect_sane(aside);
+    EXPECT_NEAR(aside.at(16, 16).a, opacity * std::exp(-0.5), 1e-3) << depth;
+  }
+}
+
+TEST_F(RendererTest, ExtremeSizesStaySane) {
+  std::vector<OctantSplat> splats;
+  for (const float size : {1e-30F, 1e-10F, 1e-3F, 1.0F, 1e5F, 1e18F, 3e38F, infinity})
+    for (const float depth : {1e-30F, 1e-10F, 1.0F, 1e10F, 1e18F, 3e38F})
+      for (const float aside : {0.0F, 1e-3F, 1e10F, 3e38F}) splats.push_back({{aside, -aside, -depth}, 0, size});
+  for (const double extinction : {1e-30, 1.0, 1e30}) {
+    expect_sane(picture(splats, perspective_view(33, 17), four_colors(extinction)));
+    expect_sane(picture(splats, orthographic_view(33, 17), four_colors(extinction)));
+  }
+}
+
+TEST_F(RendererTest, DetailSurvivesFarFromTheOrigin) {
+  std::mt19937 generator(5);
+  std::uniform_real_distribution<float> coordinate(-1, 1);
+  std::vector<OctantSplat> splats(300);
+  for (OctantSplat& splat : splats)
+    splat = {{coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
+  const TransferFunction function = four_colors(5);
+  const Image at_origin = picture(splats, perspective_view(64, 64, {0, 0, 4}), function);
+  ASSERT_GT(total_alpha(at_origin), 100);
+
+  const dvec3 far(1e7, -3e7, 2e7);
+  const Image far_away =
+      picture(splats, perspective_view(64, 64, far + dvec3(0, 0, 4)), function, SortMode::exact, far);
+  EXPECT_LE(rmse(at_origin, far_away), 1e-3);
+}
+
+TEST_F(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
+  std::mt19937 generator(6);
+  std::uniform_real_distribution<float> coordinate(-1, 1);
+  std::vector<OctantSplat> splats(300);
+  for (OctantSplat& splat : splats)
+    splat = {{coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
+  const Image expected = picture(splats, perspective_view(64, 64, {0, 0, 4}), four_colors(5));
+
+  for (const float unit : {1e-6F, 1e6F}) {
+    std::vector<OctantSplat> scaled = splats;
+    for (OctantSplat& splat : scaled) {
+      splat.position *= unit;
+      splat.size *= unit;
+    }
+    const Image image = picture(scaled, perspective_view(64, 64, {0, 0, 4.0 * unit}), four_colors(5.0 / unit));
+    EXPECT_LE(rmse(image, expected), 1e-3) << unit;
+  }
+}
+
+TEST_F(RendererTest, SmallSplatsKeepTheirLight) {
+  std::mt19937 generator(8);
+  std::uniform_real_distribution<double> fraction(0, 1);
+  for (const double sigma : {0.01, 0.1, 0.3, 0.5, 0.8, 2.0}) {
+    // A grid of splats at random places between the pixels' centres, too far apart to overlap.
+    std::vector<OctantSplat> splats;
+    for (int y = 0; y < 32; ++y)
+      for (int x = 0; x < 32; ++x)
+        splats.push_back({vec3(16 * x - 248 + fraction(generator), 16 * y - 248 + fraction(generator), -100), 3,
+                          static_cast<float>(sigma / 0.4)});
+    const double optical_depth = 3;
+    const TransferFunction function = four_colors(optical_depth / (sigma / 0.4));
+    const double expected = 1024 * 2 * std::numbers::pi * sigma * sigma * (1 - std::exp(-optical_depth));
+    EXPECT_NEAR(total_alpha(picture(splats, orthographic_view(512, 512), function)) / expected, 1, 0.02) << sigma;
+  }
+}
+
+TEST_F(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
+  const View view = perspective_view(64, 64);
+  std::mt19937 generator(9);
+  std::uniform_real_distribution<float> coordinate(-2, 2);
+  std::vector<OctantSplat> splats(2000);
+  for (OctantSplat& splat : splats) splat = {{coordinate(generator), coordinate(generator), -10}, 3, 0.01F};
+
+  // Faint, so that overlaps add up.
+  const double sigma = 0.4 * 0.01 * view.focal / 10;
+  const double expected = 2000 * 2 * std::numbers::pi * sigma * sigma * (1 - std::exp(-0.1));
+  ASSERT_LT(sigma, 0.5);
+  EXPECT_NEAR(total_alpha(picture(splats, view, four_colors(10))) / expected, 1, 0.04);
+}
+
+TEST_F(RendererTest, ThinSplatsAddUp) {
+  // A thousand layers of optical depth 1/1000: 8 bits would show nothing, and an alpha cut at 0.001 neither.
+  std::vector<OctantSplat> splats;
+  for (int i = 0; i < 1000; ++i) splats.push_back({{0, 0, -10.0F - static_cast<float>(i)}, 3, 20});
+  const Image image = picture(splats, orthographic_view(65, 65), four_colors(1e-3 / 20));
+  EXPECT_NEAR(image.at(32, 32).a, 1 - std::exp(-1.0), 1e-3);
+  const double sum = total_alpha(image);
+
+  double expected = 0;
+  for (int y = -32; y <= 32; ++y)
+    for (int x = -32; x <= 32; ++x) expected += 1 - std::exp(-std::exp(-(x * x + y * y) / (2 * 64.0)));
+  EXPECT_NEAR(sum / expected, 1, 0.02);
+}
+
+TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
+  ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
+  for (const SortMode sort : {SortMode::none, SortMode::exact}) {
+    for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
+    const SplatBatch empty{dvec3(1), {}};
+    ASSERT_TRUE(renderer_->set_splats({&empty, 1}));
+    for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
+  }
+
+  // Those of before are gone, too.
+  ASSERT_GT(total_alpha(picture({{{0, 0, -1}, 0, 5}}, orthographic_view(20, 10), four_colors(1))), 1);
+  ASSERT_TRUE(renderer_->set_splats({}));
+  EXPECT_EQ(total_alpha(redraw(orthographic_view(20, 10))), 0);
+}
+
+TEST_F(RendererTest, AMillionSplats) {
+  std::mt19937 generator(10);
+  std::uniform_real_distribution<float> coordinate(-1, 1);
+  std::vector<OctantSplat> splats(1'000'000);
+  for (OctantSplat& splat : splats)
+    splat = {{coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.01F};
+  const View view = perspective_view(256, 256, {0, 0, 5});
+  const Image exact = picture(splats, view, four_colors(5));
+  expect_sane(exact);
+  EXPECT_GT(total_alpha(exact), 256 * 256 * 0.2);
+  EXPECT_EQ(renderer_->splat_count(), splats.size());
+
+  // Array order, sorted by the test, is the same picture: the runs in which splats are drawn leave no seam.
+  std::ranges::sort(splats, std::ranges::greater{}, [&](const OctantSplat& splat) {
+    return glm::length(view.to_view(dvec3(splat.position)));
+  });
+  EXPECT_LT(rmse(picture(splats, view, four_colors(5), SortMode::none), exact), 1e-4);
+}
+
+TEST_F(RendererTest, SizesChangeBetweenDraws) {
+  const std::vector<OctantSplat> splats{{{3, 2, -5}, 0, 4}};
+  const Image first = picture(splats, orthographic_view(64, 64), four_colors(1));
+  const Image wide = redraw(orthographic_view(128, 32));
+  EXPECT_EQ(wide.width, 128);
+  EXPECT_EQ(wide.height, 32);
+  EXPECT_EQ(wide.at(64 + 3, 16 - 2), first.at(32 + 3, 32 - 2));
+  EXPECT_EQ(rmse(redraw(orthographic_view(64, 64)), first), 0);
+  EXPECT_EQ(redraw(orthographic_view(1, 1)).pixels.size(), 1U);
+}
+
+TEST_F(RendererTest, RefusesWhatItCannotDraw) {
+  const View view = orthographic_view(8, 8);
+  EXPECT_THAT(renderer_->draw(view, SortMode::none).error().message, HasSubstr("transfer function"));
+  EXPECT_THAT(renderer_->read_image().error().message, HasSubstr("no picture"));
+  EXPECT_FALSE(renderer_->set_transfer_function({}));
+  ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
+
+  for (const int size : {0, -5, 1 << 20}) {
+    View impossible = view;
+    impossible.width = size;
+    const auto times = renderer_->draw(impossible, SortMode::none);
+    ASSERT_FALSE(times);
+    EXPECT_EQ(times.error().code, ErrorCode::invalid_argument);
+  }
+  EXPECT_TRUE(renderer_->draw(view, SortMode::none));
+}
+
+TEST_F(RendererTest, RefusesMoreThanTheDeviceHolds) {
+  GLint64 limit = 0;
+  glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);
+  if (limit > (1 << 28)) GTEST_SKIP() << "this device's limit of " << limit << " bytes is too far to reach in a test";
+
+  // The same splats again and again, to one more than fit.
+  const std::vector<OctantSplat> splats(100'000, {{0, 0, -1}, 0, 1});
+  const auto batches = static_cast<std::size_t>(limit) / (splats.size() * sizeof(OctantRecord)) + 1;
+  const auto status = renderer_->set_splats(std::vector<SplatBatch>(batches, {dvec3(0), splats}));
+  ASSERT_FALSE(status);
+  EXPECT_EQ(status.error().code, ErrorCode::device);
+  EXPECT_THAT(status.error().message, HasSubstr(std::to_string(limit)));
+
+  EXPECT_EQ(renderer_->splat_count(), 0U);
+  EXPECT_GT(total_alpha(picture({{{0, 0, -1}, 0, 5}}, orthographic_view(20, 10), four_colors(1))), 1);
+}
+
+TEST_F(RendererTest, CountsItsMemoryAndKeepsIt) {
+  const std::uint64_t empty = renderer_->gpu_bytes();
+  const std::vector<OctantSplat> splats(1000, {{0, 0, -1}, 0, 1});
+  picture(splats, orthographic_view(100, 50), four_colors(1));
+  const std::uint64_t filled = renderer_->gpu_bytes();
+  EXPECT_GE(filled - empty, 1000 * sizeof(OctantSplat) + 100 * 50 * sizeof(vec4));
+
+  for (int i = 0; i < 3; ++i) picture(splats, orthographic_view(100, 50), four_colors(1));
+  EXPECT_EQ(renderer_->gpu_bytes(), filled);
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,186 @@
+#include "scene/scene.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+namespace splatvol {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+json valid_scene() {
+  return json::parse(R"({
+    "camera": {"position": [1, 2, 3], "focal_point": [0, 0, 0], "up": [0, 1, 0], "vertical_fov_degrees": 40},
+    "image": {"width": 64, "height": 48},
+    "attribute": "p",
+    "transfer_function": {"domain": [-1, 3], "colors": [[0, 0, 0.5, 1], [1, 1, 1, 1]],
+                          "density": [[0, 0], [0.5, 1], [0.5, 4], [1, 2]]}})");
+}
+
+/// The valid scene with the value at a JSON pointer replaced, or removed where there is no value.
+std::string changed(const std::string& pointer, const json& value = json::value_t::discarded) {
+  json scene = valid_scene();
+  if (value.is_discarded())
+    scene = scene.patch({{{"op", "remove"}, {"path", pointer}}});
+  else
+    scene[json::json_pointer(pointer)] = value;
+  return scene.dump();
+}
+
+std::string error_of(const std::string& text) {
+  const auto scene = parse_scene(text);
+  return scene ? "accepted" : scene.error().message;
+}
+
+TEST(ParseScene, ReadsEveryField) {
+  json text = valid_scene();
+  text["background"] = {0.1, 0.2, 0.3};
+  text["lighting"] = true;
+  text["unknown"] = {{"camera", 1}};
+  const auto scene = parse_scene(text.dump());
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->camera.projection, Camera::Projection::perspective);
+  EXPECT_EQ(scene->camera.position, dvec3(1, 2, 3));
+  EXPECT_EQ(scene->camera.focal_point, dvec3(0));
+  EXPECT_EQ(scene->camera.up, dvec3(0, 1, 0));
+  EXPECT_EQ(scene->camera.vertical_fov_degrees, 40);
+  EXPECT_EQ(scene->width, 64);
+  EXPECT_EQ(scene->height, 48);
+  EXPECT_EQ(scene->attribute, "p");
+  EXPECT_EQ(scene->transfer_function.lo, -1);
+  EXPECT_EQ(scene->transfer_function.hi, 3);
+  ASSERT_EQ(scene->transfer_function.colors.size(), 2U);
+  EXPECT_EQ(scene->transfer_function.colors[0].rgb, dvec3(0, 0.5, 1));
+  ASSERT_EQ(scene->transfer_function.densities.size(), 4U);
+  EXPECT_EQ(scene->transfer_function.densities[2].extinction, 4);
+  EXPECT_EQ(scene->background, dvec3(0.1, 0.2, 0.3));
+  EXPECT_TRUE(scene->lighting);
+}
+
+TEST(ParseScene, OptionalFieldsHaveDefaults) {
+  const auto scene = parse_scene(valid_scene().dump());
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->background, dvec3(0));
+  EXPECT_FALSE(scene->lighting);
+}
+
+TEST(ParseScene, OrthographicNeedsItsHeightOnly) {
+  json text = valid_scene();
+  text["camera"]["projection"] = "orthographic";
+  EXPECT_EQ(error_of(text.dump()), "camera.parallel_height: missing");
+  text["camera"]["parallel_height"] = 2.5;
+  text["camera"].erase("vertical_fov_degrees");
+  const auto scene = parse_scene(text.dump());
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->camera.projection, Camera::Projection::orthographic);
+  EXPECT_EQ(scene->camera.parallel_height, 2.5);
+}
+
+TEST(ParseScene, NamesTheMissingField) {
+  for (const char* pointer :
+       {"/camera", "/camera/position", "/camera/focal_point", "/camera/up", "/camera/vertical_fov_degrees", "/image",
+        "/image/width", "/image/height", "/attribute", "/transfer_function", "/transfer_function/domain",
+        "/transfer_function/colors", "/transfer_function/density"}) {
+    std::string name = pointer + 1;
+    std::ranges::replace(name, '/', '.');
+    EXPECT_EQ(error_of(changed(pointer)), name + ": missing");
+  }
+}
+
+TEST(ParseScene, NamesTheWrongField) {
+  const auto refuses = [](const std::string& pointer, const json& value, const std::string& field) {
+    EXPECT_THAT(error_of(changed(pointer, value)), StartsWith(field + ": ")) << pointer << " = " << value;
+  };
+  refuses("/camera", 1, "camera");
+  refuses("/camera/position", json::array({1, 2}), "camera.position");
+  refuses("/camera/position", {1, 2, 3, 4}, "camera.position");
+  refuses("/camera/position/1", "2", "camera.position[1]");
+  refuses("/camera/position/1", nullptr, "camera.position[1]");
+  refuses("/camera/position", {0, 0, 0}, "camera.focal_point");
+  refuses("/camera/up", {0, 0, 0}, "camera.up");
+  refuses("/camera/up", {-2, -4, -6}, "camera.up");
+  refuses("/camera/projection", "fisheye", "camera.projection");
+  refuses("/camera/projection", 3, "camera.projection");
+  for (const double angle : {0.0, -30.0, 180.0, 1e9})
+    refuses("/camera/vertical_fov_degrees", angle, "camera.vertical_fov_degrees");
+  for (const json& side : {json(0), json(-1), json(1.5), json(16385), json("64"), json(1e300)}) {
+    refuses("/image/width", side, "image.width");
+    refuses("/image/height", side, "image.height");
+  }
+  refuses("/attribute", "", "attribute");
+  refuses("/attribute", 1, "attribute");
+  refuses("/background", {0, 0, -0.1}, "background");
+  refuses("/background", "black", "background");
+  refuses("/lighting", 1, "lighting");
+}
+
+TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
+  const auto refuses = [](const std::string& name, const json& value, const std::string& field) {
+    EXPECT_THAT(error_of(changed("/transfer_function/" + name, value)),
+                StartsWith("transfer_function." + field + ": "));
+  };
+  refuses("domain", {1, 1}, "domain");
+  refuses("domain", {2, 1}, "domain");
+  refuses("domain", {-1e308, 1e308}, "domain");
+  refuses("domain", json::array({1}), "domain");
+  refuses("colors", json::array(), "colors");
+  refuses("colors", 1, "colors");
+  refuses("colors", {{0, 1, 1}}, "colors[0]");
+  refuses("colors", {{0, 1, 1, -1}}, "colors[0]");
+  refuses("density", json::array(), "density");
+  refuses("density", {{0, 1}, {0.5, -1}}, "density[1]");
+  refuses("density", {{0, 1}, {0.5, 1}, {0.4, 1}}, "density[2]");
+  refuses("density", {{-0.1, 1}}, "density[0]");
+  refuses("density", {{1.1, 1}}, "density[0]");
+  refuses("density", {{0, 1}, {0.5, true}}, "density[1][1]");
+}
+
+TEST(ParseScene, RefusesWhatIsNoScene) {
+  for (const char* text : {"", "{", "[]", "1", "null", "\"scene\"", "{\"camera\": }", "\xff\xfe", "{\"a\": 1e999}"}) {
+    const std::string message = error_of(text);
+    EXPECT_NE(message, "accepted") << text;
+    EXPECT_EQ(message.find('\n'), std::string::npos) << message;
+  }
+}
+
+TEST(ParseScene, EveryTruncationIsRefused) {
+  const std::string text = valid_scene().dump();
+  for (std::size_t length = 0; length < text.size(); ++length)
+    EXPECT_NE(error_of(text.substr(0, length)), "accepted") << length;
+}
+
+TEST(LoadScene, MessagesBeginWithThePath) {
+  const std::string missing = testing::TempDir() + "no_such_scene.json";
+  const auto none = load_scene(missing);
+  ASSERT_FALSE(none);
+  EXPECT_THAT(none.error().message, StartsWith(missing + ": "));
+
+  const std::string path = testing::TempDir() + "scene_test.json";
+  std::ofstream(path) << changed("/attribute");
+  const auto incomplete = load_scene(path);
+  ASSERT_FALSE(incomplete);
+  EXPECT_EQ(incomplete.error().message, path + ": attribute: missing");
+  std::filesystem::remove(path);
+}
+
+TEST(LoadScene, ReadsTheSharedScenes) {
+  const std::filesystem::path folder = SPLATVOL_SHARED "/scenes";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no scenes in " << folder;
+  std::size_t count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    const auto scene = load_scene(entry.path());
+    EXPECT_TRUE(scene) << scene.error().message;
+    ++count;
+  }
+  EXPECT_GE(count, 7U);
+}
+
+}  // namespace
+}  // namespace splatvol

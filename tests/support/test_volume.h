@@ -1,0 +1,66 @@
+// A small volume made the slow and obvious way: an oracle for whatever reads or writes .svol files.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/octree.h"
+#include "format/volume_info.h"
+
+namespace splatvol::test {
+
+/// Octants from the root down: the first d of them name the cell of depth d that holds a point.
+using CellPath = std::vector<std::uint8_t>;
+
+struct TestVolumeOptions {
+  std::uint32_t leaf_points = 8;     // N: most points in a leaf of the reduction's octree
+  std::size_t coarsest_points = 20;  // reduction stops at so few
+  std::size_t node_points = 40;      // most points in a leaf of the index
+  std::uint32_t points_per_chunk = 64;
+  double position_error = 0;  // world units; 0: exact
+  Cube cube{{0, 0, 0}, 1};
+  double value_offset = 0;  // subtracted from each attribute's values before they are stored
+};
+
+/// Everything that a file holds, in file order, and the clusters that it only implies.
+struct TestVolume {
+  format::VolumeInfo info;
+  format::NodeArrays tree;                                  // depth-first
+  std::vector<CellPath> cells;                              // [node]: the node's cell
+  std::vector<CellPath> point_cells;                        // [point]: 42 octants
+  std::vector<dvec3> positions;                             // [point], file order
+  std::vector<std::vector<float>> stored;                   // [attribute][point]
+  std::vector<std::vector<std::uint8_t>> depths, counts;    // [resolution][point < n_r]: the octant column
+  std::vector<std::vector<std::uint32_t>> representatives;  // [resolution][point]: which of the first n_r stands for it
+  double position_error = 0;
+
+  /// d of a splat: edge 2^-depth / cbrt(count).
+  [[nodiscard]] double splat_size(std::size_t resolution, std::size_t point) const;
+
+  /// Whether the node's cell holds the point.
+  [[nodiscard]] bool holds(std::size_t node, std::size_t point) const;
+};
+
+/// The cell that a path names.
+[[nodiscard]] Cube cell_cube(const Cube& root, const CellPath& path);
+
+/// Pseudo-random points in the unit cube: half of them uniform, half crowded into a small ball near a corner.
+[[nodiscard]] std::vector<dvec3> random_points(std::size_t count, std::uint32_t seed);
+
+/// Builds a volume over points with values[attribute][point] (NaN: missing); attributes are named "a0", "a1", ...
+/// Requires at least one point; time grows with the square of the number of points.
+[[nodiscard]] TestVolume make_test_volume(const std::vector<dvec3>& positions,
+                                          const std::vector<std::vector<double>>& values,
+                                          const TestVolumeOptions& options = {});
+
+/// Writes the volume to `path` through format::VolumeWriter.
+[[nodiscard]] Status write_test_volume(const TestVolume& volume, const std::string& path);
+
+/// The bytes that write_test_volume writes; an empty vector where it fails.
+[[nodiscard]] format::Bytes test_volume_bytes(const TestVolume& volume);
+
+}  // namespace splatvol::test

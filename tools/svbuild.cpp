@@ -1,0 +1,110 @@
+// svbuild: a mesh or a point set in, a .svol file out.
+#include <tbb/global_control.h>
+
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "builder/build.h"
+#include "tools/tool.h"
+#include "tools/version.h"
+
+namespace splatvol {
+namespace {
+
+struct Options {
+  std::vector<std::string> inputs;
+  std::string output;
+  std::vector<std::string> attributes;
+  std::string reduction = "octree";
+  std::uint32_t leaf = 8;
+  unsigned threads = 0;
+  bool json = false;
+};
+
+// One bar at a time: a new stage replaces the last one's.
+class StageBar {
+ public:
+  void update(const char* stage, double fraction) {
+    if (stage_ != stage) bar_ = std::make_unique<ProgressBar>(stage_ = stage);
+    bar_->update(fraction);
+  }
+  void clear() { bar_.reset(); }
+
+ private:
+  std::string stage_;
+  std::unique_ptr<ProgressBar> bar_;
+};
+
+using Counts = std::vector<std::pair<std::string, std::uint64_t>>;
+
+Counts census_lines(const BuildReport& report) {
+  Counts lines;
+  for (const auto& [type, count] : report.cells.cells) lines.emplace_back("cells: " + type, count);
+  lines.emplace_back("tetrahedra", report.cells.tetrahedra);
+  lines.emplace_back("tetrahedra inverted (absolute volume used)", report.cells.inverted);
+  lines.emplace_back("tetrahedra flat", report.cells.flat);
+  lines.emplace_back("cells without volume", report.cells.without_volume);
+  lines.emplace_back("cells hidden (blanked or ghost)", report.cells.hidden);
+  lines.emplace_back("cells with a corner that is not finite (left out)", report.cells.non_finite);
+  lines.emplace_back("cells that are not star-shaped", report.cells.not_star_shaped);
+  lines.emplace_back("points with a coordinate that is not finite (dropped)", report.points.not_finite);
+  lines.emplace_back("points merged (same position and values, in cells)", report.points.merged);
+  lines.emplace_back("points coincident with another (kept)", report.points.coincident);
+  lines.emplace_back("points in no cell (kept)", report.points.in_no_cell);
+  for (const auto& [name, count] : report.missing) lines.emplace_back("missing values: " + name, count);
+  std::erase_if(lines, [](const auto& line) { return line.second == 0; });
+  return lines;
+}
+
+void print_report(const Options& options, const BuildReport& report, double seconds) {
+  const std::uint64_t points = report.resolution_counts.back();
+  const double bytes_per_point = static_cast<double>(report.file_bytes) / static_cast<double>(points);
+  if (options.json) {
+    fmt::print("{{\"output\": \"{}\", \"points\": {}, \"resolutions\": [{}], \"file_bytes\": {}, \"seconds\": {:.3f}}}\n", options.output,
+               points, fmt::join(report.resolution_counts, ", "), report.file_bytes, seconds);
+    return;
+  }
+  fmt::print("{}: {} points, {} resolutions ({}), {} bytes ({:.1f} a point), {:.2f} s\n", options.output, points,
+             report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "), report.file_bytes, bytes_per_point, seconds);
+  for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
+}
+
+Status build(const Options& options) {
+  const double start = seconds_now();
+  std::unique_ptr<tbb::global_control> limit;
+  if (options.threads > 0) limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
+
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, options.attributes));
+  BuildOptions build_options;
+  build_options.leaf_points = options.leaf;
+  build_options.builder = "svbuild " SPLATVOL_VERSION;
+  for (const std::string& input : options.inputs) build_options.inputs.push_back(std::filesystem::path(input).filename());
+
+  StageBar bar;
+  auto report = build_volume(*source, options.output, build_options, [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  bar.clear();
+  if (!report) {
+    // Errors of the output name it; those of the data need the input's name.
+    const bool named = report.error().message.starts_with(options.output) || report.error().message.find(options.inputs[0]) != std::string::npos;
+    return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
+  }
+  print_report(options, *report, seconds_now() - start);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  splatvol::Options options;
+  CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
+  app.add_option("inputs", options.inputs, "Meshes (.vtu, .pvtu, .vtk), or a PLOT3D grid and its solution")->required()->type_name("IN...");
+  app.add_option("-o,--output", options.output, "The file to write")->required()->type_name("OUT.svol");
+  app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")->type_name("NAME")->allow_extra_args(false);
+  app.add_option("--reduction", options.reduction, "How coarser resolutions are chosen")->check(CLI::IsMember({"octree"}))->capture_default_str();
+  app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")->check(CLI::Range(8u, 65536u))->capture_default_str();
+  app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
+  app.add_flag("--json", options.json, "Print the result as JSON");
+  return splatvol::run_tool(app, argc, argv, [&] { return splatvol::build(options); });
+}

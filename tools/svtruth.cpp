@@ -1,0 +1,138 @@
+// svtruth: the exact picture of a mesh.
+#include <fmt/ranges.h>
+
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "builder/source.h"
+#include "reference/reference.h"
+#include "scene/image.h"
+#include "scene/scene.h"
+#include "tools/tool.h"
+#include "tools/version.h"
+
+namespace splatvol {
+namespace {
+
+struct Options {
+  std::vector<std::string> meshes;
+  std::string scene;
+  std::string output;
+  std::string size;
+  int threads = 0;
+  bool json = false;
+};
+
+/// The whole input in one piece.
+struct Mesh {
+  std::vector<dvec3> points;
+  std::vector<double> values;
+  std::vector<std::array<std::uint32_t, 4>> tetrahedra;
+};
+
+/// Reads "640x480"; nothing where the text is anything else or a side is not from 1 to 16384.
+std::optional<std::array<int, 2>> parse_size(const std::string& text) {
+  int width = 0;
+  int height = 0;
+  int end = 0;
+  const bool complete = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &end) == 2 &&
+                        static_cast<std::size_t>(end) == text.size();
+  if (!complete || width < 1 || height < 1 || width > 16384 || height > 16384) return std::nullopt;
+  return std::array{width, height};
+}
+
+Status append_piece(const Piece& piece, Mesh& mesh) {
+  if (piece.points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
+    return fail(ErrorCode::unsupported, "more than 4294967295 points");
+  const auto offset = static_cast<std::uint32_t>(mesh.points.size());
+  mesh.points.insert(mesh.points.end(), piece.points.begin(), piece.points.end());
+  mesh.values.insert(mesh.values.end(), piece.values.front().begin(), piece.values.front().end());
+  mesh.tetrahedra.reserve(mesh.tetrahedra.size() + piece.tetrahedra.size());
+  for (auto tetrahedron : piece.tetrahedra) {
+    for (std::uint32_t& point : tetrahedron) point += offset;
+    mesh.tetrahedra.push_back(tetrahedron);
+  }
+  return {};
+}
+
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute) {
+  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {attribute}));
+  ProgressBar bar("read");
+  Mesh mesh;
+  for (std::size_t read = 1;; ++read) {
+    SPLATVOL_TRY_ASSIGN(piece, source->next());
+    if (!piece) break;
+    if (auto status = append_piece(*piece, mesh); !status) return fail_in(paths.front(), status.error());
+    bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
+  }
+  if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
+  return mesh;
+}
+
+Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, int threads) {
+  ProgressBar bar("draw");
+  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra};
+  return render_reference(tet_mesh, scene, {threads, [&](double fraction) { bar.update(fraction); }});
+}
+
+void print_summary(const Options& options, const Mesh& mesh, const ReferencePicture& picture, double seconds) {
+  const double segments_per_pixel =
+      static_cast<double>(picture.segments) / static_cast<double>(picture.image.pixels.size());
+  if (!options.json) {
+    fmt::print("{}: {} x {} pixels, {} tetrahedra, {:.1f} segments a pixel, {:.2f} s\n", options.output,
+               picture.image.width, picture.image.height, mesh.tetrahedra.size(), segments_per_pixel, seconds);
+    return;
+  }
+  const nlohmann::ordered_json document = {{"width", picture.image.width},
+                                           {"height", picture.image.height},
+                                           {"points", mesh.points.size()},
+                                           {"tetrahedra", mesh.tetrahedra.size()},
+                                           {"segments_per_pixel", segments_per_pixel},
+                                           {"seconds", seconds}};
+  fmt::print("{}\n", document.dump(1));
+}
+
+Status draw(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
+  if (const auto size = parse_size(options.size)) {
+    scene.width = (*size)[0];
+    scene.height = (*size)[1];
+  }
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute));
+
+  const double start = seconds_now();
+  const auto picture = render_with_progress(mesh, scene, options.threads);
+  if (!picture) return fail_in(options.meshes.front(), picture.error());
+  const double seconds = seconds_now() - start;
+
+  const Provenance provenance = {{"software", "svtruth " SPLATVOL_VERSION},
+                                 {"mesh", fmt::format("{}", fmt::join(options.meshes, " "))},
+                                 {"scene", options.scene},
+                                 {"attribute", scene.attribute}};
+  SPLATVOL_TRY(write_image(options.output, picture->image, scene.background, provenance));
+  print_summary(options, mesh, *picture, seconds);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  CLI::App app("Draws the exact picture of a mesh: every tetrahedron on every pixel's ray, in double precision.",
+               "svtruth");
+  Options options;
+  app.add_option("MESH", options.meshes, ".vtu, .pvtu, .vtk, or a PLOT3D grid and its solution")->required();
+  app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
+  app.add_option("-o,--output", options.output, "Picture to write")->required()->check([](const std::string& path) {
+    return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .exr nor .png";
+  });
+  app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")
+      ->check([](const std::string& size) {
+        return parse_size(size) ? std::string() : "'" + size + "' is not a size such as 640x480";
+      });
+  app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
+  app.add_flag("--json", options.json, "Print the summary as JSON");
+  return run_tool(app, argc, argv, [&] { return draw(options); });
+}
