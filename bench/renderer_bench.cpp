@@ -40,7 +40,8 @@ void frame(benchmark::State& state) {
   const double pixel = 5 / orbit(0).focal;
   const auto splats = random_splats(state.range(0), static_cast<float>(state.range(1) * 0.1 / 0.4 * pixel));
   const SplatBatch batch{dvec3(0), splats};
-  if (!renderer->set_transfer_function(function) || !renderer->set_splats({&batch, 1})) return state.SkipWithError("setup");
+  if (!renderer->set_transfer_function(function) || !renderer->set_splats({&batch, 1}))
+    return state.SkipWithError("setup");
 
   const SortMode sort = state.range(2) != 0 ? SortMode::exact : SortMode::none;
   const bool moving = state.range(3) != 0;
@@ -54,7 +55,9 @@ void frame(benchmark::State& state) {
     sum.upload += times->upload;
     sum.draw += times->draw;
   }
-  const auto mean = [&](double seconds) { return benchmark::Counter(seconds * 1e3, benchmark::Counter::kAvgIterations); };
+  const auto mean = [&](double seconds) {
+    return benchmark::Counter(seconds * 1e3, benchmark::Counter::kAvgIterations);
+  };
   state.counters["sort_ms"] = mean(sum.sort);
   state.counters["upload_ms"] = mean(sum.upload);
   state.counters["draw_ms"] = mean(sum.draw);

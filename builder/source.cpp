@@ -72,12 +72,14 @@ Result<FileHeader> read_header(const std::string& path) {
 
   // White space of any kind may separate an element's attributes.
   std::string element = text.substr(at, text.find('>', at) - at);
-  std::ranges::replace_if(element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  std::ranges::replace_if(
+      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
   header.format = FileHeader::Format::vtk_xml;
   header.type = attribute_of(element, "type");
   const std::string version = attribute_of(element, "version");
   if (!version.empty() && !parse_version(version, header))
-    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path, version);
+    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
+                version);
   return header;
 }
 
@@ -86,25 +88,26 @@ bool newer_than(const FileHeader& header, int major, int minor) {
 }
 
 tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& header, const char* newest) {
-  return fail(ErrorCode::unsupported, "{}: file version {}.{} is newer than {}, the newest that this version reads right", path,
-              header.major, header.minor, newest);
+  return fail(ErrorCode::unsupported,
+              "{}: file version {}.{} is newer than {}, the newest that this version reads right", path, header.major,
+              header.minor, newest);
 }
 
-/// VTK warns of a newer major version at most, and reads what it recognises; so the version is judged here. Polyhedra
-/// have arrays of their own since 2.3, which vtk_source.cpp reads by itself.
+/// VTK warns of a newer major version at most, and reads what it recognises; so the version is judged here. What 2.3
+/// brought, polyhedra in arrays of their own, vtk_source.cpp reads by itself.
 Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
   const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
   if (type == xml_types.end())
     return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
-  const bool unstructured = type->kind == VtkFile::Kind::unstructured;
-  if (newer_than(header, 2, unstructured ? 3 : 2)) return fail_version(path, header, unstructured ? "2.3" : "2.2");
-  return VtkFile{path, type->kind, newer_than(header, 2, 2)};
+  if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
+  return VtkFile{path, type->kind};
 }
 
 Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   SPLATVOL_TRY_ASSIGN(header, read_header(path));
   if (header.format == FileHeader::Format::other)
-    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)", path);
+    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
+                path);
   if (header.format == FileHeader::Format::vtk_legacy) {
     if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
     files.push_back({path, VtkFile::Kind::legacy});
@@ -148,8 +151,8 @@ Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& path
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
     if (paths.size() == 2) return open_plot3d(paths[0], paths[1], selection);
-    return fail(ErrorCode::invalid_argument, "{}: not a VTK file; a PLOT3D grid needs its solution as the second of two files",
-                paths[0]);
+    return fail(ErrorCode::invalid_argument,
+                "{}: not a VTK file; a PLOT3D grid needs its solution as the second of two files", paths[0]);
   }
 
   std::vector<VtkFile> files;

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 #include <utility>
 
 namespace splatvol {
@@ -113,6 +113,13 @@ void for_each_face(const std::vector<std::uint32_t>& faces, const Visit& visit) 
   for (std::size_t at = 0; at < faces.size(); at += faces[at] + 1) visit(at + 1, faces[at]);
 }
 
+/// Spreads a key over 64 bits (the finaliser of SplitMix64).
+std::uint64_t mix(std::uint64_t key) {
+  key = (key ^ key >> 30) * 0xbf58476d1ce4e5b9;
+  key = (key ^ key >> 27) * 0x94d049bb133111eb;
+  return key ^ key >> 31;
+}
+
 /// A side of a face of a polyhedron, for matching it with the face beyond.
 struct Side {
   std::uint32_t low, high;  // vertices
@@ -156,6 +163,7 @@ void TetrahedronSplitter::split_polyhedron(std::span<const std::uint32_t> faces)
     ++census_.non_finite;
     return;
   }
+  if (!faces_agree()) orient_faces();
   split_faces(true);
 }
 
@@ -163,13 +171,6 @@ void TetrahedronSplitter::split_faces(bool either_orientation) {
   collect_vertices();
   triangulate_faces();
   if (split_from_any_vertex(either_orientation)) return;
-
-  // Faces turned against each other look like inverted volume from everywhere; turned right, the cell may be fine.
-  if (either_orientation) {
-    orient_faces();
-    triangulate_faces();
-    if (split_from_any_vertex(either_orientation)) return;
-  }
 
   const auto inverted = [&](std::uint32_t apex) { return volumes_from(apex).inverted(); };
   const std::uint32_t best = *std::ranges::min_element(vertices_, {}, inverted);
@@ -203,14 +204,58 @@ void TetrahedronSplitter::triangulate_faces() {
   for_each_face(faces_, [&](std::size_t first, std::size_t count) {
     const auto face = std::span(faces_).subspan(first, count);
     if (count < 3) return;
-    const auto lowest = static_cast<std::size_t>(
-        std::ranges::min_element(face, [this](std::uint32_t a, std::uint32_t b) { return lower(a, b); }) - face.begin());
+    const std::size_t start = fan_start(face);
     for (std::size_t i = 1; i + 1 < count; ++i) {
-      const Triangle triangle{face[lowest], face[(lowest + i) % count], face[(lowest + i + 1) % count]};
+      const Triangle triangle{face[start], face[(start + i) % count], face[(start + i + 1) % count]};
       if (triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0])
         triangles_.push_back(triangle);
     }
   });
+}
+
+std::size_t TetrahedronSplitter::fan_start(std::span<const std::uint32_t> face) {
+  const auto by_position = [this](std::uint32_t a, std::uint32_t b) { return lower(a, b); };
+  const auto lowest = static_cast<std::size_t>(std::ranges::min_element(face, by_position) - face.begin());
+  if (face.size() <= 4) return lowest;
+
+  // The cell beyond sees the face the other way round: both go over it in one order, so that rounding agrees.
+  polygon_.assign(face.begin(), face.end());
+  std::ranges::rotate(polygon_, polygon_.begin() + static_cast<std::ptrdiff_t>(lowest));
+  if (lower(polygon_.back(), polygon_[1])) std::reverse(polygon_.begin() + 1, polygon_.end());
+  dvec3 normal(0);
+  for (std::size_t i = 1; i + 1 < polygon_.size(); ++i)
+    normal += glm::cross(points_[polygon_[i]] - points_[polygon_[0]], points_[polygon_[i + 1]] - points_[polygon_[0]]);
+  if (fans_out(polygon_, 0, normal)) return lowest;
+
+  std::optional<std::uint32_t> best;
+  for (std::size_t i = 1; i < polygon_.size(); ++i)
+    if (fans_out(polygon_, i, normal) && (!best || lower(polygon_[i], *best))) best = polygon_[i];
+  return best ? static_cast<std::size_t>(std::ranges::find(face, *best) - face.begin()) : lowest;
+}
+
+bool TetrahedronSplitter::fans_out(std::span<const std::uint32_t> face, std::size_t start, dvec3 normal) const {
+  const dvec3 apex = points_[face[start]];
+  const double least = -rounding_share * glm::dot(normal, normal);
+  for (std::size_t i = 1; i + 1 < face.size(); ++i) {
+    const dvec3 a = points_[face[(start + i) % face.size()]] - apex;
+    const dvec3 b = points_[face[(start + i + 1) % face.size()]] - apex;
+    if (glm::dot(glm::cross(a, b), normal) < least) return false;
+  }
+  return true;
+}
+
+bool TetrahedronSplitter::faces_agree() const {
+  // Every edge is run along once in each direction: then its hash cancels, and hardly otherwise.
+  std::uint64_t balance = 0;
+  for_each_face(faces_, [&](std::size_t first, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::uint32_t a = faces_[first + i];
+      const std::uint32_t b = faces_[first + (i + 1) % count];
+      const std::uint64_t hash = mix(static_cast<std::uint64_t>(std::min(a, b)) << 32 | std::max(a, b));
+      balance += a < b ? hash : -hash;
+    }
+  });
+  return balance == 0;
 }
 
 void TetrahedronSplitter::orient_faces() {

@@ -40,12 +40,13 @@ enum class CellShape {
 
 /// Splits cells without new points. Two cells that share a face split it along the same diagonals (Dompierre et al.
 /// 1999: every face is a fan from its lowest vertex), and so do cells in different pieces: "lowest" compares positions,
-/// x before y before z, and indices only where positions coincide.
+/// x before y before z, and indices only where positions coincide. A face of more than four vertices that is not convex
+/// fans out from the lowest vertex that sees all of it.
 ///
 /// The apex that a cell's tetrahedra share is its lowest vertex from which no tetrahedron is inverted; where there is
-/// none, the vertex that inverts the least volume, and the cell is counted as not star-shaped. A share under a millionth
-/// of the cell's volume counts as rounding. A quadratic cell is cut at its mid-edge nodes into a cap for each corner
-/// and a core, so every node takes part.
+/// none, the vertex that inverts the least volume, and the cell is counted as not star-shaped. A share under a
+/// millionth of the cell's volume counts as rounding. A quadratic cell is cut at its mid-edge nodes into a cap for each
+/// corner and a core, so every node takes part.
 ///
 /// Collapsed cells (nodes given twice) give fewer tetrahedra; nodes with a position that is not finite, none. Holds its
 /// scratch memory, so that a cell costs no allocation. Not thread-safe.
@@ -78,7 +79,10 @@ class TetrahedronSplitter {
   bool split_from_any_vertex(bool either_orientation);
   void collect_vertices();
   void triangulate_faces();
+  [[nodiscard]] bool faces_agree() const;
   void orient_faces();
+  [[nodiscard]] std::size_t fan_start(std::span<const std::uint32_t> face);
+  [[nodiscard]] bool fans_out(std::span<const std::uint32_t> face, std::size_t start, dvec3 normal) const;
   [[nodiscard]] bool lower(std::uint32_t a, std::uint32_t b) const;
   [[nodiscard]] bool finite(std::span<const std::uint32_t> nodes) const;
   [[nodiscard]] double volume_6(std::uint32_t apex, const Triangle& triangle) const;
@@ -94,6 +98,7 @@ class TetrahedronSplitter {
   std::vector<std::uint32_t> faces_;     // count, vertices, count, vertices, ...
   std::vector<std::uint32_t> vertices_;  // lowest first
   std::vector<Triangle> triangles_;      // its surface
+  std::vector<std::uint32_t> polygon_;   // the face at hand
 };
 
 }  // namespace splatvol

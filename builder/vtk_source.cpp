@@ -54,7 +54,7 @@ class ErrorWindow final : public vtkOutputWindow {
   static ErrorWindow* New();
   vtkTypeMacro(ErrorWindow, vtkOutputWindow)
 
-  void DisplayText(const char*) override {}
+      void DisplayText(const char*) override {}
   void DisplayErrorText(const char* text) override {
     if (first_error.empty()) first_error = text;
   }
@@ -107,8 +107,7 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
   static UnstructuredReader* New();
   vtkTypeMacro(UnstructuredReader, vtkXMLUnstructuredGridReader)
 
- protected:
-  int ReadPieceData() override {
+      protected : int ReadPieceData() override {
     if (!this->Superclass::ReadPieceData()) return 0;
     vtkXMLDataElement* cells = this->CellElements[this->Piece];
     return !this->FindDataArrayWithName(cells, "polyhedron_offsets") || read_faces(cells);
@@ -259,7 +258,8 @@ class CompressionHeaders {
     };
     const bool empty = number(0) == 0 && number(2) == 0;
     if (empty || (number(0) > 0 && number(0) <= file_.size() && number(1) > 0 && number(2) <= number(1))) return {};
-    return fail(ErrorCode::invalid_data, "{}: the header of the compressed array at byte {} is damaged", file_.name(), position);
+    return fail(ErrorCode::invalid_data, "{}: the header of the compressed array at byte {} is damaged", file_.name(),
+                position);
   }
 
   ByteSource& file_;
@@ -291,12 +291,18 @@ bool wants_array(const std::vector<std::string>& selection, const std::string& a
 
 vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
   switch (kind) {
-    case VtkFile::Kind::unstructured: return vtkSmartPointer<UnstructuredReader>::New();
-    case VtkFile::Kind::structured: return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
-    case VtkFile::Kind::rectilinear: return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
-    case VtkFile::Kind::image: return vtkSmartPointer<vtkXMLImageDataReader>::New();
-    case VtkFile::Kind::poly: return vtkSmartPointer<vtkXMLPolyDataReader>::New();
-    case VtkFile::Kind::legacy: break;
+    case VtkFile::Kind::unstructured:
+      return vtkSmartPointer<UnstructuredReader>::New();
+    case VtkFile::Kind::structured:
+      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
+    case VtkFile::Kind::rectilinear:
+      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
+    case VtkFile::Kind::image:
+      return vtkSmartPointer<vtkXMLImageDataReader>::New();
+    case VtkFile::Kind::poly:
+      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
+    case VtkFile::Kind::legacy:
+      break;
   }
   return nullptr;
 }
@@ -328,7 +334,10 @@ class FileDataSets final : public DataSets {
       reader->UpdateInformation();
       select_arrays(*reader);
     }));
-    SPLATVOL_TRY(check_compression(*reader->GetXMLParser()));
+    if (vtkXMLDataElement* root = reader->GetXMLParser()->GetRootElement()) {
+      SPLATVOL_TRY(check_names(*root));
+      SPLATVOL_TRY(check_compression(*root, reader->GetXMLParser()->GetAppendedDataPosition()));
+    }
     auto* unstructured = vtkXMLUnstructuredGridReader::SafeDownCast(reader);
     piece_ = 0;
     pieces_ = unstructured ? std::max<int>(1, static_cast<int>(unstructured->GetNumberOfPieces())) : 1;
@@ -337,14 +346,30 @@ class FileDataSets final : public DataSets {
     return {};
   }
 
-  Status check_compression(vtkXMLDataParser& parser) const {
-    vtkXMLDataElement* root = parser.GetRootElement();
-    if (!root || !root->GetAttribute("compressor")) return {};
+  /// VTK counts arrays by name when it makes them and one by one when it fills them: of two with one name it fills the
+  /// wrong one.
+  Status check_names(vtkXMLDataElement& element) const {
+    std::vector<std::string> names;
+    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement& nested = *element.GetNestedElement(i);
+      SPLATVOL_TRY(check_names(nested));
+      if (const char* name = nested.GetAttribute("Name")) names.emplace_back(name);
+    }
+    std::ranges::sort(names);
+    const auto twice = std::ranges::adjacent_find(names);
+    if (twice == names.end()) return {};
+    return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path_, element.GetName(),
+                *twice);
+  }
+
+  Status check_compression(vtkXMLDataElement& root, vtkTypeInt64 appended_position) const {
+    if (!root.GetAttribute("compressor")) return {};
     SPLATVOL_TRY_ASSIGN(file, open_file(path_));
-    return CompressionHeaders(*file, *root, static_cast<std::uint64_t>(parser.GetAppendedDataPosition())).check(*root);
+    return CompressionHeaders(*file, root, static_cast<std::uint64_t>(appended_position)).check(root);
   }
 
   void select_arrays(vtkXMLReader& reader) const {
+    if (reader.GetNumberOfPointArrays() == 0) return;  // a message will name the cells' arrays
     for (int i = 0; i < reader.GetNumberOfPointArrays(); ++i) {
       const std::string name = reader.GetPointArrayName(i);
       if (!is_ghost_array(name) && !wants_array(selection_, name)) reader.SetPointArrayStatus(name.c_str(), 0);
@@ -461,8 +486,8 @@ tl::unexpected<Error> fail_no_point_data(const std::string& path, vtkDataSet& da
   for (int i = 0; i < data.GetCellData()->GetNumberOfArrays(); ++i)
     names += fmt::format("{}{}", names.empty() ? "" : ", ", data.GetCellData()->GetArrayName(i));
   if (names.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no point data", path);
-  return fail(ErrorCode::invalid_data, "{}: the mesh has no point data, only cell data ({}), which is not supported", path,
-              names);
+  return fail(ErrorCode::invalid_data, "{}: the mesh has no point data, only cell data ({}), which is not supported",
+              path, names);
 }
 
 std::string list_names(const std::vector<std::string>& names) {
@@ -649,7 +674,8 @@ class PieceMaker {
   Status split_shape(const CellKind& kind, TetrahedronSplitter& splitter) {
     const std::size_t expected = node_count(kind.shape);
     if (nodes_.size() != expected)
-      return fail(ErrorCode::invalid_data, "{}: a {} of {} nodes instead of {}", path_, kind.name, nodes_.size(), expected);
+      return fail(ErrorCode::invalid_data, "{}: a {} of {} nodes instead of {}", path_, kind.name, nodes_.size(),
+                  expected);
     splitter.split(kind.shape, nodes_);
     return {};
   }
@@ -658,8 +684,8 @@ class PieceMaker {
     auto& cells = lattice_cells_[{kind.vtk_type, nodes_.size()}];
     if (!cells) cells = linear_cells(kind, nodes_.size());
     if (!cells || !same_degrees(cell))
-      return fail(ErrorCode::unsupported, "{}: a {} of {} nodes, which is not of one order in all directions", path_, kind.name,
-                  nodes_.size());
+      return fail(ErrorCode::unsupported, "{}: a {} of {} nodes, which is not of one order in all directions", path_,
+                  kind.name, nodes_.size());
     const std::size_t stride = node_count(kind.shape);
     std::array<std::uint32_t, 8> linear{};
     for (std::size_t first = 0; first < cells->size(); first += stride) {
@@ -717,7 +743,8 @@ class PieceMaker {
 
   Status append_node(vtkIdType cell, vtkIdType point) {
     if (point < 0 || point >= data_.GetNumberOfPoints())
-      return fail(ErrorCode::invalid_data, "{}: cell {} names point {} of {}", path_, cell, point, data_.GetNumberOfPoints());
+      return fail(ErrorCode::invalid_data, "{}: cell {} names point {} of {}", path_, cell, point,
+                  data_.GetNumberOfPoints());
     nodes_.push_back(static_cast<std::uint32_t>(point));
     return {};
   }
@@ -770,8 +797,9 @@ class PieceMaker {
     for (const Channel& channel : channels_) {
       vtkDataArray* array = data_.GetPointData()->GetArray(channel.array.c_str());
       if (!array || array->GetNumberOfComponents() != channel.components)
-        return fail(ErrorCode::invalid_data, "{}: the array \"{}\" ({} components) of the first piece is not in this one", path_,
-                    channel.array, channel.components);
+        return fail(ErrorCode::invalid_data,
+                    "{}: the array \"{}\" ({} components) of the first piece is not in this one", path_, channel.array,
+                    channel.components);
       if (array->GetNumberOfTuples() < data_.GetNumberOfPoints())
         return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} values for {} points", path_, channel.array,
                     array->GetNumberOfTuples(), data_.GetNumberOfPoints());
@@ -802,9 +830,9 @@ class PieceMaker {
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
 
   std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
-  std::vector<Use> use_;             // of each point
-  std::vector<std::uint32_t> kept_;  // points that stay
-  std::vector<std::uint32_t> nodes_; // of the cell at hand
+  std::vector<Use> use_;              // of each point
+  std::vector<std::uint32_t> kept_;   // points that stay
+  std::vector<std::uint32_t> nodes_;  // of the cell at hand
   vtkNew<vtkIdList> id_list_;
   const CellKind* last_kind_ = nullptr;
   std::uint64_t* kind_count_ = nullptr;
@@ -872,7 +900,8 @@ class VtkSource final : public Source {
 
 tl::unexpected<Error> fail_missing(const std::string& path, const std::string& missing,
                                    const std::vector<std::string>& available) {
-  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path, missing, list_names(available));
+  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path, missing,
+              list_names(available));
 }
 
 /// Structured grids among the leaves of a tree of blocks.
@@ -882,6 +911,26 @@ void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkD
     if (auto* grid = vtkStructuredGrid::SafeDownCast(block)) blocks.emplace_back(grid);
     if (auto* branch = vtkMultiBlockDataSet::SafeDownCast(block)) collect_blocks(*branch, blocks);
   }
+}
+
+/// Whether a solution of `size` bytes can belong to these blocks: VTK guesses the variant of the format from the grid's
+/// size, which a truncated grid may fit by chance, and reads no further than it must. Old files may be padded to whole
+/// disk sectors.
+bool solution_fits(const std::vector<vtkSmartPointer<vtkDataSet>>& blocks, std::uint64_t size) {
+  if (blocks.front()->GetPointData()->HasArray("Gamma")) return true;  // Overflow's variant, of any number of variables
+  for (const std::uint64_t dimensions : {3, 2})
+    for (const std::uint64_t precision : {4, 8})
+      for (const std::uint64_t record_marks : {0, 8})
+        for (const bool multi_grid : {false, true}) {
+          std::uint64_t expected = (multi_grid ? 4 + record_marks : 0) + record_marks;
+          for (const auto& block : blocks) {
+            const auto points = static_cast<std::uint64_t>(block->GetNumberOfPoints());
+            expected += 4 * dimensions + (4 * precision + record_marks);
+            expected += (dimensions + 2) * points * precision + record_marks;
+          }
+          if (size == expected || size == (expected + 511) / 512 * 512) return true;
+        }
+  return false;
 }
 
 }  // namespace
@@ -900,7 +949,7 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
                                             const std::vector<std::string>& selection) {
-  SPLATVOL_TRY(open_file(solution));
+  SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
   constexpr int pressure = 110;
   std::vector<vtkSmartPointer<vtkDataSet>> blocks;
   SPLATVOL_TRY(run_vtk(grid, [&] {
@@ -913,6 +962,9 @@ Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::
     if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
   }));
   if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: not a PLOT3D grid", grid);
+  if (!solution_fits(blocks, solution_file->size()))
+    return fail(ErrorCode::invalid_data, "{}: a PLOT3D solution of {} bytes does not fit the grid {}", solution,
+                solution_file->size(), grid);
   auto source = std::make_unique<VtkSource>(std::make_unique<Plot3dDataSets>(grid, blocks));
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));

@@ -14,7 +14,6 @@ struct VtkFile {
   enum class Kind { unstructured, structured, rectilinear, image, poly, legacy };
   std::string path;
   Kind kind;
-  bool face_arrays = false;  // .vtu of version 2.3: polyhedra in arrays of their own, which VTK 9.1 does not know
 };
 
 /// Opens files as pieces of one data set: the first that has points fixes the attributes, all others must have them.

@@ -34,6 +34,11 @@ Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte>
 
 int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
+// The lowest coordinate may lie half a step below the origin, its nearest lattice point.
+std::uint64_t grid_cell(double coordinate, double origin, double step) {
+  return static_cast<std::uint64_t>(std::max(0.0, std::round((coordinate - origin) / step)));
+}
+
 // A grid whose step is a power of two and whose origin is a multiple of it: nearby chunks share their lattice, and
 // coordinates that single precision represents come back exactly when the step is small enough.
 bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& header) {
@@ -41,12 +46,13 @@ bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& h
   const double step = std::ldexp(1.0, std::ilogb(error / error_in_steps));
   for (int axis = 0; axis < 3; ++axis) {
     const auto [low, high] = std::ranges::minmax(positions, {}, [axis](const dvec3& p) { return p[axis]; });
-    const double origin = std::floor(low[axis] / step) * step;
-    const double span = std::round((high[axis] - origin) / step);
+    const double origin = std::round(low[axis] / step) * step;
     const double reach = std::max(std::abs(origin), std::abs(high[axis])) / step;
-    if (!std::isfinite(origin) || !std::isfinite(step * span) || !(reach < std::exp2(max_grid_bits))) return false;
+    if (!std::isfinite(origin) || !(reach < std::exp2(max_grid_bits))) return false;
+    const std::uint64_t span = grid_cell(high[axis], origin, step);
+    if (!std::isfinite(step * static_cast<double>(span))) return false;
     header.origin[axis] = origin;
-    header.width[axis] = static_cast<std::uint8_t>(bytes_for(static_cast<std::uint64_t>(span)));
+    header.width[axis] = static_cast<std::uint8_t>(bytes_for(span));
   }
   header.form = form_grid;
   header.step = step;
@@ -94,7 +100,7 @@ PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
   for (int axis = 0; axis < 3; ++axis) {
     if (grid) {
       for (std::size_t i = 0; i < positions.size(); ++i)
-        cells[i] = static_cast<std::uint64_t>(std::round((positions[i][axis] - header.origin[axis]) / header.step));
+        cells[i] = grid_cell(positions[i][axis], header.origin[axis], header.step);
       append_planes<std::uint64_t>(payload, cells, header.width[axis]);
     } else {
       for (std::size_t i = 0; i < positions.size(); ++i) coordinates[i] = positions[i][axis];

@@ -228,6 +228,10 @@ Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count
   StructureReader reader(structure);
   NodeArrays& nodes = page.nodes;
   const NodeShape shape = nodes.shape;
+  if (structure.size() < node_count * (3 + shape.resolutions))
+    return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
+  nodes.counts.reserve(node_count * shape.resolutions);
+  nodes.size_codes.reserve(node_count * shape.resolutions * shape.size_bounds);
   for (std::uint32_t node = 0; node < node_count; ++node) {
     const std::uint8_t mask = reader.byte();
     const std::uint8_t flags = reader.byte();

@@ -65,8 +65,8 @@ std::vector<Candidate> candidate_displays() {
 
   // The EXT entry point: through epoxy, the core one aborts where the client library is EGL 1.4.
   if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
-    candidates.push_back({"Mesa's surfaceless platform", eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA,
-                                                                                  EGL_DEFAULT_DISPLAY, nullptr)});
+    candidates.push_back({"Mesa's surfaceless platform",
+                          eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr)});
   candidates.push_back({"default display", eglGetDisplay(EGL_DEFAULT_DISPLAY)});
   return candidates;
 }
@@ -84,9 +84,9 @@ tl::expected<EGLContext, std::string> make_context(EGLDisplay display) {
   if (!eglChooseConfig(display, config_attributes.data(), &config, 1, &config_count) || config_count == 0)
     return tl::unexpected<std::string>("no config for OpenGL");
 
-  constexpr std::array<EGLint, 7> context_attributes{EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5,
-                                                     EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                                     EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+  constexpr std::array<EGLint, 7> context_attributes{
+      EGL_CONTEXT_MAJOR_VERSION,           4,       EGL_CONTEXT_MINOR_VERSION, 5, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+      EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
   const EGLContext context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes.data());
   if (context == EGL_NO_CONTEXT) return tl::unexpected("no OpenGL 4.5 core context: " + egl_error());
 
@@ -117,7 +117,6 @@ Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
       return std::unique_ptr<HeadlessContext>(new HeadlessContext(candidate.display, *context));
     else
       reasons += candidate.name + ": " + context.error();
-    eglTerminate(candidate.display);
   }
   return fail(ErrorCode::device, "no OpenGL 4.5 without a window here ({})", reasons);
 }
@@ -128,9 +127,9 @@ HeadlessContext::HeadlessContext(void* display, void* context)
       description_(fmt::format("{}, OpenGL {}", gl_text(GL_RENDERER), gl_text(GL_VERSION))) {}
 
 HeadlessContext::~HeadlessContext() {
-  eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+  // The display stays open: EGL has one for the whole process, which other contexts may be using.
+  if (eglGetCurrentContext() == context_) eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   eglDestroyContext(display_, context_);
-  eglTerminate(display_);
 }
 
 }  // namespace splatvol

@@ -11,8 +11,7 @@ namespace splatvol {
 /// An OpenGL 4.5 core context that draws into its own framebuffers only.
 ///
 /// Tries the EGL devices that are hardware, then Mesa's surfaceless platform (its software rasteriser included), then
-/// EGL's default display. The context is current in the thread that created it, and that thread must also destroy it. One
-/// at a time in a process: EGL's displays are shared, and the first to be destroyed closes them.
+/// EGL's default display. The context is current in the thread that created it, and that thread must also destroy it.
 class HeadlessContext {
  public:
   /// Creates a context and makes it current. Fails with ErrorCode::device where no platform gives one; the message

@@ -1,5 +1,6 @@
 #include "renderer/gl_objects.h"
 
+#include <algorithm>
 #include <vector>
 
 namespace splatvol {
@@ -26,9 +27,7 @@ std::string_view error_text(GLenum error) {
 }
 
 std::string first_line(std::string log) {
-  log.resize(log.find_first_of(std::string_view("\n\0", 2)) == std::string::npos
-                 ? log.size()
-                 : log.find_first_of(std::string_view("\n\0", 2)));
+  log.resize(std::min(log.size(), log.find_first_of(std::string_view("\n\0", 2))));
   return log;
 }
 

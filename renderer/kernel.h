@@ -9,8 +9,8 @@ namespace splatvol {
 /// How a kind of splat gets onto the screen: `project` turns splats into quads in drawing order, once for each splat
 /// and not for each corner; `draw` rasterises the quads; `key` gives sorting what it needs.
 ///
-/// A kernel is, in GLSL, a struct Quad with an empty_quad, a function project(), and a vertex and a fragment shader; and
-/// the layout of its splats below.
+/// A kernel is, in GLSL, a struct Quad with an empty_quad, a function project(), and a vertex and a fragment shader;
+/// and the layout of its splats below.
 struct Kernel {
   Program key;
   Program project;

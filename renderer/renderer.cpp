@@ -11,20 +11,19 @@ namespace splatvol {
 
 namespace {
 
-constexpr std::size_t table_entries = 4096;
+constexpr std::size_t table_entries = 4097;  // 4096 steps: control points at binary fractions fall on entries
 constexpr std::size_t quads_per_run = std::size_t{1} << 14;  // projected and drawn at a time
 
 /// FrameBlock of frame.glsl, laid out by std140.
-struct FrameBlock {
+struct alignas(16) FrameBlock {
   std::array<vec4, 3> rotation;
   float image_width, image_height;
   float focal;
   float orthographic;
   float value_low;
   float inverse_domain;
-  float table_scale, table_shift;
 };
-static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, table_scale) == 72);
+static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
 /// Seconds since the last call, or since its making.
 class Stopwatch {
@@ -58,7 +57,8 @@ void dispatch(const Program& program, std::size_t first, std::size_t count) {
 /// Calls visit(first, count) for runs of at most quads_per_run elements.
 template <class Visit>
 void for_each_run(std::size_t count, const Visit& visit) {
-  for (std::size_t first = 0; first < count; first += quads_per_run) visit(first, std::min(quads_per_run, count - first));
+  for (std::size_t first = 0; first < count; first += quads_per_run)
+    visit(first, std::min(quads_per_run, count - first));
 }
 
 void write_records(std::span<const SplatBatch> batches, std::span<const std::size_t> first_of_batch,
@@ -73,8 +73,8 @@ void write_records(std::span<const SplatBatch> batches, std::span<const std::siz
 
 Result<std::unique_ptr<Renderer>> Renderer::create() {
   if (epoxy_gl_version() < 45 || !epoxy_is_desktop_gl())
-    return fail(ErrorCode::device, "OpenGL 4.5 is needed, the context has {}.{}", epoxy_gl_version() / 10,
-                epoxy_gl_version() % 10);
+    return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
+                epoxy_gl_version() / 10, epoxy_gl_version() % 10);
   SPLATVOL_TRY_ASSIGN(kernel, make_octant_kernel());
   std::unique_ptr<Renderer> renderer(new Renderer(std::move(kernel)));
   SPLATVOL_TRY(renderer->prepare_quads());
@@ -116,9 +116,6 @@ Status Renderer::set_transfer_function(const TransferFunction& function) {
     glCreateTextures(GL_TEXTURE_1D, 1, &name);
     transfer_table_ = Texture(name);
     glTextureStorage1D(name, 1, GL_RGBA32F, table_entries);
-    glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-    glTextureParameteri(name, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-    glTextureParameteri(name, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   }
   const std::vector<vec4> table = function.table(table_entries);
   glTextureSubImage1D(transfer_table_.name(), 0, 0, table_entries, GL_RGBA, GL_FLOAT, table.data());
@@ -186,8 +183,8 @@ Status Renderer::prepare_target(const View& view) {
   // A quad holds its pixels as 16-bit numbers.
   const int limit = std::min({largest, largest_viewport[0], largest_viewport[1], 65535});
   if (view.width < 1 || view.height < 1 || view.width > limit || view.height > limit)
-    return fail(ErrorCode::invalid_argument, "image: {} x {} pixels, but this device draws 1 to {} each way", view.width,
-                view.height, limit);
+    return fail(ErrorCode::invalid_argument, "image: {} x {} pixels, but this device draws 1 to {} each way",
+                view.width, view.height, limit);
 
   width_ = height_ = 0;
   framebuffer_ = {};
@@ -215,9 +212,7 @@ Status Renderer::upload_frame(const View& view) {
                          .focal = static_cast<float>(view.focal),
                          .orthographic = view.orthographic ? 1.0F : 0.0F,
                          .value_low = value_low_,
-                         .inverse_domain = inverse_domain_,
-                         .table_scale = static_cast<float>(table_entries - 1) / table_entries,
-                         .table_shift = 0.5F / table_entries};
+                         .inverse_domain = inverse_domain_};
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.

@@ -38,13 +38,13 @@ class Renderer {
   /// Needs a current OpenGL 4.5 context; fails with ErrorCode::device where there is an older one, or none.
   [[nodiscard]] static Result<std::unique_ptr<Renderer>> create();
 
-  /// Colour and extinction of the splats, through a table of 4096 entries, interpolated. Fails where the function has no
-  /// control points or an empty domain. Call it before the first draw.
+  /// Colour and extinction of the splats, through a table of 4096 equal steps, interpolated. Fails where the function
+  /// has no control points or an empty domain. Call it before the first draw.
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function);
 
   /// Replaces the splats by those of `batches`, back to front where they are to be drawn with SortMode::none. They are
-  /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are no
-  /// splats then.
+  /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are
+  /// no splats then.
   [[nodiscard]] Status set_splats(std::span<const SplatBatch> batches);
 
   /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
@@ -85,8 +85,8 @@ class Renderer {
   Buffer origins_{"origins of batches"};
   Buffer keys_{"sort keys"};
   Buffer order_{"drawing order"};
-  std::size_t ordered_count_ = 0;      // splats that the order holds
-  std::optional<View> ordered_view_;   // whose order it is; none where splats or colours have changed since
+  std::size_t ordered_count_ = 0;     // splats that the order holds
+  std::optional<View> ordered_view_;  // whose order it is; none where splats or colours have changed since
   Buffer quads_{"quads"};
   Buffer quad_indices_{"indices of quads"};
   VertexArray vertex_array_;

@@ -54,7 +54,9 @@ std::span<const std::uint32_t> KeySorter::sort(std::span<const std::uint32_t> ke
 
   const std::size_t kept = radix_pass(
       keys.size(), 0, [&](std::size_t i) { return keys[i]; },
-      [&](std::size_t i, std::uint32_t place) { front_[place] = {keys[i], static_cast<std::uint32_t>(i)}; });
+      [&](std::size_t i, std::uint32_t place) {
+        front_[place] = {keys[i], static_cast<std::uint32_t>(i)};
+      });
   radix_pass(
       kept, digit_bits, [&](std::size_t i) { return front_[i].key; },
       [&](std::size_t i, std::uint32_t place) { back_[place] = front_[i]; });

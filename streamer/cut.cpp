@@ -12,6 +12,9 @@ namespace {
 
 using format::IndexPage;
 
+// Rounding may move a point out of its cell, by far less than this part of its splat's size.
+constexpr double position_slack = 1.0 / 16;
+
 // Where a node's points begin in each segment.
 using Begins = std::array<std::uint64_t, format::max_resolutions>;
 
@@ -31,7 +34,13 @@ class CutSelector {
  public:
   CutSelector(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
               const CutOptions& options, std::size_t size_bound)
-      : info_(info), index_(index), view_(view), frustum_(view), visibility_(visibility), options_(options), size_bound_(size_bound) {}
+      : info_(info),
+        index_(index),
+        view_(view),
+        frustum_(view),
+        visibility_(visibility),
+        options_(options),
+        size_bound_(size_bound) {}
 
   Result<Cut> run() {
     SPLATVOL_TRY_ASSIGN(page, index_.root());
@@ -63,8 +72,8 @@ class CutSelector {
     if (!is_visible(node)) return true;
     if (node.child_mask() == 0) return draw(node, resolution.value_or(finest()));
     if (!resolution) return visit_children(node);
-    const std::uint64_t splats = splat_count(node, *resolution);
-    if (!is_worth_comparing(node, *resolution, splats)) return draw(node, *resolution);
+    const std::uint64_t splats = is_within_reach(node, *resolution) ? splat_count(node, *resolution) : 0;
+    if (splats <= options_.compare_above) return draw(node, *resolution);
 
     // Whichever is fewer; at equal numbers smaller nodes are better sorted.
     const Mark before = mark();
@@ -75,7 +84,8 @@ class CutSelector {
   }
 
   Result<bool> visit_children(const Node& node) {
-    if (node.depth >= format::max_depth) return fail(ErrorCode::invalid_data, "the index is deeper than {}", format::max_depth);
+    if (node.depth >= format::max_node_depth)
+      return fail(ErrorCode::invalid_data, "the index is deeper than {}", format::max_node_depth);
     SPLATVOL_TRY_ASSIGN(children, children_of(node));
     const unsigned nearest = nearest_octant(node.cell);
     for (unsigned i = 8; i-- > 0;) {
@@ -110,7 +120,8 @@ class CutSelector {
     return children;
   }
 
-  // Descending in i, the octants i ^ nearest are back to front: whatever differs from the nearest on more axes is behind.
+  // Descending in i, the octants i ^ nearest are back to front: whatever differs from the nearest on more axes is
+  // behind.
   unsigned nearest_octant(const Cube& cell) const {
     const dvec3 towards_eye = view_.orthographic ? -view_.forward : view_.eye - (cell.origin + 0.5 * cell.edge);
     return (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
@@ -134,14 +145,14 @@ class CutSelector {
   bool is_visible(const Node& node) const {
     const format::ValueSummary& summary = node.page->nodes.summaries[node.index];
     if (!visibility_.shows(summary.min, summary.max, summary.occupancy)) return false;
-    double largest = 0;
-    for (std::size_t r = node.first_resolution(); r <= finest(); ++r) largest = std::max(largest, splat_bound(node, r));
-    return frustum_.touches(node.cell, octant_reach * largest);
+    for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
+      if (is_within_reach(node, r)) return true;
+    return false;
   }
 
-  // Fewer splats are possible only where children may do with coarser ones, or are out of sight.
-  bool is_worth_comparing(const Node& node, std::size_t resolution, std::uint64_t splats) const {
-    return splats > options_.compare_above && (options_.resolution || resolution > node.first_resolution());
+  // Whether the node's splats may reach into the picture.
+  bool is_within_reach(const Node& node, std::size_t resolution) const {
+    return frustum_.touches(node.cell, (octant_reach + position_slack) * splat_bound(node, resolution));
   }
 
   static std::uint64_t splat_count(const Node& node, std::size_t resolution) {
@@ -150,11 +161,12 @@ class CutSelector {
   }
 
   Result<bool> draw(const Node& node, std::size_t resolution) {
-    if (!frustum_.touches(node.cell, octant_reach * splat_bound(node, resolution))) return true;
+    if (!is_within_reach(node, resolution)) return true;
     cut_.items.push_back({node.cell, cut_.ranges.size(), static_cast<std::uint32_t>(resolution)});
     for (std::size_t s = 0; s <= resolution; ++s) cut_.ranges.push_back({node.begins[s], node.counts()[s]});
     cut_.splats += splat_count(node, resolution);
-    if (cut_.splats > options_.max_bytes / sizeof(OctantSplat) || cut_.memory_bytes() > options_.max_bytes - cut_.splats * sizeof(OctantSplat))
+    if (cut_.splats > options_.max_bytes / sizeof(OctantSplat) ||
+        cut_.memory_bytes() > options_.max_bytes - cut_.splats * sizeof(OctantSplat))
       return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", options_.max_bytes);
     return true;
   }
@@ -172,13 +184,15 @@ class CutSelector {
 }  // namespace
 
 bool Cut::operator==(const Cut& other) const {
-  return ranges == other.ranges && std::ranges::equal(items, other.items, {}, &CutItem::resolution, &CutItem::resolution);
+  return ranges == other.ranges &&
+         std::ranges::equal(items, other.items, {}, &CutItem::resolution, &CutItem::resolution);
 }
 
-Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
-                       const CutOptions& options) {
+Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
+                       const ValueVisibility& visibility, const CutOptions& options) {
   const auto bound = std::ranges::find(info.size_bounds, "octant");
-  if (bound == info.size_bounds.end()) return fail(ErrorCode::unsupported, "no splat sizes for the octant kernel in the index");
+  if (bound == info.size_bounds.end())
+    return fail(ErrorCode::unsupported, "no splat sizes for the octant kernel in the index");
   const auto size_bound = static_cast<std::size_t>(bound - info.size_bounds.begin());
   return CutSelector(info, index, view, visibility, options, size_bound).run();
 }

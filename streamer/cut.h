@@ -25,9 +25,8 @@ struct CutOptions {
   /// Draw everything at this resolution, whatever the tolerance.
   std::optional<std::size_t> resolution;
 
-  /// A node that would draw more splats than this is compared with its descendants, whose part nearest to the eye may
-  /// need the detail alone. At 0, of all valid cuts within the tolerance the one with the fewest splats is found, as far
-  /// as no node is better drawn whole at its first resolution.
+  /// A node that would draw more splats than this is compared with its children, of which only some may need the detail
+  /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.
   std::uint64_t compare_above = 512;
 
   /// Give up where the splats and their cut would take more memory than this.
@@ -59,7 +58,9 @@ struct Cut {
     return std::span(ranges).subspan(item.first_range, item.resolution + 1);
   }
 
-  [[nodiscard]] std::uint64_t memory_bytes() const { return items.size() * sizeof(CutItem) + ranges.size() * sizeof(PointRange); }
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return items.size() * sizeof(CutItem) + ranges.size() * sizeof(PointRange);
+  }
 
   /// Whether both draw the same points in the same order.
   [[nodiscard]] bool operator==(const Cut& other) const;
@@ -74,14 +75,15 @@ class IndexPages {
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> root() = 0;
 
   /// The page that holds the children of `node`. Requires page.links[node] != IndexPage::no_node.
-  [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page, std::uint32_t node) = 0;
+  [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
+                                                                                std::uint32_t node) = 0;
 };
 
 /// Chooses the cut from the index alone.
 ///
 /// From the root down: nodes outside of the view or without anything visible in them are left out; a node is drawn at
-/// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are asked;
-/// a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
+/// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are
+/// asked; a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
 /// node that reaches the eye's plane satisfies no tolerance but infinity.
 /// Fails with out_of_budget past max_bytes, with invalid_data where the tree is deeper than the format allows, and
 /// with unsupported where the file has no sizes for the octant kernel.

@@ -14,8 +14,8 @@ Frustum::Frustum(const View& view) : view_(view) {
     if (view.orthographic) return {inwards, half / view.focal};
     return {glm::normalize(view.focal * inwards + half * view.forward), 0};
   };
-  planes_ = {side(view.right, view.width), side(-view.right, view.width), side(view.up, view.height), side(-view.up, view.height),
-             Plane{view.forward, 0}};
+  planes_ = {side(view.right, view.width), side(-view.right, view.width), side(view.up, view.height),
+             side(-view.up, view.height), Plane{view.forward, 0}};
 }
 
 double Frustum::farthest(const Plane& plane, const Cube& cell) const {
@@ -31,7 +31,9 @@ bool Frustum::touches(const Cube& cell, double reach) const {
 double Frustum::nearest_depth(const Cube& cell) const { return -farthest({-view_.forward, 0}, cell); }
 
 double Frustum::covered_percent(double length, double depth) const {
-  const double pixels_per_length = view_.orthographic ? view_.focal : depth > 0 ? view_.focal / depth : std::numeric_limits<double>::infinity();
+  const double pixels_per_length = view_.orthographic ? view_.focal
+                                   : depth > 0        ? view_.focal / depth
+                                                      : std::numeric_limits<double>::infinity();
   return 100 * length * pixels_per_length / std::min(view_.width, view_.height);
 }
 

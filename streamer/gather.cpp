@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <tuple>
 
@@ -23,7 +24,8 @@ constexpr std::uint64_t largest_gap = 4096;
 constexpr std::uint64_t wave_bytes = 16u << 20;
 constexpr std::uint64_t run_bytes = 2u << 20;
 
-// What decoding takes besides the decoded numbers: packed bytes, the gap before them, payload, and a coordinate's integers.
+// What decoding takes besides the decoded numbers: packed bytes, the gap before them, payload, and a coordinate's
+// integers.
 std::uint64_t decoding_bytes(const format::ChunkEntry& entry, std::uint32_t points) {
   return largest_gap + entry.packed_bytes + entry.unpacked_bytes + points * sizeof(std::uint64_t);
 }
@@ -65,8 +67,10 @@ Result<Gatherer> Gatherer::create(PagedVolume& volume, Cache& cache) {
   const int value = info.find_column(ColumnKind::value, volume.attribute());
   const int octant = info.find_column(ColumnKind::octant);
   const std::string& attribute = info.attributes[static_cast<std::size_t>(volume.attribute())].name;
-  if (value < 0) return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", volume.volume().name(), attribute);
-  if (octant < 0) return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", volume.volume().name());
+  if (value < 0)
+    return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", volume.volume().name(), attribute);
+  if (octant < 0)
+    return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", volume.volume().name());
   return Gatherer(volume, cache, info.find_column(ColumnKind::position), value, octant);
 }
 
@@ -100,7 +104,8 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
     }
     plan.item_ends.push_back(plan.splats);
   }
-  std::ranges::sort(plan.jobs, {}, [](const CopyJob& job) { return std::tuple(job.group, job.resolution, job.begin, job.item); });
+  std::ranges::sort(plan.jobs, {},
+                    [](const CopyJob& job) { return std::tuple(job.group, job.resolution, job.begin, job.item); });
   return plan;
 }
 
@@ -108,10 +113,12 @@ std::uint64_t Gatherer::working_bytes() const {
   const format::VolumeInfo& info = volume_->volume().info();
   const std::uint64_t points = std::min<std::uint64_t>(info.points_per_chunk, info.point_count());
   const auto chunk_bytes = [&](ColumnKind kind, std::uint64_t payload) {
-    return decoded_bytes(kind, static_cast<std::uint32_t>(points)) + largest_gap + points * sizeof(std::uint64_t) + 2 * payload;
+    return decoded_bytes(kind, static_cast<std::uint32_t>(points)) + largest_gap + points * sizeof(std::uint64_t) +
+           2 * payload;
   };
   return chunk_bytes(ColumnKind::position, sizeof(format::PositionHeader) + points * sizeof(dvec3)) +
-         chunk_bytes(ColumnKind::value, points * sizeof(float)) + info.resolutions() * chunk_bytes(ColumnKind::octant, points * 2);
+         chunk_bytes(ColumnKind::value, points * sizeof(float)) +
+         info.resolutions() * chunk_bytes(ColumnKind::octant, points * 2);
 }
 
 Status Gatherer::gather(const Cut& cut, const GatherPlan& plan, std::span<OctantSplat> splats) {
@@ -132,13 +139,9 @@ Result<std::size_t> Gatherer::fill_wave(const GatherPlan& plan, std::size_t firs
     const auto rest = std::span(plan.jobs).subspan(job);
     const auto end = std::ranges::find_if(rest, [&](const CopyJob& j) { return j.group != rest.front().group; });
     const auto of_group = rest.first(static_cast<std::size_t>(end - rest.begin()));
-    const std::size_t missing = wave.missing.size();
-    SPLATVOL_TRY_ASSIGN(fits, add_group(of_group, wave));
-    if (!fits && job > first_job) {
-      wave.missing.erase(wave.missing.begin() + static_cast<std::ptrdiff_t>(missing), wave.missing.end());
-      break;
-    }
-    if (!fits) return fail(ErrorCode::out_of_budget, "{}: no memory to decode a group of points", volume_->volume().name());
+    const Status added = add_group(of_group, wave);
+    if (!added && added.error().code == ErrorCode::out_of_budget && job > first_job) break;
+    SPLATVOL_TRY(added);
     job += of_group.size();
   }
   return job;
@@ -148,37 +151,41 @@ CacheKey Gatherer::sizes_key(const CopyJob& job) const {
   return {CacheKey::Kind::sizes, volume_->volume().rows().row(job.resolution, job.group)};
 }
 
-// False where the budget does not hold the group's chunks.
-Result<bool> Gatherer::add_group(std::span<const CopyJob> jobs, Wave& wave) {
+// Adds all the chunks that the jobs of one group need, or none: out_of_budget.
+Status Gatherer::add_group(std::span<const CopyJob> jobs, Wave& wave) {
   const format::RowLayout& rows = volume_->volume().rows();
   const std::uint64_t number = jobs.front().group;
   const Group group = rows.group(number);
   const std::uint64_t own_row = rows.row(group.segment, number);
-  SPLATVOL_TRY_ASSIGN(positions, add_chunk({CacheKey::Kind::positions, number}, own_row, position_, group, wave));
-  SPLATVOL_TRY_ASSIGN(values, add_chunk({CacheKey::Kind::values, number}, own_row, value_, group, wave));
-  bool fits = positions && values;
-  for (const CopyJob& job : jobs) {
-    if (!fits) break;
-    SPLATVOL_TRY_ASSIGN(sizes, add_chunk(sizes_key(job), sizes_key(job).number, octant_, group, wave));
-    fits = sizes;
-  }
-  return fits;
-}
-
-Result<bool> Gatherer::add_chunk(CacheKey key, std::uint64_t row, int column, const Group& group, Wave& wave) {
-  if (wave.held.contains(key)) return true;
-  Cache::Pointer held = cache_->find(key);
-  if (!held) {
-    const ColumnKind kind = volume_->volume().info().columns[static_cast<std::size_t>(column)].kind;
+  std::vector<Chunk> missing;
+  std::map<CacheKey, Cache::Pointer> held;
+  const auto want = [&](CacheKey key, std::uint64_t row, int column) -> Status {
+    const auto [entry, added] = held.try_emplace(key, nullptr);
+    if (!added || (entry->second = cache_->find(key))) return {};
     SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, column));
-    auto decoded = cache_->reserve(decoded_bytes(kind, group.count));
-    auto decoding = cache_->reserve(decoding_bytes(place.entry, group.count));
-    if (!decoded || !decoding) return false;
-    wave.bytes += decoded->bytes() + decoding->bytes();
-    wave.missing.push_back({key, kind, row, group.count, place, std::move(*decoded), std::move(*decoding), {}});
+    const ColumnKind kind = volume_->volume().info().columns[static_cast<std::size_t>(column)].kind;
+    missing.push_back({key, kind, row, group.count, place, {}, {}, {}});
+    return {};
+  };
+  SPLATVOL_TRY(want({CacheKey::Kind::positions, number}, own_row, position_));
+  SPLATVOL_TRY(want({CacheKey::Kind::values, number}, own_row, value_));
+  for (const CopyJob& job : jobs) SPLATVOL_TRY(want(sizes_key(job), sizes_key(job).number, octant_));
+
+  // Only now, since it may cost the directory pages their place.
+  std::uint64_t bytes = 0;
+  for (Chunk& chunk : missing) {
+    auto decoded = cache_->reserve(decoded_bytes(chunk.kind, chunk.points));
+    auto decoding = cache_->reserve(decoding_bytes(chunk.place.entry, chunk.points));
+    if (!decoded || !decoding)
+      return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(), group.count);
+    bytes += decoded->bytes() + decoding->bytes();
+    chunk.decoded = std::move(*decoded);
+    chunk.decoding = std::move(*decoding);
   }
-  wave.held.emplace(key, std::move(held));
-  return true;
+  wave.bytes += bytes;
+  std::ranges::move(missing, std::back_inserter(wave.missing));
+  wave.held.merge(held);
+  return {};
 }
 
 // Reads and decodes what is missing, in runs of chunks that lie side by side.
@@ -199,7 +206,8 @@ Status Gatherer::load(Wave& wave) {
   std::vector<Status> outcomes(runs.size());
   tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t i) { outcomes[i] = read_and_decode(runs[i]); });
   for (const Status& outcome : outcomes) SPLATVOL_TRY(outcome);
-  for (Chunk& chunk : wave.missing) wave.held[chunk.key] = cache_->insert(chunk.key, std::move(chunk.data), std::move(chunk.decoded));
+  for (Chunk& chunk : wave.missing)
+    wave.held[chunk.key] = cache_->insert(chunk.key, std::move(chunk.data), std::move(chunk.decoded));
   wave.missing.clear();
   return {};
 }

@@ -22,7 +22,7 @@ struct CopyJob {
   std::uint64_t destination;  // index of the first splat
   std::uint32_t begin;        // within the group
   std::uint32_t count;
-  std::uint32_t item;         // of the cut
+  std::uint32_t item;  // of the cut
   std::uint32_t resolution;
 };
 
@@ -32,7 +32,9 @@ struct GatherPlan {
   std::vector<std::uint64_t> item_ends;  // [item]
   std::uint64_t splats = 0;
 
-  [[nodiscard]] std::uint64_t memory_bytes() const { return jobs.size() * sizeof(CopyJob) + item_ends.size() * sizeof(std::uint64_t); }
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return jobs.size() * sizeof(CopyJob) + item_ends.size() * sizeof(std::uint64_t);
+  }
 };
 
 /// Reads the splats of cuts. Not thread-safe; decodes on all processors.
@@ -41,7 +43,8 @@ class Gatherer {
   /// Fails with unsupported where the file has no values for the attribute or no octant column.
   [[nodiscard]] static Result<Gatherer> create(PagedVolume& volume, Cache& cache);
 
-  /// Lays the cut's splats out, item after item. Groups in which nothing is visible are left out. Reads directory pages only.
+  /// Lays the cut's splats out, item after item. Groups in which nothing is visible are left out. Reads directory pages
+  /// only.
   [[nodiscard]] Result<GatherPlan> plan(const Cut& cut, const ValueVisibility& visibility);
 
   /// Reads what the cache does not hold and fills `splats`, positions relative to the centre of their item's cell.
@@ -56,8 +59,7 @@ class Gatherer {
   struct Wave;
   Gatherer(PagedVolume& volume, Cache& cache, int position, int value, int octant);
   [[nodiscard]] Result<std::size_t> fill_wave(const GatherPlan& plan, std::size_t first_job, Wave& wave);
-  [[nodiscard]] Result<bool> add_group(std::span<const CopyJob> jobs, Wave& wave);
-  [[nodiscard]] Result<bool> add_chunk(CacheKey key, std::uint64_t row, int column, const format::Group& group, Wave& wave);
+  [[nodiscard]] Status add_group(std::span<const CopyJob> jobs, Wave& wave);
   [[nodiscard]] Status load(Wave& wave);
   [[nodiscard]] Status read_and_decode(std::span<Chunk> run) const;
   [[nodiscard]] Status decode(Chunk& chunk, std::span<const std::byte> packed) const;

@@ -10,7 +10,9 @@ using format::IndexPage;
 // How large a page is in memory shows only when it is unpacked; until then its packed bytes stand for it.
 template <class Page, class Read>
 Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_t packed_bytes, Read read) {
-  const auto typed = [](const Cache::Pointer& held) { return std::shared_ptr<const Page>(held, &std::get<Page>(*held)); };
+  const auto typed = [](const Cache::Pointer& held) {
+    return std::shared_ptr<const Page>(held, &std::get<Page>(*held));
+  };
   if (const Cache::Pointer held = cache_.find(key)) return typed(held);
   const auto too_large = [&](std::uint64_t bytes) {
     return fail(ErrorCode::out_of_budget, "{}: no memory for a page of {} bytes", volume_.name(), bytes);
@@ -42,7 +44,8 @@ Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::ui
   const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
   const std::uint64_t chunks = rows.chunks_before(last) - rows.chunks_before(first);
   const std::uint64_t bytes = chunks * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
-  return page<DirectoryPage>({CacheKey::Kind::directory_page, number}, bytes, [&] { return volume_.read_directory_page(number); });
+  return page<DirectoryPage>({CacheKey::Kind::directory_page, number}, bytes,
+                             [&] { return volume_.read_directory_page(number); });
 }
 
 Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {

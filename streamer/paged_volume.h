@@ -15,13 +15,15 @@ namespace splatvol {
 class PagedVolume final : public IndexPages {
  public:
   /// `attribute` is an index into volume.info().attributes. Keeps references to both.
-  PagedVolume(const format::Volume& volume, int attribute, Cache& cache) : volume_(volume), attribute_(attribute), cache_(cache) {}
+  PagedVolume(const format::Volume& volume, int attribute, Cache& cache)
+      : volume_(volume), attribute_(attribute), cache_(cache) {}
 
   [[nodiscard]] const format::Volume& volume() const { return volume_; }
   [[nodiscard]] int attribute() const { return attribute_; }
 
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
-  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page, std::uint32_t node) override;
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
+                                                                        std::uint32_t node) override;
 
   /// Where a chunk of a row lies; `column` must be one of the row's.
   [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);

@@ -16,10 +16,10 @@ struct OctantSplat {
 };
 static_assert(sizeof(OctantSplat) == 20);
 
-/// How far a splat reaches from its centre, in units of its size (6 standard deviations of 0.4 d), and at least, in
+/// How far a splat reaches from its centre, in units of its size (3 standard deviations of 0.4 d), and at least, in
 /// pixels: the renderer widens splats that would slip between the centres of pixels.
-inline constexpr double octant_reach = 2.4;
-inline constexpr double octant_smallest_reach_pixels = 3;
+inline constexpr double octant_reach = 1.2;
+inline constexpr double octant_smallest_reach_pixels = 1.5;
 
 /// Splats near one origin, so that single precision keeps their detail far from the world's origin.
 struct SplatBatch {

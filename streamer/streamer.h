@@ -58,9 +58,11 @@ class Streamer {
  public:
   /// Reads the preamble. Fails where the file is damaged, where it has no such attribute (the message lists those that
   /// it has) or lacks what the octant kernel needs, and where the preamble alone passes the budget.
-  [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source, const StreamerOptions& options);
+  [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source,
+                                                              const StreamerOptions& options);
   Streamer(const Streamer&) = delete;
   Streamer& operator=(const Streamer&) = delete;
+  ~Streamer();
 
   /// The splats for a view: chosen, read and gathered before it returns; none of this is repeated for a view whose cut
   /// is that of the request before. Where they would pass the budget, detail is lost and never coverage: the tolerance
@@ -68,7 +70,8 @@ class Streamer {
   /// fits, with the number of bytes that would do, and with the reader's error where the file fails or is damaged.
   ///
   /// The result stays valid until the next request, also one that fails.
-  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function, const DetailOptions& detail);
+  [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
+                                                   const DetailOptions& detail);
 
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
@@ -81,14 +84,21 @@ class Streamer {
     DetailOptions detail;
   };
   Streamer(std::shared_ptr<const format::Volume> volume, int attribute, std::uint64_t memory_bytes);
-  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
-  [[nodiscard]] Result<Choice> choose_coarser(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
-  [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
-  [[nodiscard]] Status fetch(Choice choice, const ValueVisibility& visibility);
+  [[nodiscard]] Status set_memory_aside();
   [[nodiscard]] std::uint64_t frame_limit() const;
+  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, DetailOptions detail);
+  [[nodiscard]] Result<Choice> choose_lower_resolution(const View& view, const ValueVisibility& visibility,
+                                                       DetailOptions detail);
+  [[nodiscard]] Result<Choice> choose_higher_tolerance(const View& view, const ValueVisibility& visibility,
+                                                       DetailOptions detail);
+  [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
+                                                      const DetailOptions& detail);
+  [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
 
   std::shared_ptr<const format::Volume> volume_;
   MemoryBudget budget_;
+  std::uint64_t working_bytes_ = 0;
   Reservation preamble_;
   Cache cache_;
   PagedVolume paged_;
@@ -97,9 +107,6 @@ class Streamer {
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;
   double fetch_seconds_ = 0;
-
- public:
-  ~Streamer();
 };
 
 }  // namespace splatvol

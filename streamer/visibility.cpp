@@ -39,8 +39,8 @@ bool ValueVisibility::operator==(const ValueVisibility& other) const {
   const auto same = [](const TransferFunction::Density& a, const TransferFunction::Density& b) {
     return a.t == b.t && a.extinction == b.extinction;
   };
-  return bins_ == other.bins_ && offset_ == other.offset_ && function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
-         std::ranges::equal(function_.densities, other.function_.densities, same);
+  return bins_ == other.bins_ && offset_ == other.offset_ && function_.lo == other.function_.lo &&
+         function_.hi == other.function_.hi && std::ranges::equal(function_.densities, other.function_.densities, same);
 }
 
 }  // namespace splatvol

@@ -10,9 +10,9 @@
 
 namespace splatvol {
 
-/// Six Kuhn tetrahedra of a box, refined by Maubach's bisection (SIAM J. Sci. Comput. 16, 1995): every tetrahedron knows
-/// the edge to cut next, shapes fall into a few classes however deep it goes, and cutting on until no edge has a vertex
-/// in its middle always ends. Not thread-safe.
+/// Six Kuhn tetrahedra of a box, refined by Maubach's bisection (SIAM J. Sci. Comput. 16, 1995): every tetrahedron
+/// knows the edge to cut next, shapes fall into a few classes however deep it goes, and cutting on until no edge has a
+/// vertex in its middle always ends. Not thread-safe.
 class BisectionMesh {
  public:
   BisectionMesh(dvec3 low, dvec3 high);
@@ -23,8 +23,8 @@ class BisectionMesh {
   /// Vertices of a tetrahedron, in positive order.
   [[nodiscard]] std::array<std::uint32_t, 4> tetrahedron(std::size_t index) const;
 
-  /// Cuts every tetrahedron with marked[index] != 0 in two, and others as far as conformity asks for it. Indices change;
-  /// points keep theirs. Requires marked.size() == size().
+  /// Cuts every tetrahedron with marked[index] != 0 in two, and others as far as conformity asks for it. Indices
+  /// change; points keep theirs. Requires marked.size() == size().
   void refine(const std::vector<char>& marked);
 
  private:

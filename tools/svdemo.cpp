@@ -53,7 +53,9 @@ std::vector<float> indicators(const Demo& demo) {
 std::vector<char> mark_worst(const std::vector<float>& indicator, std::size_t count) {
   std::vector<std::uint32_t> order(indicator.size());
   for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
-  const auto worse = [&](std::uint32_t a, std::uint32_t b) { return std::pair(-indicator[a], a) < std::pair(-indicator[b], b); };
+  const auto worse = [&](std::uint32_t a, std::uint32_t b) {
+    return std::pair(-indicator[a], a) < std::pair(-indicator[b], b);
+  };
   count = std::min(count, order.size());
   std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(count), worse);
   std::vector<char> marked(indicator.size(), 0);
@@ -133,7 +135,9 @@ int main(int argc, char** argv) {
   std::string scene_path;
   std::size_t points = 100000;
   auto* mesh_option = app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)");
-  app.add_option("--points", points, "About how many points it gets")->check(CLI::Range(1000, 100'000'000))->capture_default_str();
+  app.add_option("--points", points, "About how many points it gets")
+      ->check(CLI::Range(1000, 100'000'000))
+      ->capture_default_str();
   auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)");
   app.callback([&] {
     if (!*mesh_option && !*scene_option) throw CLI::RequiredError("-o or --scene");

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -34,6 +35,9 @@ class ProgressBar {
 
 /// Reads a number of bytes: "65536", "64K", "1.5G" (powers of 1024; K, M, G, T, with or without iB).
 [[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text);
+
+/// Reads a picture's size such as "640x480"; sides from 1 to 16384.
+[[nodiscard]] Result<std::array<int, 2>> parse_image_size(const std::string& text);
 
 /// Seconds since an arbitrary fixed moment.
 [[nodiscard]] double seconds_now();

@@ -8,9 +8,8 @@ layout(std140, binding = 0) uniform FrameBlock {
   vec2 image_size;       // pixels
   float focal;           // pixels (perspective), or pixels per world unit (orthographic)
   float orthographic;    // 1 or 0
-  float value_low;       // the transfer function's domain
+  float value_low;       // where the transfer function's domain begins
   float inverse_domain;  // 1 / (high - low)
-  vec2 table_coordinate; // of t in [0, 1]: t * x + y, so that 0 and 1 fall on the centres of the outer texels
 } frame;
 
 vec3 rotate_to_view(vec3 direction) {

@@ -26,9 +26,12 @@ float opacity(float depth) {
   return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth);
 }
 
+// Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
 vec4 transfer(float value) {
-  float t = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0);
-  return textureLod(transfer_table, t * frame.table_coordinate.x + frame.table_coordinate.y, 0.0);
+  int last = textureSize(transfer_table, 0) - 1;
+  float place = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0) * float(last);
+  int left = min(int(place), last - 1);
+  return mix(texelFetch(transfer_table, left, 0), texelFetch(transfer_table, left + 1, 0), place - float(left));
 }
 
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
@@ -38,7 +41,7 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
 
   vec3 centre = origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
   bool orthographic = frame.orthographic != 0.0;
-  distance_to_eye = orthographic ? centre.z : length(centre);
+  distance_to_eye = orthographic ? centre.z : max(length(centre), centre.z);  // the length may underflow
   if (!(centre.z > 0.0)) return false;
 
   vec4 material = transfer(splat.value);
@@ -63,8 +66,8 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
 
   float half_width = half_width_per_sigma * sigma;
   quad.color = vec4(material.rgb * alpha, alpha);
-  quad.corner = ((vec2(first) - middle) * pixel_size - centre.xy) / half_width;
   quad.pixel = pixel_size / half_width;
+  quad.corner = (vec2(first) - middle) * quad.pixel - centre.xy / half_width;
   quad.columns = first.x | end.x << 16;
   quad.rows = first.y | end.y << 16;
   return true;

@@ -1,0 +1,446 @@
+// Files made by somebody who means harm and computes every hash: an error or a consistent volume, nothing else.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "base/file.h"
+#include "format/volume.h"
+#include "tests/format/allocation_counter.h"
+#include "tests/format/surgery.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol::test {
+namespace {
+
+using namespace format;
+using nlohmann::json;
+using testing::HasSubstr;
+
+const Surgeon leave_alone = [](Part, std::size_t, Bytes&) {};
+
+TestVolume volume_of(std::size_t points, std::size_t attributes) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::vector<std::vector<double>> values(attributes, std::vector<double>(points));
+  for (auto& column : values)
+    for (double& value : column) value = uniform(random) < -0.9 ? std::nan("") : uniform(random);
+  TestVolumeOptions options;
+  options.position_error = 1e-5;
+  options.node_points = 12;
+  return make_test_volume(random_points(points, 3), values, options);
+}
+
+// Whatever a reader may do with a file, each step of it on its own.
+class Explorer {
+ public:
+  explicit Explorer(const Volume& volume) : volume_(volume) {}
+
+  bool read_everything() {
+    for (int attribute = -1; attribute < static_cast<int>(volume_.info().attributes.size()); ++attribute) {
+      const auto root = volume_.read_index_root(attribute);
+      note(root.has_value());
+      if (root) walk(*root, attribute, 0);
+    }
+    note(volume_.read_histograms().has_value());
+    const std::uint64_t rows = volume_.rows().row_count();
+    for (std::uint64_t row = 0; row < std::min<std::uint64_t>(rows, 500);) {
+      const auto page = volume_.read_directory_page(volume_.directory_page_of_row(row));
+      note(page.has_value());
+      const std::uint64_t end = std::min(rows, (row / volume_.info().rows_per_directory_page + 1) * volume_.info().rows_per_directory_page);
+      for (; page && row < std::min<std::uint64_t>(end, 500); ++row) read_row(*page, row);
+      row = end;
+    }
+    return all_read_;
+  }
+
+ private:
+  void note(bool read) { all_read_ = all_read_ && read; }
+
+  void walk(const IndexPage& page, int attribute, int pages_deep) {
+    EXPECT_EQ(page.nodes.summaries.size(), attribute < 0 ? 0 : page.nodes.size());
+    EXPECT_GT(page.memory_bytes(), 0u);
+    for (std::size_t node = 0; node < page.nodes.size(); ++node) {
+      const auto children = static_cast<std::uint32_t>(std::popcount(page.nodes.child_masks[node]));
+      if (page.first_children[node] != IndexPage::no_node) {
+        EXPECT_GT(page.first_children[node], node);
+        EXPECT_LE(page.first_children[node] + children, page.nodes.size());
+      }
+      if (page.links[node] == IndexPage::no_node || pages_deep > 100 || ++pages_ > 200) continue;
+      const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node], page.nodes.counts_of(node), attribute);
+      note(child.has_value());
+      if (child) walk(*child, attribute, pages_deep + 1);
+    }
+  }
+
+  void read_row(const DirectoryPage& page, std::uint64_t row) {
+    const Group group = volume_.rows().group(volume_.rows().group_of_row(row));
+    for (const int c : volume_.rows().columns_of_row(row)) {
+      const ChunkPlace& place = volume_.find_chunk(page, row, c);
+      const auto packed = volume_.read_bytes(place.offset, place.entry.packed_bytes);
+      note(packed.has_value());
+      if (!packed) continue;
+      const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(c)].kind;
+      std::vector<dvec3> positions(kind == ColumnKind::position ? group.count : 0);
+      std::vector<float> values(kind == ColumnKind::value ? group.count : 0);
+      std::vector<std::uint8_t> depths(kind == ColumnKind::octant ? group.count : 0), counts(depths);
+      if (kind == ColumnKind::position) note(unpack_positions(place.entry, *packed, positions, "test").has_value());
+      if (kind == ColumnKind::value) note(unpack_values(place.entry, *packed, values, "test").has_value());
+      if (kind == ColumnKind::octant) note(unpack_octants(place.entry, *packed, depths, counts, "test").has_value());
+    }
+  }
+
+  const Volume& volume_;
+  bool all_read_ = true;
+  int pages_ = 0;
+};
+
+struct Outcome {
+  bool opened = false;
+  bool verified = false;
+  std::string message;
+};
+
+Outcome explore(const Bytes& file) {
+  const auto volume = Volume::open(memory_source(file, "mutant"));
+  if (!volume) return {false, false, volume.error().message};
+  const Status verified = (*volume)->verify([](double) {});
+  const bool read = Explorer(**volume).read_everything();
+  if (verified) {
+    EXPECT_TRUE(read) << "verify accepts what cannot be read";
+  }
+  return {true, verified.has_value(), verified ? "" : verified.error().message};
+}
+
+Outcome explore(const Dissected& parts, Part part, std::size_t index, const std::function<void(Bytes&)>& change) {
+  return explore(parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
+    if (p == part && i == index) change(bytes);
+  }));
+}
+
+TEST(Surgery, LeavesAFileAsItWasWhereNothingIsDone) {
+  for (const std::size_t points : {1, 40, 400}) {
+    const Bytes file = test_volume_bytes(volume_of(points, 2));
+    ASSERT_FALSE(file.empty());
+    const Outcome outcome = explore(Dissected(file).assemble(leave_alone));
+    EXPECT_TRUE(outcome.verified) << outcome.message;
+    EXPECT_EQ(Dissected(file).assemble(leave_alone).size(), file.size());
+  }
+}
+
+// --- Random harm.
+
+class Mutator {
+ public:
+  explicit Mutator(std::uint32_t seed) : random_(seed) {}
+  std::size_t draw(std::size_t below) { return random_() % below; }
+
+  void harm(Part part, Bytes& bytes) {
+    if (part == Part::metadata && draw(4) != 0) return harm_number(bytes);
+    for (std::size_t times = 1 + draw(3); times > 0; --times) harm_bytes(bytes);
+  }
+
+ private:
+  void harm_bytes(Bytes& bytes) {
+    if (bytes.empty()) return bytes.push_back(std::byte{1});
+    const std::size_t at = draw(bytes.size());
+    switch (draw(8)) {
+      case 0: bytes[at] ^= static_cast<std::byte>(1u << draw(8)); break;
+      case 1: bytes[at] = pick<std::byte>({std::byte{0}, std::byte{1}, std::byte{0x7F}, std::byte{0x80}, std::byte{0xFF}}); break;
+      case 2: overwrite(bytes, at, pick<std::uint32_t>({0, 1, 64, 65536, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF})); break;
+      case 3: overwrite(bytes, at / 8 * 8, pick<std::uint64_t>({0, 1, bytes.size(), 1u << 20, 1ull << 32, 1ull << 48, 1ull << 63, ~0ull})); break;
+      case 4: overwrite(bytes, at / 8 * 8, pick<double>({std::nan(""), 1.0 / 0.0, -1, 1e308, 5e-324, 0x1p63})); break;
+      case 5: bytes.resize(at); break;
+      case 6: bytes.insert(bytes.end(), 1 + draw(64), static_cast<std::byte>(draw(256))); break;
+      default: std::copy_n(bytes.begin(), std::min<std::size_t>(8, bytes.size() - at), bytes.begin() + static_cast<std::ptrdiff_t>(at)); break;
+    }
+  }
+
+  // Puts another number in the place of one in the text.
+  void harm_number(Bytes& bytes) {
+    std::string text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    const std::size_t begin = text.find_first_of("0123456789", draw(text.size()));
+    if (begin == std::string::npos) return;
+    const std::size_t end = std::min(text.find_first_not_of("0123456789.e-+", begin), text.size());
+    const auto number = pick<const char*>({"0", "1", "-1", "2", "63", "64", "65", "1.5", "1e300", "-1e308", "1e-320", "65535", "65536", "4294967296",
+                                           "281474976710655", "281474976710656", "18446744073709551615", "null", "[]", "{}", "\"a\"", "true"});
+    text.replace(begin, end - begin, number);
+    const auto raw = std::as_bytes(std::span(text));
+    bytes.assign(raw.begin(), raw.end());
+  }
+
+  template <class T>
+  T pick(std::initializer_list<T> choices) {
+    return choices.begin()[draw(choices.size())];
+  }
+  template <class T>
+  static void overwrite(Bytes& bytes, std::size_t at, T value) {
+    std::memcpy(bytes.data() + at, &value, std::min(sizeof(T), bytes.size() - at));
+  }
+
+  std::mt19937 random_;
+};
+
+TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
+  constexpr std::size_t largest_allocation = 8u << 20;
+  const Dissected files[] = {Dissected(test_volume_bytes(volume_of(1, 1))), Dissected(test_volume_bytes(volume_of(300, 1))),
+                             Dissected(test_volume_bytes(volume_of(700, 3)))};
+  int refused = 0, accepted = 0, opened = 0;
+  for (std::uint32_t seed = 0; seed < 9000; ++seed) {
+    Mutator mutator(seed);
+    const Dissected& parts = files[seed % 3];
+    const auto part = static_cast<Part>(seed / 3 % part_count);
+    const std::size_t index = mutator.draw(parts.count(part));
+    const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
+      if (p == part && i == index) mutator.harm(p, bytes);
+    });
+    start_counting_allocations();
+    const Outcome outcome = explore(file);
+    EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;
+    ++(outcome.verified ? accepted : refused);
+    if (outcome.opened) ++opened;
+    if (!outcome.verified) {
+      EXPECT_THAT(outcome.message, HasSubstr("mutant"));
+    }
+  }
+  EXPECT_GT(refused, 1000);
+  EXPECT_GT(accepted, 300);  // harm to what is for people, or to single coordinates
+  EXPECT_GT(opened, 1000);
+}
+
+// --- Harm with a purpose.
+
+json metadata_of(const Bytes& bytes) { return json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size())); }
+
+void set_text(Bytes& bytes, const std::string& text) {
+  const auto raw = std::as_bytes(std::span(text));
+  bytes.assign(raw.begin(), raw.end());
+}
+
+class HostileSmallFile : public testing::Test {
+ protected:
+  HostileSmallFile() : file_(test_volume_bytes(volume_of(1, 1))), parts_(file_) {}
+
+  // What a reader allocates at most on a file that was changed.
+  std::size_t memory_of(Part part, const std::function<void(Bytes&)>& change, std::size_t most_file_bytes = 2048) {
+    const Bytes file = parts_.assemble([&](Part p, std::size_t, Bytes& bytes) {
+      if (p == part) change(bytes);
+    });
+    EXPECT_LE(file.size(), most_file_bytes);
+    start_counting_allocations();
+    explore(file);
+    return most_bytes_allocated();
+  }
+
+  Bytes file_;
+  Dissected parts_;
+};
+
+constexpr std::size_t few_megabytes = 4u << 20;
+
+TEST_F(HostileSmallFile, HasAboutAKilobyte) {
+  EXPECT_LE(file_.size(), 1500u);
+  EXPECT_LE(memory_of(Part::superblock, [](Bytes&) {}), 1u << 20);
+}
+
+TEST_F(HostileSmallFile, CannotClaimManyPoints) {
+  for (const std::uint64_t points : {2ull, 65536ull, 1ull << 32, (1ull << 48) - 1})
+    for (const std::uint64_t chunk : {64, 65536})
+      for (const std::uint64_t page : {1, 256, 1 << 24})
+        EXPECT_LE(memory_of(Part::metadata,
+                            [&](Bytes& bytes) {
+                              json document = metadata_of(bytes);
+                              document["resolution_counts"] = {points};
+                              document["points_per_chunk"] = chunk;
+                              document["rows_per_directory_page"] = page;
+                              set_text(bytes, document.dump());
+                            }),
+                  few_megabytes);
+}
+
+TEST_F(HostileSmallFile, CannotClaimManyAttributesOrColumns) {
+  EXPECT_LE(memory_of(
+                Part::metadata,
+                [&](Bytes& bytes) {
+                  json document = metadata_of(bytes);
+                  for (int i = 0; i < 400; ++i)
+                    document["columns"].push_back({{"kind", "later"}, {"scope", "resolution"}, {"critical", false}});
+                  set_text(bytes, document.dump());
+                }),
+            few_megabytes);
+}
+
+TEST_F(HostileSmallFile, CannotHideAMountainInItsMetadata) {
+  for (const std::string piece : {"[],", "{},", "{\"\":0},", "0,", "\"\","}) {
+    for (const std::size_t bytes_of_text : {10'000u, 60'000u, 120'000u, 300'000u}) {
+      const auto bomb = [&](Bytes& bytes) {
+        json document = metadata_of(bytes);
+        std::string list = "[";
+        while (list.size() < bytes_of_text) list += piece;
+        list.back() = ']';
+        std::string text = document.dump();
+        set_text(bytes, text.insert(1, "\"later\":" + list + ","));
+      };
+      EXPECT_LE(memory_of(Part::metadata, bomb), few_megabytes) << piece << bytes_of_text;
+    }
+  }
+}
+
+TEST(Hostile, APageOfTheMostNodesTakesFewMegabytes) {
+  // 64 resolutions and 16 size bounds make the most of a node; a mask of 0 makes a leaf of every one.
+  const NodeShape shape{64, 16, 0};
+  Bytes structure;
+  for (std::uint32_t node = 0; node < max_page_nodes; ++node) {
+    structure.insert(structure.end(), {std::byte{0}, std::byte{0}, std::byte{63}});
+    structure.insert(structure.end(), 64 + 16, std::byte{1});
+    if (node % 8 == 0) structure.back() = static_cast<std::byte>(node * node / 64);  // or the ratio of R7 forbids it
+  }
+  const Bytes packed = pack(structure);
+  Bytes page;
+  append_record(page, static_cast<std::uint32_t>(max_page_nodes));
+  append_record(page, std::uint32_t{0});
+  append_record(page, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
+  const std::uint64_t hash = hash_bytes(page);
+  page.insert(page.end(), packed.begin(), packed.end());
+  const auto bytes = static_cast<std::uint32_t>(page.size());
+  EXPECT_LE(bytes, 4096u);
+
+  start_counting_allocations();
+  EXPECT_TRUE(unpack_index_page({0, bytes, bytes, hash}, page, shape, max_page_nodes, 0, "test"));
+  EXPECT_LE(most_bytes_allocated(), 8u << 20);
+  EXPECT_GE(most_bytes_allocated(), 4u << 20);
+}
+
+class HostileTree : public testing::Test {
+ protected:
+  HostileTree() : parts_(test_volume_bytes(volume_of(700, 1))) {}
+
+  Dissected parts_;
+};
+
+TEST(Hostile, PagesThatAreLinkedToTwiceAreRefused) {
+  // A lattice of points, whose octants have the same counts: a link to any of them fits the others, and a chain of such
+  // pages would have exponentially many paths.
+  std::vector<dvec3> lattice;
+  for (int i = 0; i < 512; ++i) lattice.push_back((dvec3(i & 7, i >> 3 & 7, i >> 6) + 0.5) / 8.0);
+  TestVolumeOptions options;
+  options.node_points = 1;
+  const Dissected parts(test_volume_bytes(make_test_volume(lattice, {}, options)));
+  const std::size_t root = parts.count(Part::structure) - 1;
+  ASSERT_GE(parts.links(root).size(), 2u);
+  const Outcome outcome = explore(parts, Part::structure, root, [&](Bytes& bytes) {
+    for (const std::size_t link : parts.links(root)) std::copy_n(bytes.data() + parts.links(root)[0], sizeof(IndexPageRef), bytes.data() + link);
+  });
+  EXPECT_TRUE(outcome.opened);
+  EXPECT_THAT(outcome.message, HasSubstr("[R16]"));
+}
+
+TEST_F(HostileTree, ALeafThatClaimsMorePointsIsRefused) {
+  const std::size_t root = parts_.count(Part::structure) - 1;
+  const Outcome outcome = explore(parts_, Part::structure, root, [](Bytes& bytes) { bytes[3] ^= std::byte{1}; });
+  EXPECT_FALSE(outcome.verified);
+  EXPECT_THAT(outcome.message, HasSubstr("[R14]"));
+}
+
+TEST_F(HostileTree, WrongHistogramsAreRefused) {
+  const Outcome outcome = explore(parts_, Part::histograms, 0, [](Bytes& bytes) { bytes[8] ^= std::byte{1}; });
+  EXPECT_TRUE(outcome.opened);
+  EXPECT_THAT(outcome.message, HasSubstr("histogram"));
+}
+
+TEST_F(HostileTree, ValuesOutsideOfTheirRangeAreRefused) {
+  for (std::size_t chunk = 0; chunk < parts_.count(Part::chunk); ++chunk) {
+    bool is_values = false;
+    const Outcome outcome = explore(parts_, Part::chunk, chunk, [&](Bytes& bytes) {
+      is_values = bytes.size() % 4 == 0 && bytes.size() == 256;
+      if (is_values) bytes[200] ^= std::byte{0x40};
+    });
+    EXPECT_EQ(outcome.verified, !is_values) << outcome.message;
+  }
+}
+
+TEST_F(HostileTree, PointsOutsideOfTheCubeAreRefused) {
+  const Outcome outcome = explore(parts_, Part::metadata, 0, [](Bytes& bytes) {
+    json document = metadata_of(bytes);
+    document["cube"]["edge"] = 0.5;
+    set_text(bytes, document.dump());
+  });
+  EXPECT_TRUE(outcome.opened);
+  EXPECT_THAT(outcome.message, HasSubstr("outside of the cube"));
+}
+
+// --- The superblock and the section table, rule by rule.
+
+Outcome with_section(const Dissected& parts, SectionKind kind, const std::function<void(SectionEntry&)>& change) {
+  return explore(parts, Part::section_table, 0, [&](Bytes& table) {
+    for (std::size_t at = 0; at < table.size(); at += sizeof(SectionEntry)) {
+      auto entry = read_record<SectionEntry>(table, at);
+      if (entry.kind != kind) continue;
+      change(entry);
+      std::memcpy(table.data() + at, &entry, sizeof(entry));
+      return;
+    }
+  });
+}
+
+TEST_F(HostileTree, SectionsFollowTheirRules) {
+  const auto message = [&](SectionKind kind, const std::function<void(SectionEntry&)>& change) { return with_section(parts_, kind, change).message; };
+  EXPECT_EQ(message(SectionKind::rows, [](SectionEntry&) {}), "");
+  EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { ++s.offset; }), HasSubstr("[R6]"));
+  EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.packed_bytes = ~0ull; }), HasSubstr("[R6]"));
+  EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.kind = SectionKind{99}; }), HasSubstr("[R5]"));
+  EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.kind = SectionKind::metadata; }), HasSubstr("[R"));
+  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind::rows, s.codec = Codec::extent; }), HasSubstr("[R8]"));
+  for (const SectionKind kind : {SectionKind::metadata, SectionKind::directory_root, SectionKind::histograms})
+    EXPECT_THAT(message(kind, [](SectionEntry& s) { s.codec = Codec::extent; }), HasSubstr("[R7]"));
+  for (const SectionKind kind : {SectionKind::index_root, SectionKind::rows, SectionKind::index_pages, SectionKind::directory_pages})
+    EXPECT_THAT(message(kind, [](SectionEntry& s) { s.codec = Codec::raw; }), HasSubstr("[R7]"));
+  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.codec = Codec{3}; }), HasSubstr("[R7]"));
+  EXPECT_THAT(message(SectionKind::metadata, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }), HasSubstr("[R7]"));
+  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }), HasSubstr("histograms"));
+  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.hash ^= 1; }), HasSubstr("checksum"));
+}
+
+TEST_F(HostileTree, UnknownOptionalSectionsAreSkippedButChecked) {
+  EXPECT_EQ(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}; }).message, "");
+  EXPECT_THAT(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.hash ^= 1; }).message,
+              HasSubstr("checksum"));
+  // Bytes without a hash would be bytes that no check covers.
+  EXPECT_THAT(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.codec = Codec::extent; }).message,
+              HasSubstr("[R7]"));
+}
+
+TEST_F(HostileTree, TheSuperblockFollowsItsRules) {
+  const auto message = [&](auto change) {
+    return explore(parts_, Part::superblock, 0, [&](Bytes& bytes) {
+             Superblock superblock{};
+             std::memcpy(&superblock, bytes.data(), bytes.size());
+             change(superblock);
+             std::memcpy(bytes.data(), &superblock, bytes.size());
+           })
+        .message;
+  };
+  EXPECT_EQ(message([](Superblock&) {}), "");
+  EXPECT_EQ(message([](Superblock& s) { s.minor_version = 7; }), "");
+  EXPECT_EQ(message([](Superblock& s) { s.reserved0 = 7, s.reserved1 = 8; }), "");
+  EXPECT_THAT(message([](Superblock& s) { s.magic[0] = 0; }), HasSubstr("not a .svol file"));
+  EXPECT_THAT(message([](Superblock& s) { s.major_version = 2; }), HasSubstr("2.0"));
+  EXPECT_THAT(message([](Superblock& s) { s.major_version = 0; }), HasSubstr("0.0"));
+  EXPECT_THAT(message([](Superblock& s) { s.critical_features = 4; }), HasSubstr("feature"));
+  EXPECT_THAT(message([](Superblock& s) { ++s.file_bytes; }), HasSubstr("[R2]"));
+  EXPECT_THAT(message([](Superblock& s) { s.section_count = 0; }), HasSubstr("[R3]"));
+  EXPECT_THAT(message([](Superblock& s) { s.section_count = 65; }), HasSubstr("[R3]"));
+  EXPECT_THAT(message([](Superblock& s) { s.preamble_bytes = 100; }), HasSubstr("[R1]"));
+  EXPECT_THAT(message([](Superblock& s) { s.preamble_bytes = 64 + 48 * s.section_count; }), HasSubstr("[R1]"));
+  EXPECT_THAT(message([](Superblock& s) { s.preamble_bytes = s.file_bytes + 1; }), HasSubstr("[R1]"));
+  EXPECT_THAT(message([](Superblock& s) { s.preamble_bytes = ~0ull; }), HasSubstr("[R1]"));
+  EXPECT_THAT(message([](Superblock& s) { s.section_table_hash ^= 1; }), HasSubstr("[R4]"));
+}
+
+}  // namespace
+}  // namespace splatvol::test

@@ -1,0 +1,361 @@
+#include "format/octree.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+namespace splatvol::format {
+namespace {
+
+using testing::HasSubstr;
+
+// Trees of any shape: inner nodes hold their children's points, as a writer's do.
+class TreeMaker {
+ public:
+  TreeMaker(NodeShape shape, std::uint32_t seed) : random_(seed) { tree_.shape = shape; }
+
+  NodeArrays take() { return std::move(tree_); }
+  std::uint32_t draw(std::uint32_t below) { return static_cast<std::uint32_t>(random_() % below); }
+
+  // Returns the new node's index; `children` is called for each child that the mask names and must add that subtree.
+  template <class AddChild>
+  std::size_t add(std::uint8_t mask, AddChild add_child) {
+    const std::size_t node = tree_.size();
+    const NodeShape& shape = tree_.shape;
+    tree_.child_masks.push_back(mask);
+    tree_.first_resolutions.push_back(static_cast<std::uint8_t>(draw(static_cast<std::uint32_t>(shape.resolutions))));
+    tree_.counts.resize(tree_.counts.size() + shape.resolutions);
+    for (std::size_t i = 0; i < shape.size_bounds * shape.resolutions; ++i)
+      tree_.size_codes.push_back(i % shape.resolutions < tree_.first_resolutions.back() ? std::uint8_t{0} : static_cast<std::uint8_t>(draw(256)));
+    for (std::size_t a = 0; a < shape.attributes; ++a)
+      tree_.summaries.push_back({static_cast<float>(draw(1000)), 1000 + static_cast<float>(draw(1000)), random_()});
+    for (int i = 0; i < std::popcount(mask); ++i) {
+      const std::size_t child = add_child();
+      for (std::size_t s = 0; s < shape.resolutions; ++s) tree_.counts[node * shape.resolutions + s] += tree_.counts[child * shape.resolutions + s];
+    }
+    if (mask == 0)
+      for (std::size_t s = 0; s < shape.resolutions; ++s) tree_.counts[node * shape.resolutions + s] = s == 0 ? 1 : draw(1u << draw(20));
+    return node;
+  }
+
+  std::size_t add_random(std::size_t depth, std::uint32_t branching) {
+    const auto mask = depth > 0 && draw(100) < branching ? static_cast<std::uint8_t>(draw(256)) : std::uint8_t{0};
+    return add(mask, [&] { return add_random(depth - 1, branching); });
+  }
+
+  std::size_t add_full(std::size_t depth) {
+    return add(depth > 0 ? 255 : 0, [&] { return add_full(depth - 1); });
+  }
+
+  std::size_t add_chain(std::size_t depth) {
+    return add(depth > 0 ? static_cast<std::uint8_t>(1u << draw(8)) : std::uint8_t{0}, [&] { return add_chain(depth - 1); });
+  }
+
+ private:
+  std::mt19937_64 random_;
+  NodeArrays tree_;
+};
+
+struct PackedTree {
+  PackedIndexPage root;
+  Bytes section;
+  std::vector<IndexPageRef> pages;
+};
+
+Result<PackedTree> pack_tree(const NodeArrays& tree) {
+  PackedTree packed;
+  auto root = pack_index(tree, [&](const PackedIndexPage& page) -> Status {
+    EXPECT_EQ(page.ref.offset, packed.section.size());
+    EXPECT_EQ(page.ref.page_bytes, page.bytes.size());
+    packed.section.insert(packed.section.end(), page.bytes.begin(), page.bytes.end());
+    packed.pages.push_back(page.ref);
+    return {};
+  });
+  if (!root) return tl::unexpected(root.error());
+  packed.root = std::move(*root);
+  return packed;
+}
+
+// Reads a packed tree as a reader does, and lists its nodes depth first.
+class TreeReader {
+ public:
+  TreeReader(const PackedTree& packed, NodeShape shape) : packed_(packed) { tree_.shape = shape; }
+
+  NodeArrays read() {
+    const auto root = open(packed_.root.ref, packed_.root.bytes, 1, packed_.section.size());
+    add(root, 0);
+    return std::move(tree_);
+  }
+  std::size_t largest_page() const { return largest_page_; }
+
+ private:
+  using Pages = std::vector<IndexPage>;  // one for each attribute, and one where there is none
+
+  Pages open(const IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes, std::uint64_t links_end) {
+    Pages pages;
+    const auto front = bytes.first(ref.front_bytes);
+    for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
+      auto page = unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test");
+      EXPECT_TRUE(page) << page.error().message;
+      if (a < tree_.shape.attributes) {
+        const auto [offset, block] = find_summary_block(front, a, tree_.shape);
+        EXPECT_TRUE(unpack_summaries(block, bytes.subspan(offset, block.packed_bytes), "test", *page));
+      }
+      pages.push_back(std::move(*page));
+    }
+    largest_page_ = std::max(largest_page_, pages[0].nodes.size());
+    return pages;
+  }
+
+  void add(const Pages& pages, std::uint32_t node) {
+    const IndexPage& page = pages[0];
+    const NodeArrays& nodes = page.nodes;
+    const std::size_t codes = tree_.shape.size_bounds * tree_.shape.resolutions;
+    tree_.child_masks.push_back(nodes.child_masks[node]);
+    tree_.first_resolutions.push_back(nodes.first_resolutions[node]);
+    for (const std::uint64_t count : nodes.counts_of(node)) tree_.counts.push_back(count);
+    for (std::size_t i = 0; i < codes; ++i) tree_.size_codes.push_back(nodes.size_codes[node * codes + i]);
+    for (std::size_t a = 0; a < tree_.shape.attributes; ++a) tree_.summaries.push_back(pages[a].nodes.summaries[node]);
+
+    const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));
+    if (page.links[node] == IndexPage::no_node) {
+      for (std::uint32_t c = 0; c < children; ++c) add(pages, page.first_children[node] + c);
+      return;
+    }
+    const IndexPageRef& ref = page.pages[page.links[node]];
+    const Pages linked = open(ref, std::span(packed_.section).subspan(ref.offset, ref.page_bytes), children, ref.offset);
+    for (std::uint32_t c = 0; c < children; ++c) add(linked, c);
+  }
+
+  const PackedTree& packed_;
+  NodeArrays tree_;
+  std::size_t largest_page_ = 0;
+};
+
+// Packs, reads back and compares; returns the packed form.
+PackedTree expect_comes_back(const NodeArrays& tree) {
+  const PackedTree packed = pack_tree(tree).value();
+  TreeReader reader(packed, tree.shape);
+  const NodeArrays back = reader.read();
+  EXPECT_LE(reader.largest_page(), 300u);
+  EXPECT_EQ(back.child_masks, tree.child_masks);
+  EXPECT_EQ(back.first_resolutions, tree.first_resolutions);
+  EXPECT_EQ(back.counts, tree.counts);
+  EXPECT_EQ(back.size_codes, tree.size_codes);
+  EXPECT_EQ(back.summaries.size(), tree.summaries.size());
+  for (std::size_t i = 0; i < std::min(back.summaries.size(), tree.summaries.size()); ++i) {
+    EXPECT_EQ(back.summaries[i].min, tree.summaries[i].min);
+    EXPECT_EQ(back.summaries[i].max, tree.summaries[i].max);
+    EXPECT_EQ(back.summaries[i].occupancy, tree.summaries[i].occupancy);
+  }
+  return packed;
+}
+
+TEST(SizeCode, IsTheTightestBoundThatHolds) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> exponent(-29, 2);
+  for (const double edge : {1.0, 3.7e-6, 1e9}) {
+    for (int i = 0; i < 20000; ++i) {
+      const double size = i < 240 ? edge * std::exp2(2 - i / 8.0) : edge * std::exp2(exponent(random));
+      const std::uint8_t code = size_code(size, edge);
+      EXPECT_GE(size_bound(code, edge), size);
+      if (code < 255) {
+        EXPECT_LT(size_bound(static_cast<std::uint8_t>(code + 1), edge), size * (1 + 1e-12));
+      }
+    }
+  }
+}
+
+TEST(SizeCode, TakesTheLargestAndTheSmallest) {
+  EXPECT_EQ(size_code(4, 1), 0);
+  EXPECT_EQ(size_code(1, 1), 16);
+  EXPECT_EQ(size_bound(16, 1), 1);
+  EXPECT_EQ(size_code(0, 1), 255);
+  EXPECT_EQ(size_code(1e-300, 1), 255);
+}
+
+TEST(Index, ASingleNodeComesBack) {
+  for (const NodeShape shape : {NodeShape{1, 0, 0}, NodeShape{1, 1, 1}, NodeShape{64, 16, 3}}) {
+    TreeMaker maker(shape, 1);
+    maker.add_full(0);
+    const PackedTree packed = expect_comes_back(maker.take());
+    EXPECT_TRUE(packed.section.empty());
+  }
+}
+
+TEST(Index, RandomTreesComeBack) {
+  for (std::uint32_t seed = 0; seed < 60; ++seed) {
+    const NodeShape shape{1 + seed % 9, seed % 3, seed % 4};
+    TreeMaker maker(shape, seed);
+    maker.add_random(1 + seed % 7, 40 + seed % 60);
+    expect_comes_back(maker.take());
+  }
+}
+
+TEST(Index, ChainsOfEveryDepthComeBack) {
+  for (const std::size_t depth : {1, 2, 41, 42}) {
+    TreeMaker maker({5, 1, 1}, 3);
+    maker.add_chain(depth);
+    expect_comes_back(maker.take());
+  }
+}
+
+TEST(Index, ABushOnAChainComesBack) {
+  TreeMaker maker({5, 1, 1}, 4);
+  std::size_t depth = 0;
+  std::function<std::size_t()> grow = [&]() -> std::size_t {
+    if (++depth > 37) return maker.add_full(4);
+    return maker.add(std::uint8_t{8}, grow);
+  };
+  maker.add(std::uint8_t{1}, grow);
+  expect_comes_back(maker.take());
+}
+
+TEST(Index, RefusesArraysThatAreNoTree) {
+  TreeMaker maker({3, 1, 1}, 5);
+  maker.add_full(2);
+  const NodeArrays good = maker.take();
+  const auto refuses = [&](auto change) {
+    NodeArrays tree = good;
+    change(tree);
+    const auto packed = pack_tree(tree);
+    if (!packed) {
+      EXPECT_EQ(packed.error().code, ErrorCode::invalid_argument);
+    }
+    return !packed;
+  };
+  EXPECT_FALSE(refuses([](NodeArrays&) {}));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.child_masks.back() = 1; }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.child_masks.front() = 127; }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.counts.pop_back(); }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.summaries.pop_back(); }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.size_codes.clear(); }));
+  EXPECT_TRUE(refuses([](NodeArrays& tree) { tree = NodeArrays{tree.shape, {}, {}, {}, {}, {}}; }));
+
+  TreeMaker deep({3, 1, 1}, 5);
+  deep.add_chain(max_node_depth + 1);
+  EXPECT_THAT(pack_tree(deep.take()).error().message, HasSubstr("deeper"));
+}
+
+TEST(Index, AFailingSinkStopsIt) {
+  TreeMaker maker({3, 1, 1}, 6);
+  maker.add_full(4);
+  const NodeArrays tree = maker.take();
+  int pages = 0;
+  const auto packed = pack_index(tree, [&](const PackedIndexPage&) -> Status {
+    if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
+    return {};
+  });
+  ASSERT_FALSE(packed);
+  EXPECT_EQ(packed.error().message, "the disk is full");
+  EXPECT_EQ(pages, 3);
+}
+
+// An octree over points crowded as in a boundary layer, with six resolutions of which each keeps a third.
+class CrowdedTree {
+ public:
+  explicit CrowdedTree(std::size_t points, std::size_t leaf_points) : leaf_points_(leaf_points) {
+    std::mt19937_64 random(9);
+    std::normal_distribution<double> normal(0, 1);
+    for (std::size_t i = 0; i < points; ++i) {
+      const auto coordinate = [&](double width) {
+        return static_cast<std::uint64_t>(std::clamp(0.5 + width * normal(random), 0.0, 0.999999) * 0x1p21);
+      };
+      const std::uint64_t cell[3] = {coordinate(0.1), coordinate(0.02), coordinate(0.1)};
+      std::uint64_t key = 0;
+      for (int bit = 20; bit >= 0; --bit)
+        for (int axis = 2; axis >= 0; --axis) key = key << 1 | (cell[axis] >> bit & 1);
+      keys_.push_back(key);
+    }
+    std::ranges::sort(keys_);
+    tree_.shape = {6, 1, 1};
+    add(0, keys_.size(), 0);
+  }
+  const NodeArrays& tree() const { return tree_; }
+
+ private:
+  static std::size_t segment_of(std::uint64_t key) {
+    std::uint64_t hash = key * 0x9E3779B97F4A7C15u >> 32;
+    std::size_t segment = 5;
+    for (; segment > 0 && hash % 3 == 0; hash /= 3) --segment;
+    return segment;
+  }
+
+  void add(std::size_t begin, std::size_t end, int depth) {
+    const std::size_t node = tree_.size();
+    tree_.child_masks.push_back(0);
+    tree_.first_resolutions.push_back(static_cast<std::uint8_t>(std::min(5, depth / 2)));
+    tree_.counts.resize((node + 1) * 6);
+    for (std::size_t i = begin; i < end; ++i) ++tree_.counts[node * 6 + segment_of(keys_[i])];
+    for (int r = 0; r < 6; ++r)
+      tree_.size_codes.push_back(r < tree_.first_resolutions.back() ? std::uint8_t{0} : static_cast<std::uint8_t>(8 * (depth + r) + keys_[begin] % 5));
+    const auto value = [&](std::size_t i) { return static_cast<float>(std::sin(static_cast<double>(keys_[i] >> 20) * 1e-11)); };
+    tree_.summaries.push_back({value(begin), value(end - 1), std::uint64_t{0xFF} << (keys_[begin] >> 40) % 50});
+    if (end - begin <= leaf_points_ || depth == 21) return;
+    for (std::size_t child = begin; child < end;) {
+      const auto octant = [&](std::size_t i) { return keys_[i] >> (60 - 3 * depth) & 7; };
+      std::size_t child_end = child;
+      while (child_end < end && octant(child_end) == octant(child)) ++child_end;
+      tree_.child_masks[node] = static_cast<std::uint8_t>(tree_.child_masks[node] | 1u << octant(child));
+      add(child, child_end, depth + 1);
+      child = child_end;
+    }
+  }
+
+  std::size_t leaf_points_;
+  std::vector<std::uint64_t> keys_;
+  NodeArrays tree_;
+};
+
+TEST(Index, ANodeCostsLittle) {
+  const CrowdedTree crowded(400'000, 8);
+  const NodeArrays& tree = crowded.tree();
+  ASSERT_GT(tree.size(), 100'000u);
+  const PackedTree packed = expect_comes_back(tree);
+
+  const double nodes = static_cast<double>(tree.size());
+  std::uint64_t structure = packed.root.ref.front_bytes;
+  for (const IndexPageRef& page : packed.pages) structure += page.front_bytes;
+  const double total = static_cast<double>(packed.section.size() + packed.root.bytes.size());
+  RecordProperty("structure_bytes_per_node", std::to_string(static_cast<double>(structure) / nodes));
+  RecordProperty("bytes_per_node", std::to_string(total / nodes));
+  RecordProperty("nodes_per_page", std::to_string(nodes / static_cast<double>(packed.pages.size() + 1)));
+  EXPECT_LE(static_cast<double>(structure) / nodes, 32);
+  EXPECT_LE(total / nodes, 32);
+  EXPECT_GE(nodes / static_cast<double>(packed.pages.size() + 1), 50);
+}
+
+TEST(Index, TheRootPageStaysSmallWithManyAttributes) {
+  for (const std::size_t attributes : {1, 20, 200, 2000}) {
+    TreeMaker maker({6, 1, attributes}, 8);
+    maker.add_full(3);
+    const PackedTree packed = pack_tree(maker.take()).value();
+    EXPECT_LE(packed.root.bytes.size(), (64u << 10) + index_table_bytes(attributes) + 9 * 16 * attributes);
+  }
+}
+
+TEST(Index, PagesOnlyLinkBackwards) {
+  TreeMaker maker({4, 1, 1}, 10);
+  maker.add_full(5);
+  const NodeArrays tree = maker.take();
+  const PackedTree packed = pack_tree(tree).value();
+  ASSERT_GT(packed.pages.size(), 10u);
+  std::size_t with_links = 0;
+  for (const IndexPageRef& ref : packed.pages) {
+    const auto front = std::span(packed.section).subspan(ref.offset, ref.front_bytes);
+    const auto page = unpack_index_page(ref, front, tree.shape, 8, ref.offset, "test");
+    ASSERT_TRUE(page);
+    if (page->pages.empty()) continue;
+    ++with_links;
+    std::uint64_t end = 0;
+    for (const IndexPageRef& link : page->pages) end = std::max(end, link.offset + link.page_bytes);
+    EXPECT_TRUE(unpack_index_page(ref, front, tree.shape, 8, end, "test"));
+    EXPECT_THAT(unpack_index_page(ref, front, tree.shape, 8, end - 1, "test").error().message, HasSubstr("[R16]"));
+  }
+  EXPECT_GT(with_links, 0u);
+}
+
+}  // namespace
+}  // namespace splatvol::format

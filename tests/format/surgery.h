@@ -1,0 +1,79 @@
+// Takes a .svol file apart and puts it together again with all hashes, lengths and offsets as they should be: what an
+// attacker can do, who knows the specification too.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "format/codec.h"
+#include "format/layout.h"
+
+namespace splatvol::test {
+
+/// The parts that have a hash of their own.
+enum class Part {
+  metadata,         // JSON
+  structure,        // of an index page, unpacked; the last one is the root's
+  summary,          // an attribute's block of an index page, unpacked
+  index_table,      // node count and block table of an index page
+  chunk,            // unpacked
+  directory_page,
+  directory_root,   // page count and references
+  histograms,       // unpacked
+  section_table,
+  superblock,       // all but its hash
+  footer,           // all but its hash
+};
+inline constexpr int part_count = 11;
+
+/// May change a part before it is packed and hashed; `index` counts the parts of its kind in the order of the file.
+using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& bytes)>;
+
+/// A file in its parts.
+class Dissected {
+ public:
+  /// Requires a whole and valid file with moments-free columns.
+  explicit Dissected(const format::Bytes& file);
+
+  /// A file whose hashes all hold, whatever the surgeon did.
+  [[nodiscard]] format::Bytes assemble(const Surgeon& surgeon) const;
+
+  /// How many parts of a kind there are.
+  [[nodiscard]] std::size_t count(Part part) const;
+
+  /// Where in a page's structure its links to other pages stand.
+  [[nodiscard]] const std::vector<std::size_t>& links(std::size_t page) const { return pages_[page].links; }
+
+ private:
+  struct Page {
+    std::uint32_t node_count;
+    std::vector<format::Bytes> blocks;
+    std::vector<std::size_t> links;         // where in the structure its links stand
+    std::vector<std::size_t> linked_pages;  // for each link, the page's index in pages_
+  };
+  struct PackedPage {
+    format::IndexPageRef ref;
+    format::Bytes bytes;
+  };
+  struct Chunk {
+    format::ChunkEntry entry;
+    format::Bytes payload;
+  };
+
+  void read_pages(std::span<const std::byte> section, std::span<const std::byte> root, std::uint64_t root_front, std::size_t attributes);
+  [[nodiscard]] std::vector<PackedPage> pack_pages(const Surgeon& surgeon) const;
+
+  format::Superblock superblock_{};
+  std::vector<format::SectionEntry> sections_;
+  format::Bytes metadata_;
+  std::vector<Page> pages_;  // file order; the root's is the last
+  std::size_t resolutions_ = 0;
+  std::size_t size_bounds_ = 0;
+  std::vector<Chunk> chunks_;
+  std::vector<std::size_t> directory_pages_;  // chunks in each
+  format::Bytes histograms_;
+  format::Footer footer_{};
+};
+
+}  // namespace splatvol::test

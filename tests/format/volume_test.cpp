@@ -1,0 +1,421 @@
+#include "format/volume.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <filesystem>
+#include <random>
+
+#include "base/file.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol::format {
+namespace {
+
+using test::make_test_volume;
+using test::random_points;
+using test::test_volume_bytes;
+using test::TestVolume;
+using test::TestVolumeOptions;
+using testing::HasSubstr;
+
+std::vector<std::vector<double>> random_values(std::size_t attributes, std::size_t points, double missing_share = 0.05) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  std::vector<std::vector<double>> values(attributes, std::vector<double>(points));
+  for (auto& column : values)
+    for (double& value : column) value = uniform(random) < missing_share ? std::nan("") : 10 * uniform(random) - 3;
+  return values;
+}
+
+TestVolume small_volume(std::size_t points, std::size_t attributes, const TestVolumeOptions& options = {}) {
+  return make_test_volume(random_points(points, 3), random_values(attributes, points), options);
+}
+
+std::shared_ptr<const Volume> open_bytes(const Bytes& bytes) {
+  auto volume = Volume::open(memory_source(bytes, "test.svol"));
+  EXPECT_TRUE(volume) << volume.error().message;
+  return volume ? *volume : nullptr;
+}
+
+Status verify_bytes(const Bytes& bytes) {
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(memory_source(bytes, "test.svol")));
+  return volume->verify([](double) {});
+}
+
+// All chunks of a file against what went into it.
+void expect_same_columns(const Volume& file, const TestVolume& volume) {
+  const RowLayout& rows = file.rows();
+  for (std::uint64_t row = 0; row < rows.row_count(); ++row) {
+    const DirectoryPage page = file.read_directory_page(file.directory_page_of_row(row)).value();
+    const Group group = rows.group(rows.group_of_row(row));
+    const std::size_t resolution = rows.resolution_of_row(row);
+    for (const int c : rows.columns_of_row(row)) {
+      const ChunkPlace& place = file.find_chunk(page, row, c);
+      const Bytes packed = file.read_bytes(place.offset, place.entry.packed_bytes).value();
+      const Column& column = file.info().columns[static_cast<std::size_t>(c)];
+      if (column.kind == ColumnKind::position) {
+        std::vector<dvec3> positions(group.count);
+        ASSERT_TRUE(unpack_positions(place.entry, packed, positions, "test"));
+        for (std::size_t i = 0; i < group.count; ++i)
+          for (int axis = 0; axis < 3; ++axis)
+            EXPECT_NEAR(positions[i][axis], volume.positions[group.begin + i][axis], volume.position_error);
+      } else if (column.kind == ColumnKind::value) {
+        std::vector<float> values(group.count);
+        ASSERT_TRUE(unpack_values(place.entry, packed, values, "test"));
+        for (std::size_t i = 0; i < group.count; ++i) {
+          const float expected = volume.stored[static_cast<std::size_t>(column.attribute)][group.begin + i];
+          EXPECT_TRUE(values[i] == expected || (std::isnan(values[i]) && std::isnan(expected)));
+        }
+      } else {
+        std::vector<std::uint8_t> depths(group.count), counts(group.count);
+        ASSERT_TRUE(unpack_octants(place.entry, packed, depths, counts, "test"));
+        for (std::size_t i = 0; i < group.count; ++i) {
+          EXPECT_EQ(depths[i], volume.depths[resolution][group.begin + i]);
+          EXPECT_EQ(counts[i], volume.counts[resolution][group.begin + i]);
+        }
+      }
+    }
+  }
+}
+
+// Depth-first nodes of a file against the tree that went into it; returns the next node of the tree.
+std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::uint32_t node, int attribute, const NodeArrays& tree, std::size_t at) {
+  EXPECT_EQ(page.nodes.child_masks[node], tree.child_masks[at]);
+  EXPECT_EQ(page.nodes.first_resolutions[node], tree.first_resolutions[at]);
+  EXPECT_TRUE(std::ranges::equal(page.nodes.counts_of(node), tree.counts_of(at)));
+  for (std::size_t r = tree.first_resolutions[at]; r < tree.shape.resolutions; ++r)
+    EXPECT_EQ(page.nodes.size_code_at(node, 0, r), tree.size_code_at(at, 0, r));
+  if (attribute >= 0) {
+    const ValueSummary& expected = tree.summaries[at * tree.shape.attributes + static_cast<std::size_t>(attribute)];
+    EXPECT_EQ(page.nodes.summaries[node].min, expected.min);
+    EXPECT_EQ(page.nodes.summaries[node].max, expected.max);
+    EXPECT_EQ(page.nodes.summaries[node].occupancy, expected.occupancy);
+  }
+  const auto children = static_cast<std::uint32_t>(std::popcount(tree.child_masks[at]));
+  ++at;
+  if (page.links[node] == IndexPage::no_node) {
+    for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, page, page.first_children[node] + c, attribute, tree, at);
+    return at;
+  }
+  const auto linked = file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node], page.nodes.counts_of(node), attribute);
+  EXPECT_TRUE(linked) << linked.error().message;
+  for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, *linked, c, attribute, tree, at);
+  return at;
+}
+
+void expect_comes_back(const TestVolume& volume) {
+  const Bytes bytes = test_volume_bytes(volume);
+  const auto file = open_bytes(bytes);
+  ASSERT_TRUE(file);
+  const Status verified = file->verify([](double) {});
+  EXPECT_TRUE(verified) << verified.error().message;
+  EXPECT_EQ(file->info().resolution_counts, volume.info.resolution_counts);
+  expect_same_columns(*file, volume);
+  for (int attribute = -1; attribute < static_cast<int>(volume.stored.size()); ++attribute) {
+    const IndexPage root = file->read_index_root(attribute).value();
+    EXPECT_EQ(expect_same_nodes(*file, root, 0, attribute, volume.tree, 0), volume.tree.size());
+  }
+  const Histograms histograms = file->read_histograms().value();
+  for (std::size_t a = 0; a < volume.stored.size(); ++a) {
+    std::uint64_t present = 0;
+    for (const std::uint64_t count : histograms[a]) present += count;
+    EXPECT_EQ(present + file->info().attributes[a].missing, volume.positions.size());
+  }
+}
+
+TEST(Volume, ComesBack) {
+  expect_comes_back(small_volume(1, 1));
+  expect_comes_back(small_volume(2, 0));
+  expect_comes_back(small_volume(20, 2));
+  expect_comes_back(small_volume(1000, 3));
+}
+
+TEST(Volume, ComesBackWithinTheErrorOfItsPositions) {
+  TestVolumeOptions options;
+  options.position_error = 1e-4;
+  options.node_points = 8;
+  expect_comes_back(small_volume(1500, 1, options));
+}
+
+TEST(Volume, ComesBackFarFromTheOriginWithAnOffset) {
+  TestVolumeOptions options;
+  options.cube = {{1e7, -1e7, 5}, 1};
+  options.value_offset = 101325;
+  options.position_error = 1e-6;
+  auto points = random_points(500, 8);
+  for (dvec3& p : points) p += options.cube.origin;
+  auto values = random_values(1, 500);
+  for (double& value : values[0]) value += 101325;
+  expect_comes_back(make_test_volume(points, values, options));
+}
+
+TEST(Volume, ComesBackWithoutAnyPresentValue) {
+  expect_comes_back(make_test_volume(random_points(100, 1), random_values(1, 100, 2.0)));
+}
+
+TEST(Volume, ComesBackWhereAllPointsCoincide) {
+  expect_comes_back(make_test_volume(std::vector<dvec3>(50, dvec3(0.3)), random_values(1, 50)));
+}
+
+TEST(Volume, TheSameInputGivesTheSameBytes) {
+  const TestVolume volume = small_volume(700, 2);
+  EXPECT_EQ(test_volume_bytes(volume), test_volume_bytes(volume));
+}
+
+TEST(Volume, ProgressGrowsToOne) {
+  const Bytes bytes = test_volume_bytes(small_volume(700, 1));
+  double last = 0;
+  ASSERT_TRUE(open_bytes(bytes)->verify([&](double fraction) {
+    EXPECT_GE(fraction, last);
+    last = fraction;
+  }));
+  EXPECT_EQ(last, 1);
+}
+
+// --- Damage: every length and every byte.
+
+TEST(Damage, EveryTruncationIsRefused) {
+  const Bytes whole = test_volume_bytes(small_volume(150, 1));
+  ASSERT_TRUE(verify_bytes(whole));
+  for (std::size_t length = 0; length < whole.size(); ++length) {
+    const Bytes part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length));
+    const auto volume = Volume::open(memory_source(part, "test.svol"));
+    ASSERT_FALSE(volume) << length;
+    EXPECT_THAT(volume.error().message, testing::StartsWith("test.svol: "));
+  }
+}
+
+TEST(Damage, AGrownFileIsRefused) {
+  Bytes grown = test_volume_bytes(small_volume(150, 1));
+  grown.push_back(std::byte{0});
+  EXPECT_THAT(verify_bytes(grown).error().message, HasSubstr("[R2]"));
+}
+
+TEST(Damage, EveryFlippedByteIsFound) {
+  Bytes bytes = test_volume_bytes(small_volume(500, 1));
+  ASSERT_TRUE(verify_bytes(bytes));
+  std::mt19937 random(1);
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    const std::byte whole = bytes[i];
+    for (const std::byte pattern : {std::byte{1} << random() % 8, static_cast<std::byte>(1 + random() % 255)}) {
+      bytes[i] = whole ^ pattern;
+      const Status status = verify_bytes(bytes);
+      ASSERT_FALSE(status) << "byte " << i << " of " << bytes.size();
+      EXPECT_THAT(status.error().message, testing::StartsWith("test.svol: "));
+    }
+    bytes[i] = whole;
+  }
+}
+
+// --- Reads.
+
+class CountingSource final : public ByteSource {
+ public:
+  CountingSource(std::span<const std::byte> bytes, int reads_before_failure, std::shared_ptr<std::atomic<int>> reads)
+      : source_(memory_source(bytes, "counted")), left_(reads_before_failure), reads_(std::move(reads)) {}
+
+  std::uint64_t size() const override { return source_->size(); }
+  const std::string& name() const override { return source_->name(); }
+  Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    ++*reads_;
+    if (left_-- <= 0) return fail(ErrorCode::io, "counted: the cable is out");
+    return source_->read(offset, out);
+  }
+
+ private:
+  std::unique_ptr<ByteSource> source_;
+  int left_;
+  std::shared_ptr<std::atomic<int>> reads_;
+};
+
+TEST(Reads, AFailingSourceGivesItsErrorWhereverItFails) {
+  // Larger than the first read, so that every kind of part is read for itself.
+  TestVolumeOptions options;
+  options.node_points = 8;
+  const Bytes bytes = test_volume_bytes(small_volume(2500, 2, options));
+  ASSERT_GT(bytes.size(), 2 * min_first_read_bytes);
+  const auto reads = std::make_shared<std::atomic<int>>(0);
+  const auto verify = [&](int reads_before_failure) -> Status {
+    *reads = 0;
+    SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::make_unique<CountingSource>(bytes, reads_before_failure, reads)));
+    return volume->verify([](double) {});
+  };
+  ASSERT_TRUE(verify(1'000'000));
+  const int all = *reads;
+  EXPECT_GT(all, 100);
+  for (int k = 0; k < all; ++k) {
+    const Status status = verify(k);
+    ASSERT_FALSE(status) << k;
+    EXPECT_EQ(status.error().code, ErrorCode::io);
+    EXPECT_EQ(status.error().message, "counted: the cable is out");
+    EXPECT_EQ(*reads, k + 1);
+  }
+}
+
+TEST(Reads, OpeningTakesOneRead) {
+  for (const std::size_t points : {1, 300, 2500}) {
+    const Bytes bytes = test_volume_bytes(small_volume(points, 2));
+    const auto reads = std::make_shared<std::atomic<int>>(0);
+    const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1, reads));
+    ASSERT_TRUE(volume) << volume.error().message;
+    EXPECT_EQ(*reads, 1);
+    EXPECT_LE((*volume)->preamble_bytes(), min_first_read_bytes);
+    EXPECT_EQ((*volume)->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
+
+    // The first picture as well: root page, and the chunks of the coarsest resolution.
+    ASSERT_TRUE((*volume)->read_index_root(0));
+    const DirectoryPage page = (*volume)->read_directory_page(0).value();
+    for (const int column : (*volume)->rows().columns_of_row(0)) {
+      const ChunkPlace& place = (*volume)->find_chunk(page, 0, column);
+      ASSERT_TRUE((*volume)->read_bytes(place.offset, place.entry.packed_bytes));
+    }
+    EXPECT_EQ(*reads, 1);
+  }
+}
+
+TEST(Reads, APreambleLongerThanTheFirstReadTakesTwo) {
+  const Bytes bytes = test_volume_bytes(small_volume(400, 60));
+  const auto reads = std::make_shared<std::atomic<int>>(0);
+  const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1'000, reads));
+  ASSERT_TRUE(volume) << volume.error().message;
+  ASSERT_GT((*volume)->preamble_bytes(), min_first_read_bytes);
+  EXPECT_EQ(*reads, 2);
+  EXPECT_TRUE((*volume)->verify([](double) {}));
+}
+
+TEST(Reads, OneAttributeOfManyIsReadByItself) {
+  TestVolumeOptions options;
+  options.node_points = 1;
+  const TestVolume volume = small_volume(600, 150, options);
+  const Bytes bytes = test_volume_bytes(volume);
+  const auto file = open_bytes(bytes);
+  const IndexPage root = file->read_index_root(7).value();
+  ASSERT_FALSE(root.pages.empty());
+  const auto node = static_cast<std::size_t>(std::ranges::find(root.links, 0u) - root.links.begin());
+  const IndexPageRef& ref = root.pages[0];
+  ASSERT_GT(ref.page_bytes, 64u << 10);
+  const std::uint64_t before = file->bytes_read();
+  ASSERT_TRUE(file->read_index_page(ref, root.nodes.child_masks[node], root.nodes.counts_of(node), 7));
+  EXPECT_LT(file->bytes_read() - before, ref.page_bytes / 4);
+  EXPECT_EQ(expect_same_nodes(*file, root, 0, 7, volume.tree, 0), volume.tree.size());
+}
+
+TEST(Reads, RangesPastTheEndAreRefused) {
+  const Bytes bytes = test_volume_bytes(small_volume(10, 1));
+  const auto file = open_bytes(bytes);
+  EXPECT_TRUE(file->read_bytes(bytes.size(), 0));
+  EXPECT_FALSE(file->read_bytes(bytes.size(), 1));
+  EXPECT_FALSE(file->read_bytes(1, ~std::uint64_t{0}));
+  EXPECT_FALSE(file->read_bytes(~std::uint64_t{0}, 2));
+}
+
+// --- Writing.
+
+class Folder {
+ public:
+  Folder() : path_(std::filesystem::temp_directory_path() / fmt::format("splatvol_volume_test_{}", std::random_device()())) {
+    std::filesystem::create_directory(path_);
+  }
+  ~Folder() { std::filesystem::remove_all(path_); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+
+  std::string file(const char* name) const { return (path_ / name).string(); }
+  std::size_t files() const {
+    return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
+  }
+
+ private:
+  std::filesystem::path path_;
+};
+
+TEST(Writer, ThePreambleOfManyAttributesFits) {
+  const Bytes bytes = test_volume_bytes(small_volume(300, 200));
+  const auto file = open_bytes(bytes);
+  ASSERT_TRUE(file);
+  EXPECT_LE(file->preamble_bytes(), max_preamble_bytes);
+  // Not only its description: the coarsest resolution, too.
+  const DirectoryPage page = file->read_directory_page(0).value();
+  const ChunkPlace& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
+  EXPECT_GE(file->preamble_bytes(), last.offset + last.entry.packed_bytes);
+  EXPECT_TRUE(file->verify([](double) {}));
+}
+
+TEST(Writer, ABillionPointsOfManyAttributesFit) {
+  const Folder folder;
+  for (const std::size_t attributes : {1, 20, 200}) {
+    TestVolume volume = small_volume(300, attributes);
+    volume.info.points_per_chunk = 4096;
+    std::uint64_t points = 1'000'000'000;
+    for (std::size_t r = volume.info.resolutions(); r-- > 0; points /= 3) volume.info.resolution_counts[r] = points;
+    const auto writer = VolumeWriter::create(folder.file("large.svol"), volume.info, volume.tree);
+    EXPECT_TRUE(writer) << writer.error().message;
+  }
+  EXPECT_EQ(folder.files(), 0u);
+}
+
+TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
+  const Folder folder;
+  TestVolume volume = small_volume(5, 1);
+  const Attribute attribute = volume.info.attributes[0];
+  for (int i = 1; i < 20000; ++i) {
+    volume.info.attributes.push_back(attribute);
+    volume.info.attributes.back().name = fmt::format("attribute {}", i);
+    volume.info.columns.push_back({ColumnKind::value, ColumnScope::segment, i});
+  }
+  volume.tree.shape.attributes = 20000;
+  volume.tree.summaries.assign(volume.tree.size() * 20000, ValueSummary{});
+  const auto writer = VolumeWriter::create(folder.file("many.svol"), volume.info, volume.tree);
+  ASSERT_FALSE(writer);
+  EXPECT_EQ(writer.error().code, ErrorCode::unsupported);
+  EXPECT_THAT(writer.error().message, HasSubstr("20000 attributes"));
+  EXPECT_EQ(folder.files(), 0u);
+}
+
+TEST(Writer, AbandonedItLeavesNothingBehind) {
+  const Folder folder;
+  const TestVolume volume = small_volume(100, 1);
+  {
+    const auto writer = VolumeWriter::create(folder.file("half.svol"), volume.info, volume.tree);
+    ASSERT_TRUE(writer);
+    EXPECT_EQ(folder.files(), 1u);
+    EXPECT_FALSE((*writer)->finish({{}}));  // rows are lacking
+  }
+  EXPECT_EQ(folder.files(), 0u);
+}
+
+TEST(Writer, RefusesWhatDoesNotFit) {
+  const Folder folder;
+  const TestVolume good = small_volume(100, 1);
+  const auto refuses = [&](auto change) {
+    TestVolume volume = good;
+    change(volume);
+    const auto writer = VolumeWriter::create(folder.file("bad.svol"), volume.info, volume.tree);
+    return !writer && writer.error().code == ErrorCode::invalid_argument;
+  };
+  EXPECT_FALSE(refuses([](TestVolume&) {}));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.points_per_chunk = 0; }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.columns.clear(); }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.resolution_counts.pop_back(); }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.size_bounds.clear(); }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.tree.counts.pop_back(); }));
+  EXPECT_EQ(folder.files(), 0u);
+
+  const auto writer = VolumeWriter::create(folder.file("bad.svol"), good.info, good.tree);
+  ASSERT_TRUE(writer);
+  EXPECT_FALSE((*writer)->append_row({}));
+}
+
+TEST(Writer, AFolderThatIsNotThereIsNamed) {
+  const Folder folder;
+  const TestVolume volume = small_volume(5, 1);
+  const std::string path = folder.file("absent/file.svol");
+  EXPECT_THAT(VolumeWriter::create(path, volume.info, volume.tree).error().message, HasSubstr(path));
+}
+
+}  // namespace
+}  // namespace splatvol::format

@@ -1,0 +1,67 @@
+#include "streamer/cache.h"
+
+#include <gtest/gtest.h>
+
+namespace splatvol {
+namespace {
+
+using Kind = CacheKey::Kind;
+
+CacheData numbers(float first) { return std::vector<float>{first}; }
+
+Cache::Pointer put(Cache& cache, std::uint64_t number, std::uint64_t bytes) {
+  auto reservation = cache.reserve(bytes);
+  if (!reservation) return nullptr;
+  return cache.insert({Kind::values, number}, numbers(static_cast<float>(number)), std::move(*reservation));
+}
+
+TEST(Cache, FindsWhatWasPutIn) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  put(cache, 1, 10);
+  EXPECT_EQ(std::get<std::vector<float>>(*cache.find({Kind::values, 1})).front(), 1);
+  EXPECT_FALSE(cache.find({Kind::values, 2}));
+  EXPECT_FALSE(cache.find({Kind::sizes, 1}));
+}
+
+TEST(Cache, DropsWhatWasUsedLongestAgo) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  for (std::uint64_t i = 1; i <= 3; ++i) put(cache, i, 30);
+  EXPECT_TRUE(cache.find({Kind::values, 1}));
+  put(cache, 4, 30);
+  EXPECT_TRUE(cache.find({Kind::values, 1}));
+  EXPECT_FALSE(cache.find({Kind::values, 2}));
+  EXPECT_TRUE(cache.find({Kind::values, 3}));
+  EXPECT_EQ(budget.used(), 90u);
+}
+
+TEST(Cache, KeepsWhatSomebodyHolds) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  const auto held = put(cache, 1, 50);
+  put(cache, 2, 50);
+  EXPECT_FALSE(cache.reserve(60));
+  EXPECT_TRUE(cache.find({Kind::values, 1}));
+  EXPECT_FALSE(cache.find({Kind::values, 2}));
+  EXPECT_TRUE(cache.reserve(50));
+}
+
+TEST(Cache, AnImpossibleWishCostsNothing) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  put(cache, 1, 50);
+  EXPECT_FALSE(cache.reserve(101));
+  EXPECT_TRUE(cache.find({Kind::values, 1}));
+}
+
+TEST(Cache, ASecondInsertKeepsTheFirst) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  const auto first = put(cache, 1, 10);
+  EXPECT_EQ(put(cache, 1, 10), first);
+  EXPECT_EQ(budget.used(), 10u);
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,308 @@
+#include "streamer/cut.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "streamer/paged_volume.h"
+#include "streamer/splat.h"
+#include "tests/streamer/fixture.h"
+
+namespace splatvol {
+namespace {
+
+using test::TestVolume;
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+// A volume in memory with its index behind the cut's interface.
+struct Bench {
+  explicit Bench(TestVolume made, TransferFunction function = test::opaque(), int attribute = 1)
+      : volume(std::move(made)),
+        opened(format::Volume::open(test::source_of(volume)).value()),
+        paged(*opened, attribute, cache),
+        visibility(function, volume.info.attributes[static_cast<std::size_t>(attribute)]) {}
+
+  Cut cut(const View& view, CutOptions options) {
+    auto result = select_cut(opened->info(), paged, view, visibility, options);
+    EXPECT_TRUE(result) << (result ? "" : result.error().message);
+    return result.value_or(Cut{});
+  }
+
+  TestVolume volume;
+  std::shared_ptr<const format::Volume> opened;
+  MemoryBudget budget{1u << 30};
+  Cache cache{budget};
+  PagedVolume paged;
+  ValueVisibility visibility;
+};
+
+CutOptions tolerance(double percent, std::uint64_t compare_above = 512) {
+  CutOptions options;
+  options.tolerance_percent = percent;
+  options.compare_above = compare_above;
+  return options;
+}
+
+// How many drawn splats stand for each point.
+std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
+  std::vector<std::map<std::uint64_t, int>> drawn(volume.info.resolutions());
+  for (const CutItem& item : cut.items)
+    for (const PointRange& range : cut.ranges_of(item))
+      for (std::uint64_t i = 0; i < range.count; ++i) ++drawn[item.resolution][range.begin + i];
+  std::vector<int> result(volume.positions.size());
+  for (std::size_t point = 0; point < result.size(); ++point)
+    for (std::size_t r = 0; r < drawn.size(); ++r) {
+      const auto found = drawn[r].find(volume.representatives[r][point]);
+      if (found != drawn[r].end()) result[point] += found->second;
+    }
+  return result;
+}
+
+bool is_in(const Cube& cell, const dvec3& p) {
+  return glm::all(glm::greaterThanEqual(p, cell.origin - 1e-12)) &&
+         glm::all(glm::lessThanEqual(p, cell.origin + cell.edge + 1e-12));
+}
+
+TEST(Cut, RangesAreThePointsOfTheirCell) {
+  Bench bench(test::sample_volume(3000, 1));
+  std::mt19937 random(1);
+  for (int trial = 0; trial < 20; ++trial) {
+    const Cut cut = bench.cut(test::random_view(random), tolerance(std::exp2(trial % 8 - 1)));
+    std::uint64_t splats = 0;
+    for (const CutItem& item : cut.items) {
+      const auto ranges = cut.ranges_of(item);
+      for (std::size_t s = 0; s < ranges.size(); ++s) {
+        const std::uint64_t begin = s == 0 ? 0 : bench.volume.info.resolution_counts[s - 1];
+        ASSERT_GE(ranges[s].begin, begin);
+        ASSERT_LE(ranges[s].begin + ranges[s].count, bench.volume.info.resolution_counts[s]);
+        for (std::uint64_t i = 0; i < ranges[s].count; ++i)
+          ASSERT_TRUE(is_in(item.cell, bench.volume.positions[ranges[s].begin + i]));
+        splats += ranges[s].count;
+      }
+    }
+    ASSERT_EQ(cut.splats, splats);
+  }
+}
+
+TEST(Cut, StandsForEveryPointOnce) {
+  for (const std::uint32_t seed : {1u, 2u, 3u}) {
+    Bench bench(test::sample_volume(2500, seed));
+    std::mt19937 random(seed);
+    std::set<std::uint64_t> numbers;
+    for (int trial = 0; trial < 30; ++trial) {
+      const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
+      const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
+      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1))
+          << "seed " << seed << ", trial " << trial << ", " << percent << " %";
+      numbers.insert(cut.splats);
+    }
+    EXPECT_GT(numbers.size(), 10u) << "the tolerances are all alike";
+  }
+}
+
+TEST(Cut, ExtremesAreAllPointsAndTheCoarsestResolution) {
+  Bench bench(test::sample_volume(2000, 4));
+  std::mt19937 random(4);
+  for (int trial = 0; trial < 5; ++trial) {
+    const View view = test::view_of_all(random);
+    EXPECT_EQ(bench.cut(view, tolerance(0)).splats, 2000u);
+    EXPECT_EQ(bench.cut(view, tolerance(infinity)).splats, bench.volume.info.resolution_counts[0]);
+  }
+}
+
+TEST(Cut, AFixedResolutionIsThatResolution) {
+  Bench bench(test::sample_volume(2000, 5));
+  std::mt19937 random(5);
+  for (std::size_t r = 0; r < bench.volume.info.resolutions() + 2; ++r) {
+    CutOptions options;
+    options.resolution = r;
+    options.compare_above = 30;
+    const std::size_t expected = std::min(r, bench.volume.info.resolutions() - 1);
+    const Cut cut = bench.cut(test::view_of_all(random), options);
+    EXPECT_EQ(cut.splats, bench.volume.info.resolution_counts[expected]);
+    EXPECT_THAT(coverage(bench.volume, cut), testing::Each(1));
+    for (const CutItem& item : cut.items) EXPECT_EQ(item.resolution, expected);
+  }
+}
+
+TEST(Cut, AFixedResolutionIsCulledToo) {
+  Bench bench(test::sample_volume(4000, 5));
+  Camera camera;
+  camera.position = {0.9, 0.9, 0.9};
+  camera.focal_point = {1, 1, 1};
+  CutOptions options;
+  options.resolution = bench.volume.info.resolutions() - 1;
+  EXPECT_LT(bench.cut(*make_view(camera, 100, 100), options).splats, 1000u);
+}
+
+TEST(Cut, MoreToleranceNeverDrawsMore) {
+  for (const std::uint32_t seed : {6u, 7u}) {
+    Bench bench(test::sample_volume(2500, seed));
+    std::mt19937 random(seed);
+    for (int trial = 0; trial < 15; ++trial) {
+      const View view = test::view_of_all(random);
+      std::uint64_t last = std::numeric_limits<std::uint64_t>::max();
+      for (double percent = 0.01; percent < 200; percent *= 1.3) {
+        const std::uint64_t splats = bench.cut(view, tolerance(percent, 0)).splats;
+        ASSERT_LE(splats, last) << "seed " << seed << ", trial " << trial << ", " << percent << " %";
+        last = splats;
+      }
+    }
+  }
+}
+
+TEST(Cut, ComparingWithChildrenNeverDrawsMore) {
+  Bench bench(test::sample_volume(4000, 8));
+  std::mt19937 random(8);
+  bool fewer = false;
+  for (int trial = 0; trial < 60; ++trial) {
+    const View view = test::random_view(random);
+    const double percent = std::exp2(trial % 8 - 3);
+    const std::uint64_t paper = bench.cut(view, tolerance(percent, std::numeric_limits<std::uint64_t>::max())).splats;
+    const std::uint64_t ours = bench.cut(view, tolerance(percent, 100)).splats;
+    ASSERT_LE(ours, paper);
+    fewer = fewer || ours < paper;
+  }
+  EXPECT_TRUE(fewer);
+}
+
+TEST(Cut, SplatsStayWithinTheTolerance) {
+  Bench bench(test::sample_volume(3000, 9));
+  std::mt19937 random(9);
+  int within = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const View view = test::random_view(random);
+    const double percent = std::exp2(trial % 8 - 2);
+    const Cut cut = bench.cut(view, tolerance(percent));
+    for (const CutItem& item : cut.items)
+      for (const PointRange& range : cut.ranges_of(item))
+        for (std::uint64_t i = range.begin; i < range.begin + range.count; ++i) {
+          const double depth = view.orthographic ? 1 : view.to_view(bench.volume.positions[i]).z;
+          const double size = bench.volume.splat_size(item.resolution, i) * view.focal / depth;
+          const bool coarse = depth <= 0 || 100 * size > percent * std::min(view.width, view.height);
+          // Only the finest resolution may break it.
+          ASSERT_TRUE(!coarse || item.resolution + 1 == bench.volume.info.resolutions());
+          if (!coarse) ++within;
+        }
+  }
+  EXPECT_GT(within, 5000);
+}
+
+// Whether something in `a` may lie in front of something in `b`.
+bool may_hide(const View& view, const Cube& a, const Cube& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const double a_low = a.origin[axis], a_high = a_low + a.edge, b_low = b.origin[axis], b_high = b_low + b.edge;
+    const double along = view.orthographic ? -view.forward[axis] : 0;  // towards the eye
+    if (a_high <= b_low && (view.orthographic ? along >= 0 : view.eye[axis] >= a_high)) return false;
+    if (a_low >= b_high && (view.orthographic ? along <= 0 : view.eye[axis] <= a_low)) return false;
+  }
+  return true;
+}
+
+TEST(Cut, IsBackToFront) {
+  Bench bench(test::sample_volume(2500, 10));
+  std::mt19937 random(10);
+  std::size_t inside = 0, parallel = 0, pairs = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    const View view = test::random_view(random);
+    inside += !view.orthographic && is_in({{0, 0, 0}, 1}, view.eye);
+    parallel += view.orthographic;
+    const Cut cut = bench.cut(view, tolerance(trial % 3 == 0 ? 0 : 3));
+    for (std::size_t i = 0; i < cut.items.size(); ++i)
+      for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
+        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell))
+            << "trial " << trial << ", items " << i << ", " << j;
+  }
+  EXPECT_GT(inside, 0u);
+  EXPECT_GT(parallel, 0u);
+  EXPECT_GT(pairs, 10000u);
+}
+
+// A splat as the renderer draws it: a square around its centre, in front of the eye.
+bool is_visible(const View& view, const dvec3& point, double size) {
+  const dvec3 p = view.to_view(point);
+  if (p.z <= 0) return false;
+  const double scale = view.orthographic ? view.focal : view.focal / p.z;
+  const double reach = std::max(octant_reach * size * scale, octant_smallest_reach_pixels);
+  return std::abs(p.x) * scale < 0.5 * view.width + reach && std::abs(p.y) * scale < 0.5 * view.height + reach;
+}
+
+TEST(Cut, CullingLosesNoVisibleSplat) {
+  Bench bench(test::sample_volume(3000, 11));
+  std::mt19937 random(11);
+  const std::size_t finest = bench.volume.info.resolutions() - 1;
+  std::size_t left_out = 0;
+  for (int trial = 0; trial < 80; ++trial) {
+    const View view = test::random_view(random);
+    const Cut cut = bench.cut(view, tolerance(trial % 2 == 0 ? 0 : std::exp2(trial % 9 - 3)));
+    const std::vector<int> covered = coverage(bench.volume, cut);
+    for (std::size_t i = 0; i < covered.size(); ++i) {
+      ASSERT_LE(covered[i], 1);
+      if (covered[i] == 1) continue;
+      ++left_out;
+      ASSERT_FALSE(is_visible(view, bench.volume.positions[i], bench.volume.splat_size(finest, i)))
+          << "trial " << trial;
+    }
+  }
+  EXPECT_GT(left_out, 50000u);
+}
+
+TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
+  const TransferFunction function = test::window(30, 31);  // of 100 z
+  Bench bench(test::sample_volume(4000, 12), function);
+  std::mt19937 random(12);
+  const Cut cut = bench.cut(test::view_of_all(random), tolerance(0));
+  const std::vector<int> covered = coverage(bench.volume, cut);
+  for (std::size_t i = 0; i < covered.size(); ++i) {
+    const bool visible = function.extinction(static_cast<double>(bench.volume.stored[1][i])) > 0;
+    ASSERT_GE(covered[i], visible ? 1 : 0);
+  }
+  EXPECT_GT(cut.splats, 0u);
+  EXPECT_LT(cut.splats, 2000u);
+
+  Bench nothing(test::sample_volume(4000, 12), test::window(200, 300));
+  EXPECT_TRUE(nothing.cut(test::view_of_all(random), tolerance(0)).items.empty());
+}
+
+TEST(Cut, OfASinglePointAndOfCoincidentPoints) {
+  std::mt19937 random(13);
+  Bench one(test::make_test_volume({dvec3(0.5)}, {{1}, {1}}));
+  EXPECT_EQ(one.cut(test::view_of_all(random), tolerance(1)).splats, 1u);
+
+  const std::vector<double> values(100, 1.0);
+  Bench many(test::make_test_volume(std::vector<dvec3>(100, dvec3(0.3)), {values, values}));
+  EXPECT_EQ(many.cut(test::view_of_all(random), tolerance(0)).splats, 100u);
+  EXPECT_EQ(many.cut(test::view_of_all(random), tolerance(infinity)).splats, many.volume.info.resolution_counts[0]);
+}
+
+TEST(Cut, GivesUpPastItsBytes) {
+  Bench bench(test::sample_volume(2000, 14));
+  std::mt19937 random(14);
+  const View view = test::view_of_all(random);
+  CutOptions options = tolerance(0);
+  options.max_bytes = 20000;
+  const auto refused = select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::out_of_budget);
+  options.tolerance_percent = infinity;
+  EXPECT_TRUE(select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options));
+}
+
+TEST(Cut, NeedsTheSizesOfItsKernel) {
+  TestVolume volume = test::sample_volume(100, 15);
+  volume.info.size_bounds = {"moments"};
+  Bench bench(std::move(volume));
+  std::mt19937 random(15);
+  const auto refused = select_cut(bench.opened->info(), bench.paged, test::view_of_all(random), bench.visibility, {});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
+}
+
+}  // namespace
+}  // namespace splatvol

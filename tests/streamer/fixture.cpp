@@ -1,0 +1,82 @@
+#include "tests/streamer/fixture.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace splatvol::test {
+namespace {
+
+dvec3 random_point(std::mt19937& random, double low, double high) {
+  std::uniform_real_distribution<double> uniform(low, high);
+  return {uniform(random), uniform(random), uniform(random)};
+}
+
+View checked_view(const Camera& camera, int width, int height) {
+  const auto view = make_view(camera, width, height);
+  if (!view) throw std::runtime_error(view.error().message);
+  return *view;
+}
+
+}  // namespace
+
+TestVolume sample_volume(std::size_t points, std::uint32_t seed, TestVolumeOptions options) {
+  std::vector<dvec3> positions = random_points(points, seed);
+  std::vector<std::vector<double>> values(2);
+  for (std::size_t i = 0; i < points; ++i) {
+    const dvec3 p = positions[i];
+    values[0].push_back(i % 17 == 3 ? std::numeric_limits<double>::quiet_NaN() : p.x + p.y + p.z);
+    values[1].push_back(100 * p.z);
+    positions[i] = options.cube.origin + options.cube.edge * p;
+  }
+  return make_test_volume(positions, values, options);
+}
+
+TransferFunction opaque() { return {0, 1, {{0, dvec3(1)}}, {{0, 1}}}; }
+
+TransferFunction window(double low, double high) {
+  const double margin = high - low;
+  return {low - margin,
+          high + margin,
+          {{0, dvec3(1)}},
+          {{0, 0}, {1.0 / 3, 0}, {1.0 / 3, 1}, {2.0 / 3, 1}, {2.0 / 3, 0}, {1, 0}}};
+}
+
+View random_view(std::mt19937& random) {
+  std::uniform_real_distribution<double> uniform(0, 1);
+  Camera camera;
+  camera.projection = uniform(random) < 0.3 ? Camera::Projection::orthographic : Camera::Projection::perspective;
+  camera.position = uniform(random) < 0.3 ? random_point(random, 0, 1) : random_point(random, -1, 2);
+  camera.focal_point = random_point(random, 0, 1);
+  camera.up = random_point(random, -1, 1);
+  camera.vertical_fov_degrees = 5 + 100 * uniform(random);
+  camera.parallel_height = 0.05 + uniform(random);
+  return checked_view(camera, 64 + static_cast<int>(200 * uniform(random)),
+                      64 + static_cast<int>(200 * uniform(random)));
+}
+
+View view_of_all(std::mt19937& random) {
+  std::uniform_real_distribution<double> uniform(0, 1);
+  Camera camera;
+  camera.projection = uniform(random) < 0.5 ? Camera::Projection::orthographic : Camera::Projection::perspective;
+  camera.focal_point = dvec3(0.5);
+  camera.position = dvec3(0.5) + (5 + 20 * uniform(random)) * glm::normalize(random_point(random, -1, 1));
+  camera.up = random_point(random, -1, 1);
+  camera.vertical_fov_degrees = 100;
+  camera.parallel_height = 6;
+  return checked_view(camera, 200, 150);
+}
+
+Status TestSource::read(std::uint64_t offset, std::span<std::byte> out) {
+  ++control_->reads;
+  if (control_->failing) return fail(ErrorCode::io, "{}: the disk is gone", name_);
+  if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
+    return fail(ErrorCode::invalid_data, "{}: past the end", name_);
+  std::ranges::copy(std::span(bytes_).subspan(offset, out.size()), out.begin());
+  return {};
+}
+
+std::unique_ptr<ByteSource> source_of(const TestVolume& volume, std::shared_ptr<TestSource::Control> control) {
+  return std::make_unique<TestSource>(test_volume_bytes(volume), std::move(control));
+}
+
+}  // namespace splatvol::test

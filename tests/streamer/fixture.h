@@ -1,0 +1,52 @@
+// Volumes, views and transfer functions for the streamer's tests.
+#pragma once
+
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "scene/scene.h"
+#include "streamer/streamer.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol::test {
+
+/// Positions anywhere, attribute a0 = x + y + z with some values missing, a1 = 100 z.
+[[nodiscard]] TestVolume sample_volume(std::size_t points, std::uint32_t seed, TestVolumeOptions options = {});
+
+/// Extinction 1 for every value.
+[[nodiscard]] TransferFunction opaque();
+
+/// Extinction 1 within [low, high], and 0 beyond.
+[[nodiscard]] TransferFunction window(double low, double high);
+
+/// A camera somewhere in or around the unit cube: eyes inside and outside, both projections.
+[[nodiscard]] View random_view(std::mt19937& random);
+
+/// A camera that sees the whole unit cube and what its splats reach.
+[[nodiscard]] View view_of_all(std::mt19937& random);
+
+/// A source that holds its bytes, counts what is read, and fails on demand.
+class TestSource final : public ByteSource {
+ public:
+  struct Control {
+    std::uint64_t reads = 0;
+    bool failing = false;
+  };
+  TestSource(format::Bytes bytes, std::shared_ptr<Control> control)
+      : bytes_(std::move(bytes)), control_(std::move(control)) {}
+  [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override;
+
+ private:
+  format::Bytes bytes_;
+  std::shared_ptr<Control> control_;
+  std::string name_ = "test.svol";
+};
+
+/// A source over the volume's bytes.
+[[nodiscard]] std::unique_ptr<ByteSource> source_of(
+    const TestVolume& volume, std::shared_ptr<TestSource::Control> control = std::make_shared<TestSource::Control>());
+
+}  // namespace splatvol::test

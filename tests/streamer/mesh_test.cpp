@@ -1,0 +1,80 @@
+// Real meshes from end to end: built, opened, streamed.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "builder/build.h"
+#include "tests/streamer/fixture.h"
+
+namespace splatvol {
+namespace {
+
+class Bluntfin : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    const std::string mesh = SPLATVOL_SHARED "/data/bluntfin.vtu";
+    if (!std::filesystem::exists(mesh)) return;
+    path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_bluntfin_{}.svol", ::getpid())).string();
+    auto source = open_source({mesh}, {});
+    ASSERT_TRUE(source) << source.error().message;
+    const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+  }
+  static void TearDownTestSuite() {
+    if (!path_.empty()) std::filesystem::remove(path_);
+  }
+  void SetUp() override {
+    if (path_.empty()) GTEST_SKIP() << "no " SPLATVOL_SHARED "/data/bluntfin.vtu";
+    scene_ = load_scene(SPLATVOL_SHARED "/scenes/bluntfin.json").value();
+    view_ = make_view(scene_.camera, scene_.width, scene_.height).value();
+  }
+  std::unique_ptr<Streamer> open(std::uint64_t memory = 512u << 20) {
+    return Streamer::open(open_file(path_).value(), {memory, scene_.attribute}).value();
+  }
+
+  static inline std::string path_;
+  Scene scene_;
+  View view_;
+};
+
+TEST_F(Bluntfin, AllPointsAtToleranceZero) {
+  const auto streamer = open();
+  EXPECT_EQ(streamer->request(view_, scene_.transfer_function, {0, {}}).value()->splats,
+            streamer->info().point_count());
+}
+
+TEST_F(Bluntfin, FewerSplatsAndFewerBytesForMoreTolerance) {
+  std::uint64_t splats = 1u << 30, bytes = 1u << 30, file_bytes = 0;
+  for (const double tolerance : {1.0, 5.0, 10.0, 20.0}) {
+    const auto streamer = open();
+    const FrameSplats& frame = *streamer->request(view_, scene_.transfer_function, {tolerance, {}}).value();
+    EXPECT_LT(frame.splats, splats);
+    EXPECT_LE(streamer->statistics().bytes_read, bytes);
+    splats = frame.splats;
+    bytes = streamer->statistics().bytes_read;
+    file_bytes = streamer->volume().file_bytes();
+  }
+  EXPECT_LT(splats, 1000u);
+  EXPECT_LT(bytes, file_bytes / 10);
+}
+
+TEST_F(Bluntfin, ASmallBudgetIsKept) {
+  // The least memory, to the nearest 50 K, that does.
+  for (std::uint64_t memory = 200u << 10; memory < 16u << 20; memory += 50u << 10) {
+    auto streamer = Streamer::open(open_file(path_).value(), {memory, scene_.attribute});
+    if (!streamer) continue;
+    const auto frame = (*streamer)->request(view_, test::opaque(), {0, {}});
+    EXPECT_LE((*streamer)->statistics().bytes_resident_peak, memory);
+    if (!frame) continue;
+    EXPECT_GT((*frame)->splats, 0u);
+    EXPECT_LT((*frame)->splats, (*streamer)->info().point_count() / 4);
+    EXPECT_GT((*frame)->detail.tolerance_percent, 0);
+    return;
+  }
+  FAIL() << "16 MiB are not enough";
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,115 @@
+#include "streamer/visibility.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "format/columns.h"
+#include "tests/streamer/fixture.h"
+
+namespace splatvol {
+namespace {
+
+format::Attribute attribute(double min, double max, double offset = 0) {
+  format::Attribute a;
+  a.min = min;
+  a.max = max;
+  a.offset = offset;
+  return a;
+}
+
+// Zero in places, with steps, in a random domain.
+TransferFunction random_function(std::mt19937& random) {
+  std::uniform_real_distribution<double> uniform(0, 1);
+  TransferFunction function = test::opaque();
+  function.lo = -1 + 2 * uniform(random);
+  function.hi = function.lo + 0.1 + 2 * uniform(random);
+  function.densities.clear();
+  double t = uniform(random) < 0.5 ? 0 : 0.2;
+  for (int i = 0; i < 6; ++i) {
+    function.densities.push_back({t, uniform(random) < 0.6 ? 0 : uniform(random)});
+    if (uniform(random) < 0.7) t = std::min(1.0, t + 0.3 * uniform(random));
+  }
+  return function;
+}
+
+TEST(ExtinctionWithin, SeesSpikesBetweenTwoInvisibleValues) {
+  TransferFunction function = test::opaque();
+  function.lo = 10;
+  function.hi = 20;
+  function.densities = {{0, 0}, {0.5, 0}, {0.51, 3}, {0.52, 0}, {1, 0}};
+  EXPECT_TRUE(extinction_within(function, 11, 19));
+  EXPECT_TRUE(extinction_within(function, 15.1, 15.1));
+  EXPECT_FALSE(extinction_within(function, 11, 15));
+  EXPECT_FALSE(extinction_within(function, 15.21, 100));
+  EXPECT_FALSE(extinction_within(function, -100, 15));
+}
+
+TEST(ExtinctionWithin, IsClampedOutsideOfTheDomain) {
+  TransferFunction function = test::opaque();
+  function.densities = {{0, 2}, {0.5, 0}, {1, 0}};
+  EXPECT_TRUE(extinction_within(function, -7, -5));
+  EXPECT_FALSE(extinction_within(function, 5, 7));
+}
+
+TEST(ValueVisibility, BinsAreThoseOfVisibleValues) {
+  const auto a = attribute(0, 64);
+  const ValueVisibility visibility(test::window(10.25, 12.5), a);
+  EXPECT_EQ(visibility.bins(), std::uint64_t{0b111} << 10);
+  const ValueVisibility at_border(test::window(10, 10.5), a);
+  EXPECT_EQ(at_border.bins(), std::uint64_t{0b11} << 9) << "value 10 may have been rounded into bin 9";
+  EXPECT_EQ(ValueVisibility(test::opaque(), a).bins(), ~std::uint64_t{0});
+}
+
+TEST(ValueVisibility, NeverHidesAVisibleValue) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  int hidden = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    const TransferFunction function = random_function(random);
+    const double offset = trial % 3 == 0 ? 1e6 : 0;
+    auto a = attribute(offset - 1.5, offset + 1.5, offset);
+    TransferFunction shifted = function;
+    shifted.lo += offset;
+    shifted.hi += offset;
+    const ValueVisibility visibility(shifted, a);
+    const format::ValueBins bins{-1.5, 1.5};
+    for (int sample = 0; sample < 300; ++sample) {
+      const auto stored = static_cast<float>(-1.5 + 3 * uniform(random));
+      const format::ValueSummary summary = bins.summarize(std::vector<float>{stored});
+      const bool visible = shifted.extinction(offset + static_cast<double>(stored)) > 0;
+      const bool shown = visibility.shows(summary.min, summary.max, summary.occupancy);
+      ASSERT_TRUE(shown || !visible) << "trial " << trial << ", value " << stored;
+      ASSERT_TRUE(!shown || visible) << "a single value is told exactly: trial " << trial << ", value " << stored;
+      if (!shown) ++hidden;
+    }
+  }
+  EXPECT_GT(hidden, 10000);
+}
+
+TEST(ValueVisibility, MissingValuesShowNothing) {
+  const format::ValueSummary none;
+  EXPECT_FALSE(ValueVisibility(test::opaque(), attribute(0, 1)).shows(none.min, none.max, none.occupancy));
+  EXPECT_FALSE(ValueVisibility(test::opaque(), attribute(0, 1)).shows(NAN, NAN, 1));
+  EXPECT_EQ(ValueVisibility(test::opaque(), attribute(NAN, NAN)).bins(), 0u);
+}
+
+TEST(ValueVisibility, AConstantAttributeHasOneBin) {
+  const ValueVisibility visible(test::window(4, 6), attribute(5, 5));
+  EXPECT_TRUE(visible.shows(5, 5, 1));
+  const ValueVisibility invisible(test::window(4, 4.5), attribute(5, 5));
+  EXPECT_FALSE(invisible.shows(5, 5, 1));
+}
+
+TEST(ValueVisibility, EqualityIsThatOfExtinction) {
+  const auto a = attribute(0, 1);
+  TransferFunction recoloured = test::window(0.2, 0.4);
+  recoloured.colors = {{0, dvec3(0.5)}};
+  EXPECT_TRUE(ValueVisibility(recoloured, a) == ValueVisibility(test::window(0.2, 0.4), a));
+  EXPECT_FALSE(ValueVisibility(test::window(0.2, 0.41), a) == ValueVisibility(test::window(0.2, 0.4), a));
+}
+
+}  // namespace
+}  // namespace splatvol

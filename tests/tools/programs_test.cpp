@@ -1,0 +1,235 @@
+// The programs as a user meets them: exit codes, messages, files, pictures.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "base/file.h"
+#include "scene/image.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+const fs::path shared_folder = SPLATVOL_SHARED;
+
+// A folder for one test, gone afterwards.
+class Programs : public testing::Test {
+ protected:
+  Programs() {
+    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+  }
+  ~Programs() override { fs::remove_all(folder_); }
+
+  struct Outcome {
+    int code;
+    std::string out, err;
+  };
+
+  Outcome run(const std::string& command) const {
+    const std::string out = path("stdout"), err = path("stderr");
+    const int status = std::system((SPLATVOL_BIN "/" + command + " > " + out + " 2> " + err + " < /dev/null").c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(out), *read_text_file(err)};
+  }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
+
+  // Exit code 1, one line that says where and why, and nothing at `output`.
+  void expect_refused(const std::string& command, const std::string& reason, const std::string& output) const {
+    const Outcome outcome = run(command);
+    EXPECT_EQ(outcome.code, 1) << command << "\n" << outcome.err;
+    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr(reason)) << command;
+    EXPECT_EQ(outcome.out, "") << command;
+    for (const auto& entry : fs::directory_iterator(folder_))
+      EXPECT_FALSE(entry.path().filename().string().starts_with(output)) << command << " left " << entry.path();
+  }
+
+  void expect_success(const std::string& command) const {
+    const Outcome outcome = run(command);
+    ASSERT_EQ(outcome.code, 0) << command << "\n" << outcome.err;
+    EXPECT_EQ(outcome.err, "") << command;
+  }
+
+  fs::path folder_;
+};
+
+// A tetrahedron with a linear field, as text; `attribute` and `version` as asked for.
+std::string small_mesh(const std::string& point_data, const std::string& version = "0.1") {
+  return R"(<VTKFile type="UnstructuredGrid" version=")" + version + R"(" byte_order="LittleEndian"><UnstructuredGrid>
+<Piece NumberOfPoints="4" NumberOfCells="1">)" + point_data + R"(<Points>
+<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)";
+}
+
+const std::string small_data = R"(<PointData><DataArray type="Float32" Name="heat" format="ascii">0 1 2 3</DataArray></PointData>)";
+
+const json small_scene = {{"camera", {{"vertical_fov_degrees", 30}, {"position", {0.3, 0.3, 4}}, {"focal_point", {0.3, 0.3, 0}}, {"up", {0, 1, 0}}}},
+                          {"image", {{"width", 64}, {"height", 48}}},
+                          {"attribute", "heat"},
+                          {"transfer_function", {{"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}, {"density", {{0, 0}, {1, 5}}}}}};
+
+TEST_F(Programs, BuildRefusesBadInput) {
+  const std::string to = " -o " + path("out.svol");
+  expect_refused("svbuild " + path("none.vtu") + to, "none.vtu", "out");
+  write("text.vtu", "This is not a mesh.\n");
+  expect_refused("svbuild " + path("text.vtu") + to, "text.vtu", "out");
+  write("bare.vtu", small_mesh(""));
+  expect_refused("svbuild " + path("bare.vtu") + to, "point data", "out");
+  write("mesh.vtu", small_mesh(small_data));
+  const std::string whole = *read_text_file(path("mesh.vtu"));
+  write("half.vtu", whole.substr(0, whole.size() / 2));
+  expect_refused("svbuild " + path("half.vtu") + to, "half.vtu", "out");
+  expect_refused("svbuild " + path("mesh.vtu") + " --attribute cold" + to, "heat", "out");
+  expect_refused("svbuild " + path("mesh.vtu") + " -o " + path("no/such/out.svol"), "no/such/out.svol", "out");
+  expect_success("svbuild " + path("mesh.vtu") + to);
+}
+
+TEST_F(Programs, FilesOfTheNextFormatAreRefusedOrReadRight) {
+  write("mesh.vtu", small_mesh(small_data, "9.0"));
+  expect_refused("svbuild " + path("mesh.vtu") + " -o " + path("out.svol"), "mesh.vtu", "out");
+}
+
+TEST_F(Programs, RenderRefusesBadInput) {
+  write("mesh.vtu", small_mesh(small_data));
+  write("scene.json", small_scene.dump());
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  const std::string scene = " --scene " + path("scene.json"), to = " -o " + path("out.exr");
+  expect_refused("svrender " + path("none.svol") + scene + to, "none.svol", "out");
+  expect_refused("svrender " + path("mesh.vtu") + scene + to, "not a .svol file", "out");
+  expect_refused("svrender " + path("mesh.svol") + " --scene " + path("none.json") + to, "none.json", "out");
+  for (const char* field : {"camera", "image", "attribute", "transfer_function"}) {
+    json broken = small_scene;
+    broken.erase(field);
+    write("broken.json", broken.dump());
+    expect_refused("svrender " + path("mesh.svol") + " --scene " + path("broken.json") + to, field, "out");
+  }
+  json other = small_scene;
+  other["attribute"] = "cold";
+  write("other.json", other.dump());
+  expect_refused("svrender " + path("mesh.svol") + " --scene " + path("other.json") + to, "heat", "out");
+  expect_success("svrender " + path("mesh.svol") + scene + to);
+}
+
+TEST_F(Programs, DamagedVolumesAreRefused) {
+  write("mesh.vtu", small_mesh(small_data));
+  write("scene.json", small_scene.dump());
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  const std::string whole = *read_text_file(path("mesh.svol"));
+  // Every byte is tried in the tests of the format; here a few through the programs.
+  for (std::size_t at = 0; at < whole.size(); at += whole.size() / 7) {
+    write("damaged.svol", whole.substr(0, at));
+    expect_refused("svinfo --verify " + path("damaged.svol"), "damaged.svol", "out");
+    expect_refused("svrender " + path("damaged.svol") + " --scene " + path("scene.json") + " -o " + path("out.png"), "damaged.svol", "out");
+    std::string flipped = whole;
+    flipped[at] = static_cast<char>(flipped[at] ^ 0x10);
+    write("damaged.svol", flipped);
+    expect_refused("svinfo --verify " + path("damaged.svol"), "damaged.svol", "out");
+  }
+}
+
+TEST_F(Programs, WrongUsageExitsWithTwo) {
+  write("scene.json", small_scene.dump());
+  for (const char* command : {"svbuild", "svbuild in.vtu", "svbuild in.vtu -o out.svol --leaf 7", "svrender", "svrender a.svol --sort sideways", "svinfo", "svdiff one.exr", "svtruth"})
+    EXPECT_EQ(run(command).code, 2) << command;
+  for (const char* program : {"svbuild", "svrender", "svtruth", "svinfo", "svdiff", "svdemo"}) {
+    EXPECT_EQ(run(std::string(program) + " --help").code, 0) << program;
+    const Outcome version = run(std::string(program) + " --version");
+    EXPECT_EQ(version.code, 0) << program;
+    EXPECT_THAT(version.out, HasSubstr(program));
+  }
+}
+
+TEST_F(Programs, DemoEndsInAPicture) {
+  expect_success("svdemo --points 20000 -o " + path("flow.vtu") + " --scene " + path("flow.json"));
+  expect_success("svbuild " + path("flow.vtu") + " -o " + path("flow.svol"));
+  expect_success("svinfo " + path("flow.svol") + " --verify");
+  expect_success("svinfo " + path("flow.svol") + " --scene " + path("fit.json"));
+  for (const std::string scene : {"flow", "fit"}) {
+    expect_success("svrender " + path("flow.svol") + " --scene " + path(scene + ".json") + " --size 128x128 -o " + path(scene + ".exr"));
+    const Image image = *read_exr(path(scene + ".exr"));
+    const auto lit = std::ranges::count_if(image.pixels, [](const vec4& p) { return p.a > 0.05f; });
+    EXPECT_GT(lit, 128 * 128 / 10) << scene;
+  }
+}
+
+// The views of the real data, with the exact pictures beside them.
+class RealData : public Programs {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(shared_folder / "truth")) GTEST_SKIP() << "no data, scenes and truth in " << shared_folder;
+  }
+  std::string mesh(const std::string& name) const { return (shared_folder / "data" / (name + ".vtu")).string(); }
+  std::string scene(const std::string& name) const { return (shared_folder / "scenes" / (name + ".json")).string(); }
+  ImageDifference against_truth(const std::string& view, const std::string& picture) const {
+    return *compare_images(*read_exr((shared_folder / "truth" / (view + ".exr")).string()), *read_exr(picture));
+  }
+  json render(const std::string& volume, const std::string& view, const std::string& options) const {
+    expect_success("svrender " + volume + " --scene " + scene(view) + " -o " + path("picture.exr") + " --stats " + path("stats.json") + " " + options);
+    return json::parse(*read_text_file(path("stats.json")));
+  }
+};
+
+TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
+  for (const std::string view : {"bluntfin", "bluntfin-close", "bluntfin-ortho", "post", "post-close", "wing", "wing-wake"}) {
+    expect_success("svtruth " + mesh(view.substr(0, view.find('-'))) + " --scene " + scene(view) + " -o " + path("truth.exr"));
+    EXPECT_LE(against_truth(view, path("truth.exr")).rmse, 2e-5) << view;
+  }
+}
+
+TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
+  for (const auto& [name, low, high] : {std::tuple{"bluntfin", 0.03, 0.08}, std::tuple{"post", 0.02, 0.06}}) {
+    expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    const json stats = render(path("volume.svol"), name, "--tolerance 0");
+    const double rmse = against_truth(name, path("picture.exr")).rmse;
+    EXPECT_GT(rmse, low) << name;
+    EXPECT_LT(rmse, high) << name;
+  }
+}
+
+TEST_F(RealData, CoarseViewsReadLittle) {
+  for (const std::string name : {"bluntfin", "post", "wing"}) {
+    expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    const auto file_bytes = static_cast<double>(fs::file_size(path("volume.svol")));
+    const json coarse = render(path("volume.svol"), name, "--tolerance 20"), fine = render(path("volume.svol"), name, "--tolerance 1");
+    EXPECT_LT(coarse["bytes_read"].get<double>(), 0.1 * file_bytes) << name;
+    EXPECT_LT(coarse["splats"], fine["splats"]) << name;
+  }
+}
+
+TEST_F(RealData, ABudgetIsKeptAndStillShowsEverything) {
+  expect_success("svbuild " + mesh("wing") + " -o " + path("volume.svol"));
+  const json all = render(path("volume.svol"), "wing", "--tolerance 0");
+  const double light = compare_images(*read_exr(path("picture.exr")), *read_exr(path("picture.exr")))->mean_a;
+  const json bounded = render(path("volume.svol"), "wing", "--tolerance 0 --memory 2M");
+  EXPECT_LE(bounded["bytes_resident_peak"].get<double>(), 2 << 20);
+  EXPECT_LT(bounded["splats"], all["splats"]);
+  EXPECT_GT(compare_images(*read_exr(path("picture.exr")), *read_exr(path("picture.exr")))->mean_a, 0.5 * light);
+}
+
+TEST_F(RealData, Plot3dGivesThePointsOfItsMesh) {
+  const std::string data = (shared_folder / "data").string();
+  expect_success("svbuild " + mesh("bluntfin") + " --attribute Density -o " + path("mesh.svol"));
+  expect_success("svbuild " + data + "/bluntfinxyz.bin " + data + "/bluntfinq.bin --attribute Density -o " + path("grid.svol"));
+  (void)render(path("mesh.svol"), "bluntfin", "--tolerance 0");
+  const Image from_mesh = *read_exr(path("picture.exr"));
+  (void)render(path("grid.svol"), "bluntfin", "--tolerance 0");
+  EXPECT_LE(compare_images(from_mesh, *read_exr(path("picture.exr")))->rmse, 1e-3);
+}
+
+}  // namespace
+}  // namespace splatvol

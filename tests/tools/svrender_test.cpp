@@ -1,0 +1,157 @@
+// svrender's options and statistics.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "base/file.h"
+#include "scene/image.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol {
+namespace {
+
+using testing::HasSubstr;
+
+struct Outcome {
+  int code;
+  std::string text;  // of stdout and stderr
+};
+
+class Svrender : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::temp_directory_path() / fmt::format("splatvol_svrender_{}", ::getpid());
+    std::filesystem::create_directories(folder_);
+    const auto points = test::random_points(2000, 1);
+    std::vector<double> values;
+    for (const dvec3& p : points) values.push_back(p.x);
+    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
+    scene_ = {{"camera",
+               {{"position", {0.5, 0.5, 4}},
+                {"focal_point", {0.5, 0.5, 0.5}},
+                {"up", {0, 1, 0}},
+                {"vertical_fov_degrees", 30}}},
+              {"image", {{"width", 64}, {"height", 48}}},
+              {"background", {0, 0, 0}},
+              {"attribute", "a0"},
+              {"transfer_function",
+               {{"domain", {0, 1}}, {"colors", {{0, 1, 0.5, 0.25}, {1, 1, 0.5, 0.25}}}, {"density", {{0, 3}, {1, 3}}}}},
+              {"lighting", false}};
+    write_scene();
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  void write_scene() const { std::ofstream(path("s.json")) << scene_.dump(); }
+
+  Outcome run(const std::string& arguments) const {
+    const std::string command =
+        fmt::format("cd '{}' && '{}/svrender' {} 2>&1", folder_.string(), SPLATVOL_BIN, arguments);
+    FILE* pipe = ::popen(command.c_str(), "r");
+    Outcome outcome{-1, ""};
+    char buffer[4096];
+    while (const std::size_t got = std::fread(buffer, 1, sizeof(buffer), pipe)) outcome.text.append(buffer, got);
+    const int status = ::pclose(pipe);
+    if (WIFEXITED(status)) outcome.code = WEXITSTATUS(status);
+    return outcome;
+  }
+
+  // One line, exit code 1, nothing written.
+  void expect_refusal(const std::string& arguments, const std::string& reason) const {
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.code, 1) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr(reason));
+    EXPECT_EQ(std::ranges::count(outcome.text, '\n'), 1) << outcome.text;
+    EXPECT_THAT(outcome.text, testing::StartsWith("svrender: "));
+    for (const auto& entry : std::filesystem::directory_iterator(folder_))
+      EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr("out"))) << "left behind";
+  }
+
+  std::filesystem::path folder_;
+  nlohmann::json scene_;
+};
+
+TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
+  const Outcome outcome = run("v.svol --scene s.json -o out.exr --tolerance 0 --repeat 3 --stats stats.json");
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  const auto image = read_exr(path("out.exr"));
+  ASSERT_TRUE(image) << image.error().message;
+  EXPECT_EQ(image->width, 64);
+  EXPECT_EQ(image->height, 48);
+  const vec4 middle = image->at(32, 24);
+  EXPECT_GT(middle.a, 0.3f);
+  EXPECT_NEAR(middle.g, 0.5f * middle.r, 1e-3f);
+  EXPECT_EQ(image->at(1, 1).a, 0.0f);
+
+  const auto stats = nlohmann::json::parse(std::ifstream(path("stats.json")));
+  EXPECT_EQ(stats.at("splats"), 2000);
+  EXPECT_GT(stats.at("nodes"), 0);
+  EXPECT_GT(stats.at("bytes_read"), 0);
+  EXPECT_GT(stats.at("bytes_resident_peak"), 2000 * 20);
+  EXPECT_EQ(stats.at("effective_tolerance"), 0);
+  EXPECT_FALSE(stats.at("resolution_histogram").empty());
+  for (const char* part : {"cut", "fetch", "upload", "draw", "frame"})
+    EXPECT_GT(stats.at("seconds").at(part), 0) << part;
+  EXPECT_GT(stats.at("first_image_seconds"), stats.at("seconds").at("fetch"));
+  EXPECT_EQ(stats.at("file_bytes"), std::filesystem::file_size(path("v.svol")));
+
+  const std::string exr = read_text_file(path("out.exr")).value();
+  for (const char* key : {"software", "attribute", "tolerance", "kernel", "sort", "splats", "scene", "renderer"})
+    EXPECT_THAT(exr, HasSubstr(key));
+}
+
+TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
+  const auto statistics = [&](const std::string& options) {
+    const Outcome outcome = run("v.svol --scene s.json -o out.png --stats - " + options);
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return nlohmann::json::parse(outcome.text);
+  };
+  EXPECT_LT(statistics("--tolerance 50").at("splats"), 100);
+  EXPECT_EQ(statistics("--resolution 0").at("splats"), statistics("--tolerance 1e9").at("splats"));
+  EXPECT_EQ(statistics("--resolution 100").at("splats"), 2000);
+  EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
+  EXPECT_EQ(statistics("--sort none").at("sort"), "none");
+  const auto small = statistics("--tolerance 0 --memory 260K");
+  EXPECT_GT(small.at("effective_tolerance"), 0);
+  EXPECT_LE(small.at("bytes_resident_peak"), 260 << 10);
+}
+
+TEST_F(Svrender, RefusesWhatCannotBeDone) {
+  expect_refusal("v.svol --scene s.json -o nowhere/out.exr", "nowhere");
+  expect_refusal("v.svol --scene s.json -o out.exr --memory 1K", "1024 bytes of memory are too few");
+}
+
+TEST_F(Svrender, RefusesScenesThatItCannotDraw) {
+  scene_["attribute"] = "pressure";
+  write_scene();
+  expect_refusal("v.svol --scene s.json -o out.exr", "no attribute 'pressure'; there are: a0");
+  scene_["attribute"] = "a0";
+  scene_["lighting"] = true;
+  write_scene();
+  expect_refusal("v.svol --scene s.json -o out.exr", "lighting");
+  scene_.erase("camera");
+  write_scene();
+  expect_refusal("v.svol --scene s.json -o out.exr", "camera");
+}
+
+TEST_F(Svrender, WrongUsageIsTwo) {
+  for (const char* arguments :
+       {"", "v.svol", "v.svol --scene s.json -o out.jpg", "v.svol --scene s.json -o out.exr --tolerance -1",
+        "v.svol --scene s.json -o out.exr --tolerance nan", "v.svol --scene s.json -o out.exr --resolution -1",
+        "v.svol --scene s.json -o out.exr --kernel moments", "v.svol --scene s.json -o out.exr --memory lots",
+        "v.svol --scene s.json -o out.exr --size 5", "v.svol --scene s.json -o out.exr --repeat 0",
+        "v.svol --scene s.json -o out.exr --nonsense"})
+    EXPECT_EQ(run(arguments).code, 2) << arguments;
+  EXPECT_EQ(run("--help").code, 0);
+  EXPECT_EQ(run("--version").code, 0);
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,271 @@
+// svrender: a picture of a .svol file.
+#include <algorithm>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "base/file.h"
+#include "renderer/context.h"
+#include "renderer/renderer.h"
+#include "scene/image.h"
+#include "scene/scene.h"
+#include "streamer/streamer.h"
+#include "tools/tool.h"
+#include "tools/version.h"
+
+namespace splatvol {
+namespace {
+
+struct Options {
+  std::string volume;
+  std::string scene;
+  std::string output;
+  std::string size;
+  std::string stats;
+  std::string memory = "512M";
+  std::string sort = "exact";
+  std::string kernel = "octant";
+  DetailOptions detail;
+  int repeat = 1;
+};
+
+// Of the first frame, which reads and uploads; then, for frames with everything resident, a number for each.
+struct Timings {
+  double first_image = 0;
+  double fetch = 0;
+  double upload = 0;
+  std::vector<double> cut, sort, draw, frame;
+};
+
+struct Drawing {
+  std::unique_ptr<Streamer> streamer;
+  std::unique_ptr<HeadlessContext> context;
+  std::unique_ptr<Renderer> renderer;
+  const FrameSplats* frame = nullptr;
+  std::uint64_t uploaded_serial = 0;
+};
+
+double median(std::vector<double> numbers) {
+  if (numbers.empty()) return 0;
+  std::ranges::sort(numbers);
+  const std::size_t middle = numbers.size() / 2;
+  return numbers.size() % 2 == 1 ? numbers[middle] : 0.5 * (numbers[middle - 1] + numbers[middle]);
+}
+
+Result<Scene> read_scene(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
+  if (scene.lighting)
+    return fail(ErrorCode::unsupported, "{}: lighting: not in this version; set it to false", options.scene);
+  if (options.size.empty()) return scene;
+  SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
+  scene.width = size[0];
+  scene.height = size[1];
+  return scene;
+}
+
+Result<Drawing> prepare(const Options& options, const Scene& scene) {
+  Drawing drawing;
+  SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
+  SPLATVOL_TRY_ASSIGN(source, open_file(options.volume));
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {memory, scene.attribute}));
+  drawing.streamer = std::move(streamer);
+  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  drawing.context = std::move(context);
+  SPLATVOL_TRY_ASSIGN(renderer, Renderer::create());
+  drawing.renderer = std::move(renderer);
+  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function); !status)
+    return fail_in(options.scene, status.error());
+  return drawing;
+}
+
+// Asks for the view's splats, uploads them if they are others than before, draws.
+Status draw_frame(const Options& options, const Scene& scene, const View& view, Drawing& drawing, Timings& timings) {
+  const double start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(frame, drawing.streamer->request(view, scene.transfer_function, options.detail));
+  drawing.frame = frame;
+  const double upload_start = seconds_now();
+  if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->batches));
+  drawing.uploaded_serial = frame->serial;
+  const double draw_start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, options.sort == "exact" ? SortMode::exact : SortMode::none));
+
+  timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
+  timings.sort.push_back(times.sort);
+  timings.draw.push_back(times.draw);
+  timings.frame.push_back(seconds_now() - start);
+  if (timings.first_image > 0) return {};
+  timings.fetch = drawing.streamer->statistics().fetch_seconds;
+  timings.upload = draw_start - upload_start + times.upload;
+  return {};
+}
+
+// Frames of a camera that moves, by next to nothing: for one that stands still, the order of the splats would be kept.
+Status draw_steady_frames(const Options& options, const Scene& scene, View view, Drawing& drawing, Timings& timings) {
+  timings.cut.clear();
+  timings.sort.clear();
+  timings.draw.clear();
+  timings.frame.clear();
+  const dvec3 step = 1e-9 * glm::length(scene.camera.focal_point - scene.camera.position) * view.right;
+  ProgressBar bar("draw");
+  for (int i = 0; i < options.repeat; ++i) {
+    view.eye += step;
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    bar.update((i + 1.0) / options.repeat);
+  }
+  return {};
+}
+
+Provenance provenance_of(const Options& options, const Scene& scene, const Drawing& drawing) {
+  const FrameSplats& frame = *drawing.frame;
+  Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
+                           {"file", options.volume},
+                           {"scene", options.scene},
+                           {"attribute", scene.attribute},
+                           {"kernel", options.kernel},
+                           {"sort", options.sort},
+                           {"splats", fmt::format("{}", frame.splats)},
+                           {"renderer", drawing.context->description()}};
+  if (frame.detail.resolution)
+    provenance["resolution"] = fmt::format("{}", *frame.detail.resolution);
+  else
+    provenance["tolerance"] = fmt::format("{}", frame.detail.tolerance_percent);
+  return provenance;
+}
+
+nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene, const Drawing& drawing,
+                                     const Timings& timings) {
+  const FrameSplats& frame = *drawing.frame;
+  const StreamerStatistics statistics = drawing.streamer->statistics();
+  nlohmann::ordered_json json = {{"file", options.volume},
+                                 {"scene", options.scene},
+                                 {"attribute", scene.attribute},
+                                 {"width", scene.width},
+                                 {"height", scene.height},
+                                 {"kernel", options.kernel},
+                                 {"sort", options.sort},
+                                 {"tolerance", options.detail.tolerance_percent},
+                                 {"effective_tolerance", frame.detail.tolerance_percent},
+                                 {"splats", frame.splats},
+                                 {"nodes", frame.nodes},
+                                 {"resolution_histogram", frame.nodes_by_resolution},
+                                 {"splats_by_resolution", frame.splats_by_resolution},
+                                 {"file_bytes", drawing.streamer->volume().file_bytes()},
+                                 {"bytes_read", statistics.bytes_read},
+                                 {"bytes_resident_peak", statistics.bytes_resident_peak},
+                                 {"gpu_bytes", drawing.renderer->gpu_bytes()},
+                                 {"repeat", options.repeat},
+                                 {"seconds",
+                                  {{"cut", median(timings.cut)},
+                                   {"fetch", timings.fetch},
+                                   {"upload", timings.upload},
+                                   {"sort", median(timings.sort)},
+                                   {"draw", median(timings.draw)},
+                                   {"frame", median(timings.frame)},
+                                   {"frame_min", std::ranges::min(timings.frame)},
+                                   {"frame_max", std::ranges::max(timings.frame)}}},
+                                 {"first_image_seconds", timings.first_image},
+                                 {"renderer", drawing.context->description()}};
+  if (frame.detail.resolution) {
+    json["resolution"] = *options.detail.resolution;
+    json["effective_resolution"] = *frame.detail.resolution;
+  }
+  return json;
+}
+
+Status write_text(const std::string& path, const std::string& text) {
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
+  return file.commit();
+}
+
+void print_summary(const Options& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
+  const FrameSplats& frame = *drawing.frame;
+  fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.output, scene.width,
+             scene.height, frame.splats, frame.nodes, drawing.streamer->statistics().bytes_read,
+             drawing.streamer->volume().file_bytes(), timings.first_image);
+  if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
+      frame.splats_by_resolution.size() > *options.detail.resolution)
+    fmt::print("{}: resolution {} instead of {}, to stay within {} of memory\n", options.output,
+               *frame.detail.resolution, *options.detail.resolution, options.memory);
+  if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
+    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {} of memory\n", options.output,
+               frame.detail.tolerance_percent, options.detail.tolerance_percent, options.memory);
+}
+
+Status render(const Options& options) {
+  const double start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
+  const auto view = make_view(scene.camera, scene.width, scene.height);
+  if (!view) return fail_in(options.scene, view.error());
+  SPLATVOL_TRY_ASSIGN(drawing, prepare(options, scene));
+
+  Timings timings;
+  SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
+  SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+  timings.first_image = seconds_now() - start;
+  SPLATVOL_TRY(write_image(options.output, image, scene.background, provenance_of(options, scene, drawing)));
+  if (options.stats.empty()) {
+    print_summary(options, scene, drawing, timings);
+    return {};
+  }
+
+  SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
+  const std::string text = statistics_of(options, scene, drawing, timings).dump(1) + "\n";
+  if (options.stats != "-") {
+    print_summary(options, scene, drawing, timings);
+    return write_text(options.stats, text);
+  }
+  fmt::print("{}", text);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  Options options;
+  CLI::App app("Draws a .svol file as splats, as fine as the view needs.", "svrender");
+  app.add_option("FILE", options.volume, "The .svol file")->required()->type_name("FILE.svol");
+  app.add_option("--scene", options.scene, "Scene file (JSON)")->required()->type_name("S.json");
+  app.add_option("-o,--output", options.output, "Picture to write: .exr or .png")
+      ->required()
+      ->type_name("OUT")
+      ->check([](const std::string& path) {
+        return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .exr nor .png";
+      });
+  app.add_option("--tolerance", options.detail.tolerance_percent,
+                 "Largest share of the image's shorter side that one splat may cover; 0: all points")
+      ->type_name("PERCENT")
+      ->check(CLI::Range(0.0, std::numeric_limits<double>::infinity(), "NUMBER >= 0"))
+      ->capture_default_str();
+  app.add_option("--resolution", options.detail.resolution,
+                 "One resolution for everything, 0 the coarsest, instead of a tolerance")
+      ->check(CLI::Range(0, 63));
+  app.add_option("--kernel", options.kernel, "How a splat looks")
+      ->check(CLI::IsMember({"octant"}))
+      ->capture_default_str();
+  app.add_option("--sort", options.sort, "Order of drawing: none leaves it at back to front by node")
+      ->check(CLI::IsMember({"none", "exact"}))
+      ->capture_default_str();
+  app.add_option("--memory", options.memory,
+                 "Bytes that the streamer may hold, such as 512M; detail is lost where it would need more")
+      ->type_name("SIZE")
+      ->check([](const std::string& text) {
+        const auto bytes = parse_bytes(text);
+        return bytes ? std::string() : bytes.error().message;
+      })
+      ->capture_default_str();
+  app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
+      ->type_name("WxH")
+      ->check([](const std::string& text) {
+        const auto size = parse_image_size(text);
+        return size ? std::string() : size.error().message;
+      });
+  app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
+      ->type_name("OUT.json|-");
+  return run_tool(app, argc, argv, [&] { return render(options); });
+}
