@@ -14,7 +14,7 @@ namespace splatvol {
 
 struct BuildOptions {
   std::uint32_t leaf_points = 8;          // N of the reduction's octree; at least 8 (see build_volume)
-  std::uint32_t points_per_chunk = 4096;  // 64 to 65536
+  std::uint32_t points_per_chunk = 1024;  // 64 to 65536; what a coarse view reads in vain grows with it
   std::uint64_t index_leaf_points = 512;  // the index splits nodes with more points
   std::vector<std::string> inputs;        // names for the provenance
   std::string builder = "splatvol";       // name and version of the program

@@ -51,7 +51,12 @@ class Source {
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
 };
 
-/// Opens an input by what it is: .vtu, .pvtu, .vtk, or a PLOT3D grid and its solution as two paths in this order.
+/// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are
+/// pieces of one data set; or a PLOT3D grid and its solution as two paths in this order.
+///
+/// Cells become tetrahedra (builder/tetrahedra.h). Hidden cells and ghost copies are left out, with the points that
+/// only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN;
+/// positions that are not finite stay, but no tetrahedron uses them.
 ///
 /// `selection` names the attributes to read; empty: all point data. Fails where a file is missing, damaged, of a kind
 /// or version that cannot be read right, has no point data, or lacks a selected attribute (the message lists those

@@ -1,6 +1,5 @@
 #include "builder/vtk_source.h"
 
-#include <vtkBase64Utilities.h>
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>
@@ -41,7 +40,10 @@
 
 #include "base/file.h"
 #include "builder/lattice.h"
+#include "builder/plot3d.h"
 #include "builder/tetrahedra.h"
+#include "builder/vtk_cells.h"
+#include "builder/vtk_compression.h"
 
 namespace splatvol {
 namespace {
@@ -125,7 +127,10 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
       array->Delete();
       return nullptr;
     }
-    return vtkSmartPointer<vtkIdTypeArray>::Take(this->ConvertToIdTypeArray(numbers));
+    auto ids = vtkSmartPointer<vtkIdTypeArray>::New();
+    ids->DeepCopy(numbers);
+    array->Delete();
+    return ids;
   }
 
   /// Ends of runs: not negative, not decreasing, and no more of them than a file of this size could hold.
@@ -195,77 +200,50 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
 };
 vtkStandardNewMacro(UnstructuredReader);
 
-/// Guards VTK's parser, which believes what the header of a compressed array states: divides by its block size, reads
-/// the part of a block that is not there.
-///
-/// Such a header holds the number of blocks, the bytes of a block and those of a shorter last one, in words of the
-/// file's header type, as they are or in base64.
-class CompressionHeaders {
+/// Checks the header of every compressed array of an XML file.
+class CompressedArrays {
  public:
-  CompressionHeaders(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_position)
+  CompressedArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_position)
       : file_(file), appended_position_(appended_position) {
     const auto is = [&](vtkXMLDataElement* element, const char* name, std::string_view value) {
       const char* text = element ? element->GetAttribute(name) : nullptr;
       return text && text == value;
     };
-    wide_ = is(&root, "header_type", "UInt64");
-    big_endian_ = is(&root, "byte_order", "BigEndian");
+    layout_ = {is(&root, "header_type", "UInt64"), is(&root, "byte_order", "BigEndian")};
     appended_base64_ = !is(root.FindNestedElementWithName("AppendedData"), "encoding", "raw");
   }
 
   [[nodiscard]] Status check(vtkXMLDataElement& element) {
     for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) SPLATVOL_TRY(check(*element.GetNestedElement(i)));
-    const std::string_view name = element.GetName() ? element.GetName() : "";
     const std::string_view format = element.GetAttribute("format") ? element.GetAttribute("format") : "";
-    if (name != "DataArray" && name != "Array") return {};
-    if (format == "appended") {
-      vtkTypeInt64 offset = 0;
-      if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
-      return check_header(appended_position_ + static_cast<std::uint64_t>(offset), appended_base64_);
-    }
-    if (format != "binary") return {};
-    SPLATVOL_TRY_ASSIGN(text, read(static_cast<std::uint64_t>(element.GetXMLByteIndex()), 4096));
-    const std::size_t start = text.find_first_not_of(" \t\r\n", text.find('>') + 1);
-    if (text.find('>') == std::string::npos || start == std::string::npos) return {};
-    return check_header(static_cast<std::uint64_t>(element.GetXMLByteIndex()) + start, true);
+    if (format == "appended") return check_appended(element);
+    return format == "binary" ? check_inline(element) : Status{};
   }
 
  private:
-  /// Up to `count` bytes; fewer at the end of the file.
-  Result<std::string> read(std::uint64_t position, std::uint64_t count) {
-    const std::uint64_t left = file_.size() - std::min(position, file_.size());
-    std::string bytes(std::min(count, left), '\0');
-    SPLATVOL_TRY(file_.read(std::min(position, file_.size()), std::as_writable_bytes(std::span(bytes))));
-    return bytes;
+  Status check_appended(vtkXMLDataElement& element) {
+    vtkTypeInt64 offset = 0;
+    if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
+    const std::uint64_t position = appended_position_ + static_cast<std::uint64_t>(offset);
+    return check_compression_header(file_, layout_, position, appended_base64_);
   }
 
-  Status check_header(std::uint64_t position, bool base64) {
-    const std::size_t word = wide_ ? 8 : 4;
-    SPLATVOL_TRY_ASSIGN(bytes, read(position, base64 ? 4 * word : 3 * word));
-    std::array<unsigned char, 24> header{};
-    if (base64) {
-      const auto* text = reinterpret_cast<const unsigned char*>(bytes.data());
-      if (vtkBase64Utilities::DecodeSafely(text, bytes.size(), header.data(), 3 * word) < 3 * word) return {};
-    } else {
-      if (bytes.size() < 3 * word) return {};
-      std::ranges::copy(bytes, header.begin());
-    }
-    const auto number = [&](std::size_t index) {
-      std::uint64_t value = 0;
-      for (std::size_t i = 0; i < word; ++i)
-        value = value << 8 | header[index * word + (big_endian_ ? i : word - 1 - i)];
-      return value;
-    };
-    const bool empty = number(0) == 0 && number(2) == 0;
-    if (empty || (number(0) > 0 && number(0) <= file_.size() && number(1) > 0 && number(2) <= number(1))) return {};
-    return fail(ErrorCode::invalid_data, "{}: the header of the compressed array at byte {} is damaged", file_.name(),
-                position);
+  /// The numbers follow the element's start tag after white space.
+  Status check_inline(vtkXMLDataElement& element) {
+    constexpr std::uint64_t longest_tag = 4096;
+    const auto tag = std::min(static_cast<std::uint64_t>(element.GetXMLByteIndex()), file_.size());
+    std::string text(std::min(longest_tag, file_.size() - tag), '\0');
+    SPLATVOL_TRY(file_.read(tag, std::as_writable_bytes(std::span(text))));
+    const std::size_t end = text.find('>');
+    if (end == std::string::npos) return {};
+    const std::size_t start = text.find_first_not_of(" \t\r\n", end + 1);
+    if (start == std::string::npos) return {};
+    return check_compression_header(file_, layout_, tag + start, true);
   }
 
   ByteSource& file_;
   std::uint64_t appended_position_;
-  bool wide_;
-  bool big_endian_;
+  CompressionLayout layout_;
   bool appended_base64_;
 };
 
@@ -365,7 +343,7 @@ class FileDataSets final : public DataSets {
   Status check_compression(vtkXMLDataElement& root, vtkTypeInt64 appended_position) const {
     if (!root.GetAttribute("compressor")) return {};
     SPLATVOL_TRY_ASSIGN(file, open_file(path_));
-    return CompressionHeaders(*file, root, static_cast<std::uint64_t>(appended_position)).check(root);
+    return CompressedArrays(*file, root, static_cast<std::uint64_t>(appended_position)).check(root);
   }
 
   void select_arrays(vtkXMLReader& reader) const {
@@ -466,10 +444,10 @@ std::vector<Channel> channels_of(vtkDataSet& data) {
   std::vector<Channel> channels;
   vtkPointData& arrays = *data.GetPointData();
   for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
-    const vtkDataArray* array = arrays.GetArray(i);  // null for strings
+    vtkDataArray* array = arrays.GetArray(i);  // null for strings
     if (!array || !arrays.GetArrayName(i)) continue;
     const std::string name = arrays.GetArrayName(i);
-    const int components = const_cast<vtkDataArray*>(array)->GetNumberOfComponents();
+    const int components = array->GetNumberOfComponents();
     if (is_bookkeeping(arrays, i, name)) continue;
     if (components == 1) {
       channels.push_back({name, name, 1, 0});
@@ -497,62 +475,6 @@ std::string list_names(const std::vector<std::string>& names) {
 }
 
 // --- Cells ----------------------------------------------------------------------------------------------------------
-
-enum class CellRole { shape, lattice, polyhedron, no_volume };
-
-struct CellKind {
-  int vtk_type;
-  CellRole role;
-  std::string_view name;
-  CellShape shape = CellShape::tetrahedron;  // of a shape; of a lattice: what it is divided into
-};
-
-constexpr std::array cell_kinds = {
-    CellKind{VTK_EMPTY_CELL, CellRole::no_volume, "empty"},
-    CellKind{VTK_VERTEX, CellRole::no_volume, "vertex"},
-    CellKind{VTK_POLY_VERTEX, CellRole::no_volume, "poly-vertex"},
-    CellKind{VTK_LINE, CellRole::no_volume, "line"},
-    CellKind{VTK_POLY_LINE, CellRole::no_volume, "polyline"},
-    CellKind{VTK_TRIANGLE, CellRole::no_volume, "triangle"},
-    CellKind{VTK_TRIANGLE_STRIP, CellRole::no_volume, "triangle strip"},
-    CellKind{VTK_POLYGON, CellRole::no_volume, "polygon"},
-    CellKind{VTK_PIXEL, CellRole::no_volume, "pixel"},
-    CellKind{VTK_QUAD, CellRole::no_volume, "quadrilateral"},
-    CellKind{VTK_TETRA, CellRole::shape, "tetrahedron", CellShape::tetrahedron},
-    CellKind{VTK_VOXEL, CellRole::shape, "voxel", CellShape::voxel},
-    CellKind{VTK_HEXAHEDRON, CellRole::shape, "hexahedron", CellShape::hexahedron},
-    CellKind{VTK_WEDGE, CellRole::shape, "wedge", CellShape::wedge},
-    CellKind{VTK_PYRAMID, CellRole::shape, "pyramid", CellShape::pyramid},
-    CellKind{VTK_PENTAGONAL_PRISM, CellRole::shape, "pentagonal prism", CellShape::pentagonal_prism},
-    CellKind{VTK_HEXAGONAL_PRISM, CellRole::shape, "hexagonal prism", CellShape::hexagonal_prism},
-    CellKind{VTK_QUADRATIC_EDGE, CellRole::no_volume, "quadratic line"},
-    CellKind{VTK_QUADRATIC_TRIANGLE, CellRole::no_volume, "quadratic triangle"},
-    CellKind{VTK_QUADRATIC_QUAD, CellRole::no_volume, "quadratic quadrilateral"},
-    CellKind{VTK_QUADRATIC_POLYGON, CellRole::no_volume, "quadratic polygon"},
-    CellKind{VTK_QUADRATIC_TETRA, CellRole::shape, "quadratic tetrahedron", CellShape::quadratic_tetrahedron},
-    CellKind{VTK_QUADRATIC_HEXAHEDRON, CellRole::shape, "quadratic hexahedron", CellShape::quadratic_hexahedron},
-    CellKind{VTK_QUADRATIC_WEDGE, CellRole::shape, "quadratic wedge", CellShape::quadratic_wedge},
-    CellKind{VTK_QUADRATIC_PYRAMID, CellRole::shape, "quadratic pyramid", CellShape::quadratic_pyramid},
-    CellKind{VTK_BIQUADRATIC_QUAD, CellRole::no_volume, "biquadratic quadrilateral"},
-    CellKind{VTK_TRIQUADRATIC_HEXAHEDRON, CellRole::lattice, "triquadratic hexahedron", CellShape::hexahedron},
-    CellKind{VTK_QUADRATIC_LINEAR_QUAD, CellRole::no_volume, "quadratic-linear quadrilateral"},
-    CellKind{VTK_QUADRATIC_LINEAR_WEDGE, CellRole::lattice, "quadratic-linear wedge", CellShape::wedge},
-    CellKind{VTK_BIQUADRATIC_QUADRATIC_WEDGE, CellRole::lattice, "biquadratic wedge", CellShape::wedge},
-    CellKind{VTK_BIQUADRATIC_TRIANGLE, CellRole::no_volume, "biquadratic triangle"},
-    CellKind{VTK_CUBIC_LINE, CellRole::no_volume, "cubic line"},
-    CellKind{VTK_POLYHEDRON, CellRole::polyhedron, "polyhedron"},
-    CellKind{VTK_LAGRANGE_CURVE, CellRole::no_volume, "Lagrange curve"},
-    CellKind{VTK_LAGRANGE_TRIANGLE, CellRole::no_volume, "Lagrange triangle"},
-    CellKind{VTK_LAGRANGE_QUADRILATERAL, CellRole::no_volume, "Lagrange quadrilateral"},
-    CellKind{VTK_LAGRANGE_TETRAHEDRON, CellRole::lattice, "Lagrange tetrahedron", CellShape::tetrahedron},
-    CellKind{VTK_LAGRANGE_HEXAHEDRON, CellRole::lattice, "Lagrange hexahedron", CellShape::hexahedron},
-    CellKind{VTK_LAGRANGE_WEDGE, CellRole::lattice, "Lagrange wedge", CellShape::wedge},
-};
-
-const CellKind* find_kind(int vtk_type) {
-  const auto kind = std::ranges::find(cell_kinds, vtk_type, &CellKind::vtk_type);
-  return kind == cell_kinds.end() ? nullptr : kind;
-}
 
 /// Where VTK puts the nodes of a cell in the unit cell; empty where it does not say.
 std::vector<dvec3> parametric_nodes(int vtk_type, vtkIdType count) {
@@ -647,7 +569,7 @@ class PieceMaker {
 
   Status read_cell(vtkIdType cell, TetrahedronSplitter& splitter) {
     const int type = data_.GetCellType(cell);
-    const CellKind* kind = last_kind_ && last_kind_->vtk_type == type ? last_kind_ : find_kind(type);
+    const CellKind* kind = last_kind_ && last_kind_->vtk_type == type ? last_kind_ : find_cell_kind(type);
     if (!kind) return fail(ErrorCode::unsupported, "{}: cells of VTK type {} are not supported", path_, type);
     SPLATVOL_TRY(load_nodes(cell, *kind));
 
@@ -913,26 +835,6 @@ void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkD
   }
 }
 
-/// Whether a solution of `size` bytes can belong to these blocks: VTK guesses the variant of the format from the grid's
-/// size, which a truncated grid may fit by chance, and reads no further than it must. Old files may be padded to whole
-/// disk sectors.
-bool solution_fits(const std::vector<vtkSmartPointer<vtkDataSet>>& blocks, std::uint64_t size) {
-  if (blocks.front()->GetPointData()->HasArray("Gamma")) return true;  // Overflow's variant, of any number of variables
-  for (const std::uint64_t dimensions : {3, 2})
-    for (const std::uint64_t precision : {4, 8})
-      for (const std::uint64_t record_marks : {0, 8})
-        for (const bool multi_grid : {false, true}) {
-          std::uint64_t expected = (multi_grid ? 4 + record_marks : 0) + record_marks;
-          for (const auto& block : blocks) {
-            const auto points = static_cast<std::uint64_t>(block->GetNumberOfPoints());
-            expected += 4 * dimensions + (4 * precision + record_marks);
-            expected += (dimensions + 2) * points * precision + record_marks;
-          }
-          if (size == expected || size == (expected + 511) / 512 * 512) return true;
-        }
-  return false;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection) {
@@ -949,22 +851,30 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
                                             const std::vector<std::string>& selection) {
+  // VTK can guess the variant too, from the grid's size alone; but of a truncated file it reads dimensions that are not
+  // there.
+  SPLATVOL_TRY_ASSIGN(grid_file, open_file(grid));
   SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
+  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *solution_file));
   constexpr int pressure = 110;
   std::vector<vtkSmartPointer<vtkDataSet>> blocks;
   SPLATVOL_TRY(run_vtk(grid, [&] {
     const vtkNew<vtkMultiBlockPLOT3DReader> reader;
     reader->SetXYZFileName(grid.c_str());
     reader->SetQFileName(solution.c_str());
-    reader->AutoDetectFormatOn();
+    reader->SetMultiGrid(format.multi_grid);
+    reader->SetHasByteCount(format.record_marks);
+    reader->SetByteOrder(format.big_endian ? vtkMultiBlockPLOT3DReader::FILE_BIG_ENDIAN
+                                           : vtkMultiBlockPLOT3DReader::FILE_LITTLE_ENDIAN);
+    reader->SetIBlanking(format.blanking);
+    reader->SetTwoDimensionalGeometry(format.dimensions == 2);
+    reader->SetDoublePrecision(format.precision == 8);
+    reader->ForceReadOn();
     reader->AddFunction(pressure);
     reader->Update();
     if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
   }));
-  if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: not a PLOT3D grid", grid);
-  if (!solution_fits(blocks, solution_file->size()))
-    return fail(ErrorCode::invalid_data, "{}: a PLOT3D solution of {} bytes does not fit the grid {}", solution,
-                solution_file->size(), grid);
+  if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
   auto source = std::make_unique<VtkSource>(std::make_unique<Plot3dDataSets>(grid, blocks));
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));

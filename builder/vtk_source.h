@@ -1,4 +1,4 @@
-// VTK's readers behind the Source interface; vtk_source.cpp is the one file that sees VTK's headers.
+// VTK's readers behind the Source interface; only vtk_source.cpp and vtk_writer.cpp see VTK's headers.
 #pragma once
 
 #include <memory>

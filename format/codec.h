@@ -25,11 +25,12 @@ using Bytes = std::vector<std::byte>;
 
 /// Undoes `pack` into exactly `unpacked_bytes` bytes; `what` begins the message of an error. Safe on untrusted input:
 /// what it allocates is bounded by 1024 times the packed size. Thread-safe.
-[[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what);
+[[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,
+                                   std::string_view what);
 
 /// Appends a record as it lies in memory.
 template <class T>
-  requires std::is_trivially_copyable_v<T>
+requires std::is_trivially_copyable_v<T>
 void append_record(Bytes& bytes, const T& record) {
   const auto raw = std::as_bytes(std::span(&record, 1));
   bytes.insert(bytes.end(), raw.begin(), raw.end());
@@ -37,7 +38,7 @@ void append_record(Bytes& bytes, const T& record) {
 
 /// Copies a record out of `bytes`. Requires offset + sizeof(T) <= bytes.size().
 template <class T>
-  requires std::is_trivially_copyable_v<T>
+requires std::is_trivially_copyable_v<T>
 [[nodiscard]] T read_record(std::span<const std::byte> bytes, std::size_t offset) {
   T record;
   std::memcpy(&record, bytes.data() + offset, sizeof(T));
@@ -46,7 +47,7 @@ template <class T>
 
 /// Appends the lowest `width` bytes of every number as `width` planes, lowest byte first.
 template <class T>
-  requires std::is_trivially_copyable_v<T>
+requires std::is_trivially_copyable_v<T>
 void append_planes(Bytes& bytes, std::span<const T> numbers, std::size_t width = sizeof(T)) {
   const std::size_t start = bytes.size();
   bytes.insert(bytes.end(), numbers.size() * width, std::byte{0});
@@ -59,7 +60,7 @@ void append_planes(Bytes& bytes, std::span<const T> numbers, std::size_t width =
 
 /// Reads `width` planes into numbers; bytes above are zero. Requires planes.size() >= numbers.size() * width.
 template <class T>
-  requires std::is_trivially_copyable_v<T>
+requires std::is_trivially_copyable_v<T>
 void read_planes(std::span<const std::byte> planes, std::span<T> numbers, std::size_t width = sizeof(T)) {
   if (width < sizeof(T)) std::ranges::fill(std::as_writable_bytes(numbers), std::byte{0});
   for (std::size_t plane = 0; plane < width; ++plane) {

@@ -13,8 +13,8 @@ constexpr std::uint32_t missing_value_bits = 0x7FC00000u;
 constexpr std::uint8_t form_grid = 1;
 constexpr std::uint8_t form_exact = 2;
 
-// Rounding to the grid moves a coordinate by half a step; the difference from the origin, of up to 2^46 steps, is itself
-// rounded by up to 2^-7 step.
+// Rounding to the grid moves a coordinate by half a step; the difference from the origin, of up to 2^46 steps, is
+// itself rounded by up to 2^-7 step.
 constexpr double error_in_steps = 0.51;
 constexpr int max_grid_bits = 45;
 
@@ -60,8 +60,10 @@ bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& h
   return true;
 }
 
-Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count, std::string_view what) {
-  if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
+Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count,
+                                             std::string_view what) {
+  if (payload.size() < sizeof(PositionHeader))
+    return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
   const auto header = read_record<PositionHeader>(payload, 0);
   std::size_t bytes_per_point = 0;
   bool valid = (header.form == form_grid || header.form == form_exact) && header.zero == 0 && header.error >= 0 &&
@@ -131,7 +133,8 @@ PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const s
   return pack_payload(payload);
 }
 
-Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out, std::string_view what) {
+Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                        std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), what));
   auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
@@ -145,11 +148,13 @@ Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> pack
                                               : std::bit_cast<double>(cells[i]);
   }
   const auto finite = [](const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); };
-  if (!std::ranges::all_of(out, finite)) return fail(ErrorCode::invalid_data, "{}: a position is not finite [R17]", what);
+  if (!std::ranges::all_of(out, finite))
+    return fail(ErrorCode::invalid_data, "{}: a position is not finite [R17]", what);
   return {};
 }
 
-Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out, std::string_view what) {
+Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
+                     std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   if (payload.size() != out.size_bytes()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   read_planes<float>(payload, out);
@@ -161,7 +166,8 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
 Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint8_t> depths,
                       std::span<std::uint8_t> counts, std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
-  if (payload.size() != depths.size() + counts.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
+  if (payload.size() != depths.size() + counts.size())
+    return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   read_planes(payload, depths);
   read_planes(std::span<const std::byte>(payload).subspan(depths.size()), counts);
   if (std::ranges::max(depths) > max_octant_depth || std::ranges::min(counts) == 0)

@@ -48,8 +48,8 @@ struct PackedChunk {
   Bytes bytes;
 };
 
-/// Positions on a grid so fine that no coordinate moves by more than `error` (>= 0, world units), or exact where no such
-/// grid is cheaper. Requires finite positions, at least one. Thread-safe, as are all functions here.
+/// Positions on a grid so fine that no coordinate moves by more than `error` (>= 0, world units), or exact where no
+/// such grid is cheaper. Requires finite positions, at least one. Thread-safe, as are all functions here.
 [[nodiscard]] PackedChunk pack_positions(std::span<const dvec3> positions, double error);
 
 /// Stored values; those that are not finite become missing.
@@ -65,7 +65,8 @@ struct PackedChunk {
 [[nodiscard]] Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                                    std::string_view what);
 [[nodiscard]] Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed,
-                                    std::span<std::uint8_t> depths, std::span<std::uint8_t> counts, std::string_view what);
+                                    std::span<std::uint8_t> depths, std::span<std::uint8_t> counts,
+                                    std::string_view what);
 
 /// The bound on position error that a packed chunk states, world units.
 [[nodiscard]] Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed);

@@ -78,8 +78,10 @@ class IndexPacker {
   bool arrays_match() const {
     const std::size_t nodes = tree_.size();
     const NodeShape& shape = tree_.shape;
-    return nodes > 0 && nodes < no_link && tree_.first_resolutions.size() == nodes && tree_.counts.size() == nodes * shape.resolutions &&
-           tree_.size_codes.size() == nodes * shape.size_bounds * shape.resolutions && tree_.summaries.size() == nodes * shape.attributes;
+    return nodes > 0 && nodes < no_link && tree_.first_resolutions.size() == nodes &&
+           tree_.counts.size() == nodes * shape.resolutions &&
+           tree_.size_codes.size() == nodes * shape.size_bounds * shape.resolutions &&
+           tree_.summaries.size() == nodes * shape.attributes;
   }
 
   // Returns how many nodes of the next subtree stay on the page of its root.
@@ -109,7 +111,8 @@ class IndexPacker {
 
   void append_children(std::vector<std::size_t>& order, std::size_t node) const {
     std::size_t child = node + 1;
-    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i, child = subtree_ends_[child]) order.push_back(child);
+    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i, child = subtree_ends_[child])
+      order.push_back(child);
   }
 
   Status page_out(std::size_t node) {
@@ -139,7 +142,8 @@ class IndexPacker {
     std::uint64_t front_bytes = 0;
     for (const Bytes& block : raw) {
       const Bytes packed = pack(block);
-      append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(block.size()), hash_bytes(packed)});
+      append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()),
+                                      static_cast<std::uint32_t>(block.size()), hash_bytes(packed)});
       blocks.insert(blocks.end(), packed.begin(), packed.end());
       if (front_bytes == 0) front_bytes = packed.size();
     }
@@ -194,9 +198,12 @@ std::uint64_t max_structure_bytes(const NodeShape& shape) {
   return 3 + (10 + shape.size_bounds) * shape.resolutions + sizeof(IndexPageRef);
 }
 
-IndexBlock block_at(std::span<const std::byte> front, std::size_t index) { return read_record<IndexBlock>(front, 8 + index * sizeof(IndexBlock)); }
+IndexBlock block_at(std::span<const std::byte> front, std::size_t index) {
+  return read_record<IndexBlock>(front, 8 + index * sizeof(IndexBlock));
+}
 
-Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, const NodeShape& shape, std::string_view what) {
+Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, const NodeShape& shape,
+                   std::string_view what) {
   const std::uint64_t table_bytes = index_table_bytes(shape.attributes);
   if (front.size() != ref.front_bytes || front.size() < table_bytes || hash_bytes(front.first(table_bytes)) != ref.hash)
     return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
@@ -206,12 +213,14 @@ Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, co
   std::uint64_t end = table_bytes;
   for (std::size_t b = 0; b <= shape.attributes; ++b) {
     const IndexBlock block = block_at(front, b);
-    if (b == 0 ? block.unpacked_bytes > nodes * max_structure_bytes(shape) : block.unpacked_bytes != nodes * summary_bytes)
+    if (b == 0 ? block.unpacked_bytes > nodes * max_structure_bytes(shape)
+               : block.unpacked_bytes != nodes * summary_bytes)
       return fail(ErrorCode::invalid_data, "{}: a block has the wrong length [R13]", what);
     if (end > ref.page_bytes || block.packed_bytes > ref.page_bytes - end)
       return fail(ErrorCode::invalid_data, "{}: a block passes the end [R15]", what);
     end += block.packed_bytes;
-    if (b == 0 && end != ref.front_bytes) return fail(ErrorCode::invalid_data, "{}: wrong length of the structure [R15]", what);
+    if (b == 0 && end != ref.front_bytes)
+      return fail(ErrorCode::invalid_data, "{}: wrong length of the structure [R15]", what);
   }
   if (end != ref.page_bytes) return fail(ErrorCode::invalid_data, "{}: bytes left over [R15]", what);
   return {};
@@ -223,8 +232,8 @@ Result<Bytes> unpack_block(const IndexBlock& block, std::span<const std::byte> p
   return unpack(packed, block.unpacked_bytes, what);
 }
 
-Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count, std::uint64_t links_end, std::string_view what,
-                  IndexPage& page) {
+Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count, std::uint64_t links_end,
+                  std::string_view what, IndexPage& page) {
   StructureReader reader(structure);
   NodeArrays& nodes = page.nodes;
   const NodeShape shape = nodes.shape;
@@ -244,11 +253,13 @@ Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count
     for (std::size_t s = 0; s < shape.resolutions; ++s) {
       nodes.counts.push_back(reader.varint());
       all |= nodes.counts.back();
-      if (nodes.counts.back() >> 48 != 0) return fail(ErrorCode::invalid_data, "{}: node {} has too many points [R14]", what, node);
+      if (nodes.counts.back() >> 48 != 0)
+        return fail(ErrorCode::invalid_data, "{}: node {} has too many points [R14]", what, node);
     }
     if (all == 0) return fail(ErrorCode::invalid_data, "{}: node {} is empty [R14]", what, node);
     for (std::size_t bound = 0; bound < shape.size_bounds; ++bound)
-      for (std::size_t r = 0; r < shape.resolutions; ++r) nodes.size_codes.push_back(r < first ? std::uint8_t{0} : reader.byte());
+      for (std::size_t r = 0; r < shape.resolutions; ++r)
+        nodes.size_codes.push_back(r < first ? std::uint8_t{0} : reader.byte());
     page.links.push_back(IndexPage::no_node);
     if (flags == 0) continue;
     page.links.back() = static_cast<std::uint32_t>(page.pages.size());
@@ -259,7 +270,8 @@ Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count
       return fail(ErrorCode::invalid_data, "{}: node {} links to a page of the wrong length [R15]", what, node);
     page.pages.push_back(ref);
   }
-  if (!reader.ok() || !reader.at_end()) return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
+  if (!reader.ok() || !reader.at_end())
+    return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
   return {};
 }
 
@@ -279,7 +291,8 @@ Status connect_children(IndexPage& page, std::string_view what) {
     if (next <= node || depths[node] >= max_node_depth)
       return fail(ErrorCode::invalid_data, "{}: node {} is its own child, or too deep [R13]", what, node);
     page.first_children.push_back(static_cast<std::uint32_t>(next));
-    std::fill_n(depths.begin() + static_cast<std::ptrdiff_t>(next), children, static_cast<std::uint8_t>(depths[node] + 1));
+    std::fill_n(depths.begin() + static_cast<std::ptrdiff_t>(next), children,
+                static_cast<std::uint8_t>(depths[node] + 1));
     for (std::size_t s = 0; s < nodes.shape.resolutions; ++s) {
       std::uint64_t sum = 0;
       for (std::uint64_t child = next; child < next + children; ++child) sum += nodes.counts_of(child)[s];
@@ -295,8 +308,9 @@ Status connect_children(IndexPage& page, std::string_view what) {
 }  // namespace
 
 std::uint64_t IndexPage::memory_bytes() const {
-  return sizeof(IndexPage) + nodes.size() * (2 + 2 * sizeof(std::uint32_t)) + nodes.counts.size() * sizeof(std::uint64_t) +
-         nodes.size_codes.size() + nodes.summaries.size() * sizeof(ValueSummary) + pages.size() * sizeof(IndexPageRef);
+  return sizeof(IndexPage) + nodes.size() * (2 + 2 * sizeof(std::uint32_t)) +
+         nodes.counts.size() * sizeof(std::uint64_t) + nodes.size_codes.size() +
+         nodes.summaries.size() * sizeof(ValueSummary) + pages.size() * sizeof(IndexPageRef);
 }
 
 Result<PackedIndexPage> pack_index(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit) {
@@ -312,7 +326,8 @@ Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std
   IndexPage page;
   page.nodes.shape = shape;
   page.top_nodes = expected_top_nodes;
-  SPLATVOL_TRY_ASSIGN(structure, unpack_block(block_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
+  SPLATVOL_TRY_ASSIGN(structure,
+                      unpack_block(block_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
   SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
   SPLATVOL_TRY(connect_children(page, what));
   return page;
@@ -324,10 +339,12 @@ SummaryBlock find_summary_block(std::span<const std::byte> front, std::size_t at
   return {offset, block_at(front, 1 + attribute)};
 }
 
-Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what, IndexPage& page) {
+Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what,
+                        IndexPage& page) {
   SPLATVOL_TRY_ASSIGN(raw, unpack_block(block, packed, what));
   const std::size_t count = page.nodes.size();
-  if (raw.size() != count * summary_bytes) return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);
+  if (raw.size() != count * summary_bytes)
+    return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);
   page.nodes.summaries.clear();
   for (std::size_t node = 0; node < count; ++node)
     page.nodes.summaries.push_back({read_record<float>(raw, node * 4), read_record<float>(raw, (count + node) * 4),

@@ -33,8 +33,8 @@ struct NodeShape {
   return code > 0 && size_bound(code, edge) < size ? static_cast<std::uint8_t>(code - 1) : code;
 }
 
-/// Nodes in memory, as arrays over the nodes. In a whole tree they stand in depth-first order, children in octant order;
-/// in a page in breadth-first order.
+/// Nodes in memory, as arrays over the nodes. In a whole tree they stand in depth-first order, children in octant
+/// order; in a page in breadth-first order.
 struct NodeArrays {
   NodeShape shape;
   std::vector<std::uint8_t> child_masks;
@@ -57,9 +57,9 @@ struct IndexPage {
   static constexpr std::uint32_t no_node = ~std::uint32_t{0};
 
   NodeArrays nodes;
-  std::uint32_t top_nodes = 0;                 // the first nodes: the forest's roots
-  std::vector<std::uint32_t> first_children;   // [node]: no_node for leaves and where the children are in another page
-  std::vector<std::uint32_t> links;            // [node]: index into `pages`, or no_node
+  std::uint32_t top_nodes = 0;                // the first nodes: the forest's roots
+  std::vector<std::uint32_t> first_children;  // [node]: no_node for leaves and where the children are in another page
+  std::vector<std::uint32_t> links;           // [node]: index into `pages`, or no_node
   std::vector<IndexPageRef> pages;
 
   /// Bytes held, for budgets.
@@ -75,7 +75,8 @@ struct PackedIndexPage {
 /// Cuts a whole tree into pages and hands them to `emit` in file order: children's pages before their parents', offsets
 /// filled in from 0; returns the root page, which is not emitted and kept small. Fails where the arrays are no tree in
 /// depth-first order, or one deeper than max_node_depth.
-[[nodiscard]] Result<PackedIndexPage> pack_index(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit);
+[[nodiscard]] Result<PackedIndexPage> pack_index(const NodeArrays& tree,
+                                                 const std::function<Status(const PackedIndexPage&)>& emit);
 
 /// Bytes at the start of a page that a reference's hash covers.
 [[nodiscard]] constexpr std::uint64_t index_table_bytes(std::size_t attributes) {
@@ -84,11 +85,11 @@ struct PackedIndexPage {
 
 /// Checks and unpacks a page without its attribute blocks. `front` holds the page's first ref.front_bytes bytes;
 /// `expected_top_nodes` is the number of the linking node's children (1 for the root); the pages that this one links to
-/// must end at or before `links_end` within their section. Safe on untrusted bytes: what it allocates is bounded by a few
-/// MiB.
-[[nodiscard]] Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front, NodeShape shape,
-                                                  std::uint32_t expected_top_nodes, std::uint64_t links_end,
-                                                  std::string_view what);
+/// must end at or before `links_end` within their section. Safe on untrusted bytes: what it allocates is bounded by a
+/// few MiB.
+[[nodiscard]] Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front,
+                                                  NodeShape shape, std::uint32_t expected_top_nodes,
+                                                  std::uint64_t links_end, std::string_view what);
 
 /// An attribute's block, as the table of a page describes it.
 struct SummaryBlock {

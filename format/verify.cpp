@@ -71,7 +71,8 @@ class Volume::Verifier {
         return fail(ErrorCode::invalid_data, "{}: the index is deeper than {}", volume_.name(), max_node_depth);
       const std::uint8_t mask = page.nodes.child_masks[node];
       if (page.links[node] != IndexPage::no_node)
-        SPLATVOL_TRY(check_linked_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), depths[node] + 1));
+        SPLATVOL_TRY(
+            check_linked_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), depths[node] + 1));
       else if (mask != 0)
         std::fill_n(depths.begin() + page.first_children[node], std::popcount(mask), depths[node] + 1);
     }
@@ -79,7 +80,8 @@ class Volume::Verifier {
   }
 
   // Pages that tile the section are met once each: links that share one would make a small file endless.
-  Status check_linked_page(const IndexPageRef& ref, std::uint8_t mask, std::span<const std::uint64_t> counts, std::size_t depth) {
+  Status check_linked_page(const IndexPageRef& ref, std::uint8_t mask, std::span<const std::uint64_t> counts,
+                           std::size_t depth) {
     pages_.emplace_back(ref.offset, ref.page_bytes);
     page_bytes_ += ref.page_bytes;
     if (page_bytes_ > index_section().packed_bytes) return volume_.broken(untiled_index);
@@ -140,7 +142,8 @@ class Volume::Verifier {
     }
   }
 
-  Status check_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points, const std::string& what) const {
+  Status check_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
+                         const std::string& what) const {
     std::vector<dvec3> positions(points);
     SPLATVOL_TRY(unpack_positions(entry, packed, positions, what));
     SPLATVOL_TRY_ASSIGN(error, stated_position_error(entry, packed));
@@ -153,8 +156,8 @@ class Volume::Verifier {
     return {};
   }
 
-  Status check_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points, std::size_t attribute,
-                      const std::string& what) {
+  Status check_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
+                      std::size_t attribute, const std::string& what) {
     std::vector<float> values(points);
     SPLATVOL_TRY(unpack_values(entry, packed, values, what));
     const ValueBins bins = bins_of(info_.attributes[attribute]);
@@ -174,9 +177,10 @@ class Volume::Verifier {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) < 0) continue;
-      if (missing_[attribute] != info_.attributes[attribute].missing || (!histograms.empty() && counted_[attribute] != histograms[attribute]))
-        return fail(ErrorCode::invalid_data, "{}: histogram or number of missing values of '{}' is wrong", volume_.name(),
-                    info_.attributes[attribute].name);
+      if (missing_[attribute] != info_.attributes[attribute].missing ||
+          (!histograms.empty() && counted_[attribute] != histograms[attribute]))
+        return fail(ErrorCode::invalid_data, "{}: histogram or number of missing values of '{}' is wrong",
+                    volume_.name(), info_.attributes[attribute].name);
     }
     return {};
   }

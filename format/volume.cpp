@@ -9,8 +9,9 @@ namespace splatvol::format {
 namespace {
 
 constexpr std::uint64_t max_sections = 64;
-constexpr std::array required_sections = {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root,
-                                          SectionKind::rows, SectionKind::index_pages, SectionKind::directory_pages};
+constexpr std::array required_sections = {SectionKind::metadata,       SectionKind::index_root,
+                                          SectionKind::directory_root, SectionKind::rows,
+                                          SectionKind::index_pages,    SectionKind::directory_pages};
 
 // An index page up to this size comes in one read; of a larger one, only the structure and one attribute's block.
 constexpr std::uint64_t one_read_bytes = 64u << 10;
@@ -27,9 +28,12 @@ bool is_extent(SectionKind kind) {
 // R7: how much memory a section may ask for, against the bytes that back it.
 bool has_valid_codec(const SectionEntry& section) {
   switch (section.codec) {
-    case Codec::extent: return is_extent(section.kind);
-    case Codec::raw: return !is_extent(section.kind) && section.unpacked_bytes == section.packed_bytes;
-    case Codec::zstd: break;
+    case Codec::extent:
+      return is_extent(section.kind);
+    case Codec::raw:
+      return !is_extent(section.kind) && section.unpacked_bytes == section.packed_bytes;
+    case Codec::zstd:
+      break;
   }
   return section.codec == Codec::zstd && !is_extent(section.kind) && section.kind != SectionKind::directory_root &&
          section.unpacked_bytes > section.packed_bytes &&
@@ -46,7 +50,9 @@ Result<std::shared_ptr<const Volume>> Volume::open(std::unique_ptr<ByteSource> s
   return volume;
 }
 
-tl::unexpected<Error> Volume::broken(std::string_view rule) const { return fail(ErrorCode::invalid_data, "{}: {}", name(), rule); }
+tl::unexpected<Error> Volume::broken(std::string_view rule) const {
+  return fail(ErrorCode::invalid_data, "{}: {}", name(), rule);
+}
 
 Status Volume::read_preamble() {
   const std::uint64_t size = source_->size();
@@ -71,17 +77,22 @@ Status Volume::read_section_table() {
   const auto superblock = read_record<Superblock>(preamble_, 0);
   if (!std::ranges::equal(superblock.magic, magic)) return broken("not a .svol file");
   if (superblock.major_version != major_version)
-    return fail(ErrorCode::unsupported, "{}: written in format {}.{}; this program reads 1.x", name(), superblock.major_version,
-                superblock.minor_version);
-  if (hash_bytes(std::span(preamble_).first(offsetof(Superblock, hash))) != superblock.hash) return broken("superblock: checksum mismatch [R4]");
-  if (superblock.critical_features != 0) return fail(ErrorCode::unsupported, "{}: needs a feature that this program lacks", name());
+    return fail(ErrorCode::unsupported, "{}: written in format {}.{}; this program reads 1.x", name(),
+                superblock.major_version, superblock.minor_version);
+  if (hash_bytes(std::span(preamble_).first(offsetof(Superblock, hash))) != superblock.hash)
+    return broken("superblock: checksum mismatch [R4]");
+  if (superblock.critical_features != 0)
+    return fail(ErrorCode::unsupported, "{}: needs a feature that this program lacks", name());
   if (superblock.file_bytes != source_->size())
-    return fail(ErrorCode::invalid_data, "{}: truncated or grown: {} bytes instead of {} [R2]", name(), source_->size(), superblock.file_bytes);
-  if (superblock.section_count == 0 || superblock.section_count > max_sections) return broken("section count out of range [R3]");
+    return fail(ErrorCode::invalid_data, "{}: truncated or grown: {} bytes instead of {} [R2]", name(), source_->size(),
+                superblock.file_bytes);
+  if (superblock.section_count == 0 || superblock.section_count > max_sections)
+    return broken("section count out of range [R3]");
 
   const std::uint64_t table_bytes = superblock.section_count * sizeof(SectionEntry);
   preamble_bytes_ = superblock.preamble_bytes;
-  if (preamble_bytes_ < sizeof(Superblock) + table_bytes || preamble_bytes_ > std::min(superblock.file_bytes, max_preamble_bytes) ||
+  if (preamble_bytes_ < sizeof(Superblock) + table_bytes ||
+      preamble_bytes_ > std::min(superblock.file_bytes, max_preamble_bytes) ||
       sizeof(Superblock) + table_bytes > preamble_.size())
     return broken("preamble length out of range [R1]");
   const auto table = std::span(preamble_).subspan(sizeof(Superblock), table_bytes);
@@ -99,14 +110,17 @@ Status Volume::check_sections() const {
     if (!is_known(section.kind) && (section.flags & 1) != 0)
       return fail(ErrorCode::unsupported, "{}: needs section kind {}, which this program lacks [R5]", name(),
                   static_cast<std::uint32_t>(section.kind));
-    if (section.offset != end || end > limit || section.packed_bytes > limit - end) return broken("sections do not tile the file [R6]");
+    if (section.offset != end || end > limit || section.packed_bytes > limit - end)
+      return broken("sections do not tile the file [R6]");
     if (!has_valid_codec(section)) return broken("a section has the wrong codec or length [R7]");
     end += section.packed_bytes;
   }
   if (end != limit) return broken("sections do not tile the file [R6]");
   for (const SectionKind kind : required_sections)
-    if (std::ranges::count(sections_, kind, &SectionEntry::kind) != 1) return broken("a section is absent or appears twice [R8]");
-  if (std::ranges::count(sections_, SectionKind::histograms, &SectionEntry::kind) > 1) return broken("histograms appear twice [R8]");
+    if (std::ranges::count(sections_, kind, &SectionEntry::kind) != 1)
+      return broken("a section is absent or appears twice [R8]");
+  if (std::ranges::count(sections_, SectionKind::histograms, &SectionEntry::kind) > 1)
+    return broken("histograms appear twice [R8]");
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
     const SectionEntry& section = *find_section(kind);
     if (section.offset + section.packed_bytes > preamble_bytes_) return broken("a section passes the preamble [R1]");
@@ -123,7 +137,8 @@ const SectionEntry* Volume::find_section(SectionKind kind) const {
 
 Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) const {
   if (offset <= preamble_.size() && count <= preamble_.size() - offset)
-    return Bytes(preamble_.begin() + static_cast<std::ptrdiff_t>(offset), preamble_.begin() + static_cast<std::ptrdiff_t>(offset + count));
+    return Bytes(preamble_.begin() + static_cast<std::ptrdiff_t>(offset),
+                 preamble_.begin() + static_cast<std::ptrdiff_t>(offset + count));
   if (offset > source_->size() || count > source_->size() - offset)
     return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end [R6]", name(), count, offset);
   Bytes bytes(count);
@@ -164,9 +179,11 @@ Status Volume::read_directory_root() {
     const std::uint64_t first = page * info_.rows_per_directory_page;
     const std::uint64_t last = std::min(rows_.row_count(), first + info_.rows_per_directory_page);
     const std::uint64_t chunks = rows_.chunks_before(last) - rows_.chunks_before(first);
-    const std::uint64_t section_end = page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
+    const std::uint64_t section_end =
+        page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
     if (ref.offset != next || ref.bytes > section_end - next || ref.bytes < sizeof(std::uint64_t) ||
-        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != chunks || ref.bytes % sizeof(ChunkEntry) != sizeof(std::uint64_t))
+        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != chunks ||
+        ref.bytes % sizeof(ChunkEntry) != sizeof(std::uint64_t))
       return broken("directory: pages do not tile their section [R11]");
     next += ref.bytes;
     if (page == 0 && next != section_end) return broken("directory: pages do not tile their section [R11]");
@@ -177,7 +194,9 @@ Status Volume::read_directory_root() {
   return {};
 }
 
-NodeShape Volume::node_shape() const { return {info_.resolutions(), info_.size_bounds.size(), info_.attributes.size()}; }
+NodeShape Volume::node_shape() const {
+  return {info_.resolutions(), info_.size_bounds.size(), info_.attributes.size()};
+}
 
 std::vector<std::uint64_t> Volume::segment_counts() const {
   std::vector<std::uint64_t> counts = info_.resolution_counts;
@@ -194,8 +213,8 @@ Status Volume::check_top_counts(const IndexPage& page, std::span<const std::uint
   return {};
 }
 
-Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes, std::uint64_t links_end,
-                                    int attribute) const {
+Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
+                                    std::uint64_t links_end, int attribute) const {
   const std::string what = name() + ": index page";
   const bool whole = attribute >= 0 && ref.page_bytes <= one_read_bytes;
   SPLATVOL_TRY_ASSIGN(bytes, read_bytes(offset, whole ? ref.page_bytes : ref.front_bytes));
@@ -205,7 +224,8 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
 
   const auto [block_offset, block] = find_summary_block(front, static_cast<std::size_t>(attribute), node_shape());
   if (whole) {
-    SPLATVOL_TRY(unpack_summaries(block, std::span<const std::byte>(bytes).subspan(block_offset, block.packed_bytes), what, page));
+    SPLATVOL_TRY(unpack_summaries(block, std::span<const std::byte>(bytes).subspan(block_offset, block.packed_bytes),
+                                  what, page));
   } else {
     SPLATVOL_TRY_ASSIGN(packed, read_bytes(offset + block_offset, block.packed_bytes));
     SPLATVOL_TRY(unpack_summaries(block, packed, what, page));
@@ -215,18 +235,20 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
 
 IndexPageRef Volume::root_ref() const {
   const SectionEntry& section = *find_section(SectionKind::index_root);
-  return {0, static_cast<std::uint32_t>(section.unpacked_bytes), static_cast<std::uint32_t>(section.packed_bytes), section.hash};
+  return {0, static_cast<std::uint32_t>(section.unpacked_bytes), static_cast<std::uint32_t>(section.packed_bytes),
+          section.hash};
 }
 
 Result<IndexPage> Volume::read_index_root(int attribute) const {
   const std::uint64_t links_end = find_section(SectionKind::index_pages)->packed_bytes;
-  SPLATVOL_TRY_ASSIGN(page, read_page(root_ref(), find_section(SectionKind::index_root)->offset, 1, links_end, attribute));
+  SPLATVOL_TRY_ASSIGN(page,
+                      read_page(root_ref(), find_section(SectionKind::index_root)->offset, 1, links_end, attribute));
   SPLATVOL_TRY(check_top_counts(page, segment_counts()));
   return page;
 }
 
-Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t child_mask, std::span<const std::uint64_t> parent_counts,
-                                          int attribute) const {
+Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
+                                          std::span<const std::uint64_t> parent_counts, int attribute) const {
   const std::uint64_t offset = find_section(SectionKind::index_pages)->offset + ref.offset;
   const auto children = static_cast<std::uint32_t>(std::popcount(child_mask));
   SPLATVOL_TRY_ASSIGN(page, read_page(ref, offset, children, ref.offset, attribute));
@@ -237,7 +259,8 @@ Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t 
 Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
   const DirectoryPageRef& ref = directory_refs_[page];
   SPLATVOL_TRY_ASSIGN(bytes, read_bytes(ref.offset, ref.bytes));
-  if (hash_bytes(bytes) != ref.hash) return fail(ErrorCode::invalid_data, "{}: directory page {}: checksum mismatch", name(), page);
+  if (hash_bytes(bytes) != ref.hash)
+    return fail(ErrorCode::invalid_data, "{}: directory page {}: checksum mismatch", name(), page);
 
   DirectoryPage result;
   result.first_row = page * info_.rows_per_directory_page;
@@ -246,7 +269,8 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
   const SectionEntry& section = *find_section(SectionKind::rows);
   const std::uint64_t end = section.offset + section.packed_bytes;
   std::uint64_t offset = read_record<std::uint64_t>(bytes, 0);
-  if (offset < section.offset || offset > end) return fail(ErrorCode::invalid_data, "{}: directory page {} points outside [R12]", name(), page);
+  if (offset < section.offset || offset > end)
+    return fail(ErrorCode::invalid_data, "{}: directory page {} points outside [R12]", name(), page);
   std::size_t at = sizeof(std::uint64_t);
   for (std::uint64_t row = result.first_row; at < bytes.size(); ++row) {
     const std::uint64_t points = rows_.group(rows_.group_of_row(row)).count;

@@ -27,14 +27,16 @@ struct ChunkPlace {
 /// The chunk entries of consecutive rows.
 struct DirectoryPage {
   std::uint64_t first_row = 0;
-  std::uint64_t first_chunk = 0;          // number of the first row's first chunk in the whole file
+  std::uint64_t first_chunk = 0;  // number of the first row's first chunk in the whole file
   std::vector<ChunkPlace> chunks;
 
-  [[nodiscard]] std::uint64_t memory_bytes() const { return sizeof(DirectoryPage) + chunks.size() * sizeof(ChunkPlace); }
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return sizeof(DirectoryPage) + chunks.size() * sizeof(ChunkPlace);
+  }
 };
 
-/// An open file. Every byte that comes in is checked against its hash and its rules before it is used; errors begin with
-/// the file's name. Thread-safe as far as its ByteSource is.
+/// An open file. Every byte that comes in is checked against its hash and its rules before it is used; errors begin
+/// with the file's name. Thread-safe as far as its ByteSource is.
 class Volume {
  public:
   /// Reads the preamble: in one read, where the writer followed the specification's advice.
@@ -46,8 +48,13 @@ class Volume {
   [[nodiscard]] std::uint64_t file_bytes() const { return source_->size(); }
   [[nodiscard]] std::uint64_t preamble_bytes() const { return preamble_bytes_; }
 
+  /// The parts of the file, in file order.
+  [[nodiscard]] const std::vector<SectionEntry>& sections() const { return sections_; }
+
   /// Bytes held by the preamble, for budgets.
-  [[nodiscard]] std::uint64_t memory_bytes() const { return preamble_.size() + directory_refs_.size() * sizeof(DirectoryPageRef); }
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return preamble_.size() + directory_refs_.size() * sizeof(DirectoryPageRef);
+  }
 
   /// Bytes fetched from the source so far.
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
@@ -55,11 +62,14 @@ class Volume {
   /// The page with the root node; `attribute` selects the summaries, -1 for none.
   [[nodiscard]] Result<IndexPage> read_index_root(int attribute) const;
 
-  /// A page that a node links to. `parent_counts` are the points of the linking node's segments: its children must add up to them.
+  /// A page that a node links to. `parent_counts` are the points of the linking node's segments: its children must add
+  /// up to them.
   [[nodiscard]] Result<IndexPage> read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                                   std::span<const std::uint64_t> parent_counts, int attribute) const;
 
-  [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row) const { return row / info_.rows_per_directory_page; }
+  [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row) const {
+    return row / info_.rows_per_directory_page;
+  }
   [[nodiscard]] Result<DirectoryPage> read_directory_page(std::uint64_t page) const;
 
   /// Finds a chunk in the page that covers its row; `column` must be one of the row's.
@@ -94,7 +104,6 @@ class Volume {
   [[nodiscard]] NodeShape node_shape() const;
 
   class Verifier;
-
 
   std::unique_ptr<ByteSource> source_;
   mutable std::atomic<std::uint64_t> bytes_read_ = 0;

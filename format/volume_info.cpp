@@ -26,10 +26,6 @@ constexpr std::array<std::pair<ColumnKind, const char*>, 5> column_names = {{
     {ColumnKind::value_moments, "value_moments"},
 }};
 
-const char* name_of(ColumnKind kind) {
-  return std::ranges::find(column_names, kind, &std::pair<ColumnKind, const char*>::first)->second;
-}
-
 json number_or_null(double number) { return std::isfinite(number) ? json(number) : json(nullptr); }
 
 // Thrown and caught within this file: JSON is read by a library that reports errors in the same way.
@@ -66,7 +62,8 @@ double finite(const json& node, const char* key) {
 }
 
 std::uint64_t whole(const json& node, const char* key, std::uint64_t least, std::uint64_t most) {
-  const bool valid = node.is_number_unsigned() && node.get<std::uint64_t>() >= least && node.get<std::uint64_t>() <= most;
+  const bool valid =
+      node.is_number_unsigned() && node.get<std::uint64_t>() >= least && node.get<std::uint64_t>() <= most;
   require(valid, fmt::format("'{}' is not a whole number from {} to {}", key, least, most));
   return node.get<std::uint64_t>();
 }
@@ -99,9 +96,11 @@ Attribute read_attribute(const json& node) {
   attribute.min = finite_or_null(node, "min");
   attribute.max = finite_or_null(node, "max");
   attribute.missing = whole_member(node, "missing", 0, max_points);
-  require(std::isnan(attribute.min) == std::isnan(attribute.max) && !(attribute.min > attribute.max), "'min' and 'max' disagree");
+  require(std::isnan(attribute.min) == std::isnan(attribute.max) && !(attribute.min > attribute.max),
+          "'min' and 'max' disagree");
   const ValueBins bins = bins_of(attribute);
-  require(std::isnan(attribute.min) || (std::isfinite(bins.min) && std::isfinite(bins.max) && std::isfinite(bins.max - bins.min)),
+  require(std::isnan(attribute.min) ||
+              (std::isfinite(bins.min) && std::isfinite(bins.max) && std::isfinite(bins.max - bins.min)),
           "'min' and 'max' are out of range");
   return attribute;
 }
@@ -133,7 +132,8 @@ std::vector<Column> read_columns(const json& nodes, std::size_t attributes) {
   std::set<std::pair<ColumnKind, int>> seen;
   for (const json& node : nodes) {
     const Column column = read_column(node, attributes);
-    require(column.kind == ColumnKind::unknown || seen.insert({column.kind, column.attribute}).second, "a column appears twice");
+    require(column.kind == ColumnKind::unknown || seen.insert({column.kind, column.attribute}).second,
+            "a column appears twice");
     columns.push_back(column);
   }
   require(seen.contains({ColumnKind::position, -1}), "'columns' has no position");
@@ -142,7 +142,8 @@ std::vector<Column> read_columns(const json& nodes, std::size_t attributes) {
 
 std::vector<std::uint64_t> read_counts(const json& nodes) {
   std::vector<std::uint64_t> counts;
-  require(!nodes.empty() && nodes.size() <= max_resolutions, fmt::format("'resolution_counts' has not 1 to {} entries", max_resolutions));
+  require(!nodes.empty() && nodes.size() <= max_resolutions,
+          fmt::format("'resolution_counts' has not 1 to {} entries", max_resolutions));
   for (const json& node : nodes) {
     const std::uint64_t least = counts.empty() ? 1 : counts.back() + 1;
     counts.push_back(whole(node, "resolution_counts", least, max_points));
@@ -158,12 +159,14 @@ VolumeInfo read_info(const json& root) {
   info.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
   const json& reduction = member(root, "reduction");
   info.reduction_method = text(reduction, "method");
-  info.leaf_points = static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
+  info.leaf_points =
+      static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
 
   std::set<std::string> names;
   for (const json& node : list(root, "attributes")) {
     info.attributes.push_back(read_attribute(node));
-    require(names.insert(info.attributes.back().name).second, fmt::format("attribute '{}' appears twice", info.attributes.back().name));
+    require(names.insert(info.attributes.back().name).second,
+            fmt::format("attribute '{}' appears twice", info.attributes.back().name));
     require(info.attributes.back().missing <= info.point_count(), "'missing' is above the number of points");
   }
   require(info.attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
@@ -180,8 +183,8 @@ VolumeInfo read_info(const json& root) {
   return info;
 }
 
-// Deep nesting would let a few bytes exhaust the stack of whoever walks the tree. (The library's own hook for such checks
-// takes time in proportion to the square of a list's length.)
+// Deep nesting would let a few bytes exhaust the stack of whoever walks the tree. (The library's own hook for such
+// checks takes time in proportion to the square of a list's length.)
 json parse_shallow(const std::string& text) {
   int depth = 0;
   bool in_string = false;
@@ -207,7 +210,7 @@ json to_json(const Attribute& attribute) {
 
 json to_json(const Column& column) {
   require(column.kind != ColumnKind::unknown, "a column of unknown kind cannot be written");
-  json node = {{"kind", name_of(column.kind)},
+  json node = {{"kind", column_kind_name(column.kind)},
                {"scope", column.scope == ColumnScope::segment ? "segment" : "resolution"},
                {"critical", column.kind == ColumnKind::position}};
   if (column.attribute >= 0) node["attribute"] = column.attribute;
@@ -230,9 +233,16 @@ json to_json(const VolumeInfo& info) {
   return root;
 }
 
-tl::unexpected<Error> bad_metadata(ErrorCode code, const std::exception& error) { return fail(code, "metadata: {} [R9]", error.what()); }
+tl::unexpected<Error> bad_metadata(ErrorCode code, const std::exception& error) {
+  return fail(code, "metadata: {} [R9]", error.what());
+}
 
 }  // namespace
+
+const char* column_kind_name(ColumnKind kind) {
+  const auto found = std::ranges::find(column_names, kind, &std::pair<ColumnKind, const char*>::first);
+  return found == column_names.end() ? "unknown" : found->second;
+}
 
 int VolumeInfo::find_column(ColumnKind kind, int attribute) const {
   const auto found =
@@ -283,7 +293,8 @@ Group RowLayout::group(std::uint64_t index) const {
   const auto segment = static_cast<std::size_t>(next - first_group_.begin()) - 1;
   const std::uint64_t segment_begin = segment == 0 ? 0 : counts_[segment - 1];
   const std::uint64_t begin = segment_begin + (index - first_group_[segment]) * points_per_chunk_;
-  return {segment, begin, static_cast<std::uint32_t>(std::min<std::uint64_t>(points_per_chunk_, counts_[segment] - begin))};
+  return {segment, begin,
+          static_cast<std::uint32_t>(std::min<std::uint64_t>(points_per_chunk_, counts_[segment] - begin))};
 }
 
 std::size_t RowLayout::resolution_of_row(std::uint64_t row) const {

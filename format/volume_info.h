@@ -15,7 +15,7 @@ namespace splatvol::format {
 struct Attribute {
   std::string name;
   std::string unit;
-  double offset = 0;  // value = offset + stored value
+  double offset = 0;                                      // value = offset + stored value
   double min = std::numeric_limits<double>::quiet_NaN();  // of the values; NaN where none is present
   double max = std::numeric_limits<double>::quiet_NaN();
   std::uint64_t missing = 0;
@@ -29,6 +29,9 @@ struct Attribute {
 enum class ColumnKind { position, value, octant, moments, value_moments, unknown };
 enum class ColumnScope { segment, resolution };
 
+/// As in the metadata; "unknown" for kinds that this version does not know.
+[[nodiscard]] const char* column_kind_name(ColumnKind kind);
+
 struct Column {
   ColumnKind kind = ColumnKind::unknown;
   ColumnScope scope = ColumnScope::segment;
@@ -38,7 +41,7 @@ struct Column {
 struct VolumeInfo {
   Cube cube;
   std::vector<std::uint64_t> resolution_counts;  // n_0 < ... < n_R
-  std::uint32_t points_per_chunk = 4096;
+  std::uint32_t points_per_chunk = 1024;
   std::uint32_t rows_per_directory_page = 256;
   std::string reduction_method = "octree";
   std::uint32_t leaf_points = 8;
@@ -86,7 +89,9 @@ class RowLayout {
   }
 
   /// Row (resolution, group); requires the group's segment <= resolution.
-  [[nodiscard]] std::uint64_t row(std::size_t resolution, std::uint64_t group) const { return first_row_[resolution] + group; }
+  [[nodiscard]] std::uint64_t row(std::size_t resolution, std::uint64_t group) const {
+    return first_row_[resolution] + group;
+  }
   /// The first row of a resolution; with R + 1, the number of rows.
   [[nodiscard]] std::uint64_t first_row(std::size_t resolution) const { return first_row_[resolution]; }
   [[nodiscard]] std::size_t resolution_of_row(std::uint64_t row) const;

@@ -31,7 +31,8 @@ Bytes pack_metadata(const Bytes& raw) {
 VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info)
     : file_(std::move(file)), info_(std::move(info)), rows_(info_) {}
 
-Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info, const NodeArrays& tree) {
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info,
+                                                           const NodeArrays& tree) {
   SPLATVOL_TRY(metadata_to_json(info));
   if (tree.shape.resolutions != info.resolutions() || tree.shape.size_bounds != info.size_bounds.size() ||
       tree.shape.attributes != info.attributes.size())
@@ -50,16 +51,18 @@ Status VolumeWriter::pack_front(const NodeArrays& tree) {
   metadata_ = pack_metadata(metadata_raw_);
 
   SPLATVOL_TRY_ASSIGN(root, pack_index(tree, [this](const PackedIndexPage& page) -> Status {
-    index_pages_.insert(index_pages_.end(), page.bytes.begin(), page.bytes.end());
-    return {};
-  }));
+                        index_pages_.insert(index_pages_.end(), page.bytes.begin(), page.bytes.end());
+                        return {};
+                      }));
   index_root_ = std::move(root);
 
   page_count_ = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
-  const std::uint64_t root_bytes = sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
+  const std::uint64_t root_bytes =
+      sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
   rows_offset_ = front_bytes + metadata_.size() + index_root_.bytes.size() + root_bytes;
   if (rows_offset_ > max_preamble_bytes)
-    return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer", info_.attributes.size());
+    return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
+                info_.attributes.size());
   file_.seek(rows_offset_);
   return {};
 }
@@ -115,8 +118,10 @@ std::uint64_t VolumeWriter::choose_preamble_bytes() const {
 
 Status VolumeWriter::finish(const Histograms& histograms) {
   if (histograms.size() != info_.attributes.size())
-    return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(), info_.attributes.size());
-  if (next_row_ != rows_.row_count()) return fail(ErrorCode::invalid_argument, "{} of {} rows were written", next_row_, rows_.row_count());
+    return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(),
+                info_.attributes.size());
+  if (next_row_ != rows_.row_count())
+    return fail(ErrorCode::invalid_argument, "{} of {} rows were written", next_row_, rows_.row_count());
 
   // Behind the rows.
   const std::uint64_t rows_end = file_.position();
@@ -134,7 +139,8 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   const std::uint64_t metadata_offset = front_bytes;
   const std::uint64_t index_root_offset = metadata_offset + metadata_.size();
   const std::uint64_t directory_root_offset = index_root_offset + index_root_.bytes.size();
-  const std::uint64_t head_offset = directory_root_offset + sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef);
+  const std::uint64_t head_offset =
+      directory_root_offset + sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef);
   for (std::size_t page = 0; page < directory_refs_.size(); ++page)
     directory_refs_[page].offset = page == 0 ? head_offset : directory_offset + directory_refs_[page].offset;
   Bytes directory_root;
@@ -145,12 +151,15 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   const auto codec_of = [](std::span<const std::byte> raw, std::span<const std::byte> packed) {
     return raw.size() == packed.size() ? Codec::raw : Codec::zstd;
   };
-  add_section(SectionKind::metadata, true, metadata_offset, metadata_, metadata_raw_.size(), codec_of(metadata_raw_, metadata_));
-  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_root_.bytes.size(), index_root_.ref.front_bytes,
-                       index_root_.ref.hash, Codec::extent, 0});
-  add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(), Codec::raw);
+  add_section(SectionKind::metadata, true, metadata_offset, metadata_, metadata_raw_.size(),
+              codec_of(metadata_raw_, metadata_));
+  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_root_.bytes.size(),
+                       index_root_.ref.front_bytes, index_root_.ref.hash, Codec::extent, 0});
+  add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(),
+              Codec::raw);
   add_extent(SectionKind::rows, rows_offset_, rows_end - rows_offset_);
-  add_section(SectionKind::histograms, false, rows_end, histogram_packed, histogram_raw.size(), codec_of(histogram_raw, histogram_packed));
+  add_section(SectionKind::histograms, false, rows_end, histogram_packed, histogram_raw.size(),
+              codec_of(histogram_raw, histogram_packed));
   add_extent(SectionKind::index_pages, index_offset, directory_offset - index_offset);
   add_extent(SectionKind::directory_pages, directory_offset, footer_offset - directory_offset);
 

@@ -22,8 +22,8 @@ using Histograms = std::vector<std::array<std::uint64_t, 64>>;
 /// Not thread-safe; packing the chunks beforehand may be spread over threads.
 class VolumeWriter {
  public:
-  /// Cuts the index and reserves the preamble. Fails where the file cannot be created, where `info` breaks a rule of the
-  /// specification or does not fit `tree`, or where metadata, root index page and directory root alone pass 1 MiB
+  /// Cuts the index and reserves the preamble. Fails where the file cannot be created, where `info` breaks a rule of
+  /// the specification or does not fit `tree`, or where metadata, root index page and directory root alone pass 1 MiB
   /// (thousands of attributes). Chooses info.rows_per_directory_page.
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(const std::string& path, VolumeInfo info,
                                                                     const NodeArrays& tree);

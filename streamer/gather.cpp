@@ -16,9 +16,9 @@ using format::Group;
 
 namespace {
 
-// Chunks with no more than this between them are read at once: about what a disk or a network gives while it would look
-// for the next place.
-constexpr std::uint64_t largest_gap = 4096;
+// Chunks with no more than this between them are read at once. Little: it is often another attribute's chunk, and what
+// a view does not need is not to be read.
+constexpr std::uint64_t largest_gap = 1024;
 
 // Enough for every processor to have chunks to decode, little beside any budget.
 constexpr std::uint64_t wave_bytes = 16u << 20;
@@ -32,10 +32,6 @@ std::uint64_t decoding_bytes(const format::ChunkEntry& entry, std::uint32_t poin
 
 std::uint64_t decoded_bytes(ColumnKind kind, std::uint32_t points) {
   return points * (kind == ColumnKind::position ? sizeof(dvec3) : sizeof(float));
-}
-
-const char* name_of(ColumnKind kind) {
-  return kind == ColumnKind::position ? "position" : kind == ColumnKind::value ? "value" : "octant";
 }
 
 }  // namespace
@@ -227,7 +223,8 @@ Status Gatherer::read_and_decode(std::span<Chunk> run) const {
 
 Status Gatherer::decode(Chunk& chunk, std::span<const std::byte> packed) const {
   const format::Volume& volume = volume_->volume();
-  const std::string what = fmt::format("{}: chunk '{}' of row {}", volume.name(), name_of(chunk.kind), chunk.row);
+  const std::string what =
+      fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(chunk.kind), chunk.row);
   if (chunk.kind == ColumnKind::position) {
     std::vector<dvec3> positions(chunk.points);
     SPLATVOL_TRY(format::unpack_positions(chunk.place.entry, packed, positions, what));

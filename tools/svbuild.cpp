@@ -1,9 +1,11 @@
 // svbuild: a mesh or a point set in, a .svol file out.
+#include <fmt/ranges.h>
 #include <tbb/global_control.h>
 
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "builder/build.h"
 #include "tools/tool.h"
@@ -57,16 +59,23 @@ Counts census_lines(const BuildReport& report) {
   return lines;
 }
 
-void print_report(const Options& options, const BuildReport& report, double seconds) {
+void print_json(const Options& options, const BuildReport& report, double seconds) {
+  nlohmann::ordered_json census = nlohmann::ordered_json::object();
+  for (const auto& [name, count] : census_lines(report)) census[name] = count;
+  const nlohmann::ordered_json document = {{"output", options.output},
+                                           {"points", report.resolution_counts.back()},
+                                           {"resolutions", report.resolution_counts},
+                                           {"file_bytes", report.file_bytes},
+                                           {"seconds", seconds},
+                                           {"census", census}};
+  fmt::print("{}\n", document.dump(1));
+}
+
+void print_text(const Options& options, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
-  const double bytes_per_point = static_cast<double>(report.file_bytes) / static_cast<double>(points);
-  if (options.json) {
-    fmt::print("{{\"output\": \"{}\", \"points\": {}, \"resolutions\": [{}], \"file_bytes\": {}, \"seconds\": {:.3f}}}\n", options.output,
-               points, fmt::join(report.resolution_counts, ", "), report.file_bytes, seconds);
-    return;
-  }
   fmt::print("{}: {} points, {} resolutions ({}), {} bytes ({:.1f} a point), {:.2f} s\n", options.output, points,
-             report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "), report.file_bytes, bytes_per_point, seconds);
+             report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "), report.file_bytes,
+             static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
@@ -89,7 +98,8 @@ Status build(const Options& options) {
     const bool named = report.error().message.starts_with(options.output) || report.error().message.find(options.inputs[0]) != std::string::npos;
     return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
   }
-  print_report(options, *report, seconds_now() - start);
+  const double seconds = seconds_now() - start;
+  options.json ? print_json(options, *report, seconds) : print_text(options, *report, seconds);
   return {};
 }
 

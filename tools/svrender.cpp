@@ -1,6 +1,6 @@
 // svrender: a picture of a .svol file.
 #include <algorithm>
-#include <limits>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -237,11 +237,13 @@ int main(int argc, char** argv) {
   app.add_option("--tolerance", options.detail.tolerance_percent,
                  "Largest share of the image's shorter side that one splat may cover; 0: all points")
       ->type_name("PERCENT")
-      ->check(CLI::Range(0.0, std::numeric_limits<double>::infinity(), "NUMBER >= 0"))
+      ->check([](const std::string& text) {
+        return std::strtod(text.c_str(), nullptr) >= 0 ? std::string() : "'" + text + "' is not a number from 0 up";
+      })
       ->capture_default_str();
   app.add_option("--resolution", options.detail.resolution,
                  "One resolution for everything, 0 the coarsest, instead of a tolerance")
-      ->check(CLI::Range(0, 63));
+      ->check(CLI::NonNegativeNumber);
   app.add_option("--kernel", options.kernel, "How a splat looks")
       ->check(CLI::IsMember({"octant"}))
       ->capture_default_str();

@@ -3,7 +3,6 @@
 
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <optional>
 
 #include "builder/source.h"
 #include "reference/reference.h"
@@ -30,17 +29,6 @@ struct Mesh {
   std::vector<double> values;
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
 };
-
-/// Reads "640x480"; nothing where the text is anything else or a side is not from 1 to 16384.
-std::optional<std::array<int, 2>> parse_size(const std::string& text) {
-  int width = 0;
-  int height = 0;
-  int end = 0;
-  const bool complete = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &end) == 2 &&
-                        static_cast<std::size_t>(end) == text.size();
-  if (!complete || width < 1 || height < 1 || width > 16384 || height > 16384) return std::nullopt;
-  return std::array{width, height};
-}
 
 Status append_piece(const Piece& piece, Mesh& mesh) {
   if (piece.points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
@@ -95,9 +83,10 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
 
 Status draw(const Options& options) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
-  if (const auto size = parse_size(options.size)) {
-    scene.width = (*size)[0];
-    scene.height = (*size)[1];
+  if (!options.size.empty()) {
+    SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
+    scene.width = size[0];
+    scene.height = size[1];
   }
   SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute));
 
@@ -130,7 +119,8 @@ int main(int argc, char** argv) {
   });
   app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")
       ->check([](const std::string& size) {
-        return parse_size(size) ? std::string() : "'" + size + "' is not a size such as 640x480";
+        const auto parsed = parse_image_size(size);
+        return parsed ? std::string() : parsed.error().message;
       });
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
   app.add_flag("--json", options.json, "Print the summary as JSON");

@@ -17,6 +17,9 @@
 #include "builder/tetrahedra.h"
 #include "builder/vtk_writer.h"
 
+// VTK's readers leak a little where they give up on a damaged file; the leak checker asks here what to pass over.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk"; }
+
 namespace splatvol {
 namespace {
 
@@ -515,56 +518,97 @@ void put(std::string& bytes, std::initializer_list<T> values) {
   }
 }
 
-/// Two blocks of 5 x 4 x 3 and 4 x 4 x 3 points, with blanking: point 0 of the first is a hole.
-std::pair<std::string, std::string> plot3d_blocks() {
+/// Two blocks of 3 x 2 x 2 and 2 x 2 x 2 points; with blanking, point 0 of the first is a hole.
+struct Plot3dFiles {
+  bool record_marks = false;
+  bool big_endian = false;
+  bool blanking = false;
+  bool wide = false;
   std::string grid, solution;
-  for (std::string* bytes : {&grid, &solution}) put<std::int32_t>(*bytes, {2, 5, 4, 3, 4, 4, 3});
-  int block = 0;
-  for (const int width : {5, 4}) {
-    const int count = width * 12;
-    for (int axis = 0; axis < 3; ++axis)
-      for (int i = 0; i < count; ++i) {
-        const int places[3] = {i % width + 10 * block, i / width % 4, i / width / 4};
-        put<float>(grid, {static_cast<float>(places[axis])});
-      }
-    for (int i = 0; i < count; ++i) put<std::int32_t>(grid, {block == 0 && i == 0 ? 0 : 1});
-    put<float>(solution, {0.5f, 0, 1000, 0});
-    for (int i = 0; i < count; ++i) put<float>(solution, {2});  // density
-    for (int i = 0; i < count; ++i) put<float>(solution, {3});  // momentum
-    for (int i = 0; i < count; ++i) put<float>(solution, {0});
-    for (int i = 0; i < count; ++i) put<float>(solution, {4});
-    for (int i = 0; i < count; ++i) put<float>(solution, {12.25f});  // energy
-    ++block;
+
+  template <class T>
+  std::string raw(T value) const {
+    std::string bytes(sizeof(T), '\0');
+    std::memcpy(bytes.data(), &value, sizeof(T));
+    if (big_endian) std::ranges::reverse(bytes);
+    return bytes;
   }
-  return {grid, solution};
+  [[nodiscard]] std::string integer(int value) const { return raw<std::int32_t>(value); }
+  [[nodiscard]] std::string real(double value) const {
+    return wide ? raw<double>(value) : raw<float>(static_cast<float>(value));
+  }
+  [[nodiscard]] std::string record(const std::string& bytes) const {
+    const std::string mark = record_marks ? integer(static_cast<int>(bytes.size())) : "";
+    return mark + bytes + mark;
+  }
+
+  void make() {
+    std::string dimensions;
+    for (const int n : {3, 2, 2, 2, 2, 2}) dimensions += integer(n);
+    grid = solution = record(integer(2)) + record(dimensions);
+    for (const int block : {0, 1}) {
+      const int width = 3 - block;
+      const int count = width * 4;
+      std::string points, flow, values;
+      for (int axis = 0; axis < 3; ++axis)
+        for (int i = 0; i < count; ++i)
+          points +=
+              real(std::array{i % width + 10 * block, i / width % 2, i / width / 2}[static_cast<std::size_t>(axis)]);
+      for (int i = 0; blanking && i < count; ++i) points += integer(block == 0 && i == 0 ? 0 : 1);
+      for (const double number : {0.5, 0.0, 1000.0, 0.0}) flow += real(number);
+      for (const double value : {2.0, 3.0, 0.0, 4.0, 12.25})  // density, momentum, energy
+        for (int i = 0; i < count; ++i) values += real(value);
+      grid += record(points);
+      solution += record(flow) + record(values);
+    }
+  }
+};
+
+TEST_F(SourceTest, Plot3dOfEveryVariant) {
+  for (unsigned flags = 0; flags < 16; ++flags) {
+    SCOPED_TRACE(flags);
+    Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", ""};
+    files.make();
+    const auto input = read_all({write("a.xyz", files.grid), write("a.q", files.solution)});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_THAT(input->attributes, ElementsAre("Density", "Momentum", "Momentum[0]", "Momentum[1]", "Momentum[2]",
+                                               "StagnationEnergy", "Pressure"));
+    ASSERT_EQ(input->pieces.size(), 2u);
+    EXPECT_EQ(input->pieces[0].points.size(), files.blanking ? 8u : 12u) << "the hole and what only its cell uses";
+    EXPECT_EQ(input->pieces[1].points.size(), 8u);
+    EXPECT_EQ(input->census.hidden, files.blanking ? 1u : 0u);
+    EXPECT_NEAR(input->volume, files.blanking ? 2 : 3, 1e-12);
+    EXPECT_NEAR(input->pieces[1].values[1][5], 5, 1e-6);
+    // p = (gamma - 1) (e - |m|^2 / (2 rho)) = 0.4 (12.25 - 25 / 4)
+    EXPECT_NEAR(input->pieces[1].values[6][5], 2.4, 1e-6);
+  }
 }
 
-TEST_F(SourceTest, Plot3dBlocksWithBlanking) {
-  const auto [grid, solution] = plot3d_blocks();
-  const std::string grid_path = write("a.xyz", grid);
-  const std::string solution_path = write("a.q", solution);
-  const auto input = read_all({grid_path, solution_path});
-  ASSERT_TRUE(input) << input.error().message;
-  EXPECT_THAT(input->attributes, ElementsAre("Density", "Momentum", "Momentum[0]", "Momentum[1]", "Momentum[2]",
-                                             "StagnationEnergy", "Pressure"));
-  ASSERT_EQ(input->pieces.size(), 2u);
-  EXPECT_EQ(input->pieces[0].points.size(), 59u) << "the hole is left out";
-  EXPECT_EQ(input->pieces[1].points.size(), 48u);
-  EXPECT_EQ(input->census.hidden, 1u);
-  EXPECT_NEAR(input->volume, 4 * 3 * 2 - 1 + 3 * 3 * 2, 1e-12);
-  EXPECT_FLOAT_EQ(static_cast<float>(input->pieces[1].values[1][5]), 5);
-  // p = (gamma - 1) (e - |m|^2 / (2 rho)) = 0.4 (12.25 - 25 / 4)
-  EXPECT_NEAR(input->pieces[1].values[6][5], 2.4, 1e-6);
-
-  const auto selected = read_all({grid_path, solution_path}, {"Pressure"});
-  ASSERT_TRUE(selected);
+TEST_F(SourceTest, BadPlot3dIsOneClearLine) {
+  Plot3dFiles files;
+  files.blanking = true;
+  files.make();
+  const std::string grid = write("a.xyz", files.grid);
+  const std::string solution = write("a.q", files.solution);
+  const auto selected = read_all({grid, solution}, {"Pressure"});
+  ASSERT_TRUE(selected) << selected.error().message;
   EXPECT_THAT(selected->attributes, ElementsAre("Pressure"));
-  EXPECT_THAT(error_of({grid_path, solution_path}, {"p"}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
-  EXPECT_THAT(error_of({grid_path, folder_ + "none.q"}), HasSubstr("No such file"));
-  for (std::size_t size = 0; size < grid.size(); size += 7)
-    EXPECT_NE(error_of({write("cut.xyz", grid.substr(0, size)), solution_path}), "(no error)") << size;
-  for (std::size_t size = 0; size < solution.size(); size += 7)
-    EXPECT_NE(error_of({grid_path, write("cut.q", solution.substr(0, size))}), "(no error)") << size;
+  EXPECT_THAT(error_of({grid, solution}, {"p"}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
+  EXPECT_THAT(error_of({grid, folder_ + "none.q"}), HasSubstr("No such file"));
+  EXPECT_THAT(error_of({solution, grid}), HasSubstr("neither a VTK file nor a binary PLOT3D grid"));
+  EXPECT_THAT(error_of({grid, grid}), AllOf(StartsWith(grid), HasSubstr("not a PLOT3D solution")));
+  const std::size_t whole_without_blanking = 28 + 20 * 12;
+  for (std::size_t size = 0; size < files.grid.size(); ++size) {
+    if (size == whole_without_blanking) continue;
+    EXPECT_NE(error_of({write("cut.xyz", files.grid.substr(0, size)), solution}), "(no error)") << size;
+  }
+  for (std::size_t size = 0; size < files.solution.size(); ++size)
+    EXPECT_NE(error_of({grid, write("cut.q", files.solution.substr(0, size))}), "(no error)") << size;
+  for (std::size_t at = 0; at < 28; ++at) {
+    std::string damaged = files.grid;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x11);
+    EXPECT_NE(error_of({write("damaged.xyz", damaged), solution}), "(no error)") << at;
+  }
 }
 
 /// Volume of a structured grid's boundary by the divergence theorem, every quadrilateral split through the corner that

@@ -80,7 +80,8 @@ TEST(Codec, PlanesHoldTheLowestBytesFirst) {
   const std::vector<std::uint32_t> numbers = {0x04030201, 0x14131211};
   Bytes planes;
   append_planes<std::uint32_t>(planes, numbers, 3);
-  EXPECT_EQ(planes, (Bytes{std::byte{0x01}, std::byte{0x11}, std::byte{0x02}, std::byte{0x12}, std::byte{0x03}, std::byte{0x13}}));
+  EXPECT_EQ(planes, (Bytes{std::byte{0x01}, std::byte{0x11}, std::byte{0x02}, std::byte{0x12}, std::byte{0x03},
+                           std::byte{0x13}}));
   std::vector<std::uint32_t> back(2, 0xFFFFFFFF);
   read_planes<std::uint32_t>(planes, back, 3);
   EXPECT_EQ(back, (std::vector<std::uint32_t>{0x030201, 0x131211}));

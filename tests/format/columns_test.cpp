@@ -16,7 +16,8 @@ using testing::HasSubstr;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr float missing = std::numeric_limits<float>::quiet_NaN();
 
-std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, const dvec3& extent, std::uint32_t seed = 1) {
+std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, const dvec3& extent,
+                                    std::uint32_t seed = 1) {
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<dvec3> positions(count);
@@ -152,14 +153,20 @@ TEST(PositionColumn, ErrorsBeyondAllBoundsAreHarmless) {
 TEST(PositionColumn, StaysUnderTheLimitOfR10) {
   for (const std::size_t count : {1, 2, 100, 4096}) {
     const auto positions = random_positions(count, dvec3(-1), dvec3(1));
-    for (const double error : {0.0, 1e-13, 1e-3}) EXPECT_LE(pack_positions(positions, error).entry.unpacked_bytes, 64 + 64 * count);
+    for (const double error : {0.0, 1e-13, 1e-3})
+      EXPECT_LE(pack_positions(positions, error).entry.unpacked_bytes, 64 + 64 * count);
   }
 }
 
 // Packs a payload as it is: what somebody else's writer, or an attacker, would put into a chunk.
 PackedChunk chunk_of(const Bytes& payload) {
   PackedChunk chunk{{}, pack(payload)};
-  chunk.entry = {hash_bytes(chunk.bytes), static_cast<std::uint32_t>(chunk.bytes.size()), static_cast<std::uint32_t>(payload.size()), 0, 0, 0};
+  chunk.entry = {hash_bytes(chunk.bytes),
+                 static_cast<std::uint32_t>(chunk.bytes.size()),
+                 static_cast<std::uint32_t>(payload.size()),
+                 0,
+                 0,
+                 0};
   return chunk;
 }
 
@@ -237,12 +244,18 @@ TEST(ValueColumn, ComesBackBitByBit) {
   const PackedChunk chunk = pack_values(values, {-1, 1});
   std::vector<float> out(values.size());
   ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
-  for (std::size_t i = 0; i < values.size(); ++i) EXPECT_EQ(std::bit_cast<std::uint32_t>(out[i]), std::bit_cast<std::uint32_t>(values[i]));
+  for (std::size_t i = 0; i < values.size(); ++i)
+    EXPECT_EQ(std::bit_cast<std::uint32_t>(out[i]), std::bit_cast<std::uint32_t>(values[i]));
 }
 
 TEST(ValueColumn, WhatIsNotFiniteIsMissing) {
-  const std::vector<float> values = {1, missing, -missing, std::numeric_limits<float>::signaling_NaN(),
-                                     std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity(), 3};
+  const std::vector<float> values = {1,
+                                     missing,
+                                     -missing,
+                                     std::numeric_limits<float>::signaling_NaN(),
+                                     std::numeric_limits<float>::infinity(),
+                                     -std::numeric_limits<float>::infinity(),
+                                     3};
   const PackedChunk chunk = pack_values(values, {1, 3});
   EXPECT_EQ(chunk.entry.min, 1);
   EXPECT_EQ(chunk.entry.max, 3);

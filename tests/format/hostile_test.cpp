@@ -52,7 +52,8 @@ class Explorer {
     for (std::uint64_t row = 0; row < std::min<std::uint64_t>(rows, 500);) {
       const auto page = volume_.read_directory_page(volume_.directory_page_of_row(row));
       note(page.has_value());
-      const std::uint64_t end = std::min(rows, (row / volume_.info().rows_per_directory_page + 1) * volume_.info().rows_per_directory_page);
+      const std::uint64_t end =
+          std::min(rows, (row / volume_.info().rows_per_directory_page + 1) * volume_.info().rows_per_directory_page);
       for (; page && row < std::min<std::uint64_t>(end, 500); ++row) read_row(*page, row);
       row = end;
     }
@@ -72,7 +73,8 @@ class Explorer {
         EXPECT_LE(page.first_children[node] + children, page.nodes.size());
       }
       if (page.links[node] == IndexPage::no_node || pages_deep > 100 || ++pages_ > 200) continue;
-      const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node], page.nodes.counts_of(node), attribute);
+      const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
+                                                 page.nodes.counts_of(node), attribute);
       note(child.has_value());
       if (child) walk(*child, attribute, pages_deep + 1);
     }
@@ -150,14 +152,32 @@ class Mutator {
     if (bytes.empty()) return bytes.push_back(std::byte{1});
     const std::size_t at = draw(bytes.size());
     switch (draw(8)) {
-      case 0: bytes[at] ^= static_cast<std::byte>(1u << draw(8)); break;
-      case 1: bytes[at] = pick<std::byte>({std::byte{0}, std::byte{1}, std::byte{0x7F}, std::byte{0x80}, std::byte{0xFF}}); break;
-      case 2: overwrite(bytes, at, pick<std::uint32_t>({0, 1, 64, 65536, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF})); break;
-      case 3: overwrite(bytes, at / 8 * 8, pick<std::uint64_t>({0, 1, bytes.size(), 1u << 20, 1ull << 32, 1ull << 48, 1ull << 63, ~0ull})); break;
-      case 4: overwrite(bytes, at / 8 * 8, pick<double>({std::nan(""), 1.0 / 0.0, -1, 1e308, 5e-324, 0x1p63})); break;
-      case 5: bytes.resize(at); break;
-      case 6: bytes.insert(bytes.end(), 1 + draw(64), static_cast<std::byte>(draw(256))); break;
-      default: std::copy_n(bytes.begin(), std::min<std::size_t>(8, bytes.size() - at), bytes.begin() + static_cast<std::ptrdiff_t>(at)); break;
+      case 0:
+        bytes[at] ^= static_cast<std::byte>(1u << draw(8));
+        break;
+      case 1:
+        bytes[at] = pick<std::byte>({std::byte{0}, std::byte{1}, std::byte{0x7F}, std::byte{0x80}, std::byte{0xFF}});
+        break;
+      case 2:
+        overwrite(bytes, at, pick<std::uint32_t>({0, 1, 64, 65536, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF}));
+        break;
+      case 3:
+        overwrite(bytes, at / 8 * 8,
+                  pick<std::uint64_t>({0, 1, bytes.size(), 1u << 20, 1ull << 32, 1ull << 48, 1ull << 63, ~0ull}));
+        break;
+      case 4:
+        overwrite(bytes, at / 8 * 8, pick<double>({std::nan(""), 1.0 / 0.0, -1, 1e308, 5e-324, 0x1p63}));
+        break;
+      case 5:
+        bytes.resize(at);
+        break;
+      case 6:
+        bytes.insert(bytes.end(), 1 + draw(64), static_cast<std::byte>(draw(256)));
+        break;
+      default:
+        std::copy_n(bytes.begin(), std::min<std::size_t>(8, bytes.size() - at),
+                    bytes.begin() + static_cast<std::ptrdiff_t>(at));
+        break;
     }
   }
 
@@ -167,8 +187,28 @@ class Mutator {
     const std::size_t begin = text.find_first_of("0123456789", draw(text.size()));
     if (begin == std::string::npos) return;
     const std::size_t end = std::min(text.find_first_not_of("0123456789.e-+", begin), text.size());
-    const auto number = pick<const char*>({"0", "1", "-1", "2", "63", "64", "65", "1.5", "1e300", "-1e308", "1e-320", "65535", "65536", "4294967296",
-                                           "281474976710655", "281474976710656", "18446744073709551615", "null", "[]", "{}", "\"a\"", "true"});
+    const auto number = pick<const char*>({"0",
+                                           "1",
+                                           "-1",
+                                           "2",
+                                           "63",
+                                           "64",
+                                           "65",
+                                           "1.5",
+                                           "1e300",
+                                           "-1e308",
+                                           "1e-320",
+                                           "65535",
+                                           "65536",
+                                           "4294967296",
+                                           "281474976710655",
+                                           "281474976710656",
+                                           "18446744073709551615",
+                                           "null",
+                                           "[]",
+                                           "{}",
+                                           "\"a\"",
+                                           "true"});
     text.replace(begin, end - begin, number);
     const auto raw = std::as_bytes(std::span(text));
     bytes.assign(raw.begin(), raw.end());
@@ -188,7 +228,8 @@ class Mutator {
 
 TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
   constexpr std::size_t largest_allocation = 8u << 20;
-  const Dissected files[] = {Dissected(test_volume_bytes(volume_of(1, 1))), Dissected(test_volume_bytes(volume_of(300, 1))),
+  const Dissected files[] = {Dissected(test_volume_bytes(volume_of(1, 1))),
+                             Dissected(test_volume_bytes(volume_of(300, 1))),
                              Dissected(test_volume_bytes(volume_of(700, 3)))};
   int refused = 0, accepted = 0, opened = 0;
   for (std::uint32_t seed = 0; seed < 9000; ++seed) {
@@ -215,7 +256,9 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
 
 // --- Harm with a purpose.
 
-json metadata_of(const Bytes& bytes) { return json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size())); }
+json metadata_of(const Bytes& bytes) {
+  return json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
 
 void set_text(Bytes& bytes, const std::string& text) {
   const auto raw = std::as_bytes(std::span(text));
@@ -264,15 +307,15 @@ TEST_F(HostileSmallFile, CannotClaimManyPoints) {
 }
 
 TEST_F(HostileSmallFile, CannotClaimManyAttributesOrColumns) {
-  EXPECT_LE(memory_of(
-                Part::metadata,
+  EXPECT_LE(
+      memory_of(Part::metadata,
                 [&](Bytes& bytes) {
                   json document = metadata_of(bytes);
                   for (int i = 0; i < 400; ++i)
                     document["columns"].push_back({{"kind", "later"}, {"scope", "resolution"}, {"critical", false}});
                   set_text(bytes, document.dump());
                 }),
-            few_megabytes);
+      few_megabytes);
 }
 
 TEST_F(HostileSmallFile, CannotHideAMountainInItsMetadata) {
@@ -304,7 +347,8 @@ TEST(Hostile, APageOfTheMostNodesTakesFewMegabytes) {
   Bytes page;
   append_record(page, static_cast<std::uint32_t>(max_page_nodes));
   append_record(page, std::uint32_t{0});
-  append_record(page, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
+  append_record(page, IndexBlock{static_cast<std::uint32_t>(packed.size()),
+                                 static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
   const std::uint64_t hash = hash_bytes(page);
   page.insert(page.end(), packed.begin(), packed.end());
   const auto bytes = static_cast<std::uint32_t>(page.size());
@@ -334,7 +378,8 @@ TEST(Hostile, PagesThatAreLinkedToTwiceAreRefused) {
   const std::size_t root = parts.count(Part::structure) - 1;
   ASSERT_GE(parts.links(root).size(), 2u);
   const Outcome outcome = explore(parts, Part::structure, root, [&](Bytes& bytes) {
-    for (const std::size_t link : parts.links(root)) std::copy_n(bytes.data() + parts.links(root)[0], sizeof(IndexPageRef), bytes.data() + link);
+    for (const std::size_t link : parts.links(root))
+      std::copy_n(bytes.data() + parts.links(root)[0], sizeof(IndexPageRef), bytes.data() + link);
   });
   EXPECT_TRUE(outcome.opened);
   EXPECT_THAT(outcome.message, HasSubstr("[R16]"));
@@ -389,40 +434,53 @@ Outcome with_section(const Dissected& parts, SectionKind kind, const std::functi
 }
 
 TEST_F(HostileTree, SectionsFollowTheirRules) {
-  const auto message = [&](SectionKind kind, const std::function<void(SectionEntry&)>& change) { return with_section(parts_, kind, change).message; };
+  const auto message = [&](SectionKind kind, const std::function<void(SectionEntry&)>& change) {
+    return with_section(parts_, kind, change).message;
+  };
   EXPECT_EQ(message(SectionKind::rows, [](SectionEntry&) {}), "");
   EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { ++s.offset; }), HasSubstr("[R6]"));
   EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.packed_bytes = ~0ull; }), HasSubstr("[R6]"));
   EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.kind = SectionKind{99}; }), HasSubstr("[R5]"));
   EXPECT_THAT(message(SectionKind::rows, [](SectionEntry& s) { s.kind = SectionKind::metadata; }), HasSubstr("[R"));
-  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind::rows, s.codec = Codec::extent; }), HasSubstr("[R8]"));
+  EXPECT_THAT(
+      message(SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind::rows, s.codec = Codec::extent; }),
+      HasSubstr("[R8]"));
   for (const SectionKind kind : {SectionKind::metadata, SectionKind::directory_root, SectionKind::histograms})
     EXPECT_THAT(message(kind, [](SectionEntry& s) { s.codec = Codec::extent; }), HasSubstr("[R7]"));
-  for (const SectionKind kind : {SectionKind::index_root, SectionKind::rows, SectionKind::index_pages, SectionKind::directory_pages})
+  for (const SectionKind kind :
+       {SectionKind::index_root, SectionKind::rows, SectionKind::index_pages, SectionKind::directory_pages})
     EXPECT_THAT(message(kind, [](SectionEntry& s) { s.codec = Codec::raw; }), HasSubstr("[R7]"));
   EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.codec = Codec{3}; }), HasSubstr("[R7]"));
-  EXPECT_THAT(message(SectionKind::metadata, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }), HasSubstr("[R7]"));
-  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }), HasSubstr("histograms"));
+  EXPECT_THAT(message(SectionKind::metadata, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }),
+              HasSubstr("[R7]"));
+  EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.unpacked_bytes = 1ull << 40; }),
+              HasSubstr("histograms"));
   EXPECT_THAT(message(SectionKind::histograms, [](SectionEntry& s) { s.hash ^= 1; }), HasSubstr("checksum"));
 }
 
 TEST_F(HostileTree, UnknownOptionalSectionsAreSkippedButChecked) {
-  EXPECT_EQ(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}; }).message, "");
-  EXPECT_THAT(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.hash ^= 1; }).message,
-              HasSubstr("checksum"));
+  EXPECT_EQ(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}; }).message,
+            "");
+  EXPECT_THAT(
+      with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.hash ^= 1; })
+          .message,
+      HasSubstr("checksum"));
   // Bytes without a hash would be bytes that no check covers.
-  EXPECT_THAT(with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.codec = Codec::extent; }).message,
+  EXPECT_THAT(with_section(parts_, SectionKind::histograms,
+                           [](SectionEntry& s) { s.kind = SectionKind{99}, s.codec = Codec::extent; })
+                  .message,
               HasSubstr("[R7]"));
 }
 
 TEST_F(HostileTree, TheSuperblockFollowsItsRules) {
   const auto message = [&](auto change) {
-    return explore(parts_, Part::superblock, 0, [&](Bytes& bytes) {
-             Superblock superblock{};
-             std::memcpy(&superblock, bytes.data(), bytes.size());
-             change(superblock);
-             std::memcpy(bytes.data(), &superblock, bytes.size());
-           })
+    return explore(parts_, Part::superblock, 0,
+                   [&](Bytes& bytes) {
+                     Superblock superblock{};
+                     std::memcpy(&superblock, bytes.data(), bytes.size());
+                     change(superblock);
+                     std::memcpy(bytes.data(), &superblock, bytes.size());
+                   })
         .message;
   };
   EXPECT_EQ(message([](Superblock&) {}), "");

@@ -28,15 +28,19 @@ class TreeMaker {
     tree_.first_resolutions.push_back(static_cast<std::uint8_t>(draw(static_cast<std::uint32_t>(shape.resolutions))));
     tree_.counts.resize(tree_.counts.size() + shape.resolutions);
     for (std::size_t i = 0; i < shape.size_bounds * shape.resolutions; ++i)
-      tree_.size_codes.push_back(i % shape.resolutions < tree_.first_resolutions.back() ? std::uint8_t{0} : static_cast<std::uint8_t>(draw(256)));
+      tree_.size_codes.push_back(i % shape.resolutions < tree_.first_resolutions.back()
+                                     ? std::uint8_t{0}
+                                     : static_cast<std::uint8_t>(draw(256)));
     for (std::size_t a = 0; a < shape.attributes; ++a)
       tree_.summaries.push_back({static_cast<float>(draw(1000)), 1000 + static_cast<float>(draw(1000)), random_()});
     for (int i = 0; i < std::popcount(mask); ++i) {
       const std::size_t child = add_child();
-      for (std::size_t s = 0; s < shape.resolutions; ++s) tree_.counts[node * shape.resolutions + s] += tree_.counts[child * shape.resolutions + s];
+      for (std::size_t s = 0; s < shape.resolutions; ++s)
+        tree_.counts[node * shape.resolutions + s] += tree_.counts[child * shape.resolutions + s];
     }
     if (mask == 0)
-      for (std::size_t s = 0; s < shape.resolutions; ++s) tree_.counts[node * shape.resolutions + s] = s == 0 ? 1 : draw(1u << draw(20));
+      for (std::size_t s = 0; s < shape.resolutions; ++s)
+        tree_.counts[node * shape.resolutions + s] = s == 0 ? 1 : draw(1u << draw(20));
     return node;
   }
 
@@ -50,7 +54,8 @@ class TreeMaker {
   }
 
   std::size_t add_chain(std::size_t depth) {
-    return add(depth > 0 ? static_cast<std::uint8_t>(1u << draw(8)) : std::uint8_t{0}, [&] { return add_chain(depth - 1); });
+    return add(depth > 0 ? static_cast<std::uint8_t>(1u << draw(8)) : std::uint8_t{0},
+               [&] { return add_chain(depth - 1); });
   }
 
  private:
@@ -93,7 +98,8 @@ class TreeReader {
  private:
   using Pages = std::vector<IndexPage>;  // one for each attribute, and one where there is none
 
-  Pages open(const IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes, std::uint64_t links_end) {
+  Pages open(const IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes,
+             std::uint64_t links_end) {
     Pages pages;
     const auto front = bytes.first(ref.front_bytes);
     for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
@@ -125,7 +131,8 @@ class TreeReader {
       return;
     }
     const IndexPageRef& ref = page.pages[page.links[node]];
-    const Pages linked = open(ref, std::span(packed_.section).subspan(ref.offset, ref.page_bytes), children, ref.offset);
+    const Pages linked =
+        open(ref, std::span(packed_.section).subspan(ref.offset, ref.page_bytes), children, ref.offset);
     for (std::uint32_t c = 0; c < children; ++c) add(linked, c);
   }
 
@@ -290,8 +297,12 @@ class CrowdedTree {
     tree_.counts.resize((node + 1) * 6);
     for (std::size_t i = begin; i < end; ++i) ++tree_.counts[node * 6 + segment_of(keys_[i])];
     for (int r = 0; r < 6; ++r)
-      tree_.size_codes.push_back(r < tree_.first_resolutions.back() ? std::uint8_t{0} : static_cast<std::uint8_t>(8 * (depth + r) + keys_[begin] % 5));
-    const auto value = [&](std::size_t i) { return static_cast<float>(std::sin(static_cast<double>(keys_[i] >> 20) * 1e-11)); };
+      tree_.size_codes.push_back(r < tree_.first_resolutions.back()
+                                     ? std::uint8_t{0}
+                                     : static_cast<std::uint8_t>(8 * (depth + r) + keys_[begin] % 5));
+    const auto value = [&](std::size_t i) {
+      return static_cast<float>(std::sin(static_cast<double>(keys_[i] >> 20) * 1e-11));
+    };
     tree_.summaries.push_back({value(begin), value(end - 1), std::uint64_t{0xFF} << (keys_[begin] >> 40) % 50});
     if (end - begin <= leaf_points_ || depth == 21) return;
     for (std::size_t child = begin; child < end;) {

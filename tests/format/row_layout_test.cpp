@@ -29,13 +29,16 @@ struct Enumerated {
     std::uint64_t begin = 0;
     for (std::size_t s = 0; s < info.resolutions(); ++s) {
       for (; begin < info.resolution_counts[s]; begin += groups.back().count)
-        groups.push_back({s, begin, static_cast<std::uint32_t>(std::min<std::uint64_t>(info.points_per_chunk, info.resolution_counts[s] - begin))});
+        groups.push_back({s, begin,
+                          static_cast<std::uint32_t>(
+                              std::min<std::uint64_t>(info.points_per_chunk, info.resolution_counts[s] - begin))});
     }
     for (std::size_t r = 0; r < info.resolutions(); ++r)
       for (std::uint64_t g = 0; g < groups.size() && groups[g].segment <= r; ++g) {
         Row row{r, g, {}};
         for (std::size_t c = 0; c < info.columns.size(); ++c)
-          if (info.columns[c].scope == ColumnScope::resolution || groups[g].segment == r) row.columns.push_back(static_cast<int>(c));
+          if (info.columns[c].scope == ColumnScope::resolution || groups[g].segment == r)
+            row.columns.push_back(static_cast<int>(c));
         rows.push_back(row);
       }
   }

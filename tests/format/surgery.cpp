@@ -25,7 +25,8 @@ Bytes raw_section(const Bytes& file, const std::vector<SectionEntry>& sections, 
 }
 
 // Where the links of a structure block stand: spec 6, node by node.
-std::vector<std::size_t> find_links(const Bytes& structure, std::uint32_t nodes, std::size_t resolutions, std::size_t size_bounds) {
+std::vector<std::size_t> find_links(const Bytes& structure, std::uint32_t nodes, std::size_t resolutions,
+                                    std::size_t size_bounds) {
   std::vector<std::size_t> links;
   std::size_t at = 0;
   for (std::uint32_t node = 0; node < nodes; ++node) {
@@ -69,13 +70,14 @@ Dissected::Dissected(const Bytes& file) {
   footer_ = read_record<Footer>(file, file.size() - sizeof(Footer));
   metadata_ = raw_section(file, sections_, SectionKind::metadata);
   histograms_ = raw_section(file, sections_, SectionKind::histograms);
-  const VolumeInfo info = metadata_from_json(std::string(reinterpret_cast<const char*>(metadata_.data()), metadata_.size())).value();
+  const VolumeInfo info =
+      metadata_from_json(std::string(reinterpret_cast<const char*>(metadata_.data()), metadata_.size())).value();
   resolutions_ = info.resolutions();
   size_bounds_ = info.size_bounds.size();
 
   const auto root = std::ranges::find(sections_, SectionKind::index_root, &SectionEntry::kind);
-  read_pages(section_of(file, sections_, SectionKind::index_pages), section_of(file, sections_, SectionKind::index_root),
-             root->unpacked_bytes, info.attributes.size());
+  read_pages(section_of(file, sections_, SectionKind::index_pages),
+             section_of(file, sections_, SectionKind::index_root), root->unpacked_bytes, info.attributes.size());
 
   const RowLayout rows(info);
   const Bytes directory = raw_section(file, sections_, SectionKind::directory_root);
@@ -86,13 +88,15 @@ Dissected::Dissected(const Bytes& file) {
     directory_pages_.push_back((ref.bytes - 8) / sizeof(ChunkEntry));
     for (std::size_t c = 0; c < directory_pages_.back(); ++c) {
       const auto entry = read_record<ChunkEntry>(file, ref.offset + 8 + c * sizeof(ChunkEntry));
-      chunks_.push_back({entry, unpack(std::span(file).subspan(offset, entry.packed_bytes), entry.unpacked_bytes, "test").value()});
+      chunks_.push_back(
+          {entry, unpack(std::span(file).subspan(offset, entry.packed_bytes), entry.unpacked_bytes, "test").value()});
       offset += entry.packed_bytes;
     }
   }
 }
 
-void Dissected::read_pages(std::span<const std::byte> section, std::span<const std::byte> root, std::uint64_t root_front, std::size_t attributes) {
+void Dissected::read_pages(std::span<const std::byte> section, std::span<const std::byte> root,
+                           std::uint64_t root_front, std::size_t attributes) {
   std::map<std::uint64_t, std::size_t> page_at;  // offset in the section: index in pages_
   const auto read_page = [&](std::span<const std::byte> bytes, std::uint64_t front) {
     Page page{read_record<std::uint32_t>(bytes, 0), {}, {}, {}};
@@ -108,15 +112,16 @@ void Dissected::read_pages(std::span<const std::byte> section, std::span<const s
   };
 
   // Depth first, so that a page comes before those that link to it.
-  const std::function<std::size_t(std::span<const std::byte>, std::uint64_t)> add = [&](std::span<const std::byte> bytes, std::uint64_t front) {
-    Page page = read_page(bytes, front);
-    for (const std::size_t link : page.links) {
-      const auto ref = read_record<IndexPageRef>(page.blocks[0], link);
-      page.linked_pages.push_back(add(section.subspan(ref.offset, ref.page_bytes), ref.front_bytes));
-    }
-    pages_.push_back(std::move(page));
-    return pages_.size() - 1;
-  };
+  const std::function<std::size_t(std::span<const std::byte>, std::uint64_t)> add =
+      [&](std::span<const std::byte> bytes, std::uint64_t front) {
+        Page page = read_page(bytes, front);
+        for (const std::size_t link : page.links) {
+          const auto ref = read_record<IndexPageRef>(page.blocks[0], link);
+          page.linked_pages.push_back(add(section.subspan(ref.offset, ref.page_bytes), ref.front_bytes));
+        }
+        pages_.push_back(std::move(page));
+        return pages_.size() - 1;
+      };
   add(root, root_front);
 }
 
@@ -127,7 +132,8 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
   for (std::size_t p = 0; p < pages_.size(); ++p) {
     const Page& page = pages_[p];
     std::vector<Bytes> blocks = page.blocks;
-    for (std::size_t link = 0; link < page.links.size(); ++link) overwrite(blocks[0], page.links[link], packed[page.linked_pages[link]].ref);
+    for (std::size_t link = 0; link < page.links.size(); ++link)
+      overwrite(blocks[0], page.links[link], packed[page.linked_pages[link]].ref);
     surgeon(Part::structure, p, blocks[0]);
     for (std::size_t b = 1; b < blocks.size(); ++b) surgeon(Part::summary, summaries++, blocks[b]);
 
@@ -137,12 +143,14 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
     std::uint64_t structure_bytes = 0;
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       const Bytes block = pack(blocks[b]);
-      append_record(table, IndexBlock{static_cast<std::uint32_t>(block.size()), static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
+      append_record(table, IndexBlock{static_cast<std::uint32_t>(block.size()),
+                                      static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
       append(body, block);
       if (b == 0) structure_bytes = block.size();
     }
     surgeon(Part::index_table, p, table);
-    PackedPage result{{offset, static_cast<std::uint32_t>(table.size() + structure_bytes), 0, hash_bytes(table)}, table};
+    PackedPage result{{offset, static_cast<std::uint32_t>(table.size() + structure_bytes), 0, hash_bytes(table)},
+                      table};
     append(result.bytes, body);
     result.ref.page_bytes = static_cast<std::uint32_t>(result.bytes.size());
     offset += result.bytes.size();
@@ -207,7 +215,8 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
       chunk_offset += entries[chunk].packed_bytes;
     }
     surgeon(Part::directory_page, p, page);
-    const std::uint64_t place = p == 0 ? begins[SectionKind::directory_root] + references : begins[SectionKind::directory_pages] + pages_tail.size();
+    const std::uint64_t place = p == 0 ? begins[SectionKind::directory_root] + references
+                                       : begins[SectionKind::directory_pages] + pages_tail.size();
     append_record(root, DirectoryPageRef{place, page.size(), hash_bytes(page)});
     append(p == 0 ? head : pages_tail, page);
   }
@@ -262,11 +271,16 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
 std::size_t Dissected::count(Part part) const {
   switch (part) {
     case Part::structure:
-    case Part::index_table: return pages_.size();
-    case Part::summary: return pages_.size() * (pages_[0].blocks.size() - 1);
-    case Part::chunk: return chunks_.size();
-    case Part::directory_page: return directory_pages_.size();
-    default: return 1;
+    case Part::index_table:
+      return pages_.size();
+    case Part::summary:
+      return pages_.size() * (pages_[0].blocks.size() - 1);
+    case Part::chunk:
+      return chunks_.size();
+    case Part::directory_page:
+      return directory_pages_.size();
+    default:
+      return 1;
   }
 }
 

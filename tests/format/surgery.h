@@ -13,17 +13,17 @@ namespace splatvol::test {
 
 /// The parts that have a hash of their own.
 enum class Part {
-  metadata,         // JSON
-  structure,        // of an index page, unpacked; the last one is the root's
-  summary,          // an attribute's block of an index page, unpacked
-  index_table,      // node count and block table of an index page
-  chunk,            // unpacked
+  metadata,     // JSON
+  structure,    // of an index page, unpacked; the last one is the root's
+  summary,      // an attribute's block of an index page, unpacked
+  index_table,  // node count and block table of an index page
+  chunk,        // unpacked
   directory_page,
-  directory_root,   // page count and references
-  histograms,       // unpacked
+  directory_root,  // page count and references
+  histograms,      // unpacked
   section_table,
-  superblock,       // all but its hash
-  footer,           // all but its hash
+  superblock,  // all but its hash
+  footer,      // all but its hash
 };
 inline constexpr int part_count = 11;
 
@@ -61,7 +61,8 @@ class Dissected {
     format::Bytes payload;
   };
 
-  void read_pages(std::span<const std::byte> section, std::span<const std::byte> root, std::uint64_t root_front, std::size_t attributes);
+  void read_pages(std::span<const std::byte> section, std::span<const std::byte> root, std::uint64_t root_front,
+                  std::size_t attributes);
   [[nodiscard]] std::vector<PackedPage> pack_pages(const Surgeon& surgeon) const;
 
   format::Superblock superblock_{};

@@ -22,10 +22,12 @@ VolumeInfo example() {
   info.rows_per_directory_page = 3;
   info.reduction_method = "mis";
   info.leaf_points = 12;
-  info.attributes = {{"Density", "kg/m^3", 101325.25, 0.1, 1e300, 7}, {"U[0] \"quoted\" \n \u00e9", "", 0, std::nan(""), std::nan(""), 100}};
-  info.columns = {{ColumnKind::position, ColumnScope::segment, -1},  {ColumnKind::value, ColumnScope::segment, 0},
-                  {ColumnKind::value, ColumnScope::segment, 1},      {ColumnKind::octant, ColumnScope::resolution, -1},
-                  {ColumnKind::moments, ColumnScope::resolution, -1}, {ColumnKind::value_moments, ColumnScope::resolution, 1}};
+  info.attributes = {{"Density", "kg/m^3", 101325.25, 0.1, 1e300, 7},
+                     {"U[0] \"quoted\" \n \u00e9", "", 0, std::nan(""), std::nan(""), 100}};
+  info.columns = {
+      {ColumnKind::position, ColumnScope::segment, -1},   {ColumnKind::value, ColumnScope::segment, 0},
+      {ColumnKind::value, ColumnScope::segment, 1},       {ColumnKind::octant, ColumnScope::resolution, -1},
+      {ColumnKind::moments, ColumnScope::resolution, -1}, {ColumnKind::value_moments, ColumnScope::resolution, 1}};
   info.size_bounds = {"octant", "moments"};
   info.provenance = R"({"builder":"test","census":{"VTK_TETRA":3}})";
   return info;
@@ -230,7 +232,8 @@ TEST(Metadata, IsJsonOrRefused) {
   for (const std::string text : {"", "{", "[]", "null", "5", "{}", "{\"cube\": 1e400}", "\xFF\xFE", "{\"a\":\"\xC3\"}"})
     EXPECT_FALSE(metadata_from_json(text)) << text;
   const std::string whole = metadata_to_json(example()).value();
-  for (std::size_t length = 0; length < whole.size(); ++length) EXPECT_FALSE(metadata_from_json(whole.substr(0, length)));
+  for (std::size_t length = 0; length < whole.size(); ++length)
+    EXPECT_FALSE(metadata_from_json(whole.substr(0, length)));
 }
 
 TEST(Metadata, DeepNestingIsRefusedBeforeItExhaustsTheStack) {

@@ -22,7 +22,8 @@ using test::TestVolume;
 using test::TestVolumeOptions;
 using testing::HasSubstr;
 
-std::vector<std::vector<double>> random_values(std::size_t attributes, std::size_t points, double missing_share = 0.05) {
+std::vector<std::vector<double>> random_values(std::size_t attributes, std::size_t points,
+                                               double missing_share = 0.05) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<std::vector<double>> values(attributes, std::vector<double>(points));
@@ -83,7 +84,8 @@ void expect_same_columns(const Volume& file, const TestVolume& volume) {
 }
 
 // Depth-first nodes of a file against the tree that went into it; returns the next node of the tree.
-std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::uint32_t node, int attribute, const NodeArrays& tree, std::size_t at) {
+std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::uint32_t node, int attribute,
+                              const NodeArrays& tree, std::size_t at) {
   EXPECT_EQ(page.nodes.child_masks[node], tree.child_masks[at]);
   EXPECT_EQ(page.nodes.first_resolutions[node], tree.first_resolutions[at]);
   EXPECT_TRUE(std::ranges::equal(page.nodes.counts_of(node), tree.counts_of(at)));
@@ -98,10 +100,12 @@ std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::ui
   const auto children = static_cast<std::uint32_t>(std::popcount(tree.child_masks[at]));
   ++at;
   if (page.links[node] == IndexPage::no_node) {
-    for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, page, page.first_children[node] + c, attribute, tree, at);
+    for (std::uint32_t c = 0; c < children; ++c)
+      at = expect_same_nodes(file, page, page.first_children[node] + c, attribute, tree, at);
     return at;
   }
-  const auto linked = file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node], page.nodes.counts_of(node), attribute);
+  const auto linked = file.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
+                                           page.nodes.counts_of(node), attribute);
   EXPECT_TRUE(linked) << linked.error().message;
   for (std::uint32_t c = 0; c < children; ++c) at = expect_same_nodes(file, *linked, c, attribute, tree, at);
   return at;
@@ -317,7 +321,8 @@ TEST(Reads, RangesPastTheEndAreRefused) {
 
 class Folder {
  public:
-  Folder() : path_(std::filesystem::temp_directory_path() / fmt::format("splatvol_volume_test_{}", std::random_device()())) {
+  Folder()
+      : path_(std::filesystem::temp_directory_path() / fmt::format("splatvol_volume_test_{}", std::random_device()())) {
     std::filesystem::create_directory(path_);
   }
   ~Folder() { std::filesystem::remove_all(path_); }
@@ -326,7 +331,8 @@ class Folder {
 
   std::string file(const char* name) const { return (path_ / name).string(); }
   std::size_t files() const {
-    return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
+    return static_cast<std::size_t>(
+        std::distance(std::filesystem::directory_iterator(path_), std::filesystem::directory_iterator()));
   }
 
  private:

@@ -1,0 +1,274 @@
+// svinfo and the scenes that it writes.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "base/file.h"
+#include "format/volume.h"
+#include "scene/scene.h"
+#include "tests/support/test_volume.h"
+#include "tools/default_scene.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing::AllOf;
+using testing::HasSubstr;
+
+using Values = std::vector<std::vector<double>>;
+
+Values random_values(std::size_t attributes, std::size_t points) {
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal(5, 1);
+  Values values(attributes, std::vector<double>(points));
+  for (auto& column : values)
+    for (double& value : column) value = normal(random);
+  return values;
+}
+
+std::shared_ptr<const format::Volume> open_volume(const format::Bytes& bytes) {
+  return format::Volume::open(memory_source(bytes, "test.svol")).value();
+}
+
+Scene scene_of(const test::TestVolume& volume, const std::string& attribute = "") {
+  const format::Bytes bytes = test::test_volume_bytes(volume);
+  const auto scene = default_scene(*open_volume(bytes), attribute);
+  EXPECT_TRUE(scene) << scene.error().message;
+  return scene.value_or(Scene{});
+}
+
+// Largest distance of a point from the image's centre, in halves of the image.
+double largest_reach(const Scene& scene, const std::vector<dvec3>& points) {
+  const View view = make_view(scene.camera, scene.width, scene.height).value();
+  double reach = 0;
+  for (const dvec3& p : points) {
+    const dvec3 v = view.to_view(p);
+    EXPECT_GT(v.z, 0);
+    reach = std::max({reach, std::abs(view.focal * v.x / v.z) / (0.5 * view.width),
+                      std::abs(view.focal * v.y / v.z) / (0.5 * view.height)});
+  }
+  return reach;
+}
+
+TEST(DefaultScene, ThePointsFillTheImage) {
+  for (const dvec3 extent : {dvec3(1), dvec3(1, 0.1, 0.1), dvec3(0.05, 1, 0.3), dvec3(1, 1, 0), dvec3(0, 0, 1)}) {
+    auto points = test::random_points(800, 4);
+    for (dvec3& p : points) p *= extent;
+    const Scene scene = scene_of(test::make_test_volume(points, random_values(1, 800)));
+    const double reach = largest_reach(scene, points);
+    EXPECT_LE(reach, 1.05);  // those in the clear bin may lie beyond
+    EXPECT_GE(reach, 0.8);
+  }
+}
+
+TEST(DefaultScene, WorksAtEveryScaleAndPlace) {
+  for (const double scale : {1e-6, 1.0, 1e6}) {
+    auto points = test::random_points(300, 4);
+    test::TestVolumeOptions options;
+    options.cube = {dvec3(1e3 * scale), scale};
+    for (dvec3& p : points) p = options.cube.origin + scale * p;
+    const Scene scene = scene_of(test::make_test_volume(points, random_values(1, 300), options));
+    EXPECT_NEAR(largest_reach(scene, points), 0.95, 0.1);
+    double densest = 0;
+    for (const auto& density : scene.transfer_function.densities) densest = std::max(densest, density.extinction);
+    EXPECT_GE(densest * scale, 2);
+    EXPECT_LE(densest * scale, 12);
+  }
+}
+
+TEST(DefaultScene, OutliersDoNotFlattenTheRest) {
+  Values values = random_values(1, 1000);
+  values[0][17] = 200;
+  values[0][500] = -150;
+  const Scene scene = scene_of(test::make_test_volume(test::random_points(1000, 4), values));
+  EXPECT_GT(scene.transfer_function.lo, -5);
+  EXPECT_LT(scene.transfer_function.hi, 15);
+}
+
+TEST(DefaultScene, TheMostFrequentValueIsClear) {
+  Values values = random_values(1, 600);
+  for (std::size_t i = 0; i < 600; i += 2) values[0][i] = 4.5;
+  const Scene scene = scene_of(test::make_test_volume(test::random_points(600, 4), values));
+  EXPECT_EQ(scene.transfer_function.extinction(4.5), 0);
+  EXPECT_GT(scene.transfer_function.extinction(3.5), 0);
+  EXPECT_GT(scene.transfer_function.extinction(6), scene.transfer_function.extinction(5));
+}
+
+TEST(DefaultScene, LooksAtWhatIsNotClear) {
+  // A small part that differs, in wide surroundings that do not.
+  auto points = test::random_points(1000, 4);
+  Values values(1, std::vector<double>(1000, 1.0));
+  std::vector<dvec3> part;
+  for (std::size_t i = 0; i < 1000; ++i) {
+    if (glm::length(points[i] - dvec3(0.2, 0.3, 0.25)) > 0.05) continue;
+    values[0][i] = 2 + points[i].x;
+    part.push_back(points[i]);
+  }
+  ASSERT_GT(part.size(), 100u);
+  const Scene scene = scene_of(test::make_test_volume(points, values));
+  EXPECT_LE(largest_reach(scene, part), 1);
+  EXPECT_GE(largest_reach(scene, part), 0.7);
+}
+
+TEST(DefaultScene, TakesASinglePointAndAConstant) {
+  for (const std::size_t count : {1, 100}) {
+    const std::vector<dvec3> points(count, dvec3(0.3));
+    for (const double value : {0.0, -7.0, 1e20}) {
+      const Scene scene = scene_of(test::make_test_volume(points, Values(1, std::vector<double>(count, value))));
+      EXPECT_TRUE(parse_scene(scene_to_json(scene)));
+      EXPECT_GT(scene.transfer_function.extinction(value), 0);
+      EXPECT_LE(largest_reach(scene, points), 1e-6);
+    }
+  }
+}
+
+TEST(DefaultScene, ChoosesTheAttributeOrSaysWhichThereAre) {
+  Values values = random_values(2, 50);
+  values.push_back(std::vector<double>(50, std::nan("")));
+  const format::Bytes bytes = test::test_volume_bytes(test::make_test_volume(test::random_points(50, 1), values));
+  const auto volume = open_volume(bytes);
+  EXPECT_EQ(default_scene(*volume, "")->attribute, "a0");
+  EXPECT_EQ(default_scene(*volume, "a1")->attribute, "a1");
+  EXPECT_THAT(default_scene(*volume, "heat").error().message,
+              AllOf(HasSubstr("test.svol"), HasSubstr("'heat'"), HasSubstr("a0, a1, a2")));
+  EXPECT_THAT(default_scene(*volume, "a2").error().message, HasSubstr("no values"));
+  const format::Bytes bare = test::test_volume_bytes(test::make_test_volume(test::random_points(50, 1), {}));
+  EXPECT_THAT(default_scene(*open_volume(bare), "").error().message, HasSubstr("no attributes"));
+}
+
+TEST(SceneToJson, ComesBackThroughParseScene) {
+  Scene scene = scene_of(test::make_test_volume(test::random_points(100, 1), random_values(1, 100)));
+  scene.lighting = true;
+  scene.background = {0.1, 0.2, 0.3};
+  for (const auto projection : {Camera::Projection::perspective, Camera::Projection::orthographic}) {
+    scene.camera.projection = projection;
+    scene.camera.parallel_height = 7.25;
+    const auto back = parse_scene(scene_to_json(scene));
+    ASSERT_TRUE(back) << back.error().message;
+    EXPECT_EQ(back->camera.projection, projection);
+    EXPECT_EQ(back->camera.position, scene.camera.position);
+    EXPECT_EQ(back->camera.focal_point, scene.camera.focal_point);
+    EXPECT_EQ(back->camera.up, scene.camera.up);
+    EXPECT_EQ(back->background, scene.background);
+    EXPECT_EQ(back->attribute, scene.attribute);
+    EXPECT_TRUE(back->lighting);
+    EXPECT_EQ(back->transfer_function.lo, scene.transfer_function.lo);
+    EXPECT_EQ(back->transfer_function.hi, scene.transfer_function.hi);
+    EXPECT_EQ(back->transfer_function.table(64), scene.transfer_function.table(64));
+  }
+}
+
+class Svinfo : public testing::Test {
+ protected:
+  Svinfo() {
+    std::string pattern = (fs::path(testing::TempDir()) / "svinfo-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+    volume_ = test::make_test_volume(test::random_points(700, 6), random_values(2, 700));
+    EXPECT_TRUE(test::write_test_volume(volume_, path("whole.svol")));
+  }
+  ~Svinfo() override { fs::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  struct Outcome {
+    int code;
+    std::string out, err;
+  };
+  Outcome run(const std::string& arguments) const {
+    const int status = std::system(
+        (SPLATVOL_BIN "/svinfo " + arguments + " > " + path("out") + " 2> " + path("err") + " < /dev/null").c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(path("out")), *read_text_file(path("err"))};
+  }
+
+  fs::path folder_;
+  test::TestVolume volume_;
+};
+
+TEST_F(Svinfo, PrintsWhatIsInTheFile) {
+  const Outcome outcome = run(path("whole.svol"));
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("700 points"), HasSubstr("a1"), HasSubstr("position"), HasSubstr("nodes")));
+  EXPECT_THAT(outcome.out, testing::Not(HasSubstr("every byte checked")));
+}
+
+TEST_F(Svinfo, PrintsItAsJson) {
+  const Outcome outcome = run(path("whole.svol") + " --json --verify");
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const json document = json::parse(outcome.out);
+  EXPECT_EQ(document["points"], 700);
+  EXPECT_EQ(document["bytes"], fs::file_size(path("whole.svol")));
+  EXPECT_EQ(document["resolution_counts"], volume_.info.resolution_counts);
+  EXPECT_EQ(document["index"]["nodes"], volume_.tree.size());
+  EXPECT_EQ(document["verified"], true);
+  ASSERT_EQ(document["attributes"].size(), 2u);
+  std::uint64_t values = 0;
+  for (const std::uint64_t count : document["attributes"][1]["histogram"]) values += count;
+  EXPECT_EQ(values, 700u);
+
+  // The parts add up to the file: superblock and table, sections, footer.
+  std::uint64_t rows = 0, sections = 0;
+  for (const json& column : document["columns"]) rows += column["packed_bytes"].get<std::uint64_t>();
+  for (const json& section : document["sections"]) {
+    sections += section["bytes"].get<std::uint64_t>();
+    if (section["kind"] == "rows") {
+      EXPECT_EQ(section["bytes"], rows);
+    }
+  }
+  EXPECT_EQ(64 + 48 * document["sections"].size() + sections + 32, document["bytes"]);
+}
+
+TEST_F(Svinfo, VerifySaysSo) {
+  const Outcome outcome = run(path("whole.svol") + " --verify");
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, HasSubstr("every byte checked"));
+}
+
+TEST_F(Svinfo, NamesWhatIsBroken) {
+  std::string bytes = *read_text_file(path("whole.svol"));
+  std::ofstream(path("short.svol")) << bytes.substr(0, bytes.size() - 1);
+  bytes[bytes.size() / 2] ^= 4;
+  std::ofstream(path("flipped.svol")) << bytes;
+  std::ofstream(path("text.svol")) << "This is not a volume, but it is long enough to be one: sixty-four bytes.";
+  const auto refuses = [&](const std::string& arguments, const std::string& reason) {
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.code, 1) << arguments;
+    EXPECT_EQ(outcome.out, "") << arguments;
+    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << outcome.err;
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr(folder_.string()), HasSubstr(reason)));
+  };
+  refuses(path("flipped.svol") + " --verify", "checksum mismatch");
+  refuses(path("short.svol"), "truncated");
+  refuses(path("text.svol"), "not a .svol file");
+  refuses(path("none.svol"), "cannot open");
+  refuses(path("whole.svol") + " --scene " + path("no/scene.json"), "no/scene.json");
+  refuses(path("whole.svol") + " --scene " + path("scene.json") + " --attribute heat", "a0, a1");
+  EXPECT_FALSE(fs::exists(path("scene.json")));
+}
+
+TEST_F(Svinfo, WritesAScene) {
+  const Outcome outcome = run(path("whole.svol") + " --scene " + path("scene.json") + " --attribute a1");
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  const auto scene = load_scene(path("scene.json"));
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->attribute, "a1");
+}
+
+TEST_F(Svinfo, WrongUsageIsTwo) {
+  EXPECT_EQ(run("").code, 2);
+  EXPECT_EQ(run(path("whole.svol") + " --attribute a1").code, 2);
+  EXPECT_EQ(run(path("whole.svol") + " --fast").code, 2);
+  EXPECT_EQ(run("--help").code, 0);
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,219 @@
+#include "tools/default_scene.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <numeric>
+#include <tuple>
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t enough_points = 20000;  // to know where the data lies
+constexpr double share_left_out = 0.01;         // of the values, at either end: outliers must not flatten the rest
+constexpr double share_of_densest = 0.05;       // what counts as visible
+constexpr std::size_t fewest_visible = 50;
+constexpr double margin = 0.92;  // share of the image that the data may fill
+const dvec3 from_data_to_eye = glm::normalize(dvec3(0.5, 0.4, 0.8));
+
+// Moreland's diverging map, in linear RGB.
+const std::vector<TransferFunction::Color> cool_to_warm = {{0.00, {0.0437, 0.0723, 0.5271}},
+                                                           {0.25, {0.2664, 0.4342, 0.9911}},
+                                                           {0.50, {0.7230, 0.7230, 0.7230}},
+                                                           {0.75, {0.9047, 0.3231, 0.1981}},
+                                                           {1.00, {0.4564, 0.0012, 0.0194}}};
+
+// Optical depth of a ray through all of the data, along the value that is farthest from the most frequent one.
+constexpr double largest_optical_depth = 6;
+
+struct Samples {
+  std::vector<dvec3> positions;
+  std::vector<float> stored;  // of the attribute
+};
+
+Status append_group(const format::Volume& volume, std::uint64_t group_index, int attribute, Samples& samples) {
+  const format::Group group = volume.rows().group(group_index);
+  const std::uint64_t row = volume.rows().row(group.segment, group_index);
+  SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row)));
+  const auto read = [&](format::ColumnKind kind, int of_attribute, auto unpack, auto& all) -> Status {
+    const int column = volume.info().find_column(kind, of_attribute);
+    if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
+    const format::ChunkPlace& place = volume.find_chunk(page, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    all.resize(all.size() + group.count);
+    return unpack(place.entry, packed, std::span(all).last(group.count), volume.name());
+  };
+  SPLATVOL_TRY(read(format::ColumnKind::position, -1, &format::unpack_positions, samples.positions));
+  return read(format::ColumnKind::value, attribute, &format::unpack_values, samples.stored);
+}
+
+// The points of the finest resolution that is quickly read.
+Result<Samples> read_samples(const format::Volume& volume, int attribute) {
+  const auto& counts = volume.info().resolution_counts;
+  const auto finer = std::ranges::upper_bound(counts, enough_points);
+  const std::uint64_t wanted = finer == counts.begin() ? counts[0] : *(finer - 1);
+  Samples samples;
+  for (std::uint64_t group = 0; samples.positions.size() < wanted; ++group)
+    SPLATVOL_TRY(append_group(volume, group, attribute, samples));
+  return samples;
+}
+
+// Far surroundings may be clear: the camera is for the points that are not, or for all where hardly any is seen.
+std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& function, double offset) {
+  double densest = 0;
+  for (const auto& density : function.densities) densest = std::max(densest, density.extinction);
+  std::vector<dvec3> visible;
+  for (std::size_t i = 0; i < samples.positions.size(); ++i)
+    if (function.extinction(offset + samples.stored[i]) > share_of_densest * densest)
+      visible.push_back(samples.positions[i]);
+  return visible.size() < fewest_visible ? samples.positions : visible;
+}
+
+struct Box {
+  dvec3 low, high;
+};
+
+Box bounds(const std::vector<dvec3>& points) {
+  Box box{points[0], points[0]};
+  for (const dvec3& p : points) box = {glm::min(box.low, p), glm::max(box.high, p)};
+  return box;
+}
+
+// Each point asks for a distance at which it is inside of the image; the farthest fits all.
+Camera fit_camera(const std::vector<dvec3>& points, const Box& box, double edge) {
+  Camera camera;
+  camera.focal_point = 0.5 * (box.low + box.high);
+  const dvec3 right = glm::normalize(glm::cross(camera.up, from_data_to_eye));
+  const dvec3 up = glm::cross(from_data_to_eye, right);
+  const double slope = margin * std::tan(camera.vertical_fov_degrees * std::numbers::pi / 360);
+  double distance = 0;
+  for (const dvec3& p : points) {
+    const dvec3 d = p - camera.focal_point;
+    const double aside = std::max(std::abs(glm::dot(d, right)), std::abs(glm::dot(d, up)));
+    distance = std::max(distance, aside / slope + glm::dot(d, from_data_to_eye));
+  }
+  if (!(distance > 0)) distance = 0.5 * edge / slope;
+  camera.position = camera.focal_point + distance * from_data_to_eye;
+  return camera;
+}
+
+// How far a ray through the middle of the box goes inside it; thin data counts as a sixteenth of its length.
+double typical_chord(const Box& box, double edge) {
+  const dvec3 extent = box.high - box.low;
+  const double longest = std::max({extent.x, extent.y, extent.z});
+  if (!(longest > 0)) return edge;
+  double chord = longest;
+  for (int axis = 0; axis < 3; ++axis) chord = std::min(chord, extent[axis] / from_data_to_eye[axis]);
+  return std::max(chord, longest / 16);
+}
+
+// The value under which `share` of the counted values lie, as far as bins tell.
+double percentile(const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram, double share) {
+  const double wanted =
+      share * static_cast<double>(std::accumulate(histogram.begin(), histogram.end(), std::uint64_t{0}));
+  double below = 0;
+  std::size_t bin = 0;
+  for (; bin < 63 && below + static_cast<double>(histogram[bin]) < wanted; ++bin)
+    below += static_cast<double>(histogram[bin]);
+  const double inside = histogram[bin] == 0 ? 0 : (wanted - below) / static_cast<double>(histogram[bin]);
+  return attribute.min + (attribute.max - attribute.min) * (static_cast<double>(bin) + inside) / 64;
+}
+
+std::pair<double, double> choose_domain(const format::Attribute& attribute, const format::Histograms& histograms,
+                                        std::size_t index) {
+  double low = attribute.min, high = attribute.max;
+  if (!histograms.empty()) {
+    low = percentile(attribute, histograms[index], share_left_out);
+    high = percentile(attribute, histograms[index], 1 - share_left_out);
+  }
+  // A constant lies in the middle of a narrow domain.
+  const double narrowest = std::max(1e-6 * std::max(std::abs(low), std::abs(high)), 1e-30);
+  if (!(high - low > narrowest)) return {low - narrowest, high + narrowest};
+  return {low, high};
+}
+
+// Densities for a ray of length 1. The bin of the most frequent values holds what surrounds everything of interest:
+// clear there, and denser with the distance from it.
+std::vector<TransferFunction::Density> choose_densities(const format::Attribute& attribute,
+                                                        const format::Histograms& histograms, std::size_t index,
+                                                        const TransferFunction& function) {
+  if (!(attribute.max > attribute.min)) return {{0, largest_optical_depth}};
+  if (histograms.empty()) return {{0, 0}, {1, largest_optical_depth}};
+  const auto bin = static_cast<double>(std::ranges::max_element(histograms[index]) - histograms[index].begin());
+  const auto place = [&](double b) {
+    const double value = attribute.min + (attribute.max - attribute.min) * b / 64;
+    return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
+  };
+  const double below = place(bin), above = place(bin + 1);
+  const double farthest = std::max(below, 1 - above);
+  if (!(farthest > 0)) return {{0, largest_optical_depth}};
+  const double slope = largest_optical_depth / farthest;
+  return {{0, slope * below}, {below, 0}, {above, 0}, {1, slope * (1 - above)}};
+}
+
+Result<int> choose_attribute(const format::Volume& volume, const std::string& name) {
+  const auto& attributes = volume.info().attributes;
+  if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
+  const int index = name.empty() ? 0 : volume.info().find_attribute(name);
+  if (index < 0) {
+    std::string names;
+    for (const auto& attribute : attributes) names += (names.empty() ? "" : ", ") + attribute.name;
+    return fail(ErrorCode::invalid_argument, "{}: has no attribute '{}'; it has: {}", volume.name(), name, names);
+  }
+  const auto& attribute = attributes[static_cast<std::size_t>(index)];
+  if (std::isnan(attribute.min))
+    return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(), attribute.name);
+  return index;
+}
+
+}  // namespace
+
+Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute) {
+  SPLATVOL_TRY_ASSIGN(index, choose_attribute(volume, attribute));
+  SPLATVOL_TRY_ASSIGN(samples, read_samples(volume, index));
+  SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
+  const auto a = static_cast<std::size_t>(index);
+  const format::Attribute& chosen = volume.info().attributes[a];
+
+  Scene scene;
+  scene.attribute = chosen.name;
+  TransferFunction& function = scene.transfer_function;
+  std::tie(function.lo, function.hi) = choose_domain(chosen, histograms, a);
+  function.colors = cool_to_warm;
+  function.densities = choose_densities(chosen, histograms, a, function);
+
+  const std::vector<dvec3> points = find_visible(samples, function, chosen.offset);
+  const Box box = bounds(points);
+  const double edge = volume.info().cube.edge;
+  scene.camera = fit_camera(points, box, edge);
+  for (auto& density : function.densities) density.extinction /= typical_chord(box, edge);
+  return scene;
+}
+
+std::string scene_to_json(const Scene& scene) {
+  using json = nlohmann::ordered_json;
+  const auto vector = [](const dvec3& v) { return json{v.x, v.y, v.z}; };
+  const Camera& camera = scene.camera;
+  json document;
+  json& view = document["camera"];
+  if (camera.projection == Camera::Projection::perspective)
+    view = {{"projection", "perspective"}, {"vertical_fov_degrees", camera.vertical_fov_degrees}};
+  else
+    view = {{"projection", "orthographic"}, {"parallel_height", camera.parallel_height}};
+  view["position"] = vector(camera.position);
+  view["focal_point"] = vector(camera.focal_point);
+  view["up"] = vector(camera.up);
+  document["image"] = {{"width", scene.width}, {"height", scene.height}};
+  document["background"] = vector(scene.background);
+  document["attribute"] = scene.attribute;
+  json& function = document["transfer_function"];
+  function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
+  for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
+  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
+  document["lighting"] = scene.lighting;
+  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace splatvol

@@ -1,0 +1,277 @@
+// svinfo: what is in a .svol file.
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "format/volume.h"
+#include "tools/default_scene.h"
+#include "tools/tool.h"
+
+namespace splatvol {
+namespace {
+
+using format::Volume;
+using json = nlohmann::ordered_json;
+
+struct Options {
+  std::string file;
+  std::string scene;
+  std::string attribute;
+  bool json = false;
+  bool verify = false;
+};
+
+// What the chunks of one column take.
+struct ColumnBytes {
+  std::uint64_t chunks = 0;
+  std::uint64_t packed = 0;
+  std::uint64_t unpacked = 0;
+};
+
+struct IndexSize {
+  std::uint64_t nodes = 0;
+  std::uint64_t bytes = 0;
+  std::uint64_t structure_bytes = 0;  // without the attributes' ranges and occupancies
+};
+
+struct Survey {
+  std::vector<ColumnBytes> columns;
+  IndexSize index;
+  format::Histograms histograms;
+  bool verified = false;
+};
+
+const char* name_of(format::SectionKind kind) {
+  switch (kind) {
+    case format::SectionKind::metadata:
+      return "metadata";
+    case format::SectionKind::index_root:
+      return "index_root";
+    case format::SectionKind::directory_root:
+      return "directory_root";
+    case format::SectionKind::rows:
+      return "rows";
+    case format::SectionKind::index_pages:
+      return "index_pages";
+    case format::SectionKind::directory_pages:
+      return "directory_pages";
+    case format::SectionKind::histograms:
+      return "histograms";
+  }
+  return "unknown";
+}
+
+std::uint64_t section_bytes(const Volume& volume, format::SectionKind kind) {
+  return std::ranges::find(volume.sections(), kind, &format::SectionEntry::kind)->packed_bytes;
+}
+
+Result<std::vector<ColumnBytes>> survey_columns(const Volume& volume) {
+  const format::RowLayout& rows = volume.rows();
+  std::vector<ColumnBytes> columns(volume.info().columns.size());
+  for (std::uint64_t row = 0; row < rows.row_count();) {
+    SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row)));
+    const std::uint64_t end = std::min(rows.row_count(), page.first_row + volume.info().rows_per_directory_page);
+    for (auto chunk = page.chunks.begin(); row < end; ++row)
+      for (const int column : rows.columns_of_row(row)) {
+        ColumnBytes& bytes = columns[static_cast<std::size_t>(column)];
+        ++bytes.chunks;
+        bytes.packed += chunk->entry.packed_bytes;
+        bytes.unpacked += (chunk++)->entry.unpacked_bytes;
+      }
+  }
+  return columns;
+}
+
+Result<IndexSize> survey_index(const Volume& volume) {
+  const std::uint64_t page_bytes = section_bytes(volume, format::SectionKind::index_pages);
+  const format::SectionEntry& root_section =
+      *std::ranges::find(volume.sections(), format::SectionKind::index_root, &format::SectionEntry::kind);
+  IndexSize size{0, root_section.packed_bytes + page_bytes, root_section.unpacked_bytes};
+  std::uint64_t seen_bytes = 0;
+  std::vector<format::IndexPage> pages;
+  SPLATVOL_TRY_ASSIGN(root, volume.read_index_root(-1));
+  pages.push_back(std::move(root));
+  while (!pages.empty()) {
+    const format::IndexPage page = std::move(pages.back());
+    pages.pop_back();
+    size.nodes += page.nodes.size();
+    for (std::size_t node = 0; node < page.nodes.size(); ++node) {
+      if (page.links[node] == format::IndexPage::no_node) continue;
+      const format::IndexPageRef& ref = page.pages[page.links[node]];
+      if ((seen_bytes += ref.page_bytes) > page_bytes)
+        return fail(ErrorCode::invalid_data, "{}: index pages do not tile their section [R16]", volume.name());
+      size.structure_bytes += ref.front_bytes;
+      SPLATVOL_TRY_ASSIGN(child,
+                          volume.read_index_page(ref, page.nodes.child_masks[node], page.nodes.counts_of(node), -1));
+      pages.push_back(std::move(child));
+    }
+  }
+  return size;
+}
+
+double per(std::uint64_t bytes, std::uint64_t things) {
+  return static_cast<double>(bytes) / static_cast<double>(things);
+}
+
+std::string readable_bytes(std::uint64_t bytes) {
+  double number = static_cast<double>(bytes);
+  int unit = 0;
+  for (; number >= 1024 && unit < 4; ++unit) number /= 1024;
+  constexpr const char* units[] = {"bytes", "KiB", "MiB", "GiB", "TiB"};
+  return fmt::format(fmt::runtime(unit == 0 ? "{:.0f} {}" : "{:.1f} {}"), number, units[unit]);
+}
+
+json to_json(const Volume& volume, const Survey& survey) {
+  const format::VolumeInfo& info = volume.info();
+  json document;
+  document["file"] = volume.name();
+  document["bytes"] = volume.file_bytes();
+  document["preamble_bytes"] = volume.preamble_bytes();
+  document["points"] = info.point_count();
+  document["bytes_per_point"] = per(volume.file_bytes(), info.point_count());
+  document["resolution_counts"] = info.resolution_counts;
+  document["cube"] = {{"origin", {info.cube.origin.x, info.cube.origin.y, info.cube.origin.z}},
+                      {"edge", info.cube.edge}};
+  document["points_per_chunk"] = info.points_per_chunk;
+  document["reduction"] = {{"method", info.reduction_method}, {"leaf_points", info.leaf_points}};
+  document["attributes"] = json::array();
+  for (std::size_t a = 0; a < info.attributes.size(); ++a) {
+    const format::Attribute& attribute = info.attributes[a];
+    json node = {{"name", attribute.name}, {"unit", attribute.unit}, {"offset", attribute.offset},
+                 {"min", attribute.min},   {"max", attribute.max},   {"missing", attribute.missing}};
+    if (!survey.histograms.empty()) node["histogram"] = survey.histograms[a];
+    document["attributes"].push_back(std::move(node));
+  }
+  document["columns"] = json::array();
+  for (std::size_t c = 0; c < info.columns.size(); ++c) {
+    const format::Column& column = info.columns[c];
+    const ColumnBytes& bytes = survey.columns[c];
+    json node = {{"kind", format::column_kind_name(column.kind)},
+                 {"scope", column.scope == format::ColumnScope::segment ? "segment" : "resolution"}};
+    if (column.attribute >= 0) node["attribute"] = info.attributes[static_cast<std::size_t>(column.attribute)].name;
+    node.update({{"chunks", bytes.chunks},
+                 {"packed_bytes", bytes.packed},
+                 {"unpacked_bytes", bytes.unpacked},
+                 {"bytes_per_point", per(bytes.packed, info.point_count())}});
+    document["columns"].push_back(std::move(node));
+  }
+  document["index"] = {
+      {"nodes", survey.index.nodes}, {"bytes", survey.index.bytes}, {"structure_bytes", survey.index.structure_bytes}};
+  document["sections"] = json::array();
+  for (const format::SectionEntry& section : volume.sections())
+    document["sections"].push_back(
+        {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
+  document["provenance"] = json::parse(info.provenance);
+  if (survey.verified) document["verified"] = true;
+  return document;
+}
+
+void print_attributes(const Volume& volume, const Survey& survey) {
+  const format::VolumeInfo& info = volume.info();
+  fmt::print("\n{:<24} {:>13} {:>13} {:>10} {:>12}  {}\n", "attribute", "min", "max", "missing", "bytes/point", "unit");
+  for (std::size_t a = 0; a < info.attributes.size(); ++a) {
+    const format::Attribute& attribute = info.attributes[a];
+    std::uint64_t bytes = 0;
+    for (std::size_t c = 0; c < info.columns.size(); ++c)
+      if (info.columns[c].attribute == static_cast<int>(a)) bytes += survey.columns[c].packed;
+    fmt::print("{:<24} {:>13.6g} {:>13.6g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min, attribute.max,
+               attribute.missing, per(bytes, info.point_count()), attribute.unit);
+  }
+}
+
+// Kinds of columns that belong to no attribute by name, values of all attributes together.
+void print_bytes(const Volume& volume, const Survey& survey) {
+  const format::VolumeInfo& info = volume.info();
+  std::vector<std::pair<std::string, std::uint64_t>> kinds;
+  for (std::size_t c = 0; c < info.columns.size(); ++c) {
+    const std::string name = format::column_kind_name(info.columns[c].kind);
+    auto kind = std::ranges::find(kinds, name, &std::pair<std::string, std::uint64_t>::first);
+    if (kind == kinds.end()) kind = kinds.insert(kinds.end(), {name, 0});
+    kind->second += survey.columns[c].packed;
+  }
+  const std::uint64_t directory = section_bytes(volume, format::SectionKind::directory_root) +
+                                  section_bytes(volume, format::SectionKind::directory_pages);
+  kinds.emplace_back("index", survey.index.bytes);
+  kinds.emplace_back("directory", directory);
+  fmt::print("\n{:<24} {:>13} {:>13}\n", "part", "bytes", "bytes/point");
+  for (const auto& [name, bytes] : kinds)
+    fmt::print("{:<24} {:>13} {:>13.2f}\n", name, bytes, per(bytes, info.point_count()));
+}
+
+// "census.types.tetrahedron 1200", a line for each entry that says something.
+void print_provenance(const json& node, const std::string& path) {
+  if (node.is_structured()) {
+    for (const auto& [key, child] : node.items())
+      print_provenance(child, node.is_array() || path.empty() ? path + (path.empty() ? key : "") : path + "." + key);
+    return;
+  }
+  if (node == 0 || node.is_null()) return;
+  fmt::print("{:<24} {}\n", path, node.is_string() ? node.get<std::string>() : node.dump());
+}
+
+void print_text(const Volume& volume, const Survey& survey) {
+  const format::VolumeInfo& info = volume.info();
+  const dvec3& origin = info.cube.origin;
+  fmt::print("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
+             readable_bytes(volume.file_bytes()), per(volume.file_bytes(), info.point_count()));
+  fmt::print("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
+  fmt::print("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
+             info.cube.edge);
+  fmt::print("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
+  fmt::print("{:<24} {} nodes, {:.1f} bytes a node ({:.1f} without attributes)\n", "index", survey.index.nodes,
+             per(survey.index.bytes, survey.index.nodes), per(survey.index.structure_bytes, survey.index.nodes));
+  fmt::print("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
+  print_attributes(volume, survey);
+  print_bytes(volume, survey);
+  fmt::print("\n");
+  print_provenance(json::parse(info.provenance), "");
+  if (survey.verified) fmt::print("\nevery byte checked\n");
+}
+
+Status write_scene(const Volume& volume, const Options& options) {
+  SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute));
+  const std::string text = scene_to_json(scene);
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.scene));
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
+  return file.commit();
+}
+
+Status show(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_file(options.file));
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+  Survey survey;
+  if (options.verify) {
+    ProgressBar bar("verifying");
+    SPLATVOL_TRY(volume->verify([&](double fraction) { bar.update(fraction); }));
+    survey.verified = true;
+  }
+  if (!options.scene.empty()) return write_scene(*volume, options);
+
+  SPLATVOL_TRY_ASSIGN(columns, survey_columns(*volume));
+  SPLATVOL_TRY_ASSIGN(index, survey_index(*volume));
+  SPLATVOL_TRY_ASSIGN(histograms, volume->read_histograms());
+  survey.columns = std::move(columns);
+  survey.index = index;
+  survey.histograms = std::move(histograms);
+  if (options.json)
+    fmt::print("{}\n", to_json(*volume, survey).dump(1, ' ', false, json::error_handler_t::replace));
+  else
+    print_text(*volume, survey);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  splatvol::Options options;
+  CLI::App app("Shows what is in a .svol file", "svinfo");
+  app.add_option("file", options.file, "The file")->required()->type_name("FILE.svol");
+  app.add_flag("--json", options.json, "Print JSON, with histograms");
+  app.add_flag("--verify", options.verify, "Read and check every byte first");
+  auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
+                    ->type_name("OUT.json");
+  app.add_option("--attribute", options.attribute, "The scene's attribute (default: the first)")
+      ->type_name("NAME")
+      ->needs(scene);
+  return splatvol::run_tool(app, argc, argv, [&] { return splatvol::show(options); });
+}
