@@ -30,27 +30,32 @@ double choose_offset(double low, double high) {
   return largest == 0 || fine ? 0.0 : low + (high - low) / 2;
 }
 
+// What single precision cannot hold is taken for the fill value of a program, that is for missing.
+bool is_present(double value) { return std::abs(value) <= std::numeric_limits<float>::max(); }
+
 StoredAttribute store_attribute(const std::string& name, const std::vector<double>& values) {
   StoredAttribute stored;
-  stored.description.name = name;
+  format::Attribute& description = stored.description;
+  description.name = name;
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const double value : values) {
-    if (std::isnan(value)) continue;
+    if (!is_present(value)) continue;
     low = std::min(low, value);
     high = std::max(high, value);
   }
   const bool any = low <= high;
-  if (any) stored.description.offset = choose_offset(low, high);
+  if (any) description.offset = choose_offset(low, high);
+
+  const auto store = [&](double value) { return static_cast<float>(value - description.offset); };
   stored.values.reserve(values.size());
-  constexpr double largest = std::numeric_limits<float>::max();
   for (const double value : values) {
-    stored.values.push_back(static_cast<float>(std::clamp(value - stored.description.offset, -largest, largest)));
-    if (std::isnan(value)) ++stored.description.missing;
+    stored.values.push_back(is_present(value) ? store(value) : std::numeric_limits<float>::quiet_NaN());
+    if (!is_present(value)) ++description.missing;
   }
+  // Of the values as they are stored, so that bins and ranges agree with them to the last bit.
   if (any) {
-    // Of the values as they are stored, so that bins and ranges agree with them to the last bit.
-    stored.description.min = stored.description.offset + static_cast<float>(std::clamp(low - stored.description.offset, -largest, largest));
-    stored.description.max = stored.description.offset + static_cast<float>(std::clamp(high - stored.description.offset, -largest, largest));
+    description.min = description.offset + store(low);
+    description.max = description.offset + store(high);
   }
   return stored;
 }

@@ -12,7 +12,7 @@ constexpr std::uint64_t summary_bytes = 16;  // min, max and occupancy of a node
 constexpr std::uint32_t target_page_nodes = 256;
 
 // The root page shares the preamble with the first points, however many attributes there are.
-constexpr std::uint64_t target_root_bytes = 64u << 10;
+constexpr std::uint64_t target_root_bytes = 16u << 10;
 
 std::uint32_t target_root_nodes(const NodeShape& shape) {
   const std::uint64_t node_bytes = 32 + summary_bytes * shape.attributes;

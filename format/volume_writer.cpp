@@ -9,9 +9,9 @@ namespace {
 
 constexpr std::uint64_t section_count = 7;
 constexpr std::uint64_t front_bytes = sizeof(Superblock) + section_count * sizeof(SectionEntry);
-constexpr std::uint64_t directory_page_target_bytes = 64u << 10;
+constexpr std::uint64_t directory_page_target_bytes = 8u << 10;  // a quarter of the shortest first read
 
-// Pages of about 64 KiB; larger ones where the references to so many pages would crowd the preamble: page 0 and the
+// Pages of about 8 KiB; larger ones where the references to so many pages would crowd the preamble: page 0 and the
 // references, which share it, are smallest together where they are equal.
 std::uint32_t choose_rows_per_page(const VolumeInfo& info, const RowLayout& rows) {
   const auto row_bytes = static_cast<double>(std::max<std::size_t>(1, info.columns.size()) * sizeof(ChunkEntry));

@@ -104,10 +104,10 @@ Status Renderer::prepare_quads() {
   return {};
 }
 
-Status Renderer::set_transfer_function(const TransferFunction& function) {
+Status Renderer::set_transfer_function(const TransferFunction& function, double value_offset) {
   if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi))
     return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
-  value_low_ = static_cast<float>(function.lo);
+  value_low_ = static_cast<float>(function.lo - value_offset);
   inverse_domain_ = static_cast<float>(1 / (function.hi - function.lo));
   ordered_view_.reset();
 

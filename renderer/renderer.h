@@ -39,8 +39,9 @@ class Renderer {
   [[nodiscard]] static Result<std::unique_ptr<Renderer>> create();
 
   /// Colour and extinction of the splats, through a table of 4096 equal steps, interpolated. Fails where the function
-  /// has no control points or an empty domain. Call it before the first draw.
-  [[nodiscard]] Status set_transfer_function(const TransferFunction& function);
+  /// has no control points or an empty domain. Call it before the first draw. `value_offset` is what the splats' values
+  /// have to be added to: only the difference to the function's domain is taken to single precision.
+  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, double value_offset = 0);
 
   /// Replaces the splats by those of `batches`, back to front where they are to be drawn with SortMode::none. They are
   /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are

@@ -234,8 +234,6 @@ Status Gatherer::decode(Chunk& chunk, std::span<const std::byte> packed) const {
   std::vector<float> numbers(chunk.points);
   if (chunk.kind == ColumnKind::value) {
     SPLATVOL_TRY(format::unpack_values(chunk.place.entry, packed, numbers, what));
-    const double offset = volume.info().attributes[static_cast<std::size_t>(volume_->attribute())].offset;
-    for (float& value : numbers) value = static_cast<float>(offset + static_cast<double>(value));
   } else {
     std::vector<std::uint8_t> depths(chunk.points), counts(chunk.points);
     SPLATVOL_TRY(format::unpack_octants(chunk.place.entry, packed, depths, counts, what));

@@ -11,7 +11,7 @@ namespace splatvol {
 /// A splat of the paper's kernel (`octant`), as the renderer's buffers hold it.
 struct OctantSplat {
   vec3 position;  // relative to its batch's origin, world units
-  float value;    // NaN: missing, draws nothing
+  float value;    // less the attribute's offset, which single precision could not hold; NaN: missing, draws nothing
   float size;     // d: thickness and diameter scale, world units
 };
 static_assert(sizeof(OctantSplat) == 20);

@@ -73,6 +73,11 @@ class Streamer {
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail);
 
+  /// What the splats' values have to be added to.
+  [[nodiscard]] double value_offset() const {
+    return info().attributes[static_cast<std::size_t>(paged_.attribute())].offset;
+  }
+
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
   [[nodiscard]] StreamerStatistics statistics() const;

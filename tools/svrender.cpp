@@ -73,7 +73,8 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   drawing.context = std::move(context);
   SPLATVOL_TRY_ASSIGN(renderer, Renderer::create());
   drawing.renderer = std::move(renderer);
-  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function); !status)
+  const double offset = drawing.streamer->value_offset();
+  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
     return fail_in(options.scene, status.error());
   return drawing;
 }

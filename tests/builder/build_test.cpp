@@ -155,7 +155,9 @@ TEST(Build, MissingValuesAndPointsAreCounted) {
   Piece piece = scattered(random_points(1000));
   piece.points[5].y = nan;
   piece.points[6].z = INFINITY;
-  for (std::size_t i = 10; i < 110; ++i) piece.values[0][i] = nan;
+  for (std::size_t i = 10; i < 108; ++i) piece.values[0][i] = nan;
+  piece.values[0][108] = -INFINITY;
+  piece.values[0][109] = 1e300;
   const auto report = build({piece}, path);
   ASSERT_TRUE(report);
   EXPECT_EQ(report->points.not_finite, 2u);
@@ -164,6 +166,7 @@ TEST(Build, MissingValuesAndPointsAreCounted) {
   EXPECT_EQ(contents.positions.size(), 998u);
   EXPECT_EQ(std::ranges::count_if(contents.values, [](float v) { return std::isnan(v); }), 100);
   EXPECT_EQ(contents.volume->info().attributes[0].missing, 100u);
+  EXPECT_LE(contents.volume->info().attributes[0].max, 3);
 }
 
 TEST(Build, AttributeWithoutAnyValueWorks) {

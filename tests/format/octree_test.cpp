@@ -343,7 +343,7 @@ TEST(Index, TheRootPageStaysSmallWithManyAttributes) {
     TreeMaker maker({6, 1, attributes}, 8);
     maker.add_full(3);
     const PackedTree packed = pack_tree(maker.take()).value();
-    EXPECT_LE(packed.root.bytes.size(), (64u << 10) + index_table_bytes(attributes) + 9 * 16 * attributes);
+    EXPECT_LE(packed.root.bytes.size(), (16u << 10) + index_table_bytes(attributes) + 9 * 16 * attributes);
   }
 }
 

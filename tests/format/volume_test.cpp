@@ -282,9 +282,9 @@ TEST(Reads, OpeningTakesOneRead) {
 }
 
 TEST(Reads, APreambleLongerThanTheFirstReadTakesTwo) {
-  const Bytes bytes = test_volume_bytes(small_volume(400, 60));
+  const Bytes bytes = test_volume_bytes(small_volume(400, 120));
   const auto reads = std::make_shared<std::atomic<int>>(0);
-  const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1'000, reads));
+  const auto volume = Volume::open(std::make_unique<CountingSource>(bytes, 1'000'000, reads));
   ASSERT_TRUE(volume) << volume.error().message;
   ASSERT_GT((*volume)->preamble_bytes(), min_first_read_bytes);
   EXPECT_EQ(*reads, 2);

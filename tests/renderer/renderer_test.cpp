@@ -450,6 +450,23 @@ TEST_F(RendererTest, ThinSplatsAddUp) {
   EXPECT_NEAR(sum / expected, 1, 0.02);
 }
 
+TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
+  // Values round 101325 that differ by less than single precision resolves there.
+  TransferFunction function = four_colors(1);
+  const double offset = 101325;
+  const View view = orthographic_view(20, 10);
+  const auto value = static_cast<float>(0.7 * (function.hi - function.lo) + function.lo);
+  const Image near_zero = picture({{{0, 0, -1}, value, 5}}, view, function);
+  constexpr float scale = 1e-5F;
+  function.lo = offset + function.lo * static_cast<double>(scale);
+  function.hi = offset + function.hi * static_cast<double>(scale);
+  const std::vector<OctantSplat> splats = {{{0, 0, -1}, value * scale, 5}};
+  const SplatBatch batch{dvec3(0), splats};
+  ASSERT_TRUE(renderer_->set_splats({&batch, 1}));
+  ASSERT_TRUE(renderer_->set_transfer_function(function, offset));
+  EXPECT_LE(compare_images(near_zero, redraw(view))->max, 1e-4);
+}
+
 TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
   for (const SortMode sort : {SortMode::none, SortMode::exact}) {

@@ -54,11 +54,12 @@ std::vector<Row> rows_of(const FrameSplats& frame) {
   return rows;
 }
 
+// Position, stored value, size.
 std::vector<Row> expected_rows(const TestVolume& volume, std::size_t resolution, std::size_t attribute) {
   std::vector<Row> rows;
   for (std::size_t i = 0; i < volume.info.resolution_counts[resolution]; ++i) {
     const dvec3& p = volume.positions[i];
-    const double value = volume.info.attributes[attribute].offset + static_cast<double>(volume.stored[attribute][i]);
+    const auto value = static_cast<double>(volume.stored[attribute][i]);
     rows.push_back({p.x, p.y, p.z, value, volume.splat_size(resolution, i)});
   }
   std::ranges::sort(rows, {}, [](const Row& row) { return std::tuple(row[0], row[1], row[2]); });
