@@ -40,13 +40,12 @@ template <class... Args>
 }
 
 // Early return of errors. The statement form needs no value; the other declares `name` from the value.
-#define SPLATVOL_TRY(expression)                                       \
-  do {                                                                 \
-    if (auto try_result = (expression); !try_result)                   \
-      return tl::unexpected<::splatvol::Error>(try_result.error());    \
+#define SPLATVOL_TRY(expression)                                                                                   \
+  do {                                                                                                             \
+    if (auto try_result = (expression); !try_result) return tl::unexpected<::splatvol::Error>(try_result.error()); \
   } while (false)
-#define SPLATVOL_TRY_ASSIGN(name, expression)                          \
-  auto name##_result = (expression);                                   \
+#define SPLATVOL_TRY_ASSIGN(name, expression)                                          \
+  auto name##_result = (expression);                                                   \
   if (!name##_result) return tl::unexpected<::splatvol::Error>(name##_result.error()); \
   auto name = std::move(*name##_result)
 

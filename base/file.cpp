@@ -33,7 +33,8 @@ class FileSource final : public ByteSource {
 
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
     if (offset > size_ || out.size() > size_ - offset)
-      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", path_, out.size(), offset, size_);
+      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", path_,
+                  out.size(), offset, size_);
     while (!out.empty()) {
       const ssize_t got = ::pread(descriptor_, out.data(), out.size(), static_cast<off_t>(offset));
       if (got < 0 && errno == EINTR) continue;
@@ -58,7 +59,8 @@ class MemorySource final : public ByteSource {
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
     if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
-      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end ({} bytes)", name_, out.size(), offset, bytes_.size());
+      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end ({} bytes)", name_, out.size(), offset,
+                  bytes_.size());
     std::ranges::copy(bytes_.subspan(offset, out.size()), out.begin());
     return {};
   }
@@ -88,7 +90,8 @@ std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std:
 
 Result<std::string> read_text_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(source, open_file(path));
-  if (source->size() > max_text_bytes) return fail(ErrorCode::invalid_data, "{}: {} bytes are no text file", path, source->size());
+  if (source->size() > max_text_bytes)
+    return fail(ErrorCode::invalid_data, "{}: {} bytes are no text file", path, source->size());
   std::string text(source->size(), '\0');
   SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
   return text;

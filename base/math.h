@@ -1,11 +1,11 @@
 // GLM, with the settings that every file of the project shares.
 #pragma once
 
+#include <glm/geometric.hpp>
 #include <glm/mat3x3.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
-#include <glm/geometric.hpp>
 
 namespace splatvol {
 

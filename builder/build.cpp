@@ -19,8 +19,8 @@ using nlohmann::json;
 
 constexpr std::size_t rows_in_flight = 64;  // packed in parallel, then appended in order
 
-// A position may move by this share of the local spacing: a splat's smallest principal deviation is about a quarter of the
-// cells' height, and the error is to stay under 1/64 of it.
+// A position may move by this share of the local spacing: a splat's smallest principal deviation is about a quarter of
+// the cells' height, and the error is to stay under 1/64 of it.
 constexpr double error_per_spacing = 1.0 / 256;
 
 // Single precision loses the detail of a narrow range far from zero (pressures round 101325 Pa); an offset keeps it.
@@ -60,7 +60,8 @@ StoredAttribute store_attribute(const std::string& name, const std::vector<doubl
   return stored;
 }
 
-format::Histograms count_values(const std::vector<StoredAttribute>& attributes, std::span<const format::ValueBins> bins) {
+format::Histograms count_values(const std::vector<StoredAttribute>& attributes,
+                                std::span<const format::ValueBins> bins) {
   format::Histograms histograms(attributes.size());
   for (std::size_t a = 0; a < attributes.size(); ++a)
     for (const float value : attributes[a].values)
@@ -90,7 +91,8 @@ json provenance(const BuildOptions& options, const PointSet& points) {
             {"not_star_shaped", cells.not_star_shaped}}}};
 }
 
-format::VolumeInfo describe(const BuildOptions& options, const PointSet& points, const std::vector<Resolution>& resolutions,
+format::VolumeInfo describe(const BuildOptions& options, const PointSet& points,
+                            const std::vector<Resolution>& resolutions,
                             const std::vector<StoredAttribute>& attributes) {
   using format::ColumnKind;
   using format::ColumnScope;
@@ -131,10 +133,20 @@ std::vector<float> position_errors(const PointSet& points, const Resolution& fin
 // Turns a reduced point set into rows of chunks.
 class RowPacker {
  public:
-  RowPacker(const PointSet& points, const std::vector<Resolution>& resolutions, const std::vector<std::uint8_t>& segments,
-            const std::vector<StoredAttribute>& attributes, std::span<const format::ValueBins> bins, const format::VolumeInfo& info)
-      : points_(points), resolutions_(resolutions), segments_(segments), attributes_(attributes), bins_(bins), info_(info), rows_(info),
-        errors_(position_errors(points, resolutions.back())), order_(points.size()), depths_(points.size()), counts_(points.size()) {
+  RowPacker(const PointSet& points, const std::vector<Resolution>& resolutions,
+            const std::vector<std::uint8_t>& segments, const std::vector<StoredAttribute>& attributes,
+            std::span<const format::ValueBins> bins, const format::VolumeInfo& info)
+      : points_(points),
+        resolutions_(resolutions),
+        segments_(segments),
+        attributes_(attributes),
+        bins_(bins),
+        info_(info),
+        rows_(info),
+        errors_(position_errors(points, resolutions.back())),
+        order_(points.size()),
+        depths_(points.size()),
+        counts_(points.size()) {
     std::vector<std::uint64_t> next = segment_begins();
     for (std::size_t i = 0; i < points.size(); ++i) order_[next[segments[i]]++] = i;
   }
@@ -154,7 +166,8 @@ class RowPacker {
   std::vector<format::PackedChunk> pack(std::uint64_t row) const {
     const format::Group group = rows_.group(rows_.group_of_row(row));
     std::vector<format::PackedChunk> chunks;
-    for (const int column : rows_.columns_of_row(row)) chunks.push_back(pack_column(info_.columns[static_cast<std::size_t>(column)], group));
+    for (const int column : rows_.columns_of_row(row))
+      chunks.push_back(pack_column(info_.columns[static_cast<std::size_t>(column)], group));
     return chunks;
   }
 
@@ -168,7 +181,8 @@ class RowPacker {
   format::PackedChunk pack_column(const format::Column& column, const format::Group& group) const {
     const auto members = std::span(order_).subspan(group.begin, group.count);
     if (column.kind == format::ColumnKind::octant)
-      return format::pack_octants(std::span(depths_).subspan(group.begin, group.count), std::span(counts_).subspan(group.begin, group.count));
+      return format::pack_octants(std::span(depths_).subspan(group.begin, group.count),
+                                  std::span(counts_).subspan(group.begin, group.count));
     if (column.kind == format::ColumnKind::value) {
       const auto a = static_cast<std::size_t>(column.attribute);
       std::vector<float> values;
@@ -215,13 +229,17 @@ Status write_rows(RowPacker& packer, format::VolumeWriter& writer, const BuildPr
 
 }  // namespace
 
-Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options, const BuildProgress& progress) {
+Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
+                                 const BuildProgress& progress) {
   if (options.leaf_points < 8)
-    return fail(ErrorCode::invalid_argument, "a leaf must be allowed 8 points or more: with {}, a cell could be split without losing any", options.leaf_points);
+    return fail(ErrorCode::invalid_argument,
+                "a leaf must be allowed 8 points or more: with {}, a cell could be split without losing any",
+                options.leaf_points);
   SPLATVOL_TRY_ASSIGN(points, gather_points(source, [&](double fraction) { progress("reading", fraction); }));
 
   progress("reducing", 0);
-  const std::vector<Resolution> resolutions = reduce_by_octree(points.keys, points.positions, points.cube, options.leaf_points);
+  const std::vector<Resolution> resolutions =
+      reduce_by_octree(points.keys, points.positions, points.cube, options.leaf_points);
   const std::vector<std::uint8_t> segments = find_segments(resolutions);
 
   std::vector<StoredAttribute> attributes(points.attributes.size());
@@ -234,7 +252,8 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   for (const StoredAttribute& attribute : attributes) bins.push_back(format::bins_of(attribute.description));
 
   progress("indexing", 0);
-  const format::NodeArrays tree = build_index({points.keys, segments, resolutions, attributes, bins}, options.index_leaf_points);
+  const format::NodeArrays tree =
+      build_index({points.keys, segments, resolutions, attributes, bins}, options.index_leaf_points);
 
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(output, info, tree));
   RowPacker packer(points, resolutions, segments, attributes, bins, info);
@@ -242,7 +261,8 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY(writer->finish(count_values(attributes, bins)));
 
   BuildReport report{info.resolution_counts, writer->file_bytes(), points.census, points.cells, {}};
-  for (const format::Attribute& attribute : info.attributes) report.missing.emplace_back(attribute.name, attribute.missing);
+  for (const format::Attribute& attribute : info.attributes)
+    report.missing.emplace_back(attribute.name, attribute.missing);
   return report;
 }
 

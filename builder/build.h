@@ -31,9 +31,9 @@ struct BuildReport {
 /// Called with the stage's name and the share of it done, in [0, 1].
 using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
-/// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the points,
-/// their order and the options, never on threads. Fails with leaf_points under 8: a split cell must be able to lose points
-/// even if every octant of it keeps one.
+/// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
+/// points, their order and the options, never on threads. Fails with leaf_points under 8: a split cell must be able to
+/// lose points even if every octant of it keeps one.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

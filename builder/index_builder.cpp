@@ -19,7 +19,8 @@ class IndexBuilder {
   }
 
  private:
-  using Depths = std::vector<std::uint8_t>;  // [resolution]: least depth of the leaves of a node's members; 255: no member
+  using Depths =
+      std::vector<std::uint8_t>;  // [resolution]: least depth of the leaves of a node's members; 255: no member
 
   // Adds the subtree over points [begin, end), which share a cell at `depth`.
   Depths add_node(std::size_t begin, std::size_t end, int depth) {
@@ -55,7 +56,8 @@ class IndexBuilder {
 
   std::size_t find_octant_end(std::size_t begin, std::size_t end, int depth, unsigned octant) const {
     const auto keys = input_.keys.subspan(begin, end - begin);
-    const auto past = std::ranges::partition_point(keys, [&](const MortonKey& key) { return octant_at(key, depth) <= octant; });
+    const auto past =
+        std::ranges::partition_point(keys, [&](const MortonKey& key) { return octant_at(key, depth) <= octant; });
     return begin + static_cast<std::size_t>(past - keys.begin());
   }
 

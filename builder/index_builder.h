@@ -26,9 +26,9 @@ struct IndexInput {
   std::span<const format::ValueBins> bins;  // [attribute]
 };
 
-/// Splits cells that hold more than `leaf_points` points, down to the finest cell. Nodes in depth-first order, one array of
-/// size codes ("octant"). first_resolution is the coarsest whose clusters all lie on one side of the node's border: the
-/// clusters of resolution r are the leaves of the octree over resolution r + 1.
+/// Splits cells that hold more than `leaf_points` points, down to the finest cell. Nodes in depth-first order, one
+/// array of size codes ("octant"). first_resolution is the coarsest whose clusters all lie on one side of the node's
+/// border: the clusters of resolution r are the leaves of the octree over resolution r + 1.
 [[nodiscard]] format::NodeArrays build_index(const IndexInput& input, std::uint64_t leaf_points);
 
 }  // namespace splatvol

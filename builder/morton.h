@@ -38,8 +38,8 @@ inline constexpr int max_morton_depth = 42;
   constexpr double cells = 1ull << max_morton_depth;
   std::array<std::uint64_t, 3> cell;
   for (int axis = 0; axis < 3; ++axis)
-    cell[static_cast<std::size_t>(axis)] =
-        static_cast<std::uint64_t>(std::clamp((position[axis] - cube.origin[axis]) / cube.edge * cells, 0.0, cells - 1));
+    cell[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(
+        std::clamp((position[axis] - cube.origin[axis]) / cube.edge * cells, 0.0, cells - 1));
   return cell;
 }
 
@@ -70,8 +70,9 @@ inline constexpr int max_morton_depth = 42;
   const double edge = std::ldexp(cube.edge, -depth);
   dvec3 center;
   for (int axis = 0; axis < 3; ++axis)
-    center[axis] = cube.origin[axis] +
-                   (static_cast<double>(cell[static_cast<std::size_t>(axis)] >> (max_morton_depth - depth)) + 0.5) * edge;
+    center[axis] =
+        cube.origin[axis] +
+        (static_cast<double>(cell[static_cast<std::size_t>(axis)] >> (max_morton_depth - depth)) + 0.5) * edge;
   return center;
 }
 

@@ -150,7 +150,8 @@ Result<PointSet> gather_points(Source& source, const std::function<void(double)>
     points.census.in_no_cell = static_cast<std::uint64_t>(std::ranges::count(all.in_cell, false));
 
   points.keys.resize(points.size());
-  tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) { points.keys[i] = morton_key(points.positions[i], cube); });
+  tbb::parallel_for(std::size_t{0}, points.size(),
+                    [&](std::size_t i) { points.keys[i] = morton_key(points.positions[i], cube); });
   std::vector<std::uint64_t> order(points.size());
   std::iota(order.begin(), order.end(), std::uint64_t{0});
   tbb::parallel_sort(order.begin(), order.end(), [&](std::uint64_t i, std::uint64_t j) {

@@ -63,14 +63,15 @@ void find_leaves(std::span<const MortonKey> keys, std::uint32_t leaf_points, Res
   });
   for (std::size_t begin = 0; begin < n;) {
     const std::size_t end = leaf_end(keys, resolution, begin);
-    std::fill(resolution.counts.begin() + static_cast<std::ptrdiff_t>(begin), resolution.counts.begin() + static_cast<std::ptrdiff_t>(end),
+    std::fill(resolution.counts.begin() + static_cast<std::ptrdiff_t>(begin),
+              resolution.counts.begin() + static_cast<std::ptrdiff_t>(end),
               static_cast<std::uint8_t>(std::min<std::size_t>(end - begin, 255)));
     begin = end;
   }
 }
 
-std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys, std::span<const dvec3> positions, const Cube& cube,
-                                         std::uint32_t leaf_points) {
+std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys, std::span<const dvec3> positions,
+                                         const Cube& cube, std::uint32_t leaf_points) {
   std::vector<Resolution> resolutions(1);
   resolutions[0].members.resize(keys.size());
   std::iota(resolutions[0].members.begin(), resolutions[0].members.end(), std::uint64_t{0});

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "base/file.h"
+#include "builder/vtk_reader.h"
 #include "builder/vtk_source.h"
 
 namespace splatvol {
@@ -94,7 +95,7 @@ tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& he
 }
 
 /// VTK warns of a newer major version at most, and reads what it recognises; so the version is judged here. What 2.3
-/// brought, polyhedra in arrays of their own, vtk_source.cpp reads by itself.
+/// brought, polyhedra in arrays of their own, vtk_unstructured_reader.cpp reads by itself.
 Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
   const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
   if (type == xml_types.end())

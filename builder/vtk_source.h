@@ -1,4 +1,4 @@
-// VTK's readers behind the Source interface; only vtk_source.cpp and vtk_writer.cpp see VTK's headers.
+// What VTK's readers read, behind the Source interface.
 #pragma once
 
 #include <memory>
@@ -6,15 +6,9 @@
 #include <vector>
 
 #include "builder/source.h"
+#include "builder/vtk_reader.h"
 
 namespace splatvol {
-
-/// A file that one of VTK's readers takes.
-struct VtkFile {
-  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy };
-  std::string path;
-  Kind kind;
-};
 
 /// Opens files as pieces of one data set: the first that has points fixes the attributes, all others must have them.
 /// Contract as open_source; `files` must not be empty.
@@ -25,8 +19,5 @@ struct VtkFile {
 /// Density, Momentum, StagnationEnergy, and Pressure for a ratio of specific heats of 1.4.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
                                                           const std::vector<std::string>& selection);
-
-/// The files that a .pvtu names, relative to its own folder, in its order.
-[[nodiscard]] Result<std::vector<std::string>> pvtu_pieces(const std::string& path);
 
 }  // namespace splatvol

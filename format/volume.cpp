@@ -14,7 +14,7 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
 // An index page up to this size comes in one read; of a larger one, only the structure and one attribute's block.
-constexpr std::uint64_t one_read_bytes = 64u << 10;
+constexpr std::uint64_t one_read_bytes = 4u << 10;
 
 bool is_known(SectionKind kind) {
   return kind == SectionKind::histograms || std::ranges::find(required_sections, kind) != required_sections.end();

@@ -24,7 +24,8 @@ using Provenance = std::map<std::string, std::string>;
 
 /// Writes .exr (channels R, G, B, A; 32-bit float) or .png (8 bits, the image over `background`, sRGB curve applied),
 /// by the extension of `path`. The file appears whole or not at all.
-[[nodiscard]] Status write_image(const std::string& path, const Image& image, dvec3 background, const Provenance& provenance);
+[[nodiscard]] Status write_image(const std::string& path, const Image& image, dvec3 background,
+                                 const Provenance& provenance);
 
 /// Whether write_image knows the extension of `path`: ask before work of minutes.
 [[nodiscard]] bool is_image_path(const std::string& path);
@@ -33,9 +34,9 @@ using Provenance = std::map<std::string, std::string>;
 [[nodiscard]] Result<Image> read_exr(const std::string& path);
 
 struct ImageDifference {
-  double rmse;  // of linear premultiplied RGB, over all pixels and the three channels
-  double psnr;  // -20 log10(rmse), dB for a peak of 1; infinity where the pictures are equal
-  double max;   // largest absolute difference of a channel, alpha left out
+  double rmse;            // of linear premultiplied RGB, over all pixels and the three channels
+  double psnr;            // -20 log10(rmse), dB for a peak of 1; infinity where the pictures are equal
+  double max;             // largest absolute difference of a channel, alpha left out
   double mean_a, mean_b;  // mean of RGB
 };
 

@@ -82,20 +82,24 @@ void print_text(const Options& options, const BuildReport& report, double second
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
-  if (options.threads > 0) limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
+  if (options.threads > 0)
+    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, options.attributes));
   BuildOptions build_options;
   build_options.leaf_points = options.leaf;
   build_options.builder = "svbuild " SPLATVOL_VERSION;
-  for (const std::string& input : options.inputs) build_options.inputs.push_back(std::filesystem::path(input).filename());
+  for (const std::string& input : options.inputs)
+    build_options.inputs.push_back(std::filesystem::path(input).filename());
 
   StageBar bar;
-  auto report = build_volume(*source, options.output, build_options, [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  auto report = build_volume(*source, options.output, build_options,
+                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
   bar.clear();
   if (!report) {
     // Errors of the output name it; those of the data need the input's name.
-    const bool named = report.error().message.starts_with(options.output) || report.error().message.find(options.inputs[0]) != std::string::npos;
+    const bool named = report.error().message.starts_with(options.output) ||
+                       report.error().message.find(options.inputs[0]) != std::string::npos;
     return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
   }
   const double seconds = seconds_now() - start;
@@ -109,11 +113,19 @@ Status build(const Options& options) {
 int main(int argc, char** argv) {
   splatvol::Options options;
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
-  app.add_option("inputs", options.inputs, "Meshes (.vtu, .pvtu, .vtk), or a PLOT3D grid and its solution")->required()->type_name("IN...");
+  app.add_option("inputs", options.inputs, "Meshes (.vtu, .pvtu, .vtk), or a PLOT3D grid and its solution")
+      ->required()
+      ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write")->required()->type_name("OUT.svol");
-  app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")->type_name("NAME")->allow_extra_args(false);
-  app.add_option("--reduction", options.reduction, "How coarser resolutions are chosen")->check(CLI::IsMember({"octree"}))->capture_default_str();
-  app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")->check(CLI::Range(8u, 65536u))->capture_default_str();
+  app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  app.add_option("--reduction", options.reduction, "How coarser resolutions are chosen")
+      ->check(CLI::IsMember({"octree"}))
+      ->capture_default_str();
+  app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")
+      ->check(CLI::Range(8u, 65536u))
+      ->capture_default_str();
   app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
   app.add_flag("--json", options.json, "Print the result as JSON");
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::build(options); });

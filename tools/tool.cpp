@@ -55,7 +55,8 @@ void ProgressBar::update(double fraction) {
   constexpr int width = 32;
   const int filled = static_cast<int>(fraction * width);
   const double left = fraction > 0 ? (now - start_) * (1 - fraction) / fraction : 0;
-  fmt::print(stderr, "\r\033[K{:<10} [{:=>{}}{:>{}}] {:3.0f} %  {:.0f} s left", stage_, "", filled, "", width - filled, fraction * 100, left);
+  fmt::print(stderr, "\r\033[K{:<10} [{:=>{}}{:>{}}] {:3.0f} %  {:.0f} s left", stage_, "", filled, "", width - filled,
+             fraction * 100, left);
   std::fflush(stderr);
 }
 
@@ -78,7 +79,8 @@ Result<std::array<int, 2>> parse_image_size(const std::string& text) {
   int width = 0;
   int height = 0;
   int end = 0;
-  const bool complete = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &end) == 2 && static_cast<std::size_t>(end) == text.size();
+  const bool complete = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &end) == 2 &&
+                        static_cast<std::size_t>(end) == text.size();
   if (!complete || width < 1 || height < 1 || width > 16384 || height > 16384)
     return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 640x480", text);
   return std::array{width, height};

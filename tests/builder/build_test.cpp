@@ -53,7 +53,9 @@ std::vector<dvec3> random_points(std::size_t count, double scale = 1, dvec3 offs
   return points;
 }
 
-std::string temporary_path(const std::string& name) { return (std::filesystem::path(testing::TempDir()) / name).string(); }
+std::string temporary_path(const std::string& name) {
+  return (std::filesystem::path(testing::TempDir()) / name).string();
+}
 
 // What a file holds, decoded whole.
 struct Contents {
@@ -265,10 +267,13 @@ TEST(BuildIndex, EveryNodeTellsTheTruth) {
       for (std::size_t m = 0; m < resolutions[r].size(); ++m) {
         const std::uint64_t i = resolutions[r].members[m];
         const bool inside = i >= cell.begin && i < cell.end;
-        if (inside) largest = std::max(largest, std::ldexp(1.0, -resolutions[r].depths[m]) / std::cbrt(resolutions[r].counts[m]));
+        if (inside)
+          largest = std::max(largest, std::ldexp(1.0, -resolutions[r].depths[m]) / std::cbrt(resolutions[r].counts[m]));
         // Cluster of resolution r - 1: the leaf over resolution r; it crosses the border if it is larger than the cell
         // and has a point in common with it.
-        if (r > 0 && resolutions[r].depths[m] < cell.depth && common_depth(points.keys[i], points.keys[cell.begin]) >= resolutions[r].depths[m]) crosses = true;
+        if (r > 0 && resolutions[r].depths[m] < cell.depth &&
+            common_depth(points.keys[i], points.keys[cell.begin]) >= resolutions[r].depths[m])
+          crosses = true;
       }
       if (largest > 0) {
         EXPECT_GE(format::size_bound(tree.size_code_at(node, 0, r), 1.0), largest * (1 - 1e-12));
@@ -280,7 +285,8 @@ TEST(BuildIndex, EveryNodeTellsTheTruth) {
     }
     for (std::size_t begin = cell.begin; tree.child_masks[node] != 0 && begin < cell.end;) {
       std::size_t end = begin;
-      while (end < cell.end && octant_at(points.keys[end], cell.depth) == octant_at(points.keys[begin], cell.depth)) ++end;
+      while (end < cell.end && octant_at(points.keys[end], cell.depth) == octant_at(points.keys[begin], cell.depth))
+        ++end;
       ASSERT_NE(tree.child_masks[node] & 1 << octant_at(points.keys[begin], cell.depth), 0);
       self(self, {begin, end, cell.depth + 1});
       begin = end;

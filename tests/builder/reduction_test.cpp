@@ -26,7 +26,8 @@ Sorted sort_points(std::vector<dvec3> positions) {
   return sorted;
 }
 
-std::vector<dvec3> random_points(std::size_t count, const std::function<double(double)>& shape = [](double x) { return x; }) {
+std::vector<dvec3> random_points(
+    std::size_t count, const std::function<double(double)>& shape = [](double x) { return x; }) {
   std::mt19937_64 random(7);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<dvec3> points(count);
@@ -80,7 +81,8 @@ TEST(MortonKey, CommonDepthIsTheSmallestSharedCell) {
     const dvec3 a{0.25 * cell, 0.25 * cell, 0.25 * cell}, b{0.25 * cell, 0.75 * cell, 0.25 * cell};
     EXPECT_EQ(common_depth(morton_key(a, unit_cube), morton_key(b, unit_cube)), depth);
   }
-  EXPECT_EQ(common_depth(morton_key({0.5, 0.5, 0.5}, unit_cube), morton_key({0.5, 0.5, 0.5}, unit_cube)), max_morton_depth);
+  EXPECT_EQ(common_depth(morton_key({0.5, 0.5, 0.5}, unit_cube), morton_key({0.5, 0.5, 0.5}, unit_cube)),
+            max_morton_depth);
 }
 
 TEST(MortonKey, BordersOfTheCubeAreInside) {
@@ -121,7 +123,8 @@ TEST(ReduceByOctree, KeepsTheNearestToEachLeafsCentreAndNestsClusters) {
         std::size_t end = begin;
         double nearest = 10, of_kept = 10;
         int kept_here = 0;
-        while (end < fine.size() && common_depth(sorted.keys[fine.members[begin]], sorted.keys[fine.members[end]]) >= fine.depths[begin]) {
+        while (end < fine.size() &&
+               common_depth(sorted.keys[fine.members[begin]], sorted.keys[fine.members[end]]) >= fine.depths[begin]) {
           const double distance = glm::length(sorted.positions[fine.members[end]] - center);
           nearest = std::min(nearest, distance);
           if (kept.contains(fine.members[end])) of_kept = distance, ++kept_here;
@@ -134,7 +137,8 @@ TEST(ReduceByOctree, KeepsTheNearestToEachLeafsCentreAndNestsClusters) {
       // A leaf of the coarser octree never lies inside a leaf of the finer one, so clusters nest.
       std::map<std::uint64_t, std::uint8_t> fine_depth;
       for (std::size_t m = 0; m < fine.size(); ++m) fine_depth[fine.members[m]] = fine.depths[m];
-      for (std::size_t m = 0; m < coarse.size(); ++m) ASSERT_LE(coarse.depths[m], fine_depth[coarse.members[m]]) << name;
+      for (std::size_t m = 0; m < coarse.size(); ++m)
+        ASSERT_LE(coarse.depths[m], fine_depth[coarse.members[m]]) << name;
     }
   }
 }
@@ -152,7 +156,8 @@ TEST(FindSegments, NamesTheCoarsestResolutionOfEachPoint) {
   const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
   const auto segments = find_segments(resolutions);
   for (std::size_t r = 0; r < resolutions.size(); ++r)
-    EXPECT_EQ(std::ranges::count_if(segments, [r](std::uint8_t s) { return s <= r; }), static_cast<long>(resolutions[r].size()));
+    EXPECT_EQ(std::ranges::count_if(segments, [r](std::uint8_t s) { return s <= r; }),
+              static_cast<long>(resolutions[r].size()));
 }
 
 }  // namespace

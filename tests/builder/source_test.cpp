@@ -326,6 +326,16 @@ TEST_F(SourceTest, NewerVersionsAreRefused) {
   EXPECT_THAT(error_of({write("a.vtk", "# vtk DataFile Version 6.0\nx\nASCII\n")}), HasSubstr("newer than 5.1"));
 }
 
+TEST_F(SourceTest, ArraysOfUnknownTypesAreRefused) {
+  // VTK 9.1 crashes on one that belongs to the whole file.
+  std::string text = hexahedron_mesh().file();
+  const std::string before = "<UnstructuredGrid>";
+  text.insert(text.find(before) + before.size(),
+              "<FieldData><DataArray type=\"loat32\" Name=\"f\" NumberOfTuples=\"1\" "
+              "format=\"ascii\">1</DataArray></FieldData>");
+  EXPECT_THAT(error_of({write("a.vtu", text)}), HasSubstr("unknown type \"loat32\""));
+}
+
 TEST_F(SourceTest, GhostsAreSkipped) {
   // Three cells in a row; the last belongs to another piece, and a point in the middle of the first is hidden.
   Mesh mesh;

@@ -69,19 +69,24 @@ class Programs : public testing::Test {
 // A tetrahedron with a linear field, as text; `attribute` and `version` as asked for.
 std::string small_mesh(const std::string& point_data, const std::string& version = "0.1") {
   return R"(<VTKFile type="UnstructuredGrid" version=")" + version + R"(" byte_order="LittleEndian"><UnstructuredGrid>
-<Piece NumberOfPoints="4" NumberOfCells="1">)" + point_data + R"(<Points>
+<Piece NumberOfPoints="4" NumberOfCells="1">)" +
+         point_data + R"(<Points>
 <DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>
 <Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
 <DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
 <DataArray type="UInt8" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>)";
 }
 
-const std::string small_data = R"(<PointData><DataArray type="Float32" Name="heat" format="ascii">0 1 2 3</DataArray></PointData>)";
+const std::string small_data =
+    R"(<PointData><DataArray type="Float32" Name="heat" format="ascii">0 1 2 3</DataArray></PointData>)";
 
-const json small_scene = {{"camera", {{"vertical_fov_degrees", 30}, {"position", {0.3, 0.3, 4}}, {"focal_point", {0.3, 0.3, 0}}, {"up", {0, 1, 0}}}},
-                          {"image", {{"width", 64}, {"height", 48}}},
-                          {"attribute", "heat"},
-                          {"transfer_function", {{"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}, {"density", {{0, 0}, {1, 5}}}}}};
+const json small_scene = {
+    {"camera",
+     {{"vertical_fov_degrees", 30}, {"position", {0.3, 0.3, 4}}, {"focal_point", {0.3, 0.3, 0}}, {"up", {0, 1, 0}}}},
+    {"image", {{"width", 64}, {"height", 48}}},
+    {"attribute", "heat"},
+    {"transfer_function",
+     {{"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}, {"density", {{0, 0}, {1, 5}}}}}};
 
 TEST_F(Programs, BuildRefusesBadInput) {
   const std::string to = " -o " + path("out.svol");
@@ -134,7 +139,8 @@ TEST_F(Programs, DamagedVolumesAreRefused) {
   for (std::size_t at = 0; at < whole.size(); at += whole.size() / 7) {
     write("damaged.svol", whole.substr(0, at));
     expect_refused("svinfo --verify " + path("damaged.svol"), "damaged.svol", "out");
-    expect_refused("svrender " + path("damaged.svol") + " --scene " + path("scene.json") + " -o " + path("out.png"), "damaged.svol", "out");
+    expect_refused("svrender " + path("damaged.svol") + " --scene " + path("scene.json") + " -o " + path("out.png"),
+                   "damaged.svol", "out");
     std::string flipped = whole;
     flipped[at] = static_cast<char>(flipped[at] ^ 0x10);
     write("damaged.svol", flipped);
@@ -144,7 +150,8 @@ TEST_F(Programs, DamagedVolumesAreRefused) {
 
 TEST_F(Programs, WrongUsageExitsWithTwo) {
   write("scene.json", small_scene.dump());
-  for (const char* command : {"svbuild", "svbuild in.vtu", "svbuild in.vtu -o out.svol --leaf 7", "svrender", "svrender a.svol --sort sideways", "svinfo", "svdiff one.exr", "svtruth"})
+  for (const char* command : {"svbuild", "svbuild in.vtu", "svbuild in.vtu -o out.svol --leaf 7", "svrender",
+                              "svrender a.svol --sort sideways", "svinfo", "svdiff one.exr", "svtruth"})
     EXPECT_EQ(run(command).code, 2) << command;
   for (const char* program : {"svbuild", "svrender", "svtruth", "svinfo", "svdiff", "svdemo"}) {
     EXPECT_EQ(run(std::string(program) + " --help").code, 0) << program;
@@ -160,7 +167,8 @@ TEST_F(Programs, DemoEndsInAPicture) {
   expect_success("svinfo " + path("flow.svol") + " --verify");
   expect_success("svinfo " + path("flow.svol") + " --scene " + path("fit.json"));
   for (const std::string scene : {"flow", "fit"}) {
-    expect_success("svrender " + path("flow.svol") + " --scene " + path(scene + ".json") + " --size 128x128 -o " + path(scene + ".exr"));
+    expect_success("svrender " + path("flow.svol") + " --scene " + path(scene + ".json") + " --size 128x128 -o " +
+                   path(scene + ".exr"));
     const Image image = *read_exr(path(scene + ".exr"));
     const auto lit = std::ranges::count_if(image.pixels, [](const vec4& p) { return p.a > 0.05f; });
     EXPECT_GT(lit, 128 * 128 / 10) << scene;
@@ -179,14 +187,17 @@ class RealData : public Programs {
     return *compare_images(*read_exr((shared_folder / "truth" / (view + ".exr")).string()), *read_exr(picture));
   }
   json render(const std::string& volume, const std::string& view, const std::string& options) const {
-    expect_success("svrender " + volume + " --scene " + scene(view) + " -o " + path("picture.exr") + " --stats " + path("stats.json") + " " + options);
+    expect_success("svrender " + volume + " --scene " + scene(view) + " -o " + path("picture.exr") + " --stats " +
+                   path("stats.json") + " " + options);
     return json::parse(*read_text_file(path("stats.json")));
   }
 };
 
 TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
-  for (const std::string view : {"bluntfin", "bluntfin-close", "bluntfin-ortho", "post", "post-close", "wing", "wing-wake"}) {
-    expect_success("svtruth " + mesh(view.substr(0, view.find('-'))) + " --scene " + scene(view) + " -o " + path("truth.exr"));
+  for (const std::string view :
+       {"bluntfin", "bluntfin-close", "bluntfin-ortho", "post", "post-close", "wing", "wing-wake"}) {
+    expect_success("svtruth " + mesh(view.substr(0, view.find('-'))) + " --scene " + scene(view) + " -o " +
+                   path("truth.exr"));
     EXPECT_LE(against_truth(view, path("truth.exr")).rmse, 2e-5) << view;
   }
 }
@@ -205,7 +216,8 @@ TEST_F(RealData, CoarseViewsReadLittle) {
   for (const std::string name : {"bluntfin", "post", "wing"}) {
     expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
     const auto file_bytes = static_cast<double>(fs::file_size(path("volume.svol")));
-    const json coarse = render(path("volume.svol"), name, "--tolerance 20"), fine = render(path("volume.svol"), name, "--tolerance 1");
+    const json coarse = render(path("volume.svol"), name, "--tolerance 20"),
+               fine = render(path("volume.svol"), name, "--tolerance 1");
     EXPECT_LT(coarse["bytes_read"].get<double>(), 0.1 * file_bytes) << name;
     EXPECT_LT(coarse["splats"], fine["splats"]) << name;
   }
@@ -224,7 +236,8 @@ TEST_F(RealData, ABudgetIsKeptAndStillShowsEverything) {
 TEST_F(RealData, Plot3dGivesThePointsOfItsMesh) {
   const std::string data = (shared_folder / "data").string();
   expect_success("svbuild " + mesh("bluntfin") + " --attribute Density -o " + path("mesh.svol"));
-  expect_success("svbuild " + data + "/bluntfinxyz.bin " + data + "/bluntfinq.bin --attribute Density -o " + path("grid.svol"));
+  expect_success("svbuild " + data + "/bluntfinxyz.bin " + data + "/bluntfinq.bin --attribute Density -o " +
+                 path("grid.svol"));
   (void)render(path("mesh.svol"), "bluntfin", "--tolerance 0");
   const Image from_mesh = *read_exr(path("picture.exr"));
   (void)render(path("grid.svol"), "bluntfin", "--tolerance 0");
