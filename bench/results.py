@@ -62,7 +62,7 @@ def view_table(view, mesh):
         seconds = stats["seconds"]
         rows.append(f"| {view} | {tolerance} | {stats['splats']} | {stats['nodes']} | {stats['bytes_read']} | {100 * stats['bytes_read'] / size:.1f} | "
                     f"{stats['first_image_seconds'] * 1000:.0f} | {seconds['frame'] * 1000:.1f} ({seconds['frame_min'] * 1000:.1f}-{seconds['frame_max'] * 1000:.1f}) | {seconds['cut'] * 1000:.2f} | {seconds['draw'] * 1000:.1f} | "
-                    f"{error['rmse']:.4f} | {error['mean_b'] / error['mean_a']:.3f} |")
+                    f"{error['rmse']:.4f} | {error['mean'][1] / error['mean'][0]:.3f} |")
     return rows
 
 
