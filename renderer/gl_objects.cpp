@@ -53,11 +53,16 @@ Result<Shader> compile(std::string_view program, const ShaderStage& stage) {
 
 }  // namespace
 
-Status Buffer::reserve(std::size_t bytes) {
-  if (bytes <= bytes_) return {};
+std::uint64_t largest_buffer() {
   GLint64 limit = 0;
   glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);
-  if (bytes > static_cast<std::size_t>(limit))
+  return static_cast<std::uint64_t>(limit);
+}
+
+Status Buffer::reserve(std::size_t bytes) {
+  if (bytes <= bytes_) return {};
+  const std::uint64_t limit = largest_buffer();
+  if (bytes > limit)
     return fail(ErrorCode::device, "{}: {} bytes, but this device's shaders see {} bytes of a buffer at most", name_,
                 bytes, limit);
 

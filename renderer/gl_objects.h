@@ -4,6 +4,7 @@
 #include <epoxy/gl.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <initializer_list>
 #include <string>
 #include <string_view>
@@ -44,6 +45,9 @@ using Texture = GlObject<delete_texture>;
 using Framebuffer = GlObject<delete_framebuffer>;
 using VertexArray = GlObject<delete_vertex_array>;
 using Program = GlObject<delete_program>;
+
+/// Bytes of a buffer that the device's shaders can see.
+[[nodiscard]] std::uint64_t largest_buffer();
 
 /// A buffer that grows when more is asked of it, and forgets its contents when it does.
 class Buffer {

@@ -122,6 +122,11 @@ Status Renderer::set_transfer_function(const TransferFunction& function, double 
   return check_gl("setting the transfer function");
 }
 
+std::uint64_t Renderer::max_splats() {
+  const std::uint64_t by_buffer = largest_buffer() / sizeof(OctantRecord);
+  return std::min<std::uint64_t>(by_buffer, std::numeric_limits<std::uint32_t>::max());
+}
+
 Status Renderer::set_splats(std::span<const SplatBatch> batches) {
   splat_count_ = 0;
   ordered_view_.reset();

@@ -43,6 +43,9 @@ class Renderer {
   /// have to be added to: only the difference to the function's domain is taken to single precision.
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, double value_offset = 0);
 
+  /// How many splats the device's shaders can see.
+  [[nodiscard]] static std::uint64_t max_splats();
+
   /// Replaces the splats by those of `batches`, back to front where they are to be drawn with SortMode::none. They are
   /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are
   /// no splats then.

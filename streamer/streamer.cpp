@@ -123,6 +123,8 @@ Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibilit
   options.resolution = detail.resolution;
   options.max_bytes = frame_limit();
   SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), paged_, view, visibility, options));
+  if (cut.splats > detail.max_splats)
+    return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", detail.max_splats);
   if (frame_bytes(cut, info()) > frame_limit())
     return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", frame_limit());
   return cut;
@@ -183,6 +185,9 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   options.resolution = detail.resolution;
   const auto coarsest = select_cut(info(), paged_, view, visibility, options);
   if (!coarsest) return tl::unexpected(coarsest.error());
+  if (coarsest->splats > detail.max_splats)
+    return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture needs {} splats, more than {}",
+                volume_->name(), coarsest->splats, detail.max_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
               volume_->name(), budget_.capacity(),
               volume_->memory_bytes() + working_bytes_ + frame_bytes(*coarsest, info()));

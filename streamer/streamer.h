@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -27,8 +28,9 @@ struct StreamerOptions {
 
 /// What a view asks for.
 struct DetailOptions {
-  double tolerance_percent = 1;           // see CutOptions
-  std::optional<std::size_t> resolution;  // fixed; the finest where the file has fewer
+  double tolerance_percent = 1;                                          // see CutOptions
+  std::optional<std::size_t> resolution;                                 // fixed; the finest where the file has fewer
+  std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // what the renderer can hold
 };
 
 /// Splats for a view, back to front; owned by the streamer.
@@ -65,9 +67,10 @@ class Streamer {
   ~Streamer();
 
   /// The splats for a view: chosen, read and gathered before it returns; none of this is repeated for a view whose cut
-  /// is that of the request before. Where they would pass the budget, detail is lost and never coverage: the tolerance
-  /// is raised, or the fixed resolution lowered, until they fit. Fails with out_of_budget where not even the coarsest
-  /// fits, with the number of bytes that would do, and with the reader's error where the file fails or is damaged.
+  /// is that of the request before. Where they would pass the budget or max_splats, detail is lost and never coverage:
+  /// the tolerance is raised, or the fixed resolution lowered, until they fit. Fails with out_of_budget where not even
+  /// the coarsest fits, with the number of bytes that would do, and with the reader's error where the file fails or is
+  /// damaged.
   ///
   /// The result stays valid until the next request, also one that fails.
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,

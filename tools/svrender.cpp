@@ -41,6 +41,7 @@ struct Drawing {
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<HeadlessContext> context;
   std::unique_ptr<Renderer> renderer;
+  DetailOptions detail;
   const FrameSplats* frame = nullptr;
   std::uint64_t uploaded_serial = 0;
 };
@@ -73,6 +74,8 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   drawing.context = std::move(context);
   SPLATVOL_TRY_ASSIGN(renderer, Renderer::create());
   drawing.renderer = std::move(renderer);
+  drawing.detail = options.detail;
+  drawing.detail.max_splats = Renderer::max_splats();
   const double offset = drawing.streamer->value_offset();
   if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
     return fail_in(options.scene, status.error());
@@ -82,7 +85,7 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
 // Asks for the view's splats, uploads them if they are others than before, draws.
 Status draw_frame(const Options& options, const Scene& scene, const View& view, Drawing& drawing, Timings& timings) {
   const double start = seconds_now();
-  SPLATVOL_TRY_ASSIGN(frame, drawing.streamer->request(view, scene.transfer_function, options.detail));
+  SPLATVOL_TRY_ASSIGN(frame, drawing.streamer->request(view, scene.transfer_function, drawing.detail));
   drawing.frame = frame;
   const double upload_start = seconds_now();
   if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->batches));
@@ -186,11 +189,12 @@ void print_summary(const Options& options, const Scene& scene, const Drawing& dr
              drawing.streamer->volume().file_bytes(), timings.first_image);
   if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
       frame.splats_by_resolution.size() > *options.detail.resolution)
-    fmt::print("{}: resolution {} instead of {}, to stay within {} of memory\n", options.output,
-               *frame.detail.resolution, *options.detail.resolution, options.memory);
+    fmt::print("{}: resolution {} instead of {}, to stay within {} of memory and {} splats\n", options.output,
+               *frame.detail.resolution, *options.detail.resolution, options.memory, frame.detail.max_splats);
   if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
-    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {} of memory\n", options.output,
-               frame.detail.tolerance_percent, options.detail.tolerance_percent, options.memory);
+    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {} of memory and {} splats\n",
+               options.output, frame.detail.tolerance_percent, options.detail.tolerance_percent, options.memory,
+               frame.detail.max_splats);
 }
 
 Status render(const Options& options) {

@@ -39,7 +39,7 @@ View view_from(const dvec3& eye) {
   return make_view(camera, 256, 256).value();
 }
 
-DetailOptions percent(double tolerance) { return {tolerance, std::nullopt}; }
+DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
 
 // Splats in world coordinates, in an order that does not depend on the streamer's.
 using Row = std::array<double, 5>;
@@ -260,11 +260,24 @@ TEST(Streamer, LosesDetailAndNeverCoverageForItsBudget) {
   EXPECT_EQ(last, 20000u);
 }
 
+TEST(Streamer, LosesDetailForWhatTheRendererCanHold) {
+  const TestVolume volume = test::sample_volume(20000, 12);
+  const auto streamer = open(volume, "a1", 64 << 20).value();
+  DetailOptions detail = percent(0);
+  detail.max_splats = 5000;
+  const auto frame = streamer->request(front_view(), test::opaque(), detail);
+  ASSERT_TRUE(frame) << frame.error().message;
+  EXPECT_LE((*frame)->splats, 5000u);
+  EXPECT_GE((*frame)->splats, 1000u);
+  detail.max_splats = 1;
+  EXPECT_EQ(streamer->request(front_view(), test::opaque(), detail).error().code, ErrorCode::out_of_budget);
+}
+
 TEST(Streamer, LowersAFixedResolutionForItsBudget) {
   const TestVolume volume = test::sample_volume(20000, 13);
   const auto streamer = open(volume, "a1", least_memory(volume) + 50000).value();
   const std::size_t finest = volume.info.resolutions() - 1;
-  const auto frame = streamer->request(front_view(), test::opaque(), {1, finest});
+  const auto frame = streamer->request(front_view(), test::opaque(), {.tolerance_percent = 1, .resolution = finest});
   ASSERT_TRUE(frame) << frame.error().message;
   ASSERT_TRUE((*frame)->detail.resolution);
   EXPECT_LT(*(*frame)->detail.resolution, finest);
