@@ -97,7 +97,15 @@ Result<std::string> read_text_file(const std::string& path) {
   return text;
 }
 
-Result<AtomicFile> AtomicFile::create(const std::string& path) {
+Result<AtomicFile> AtomicFile::create(const std::string& target) {
+  // The rename would put a regular file in the place of a device or a pipe. A link is followed.
+  std::error_code error;
+  const auto status = std::filesystem::status(target, error);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    return fail(ErrorCode::io, "{}: not a regular file", target);
+  const std::string path =
+      std::filesystem::is_symlink(target, error) ? std::filesystem::weakly_canonical(target, error).string() : target;
+
   // An unpredictable name that does not exist yet, with the permissions that the user's umask allows.
   std::random_device random;
   for (;;) {

@@ -41,7 +41,9 @@ class ByteSource {
 /// without commit, it removes the temporary file and leaves whatever stood at `path` untouched. Not thread-safe.
 class AtomicFile {
  public:
-  [[nodiscard]] static Result<AtomicFile> create(const std::string& path);
+  /// Fails where the folder cannot be written to, or where `target` is something else than a regular file. A link is
+  /// followed: what it points to is replaced.
+  [[nodiscard]] static Result<AtomicFile> create(const std::string& target);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();

@@ -85,6 +85,7 @@ Status build(const Options& options) {
   if (options.threads > 0)
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
+  SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, options.attributes));
   BuildOptions build_options;
   build_options.leaf_points = options.leaf;
@@ -116,8 +117,12 @@ int main(int argc, char** argv) {
   app.add_option("inputs", options.inputs, "Meshes (.vtu, .pvtu, .vtk), or a PLOT3D grid and its solution")
       ->required()
       ->type_name("IN...");
-  app.add_option("-o,--output", options.output, "The file to write")->required()->type_name("OUT.svol");
+  app.add_option("-o,--output", options.output, "The file to write")
+      ->required()
+      ->type_name("OUT.svol")
+      ->check(splatvol::check_not_empty);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")
+      ->check(splatvol::check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_option("--reduction", options.reduction, "How coarser resolutions are chosen")

@@ -143,8 +143,9 @@ int main(int argc, char** argv) {
     if (!*mesh_option && !*scene_option) throw CLI::RequiredError("-o or --scene");
   });
   return splatvol::run_tool(app, argc, argv, [&]() -> splatvol::Status {
-    if (*scene_option) SPLATVOL_TRY(splatvol::write_scene(scene_path));
+    SPLATVOL_TRY(splatvol::check_outputs({mesh_path, scene_path}, {}));
     if (*mesh_option) SPLATVOL_TRY(splatvol::write_mesh(mesh_path, splatvol::make_demo(points)));
+    if (*scene_option) SPLATVOL_TRY(splatvol::write_scene(scene_path));
     return {};
   });
 }

@@ -228,6 +228,7 @@ void print_text(const Volume& volume, const Survey& survey) {
 }
 
 Status write_scene(const Volume& volume, const Options& options) {
+  SPLATVOL_TRY(check_outputs({options.scene}, {options.file}));
   SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute));
   const std::string text = scene_to_json(scene);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.scene));
@@ -269,6 +270,7 @@ int main(int argc, char** argv) {
   app.add_flag("--json", options.json, "Print JSON, with histograms");
   app.add_flag("--verify", options.verify, "Read and check every byte first");
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
+                    ->check(splatvol::check_not_empty)
                     ->type_name("OUT.json");
   app.add_option("--attribute", options.attribute, "The scene's attribute (default: the first)")
       ->type_name("NAME")

@@ -176,10 +176,11 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
   return json;
 }
 
-Status write_text(const std::string& path, const std::string& text) {
+// The statistics' file, made before the work: where it cannot be, the picture is not left alone.
+Result<std::optional<AtomicFile>> create_statistics(const std::string& path) {
+  if (path.empty() || path == "-") return std::optional<AtomicFile>();
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
-  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
-  return file.commit();
+  return std::optional<AtomicFile>(std::move(file));
 }
 
 void print_summary(const Options& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
@@ -199,7 +200,9 @@ void print_summary(const Options& options, const Scene& scene, const Drawing& dr
 
 Status render(const Options& options) {
   const double start = seconds_now();
+  SPLATVOL_TRY(check_outputs({options.output, options.stats}, {options.volume, options.scene}));
   SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
+  SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   const auto view = make_view(scene.camera, scene.width, scene.height);
   if (!view) return fail_in(options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare(options, scene));
@@ -216,11 +219,13 @@ Status render(const Options& options) {
 
   SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
   const std::string text = statistics_of(options, scene, drawing, timings).dump(1) + "\n";
-  if (options.stats != "-") {
-    print_summary(options, scene, drawing, timings);
-    return write_text(options.stats, text);
+  if (!statistics_file) {
+    fmt::print("{}", text);
+    return {};
   }
-  fmt::print("{}", text);
+  SPLATVOL_TRY(statistics_file->append(std::as_bytes(std::span(text))));
+  SPLATVOL_TRY(statistics_file->commit());
+  print_summary(options, scene, drawing, timings);
   return {};
 }
 

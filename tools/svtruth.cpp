@@ -82,6 +82,9 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
 }
 
 Status draw(const Options& options) {
+  std::vector<std::string> inputs = options.meshes;
+  inputs.push_back(options.scene);
+  SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
   if (!options.size.empty()) {
     SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));

@@ -7,14 +7,27 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <new>
 #include <string_view>
 
 #include "tools/version.h"
 
 namespace splatvol {
+
+namespace {
+
+// Names and texts in messages come from files: one line, and nothing that a terminal would obey.
+std::string one_line(std::string text) {
+  std::ranges::replace_if(
+      text, [](unsigned char c) { return c < 0x20 || c == 0x7f; }, '?');
+  return text;
+}
+
+}  // namespace
 
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
   app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
@@ -24,6 +37,8 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
     return app.exit(error) == 0 ? 0 : 2;
   }
 
+  // Past a limit on file sizes, a write shall fail and be reported, not end the program in the middle of a file.
+  std::signal(SIGXFSZ, SIG_IGN);
   Status status;
   try {
     status = body();
@@ -32,10 +47,27 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
   } catch (const std::exception& error) {
     status = fail(ErrorCode::io, "{}", error.what());
   }
+  if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
+    status = fail(ErrorCode::io, "cannot write to the standard output");
   if (status) return 0;
-  fmt::print(stderr, "{}: {}\n", app.get_name(), status.error().message);
+  fmt::print(stderr, "{}: {}\n", app.get_name(), one_line(status.error().message));
   return 1;
 }
+
+Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    if (outputs[i].empty() || outputs[i] == "-") continue;
+    std::error_code error;
+    for (const std::string& input : inputs)
+      if (std::filesystem::equivalent(outputs[i], input, error))
+        return fail(ErrorCode::invalid_argument, "{}: is the input, and would be overwritten", outputs[i]);
+    if (std::ranges::count(outputs, outputs[i]) > 1)
+      return fail(ErrorCode::invalid_argument, "{}: is two outputs", outputs[i]);
+  }
+  return {};
+}
+
+std::string check_not_empty(const std::string& text) { return text.empty() ? "is empty" : ""; }
 
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();

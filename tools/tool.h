@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "base/error.h"
 
@@ -14,6 +15,13 @@ namespace splatvol {
 /// Parses the command line and runs `body`. Returns the process's exit code: 0 done, 1 the data or a file is bad (one
 /// line on stderr, "tool: reason"), 2 wrong usage. --help and --version print and return 0.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
+
+/// Fails where an output is the same file as an input, by whatever name, or two outputs have one name. Empty names and
+/// "-" are no files.
+[[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
+
+/// For CLI11: refuses an empty text.
+[[nodiscard]] std::string check_not_empty(const std::string& text);
 
 /// A bar on stderr with the time left; prints nothing unless stderr is a terminal.
 class ProgressBar {

@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+
 #include <unistd.h>
+#include <span>
 
 #include <algorithm>
 #include <array>
@@ -233,10 +235,10 @@ TEST_F(FileTest, FailedWriteLeavesTheOldFile) {
 }
 
 TEST_F(FileTest, FailedCommitLeavesTheOldContent) {
-  fs::create_directory(path("taken"));
-  write("taken/inside", "old");
   {
     auto file = AtomicFile::create(path("taken")).value();
+    fs::create_directory(path("taken"));
+    write("taken/inside", "old");
     ASSERT_TRUE(file.append(bytes_of("new")));
     const Status status = file.commit();
     ASSERT_FALSE(status);
@@ -353,6 +355,27 @@ TEST_F(FileTest, CreateRefusesAFolderThatMayNotBeWritten) {
   }
   fs::permissions(folder_, fs::perms::owner_all);
   EXPECT_EQ(names(), Names{});
+}
+
+TEST(AtomicFile, RefusesWhatIsNoRegularFileAndFollowsLinks) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "atomic_file_kinds";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directory(folder);
+  const std::string pipe = folder / "pipe", link = folder / "link", file = folder / "file";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_FALSE(AtomicFile::create(pipe));
+  EXPECT_FALSE(AtomicFile::create(folder));
+  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+
+  std::ofstream(file) << "old";
+  std::filesystem::create_symlink("file", link);
+  auto target = AtomicFile::create(link);
+  ASSERT_TRUE(target);
+  ASSERT_TRUE(target->append(std::as_bytes(std::span("new", 3))));
+  ASSERT_TRUE(target->commit());
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_EQ(*read_text_file(file), "new");
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

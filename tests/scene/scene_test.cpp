@@ -128,7 +128,8 @@ TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
   };
   refuses("domain", {1, 1}, "domain");
   refuses("domain", {2, 1}, "domain");
-  refuses("domain", {-1e308, 1e308}, "domain");
+  refuses("domain", {-1e38, 1}, "domain[0]");
+  refuses("density", {{0, 1e300}}, "density[0][1]");
   refuses("domain", json::array({1}), "domain");
   refuses("colors", json::array(), "colors");
   refuses("colors", 1, "colors");

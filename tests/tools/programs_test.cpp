@@ -130,6 +130,43 @@ TEST_F(Programs, RenderRefusesBadInput) {
   expect_success("svrender " + path("mesh.svol") + scene + to);
 }
 
+TEST_F(Programs, InputsAreNeverOverwritten) {
+  write("mesh.vtu", small_mesh(small_data));
+  write("scene.json", small_scene.dump());
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  const std::string mesh = *read_text_file(path("mesh.vtu")), volume = *read_text_file(path("mesh.svol"));
+  const std::string render =
+      "svrender " + path("mesh.svol") + " --scene " + path("scene.json") + " -o " + path("out.exr");
+  expect_refused("svbuild " + path("mesh.vtu") + " -o " + path("./mesh.vtu"), "is the input", "out");
+  expect_refused(render + " --stats " + path("mesh.svol"), "is the input", "out");
+  expect_refused(render + " --stats " + path("out.exr"), "two outputs", "out");
+  expect_refused(render + " --stats " + path("no/such.json"), "no/such.json", "out");
+  expect_refused("svinfo " + path("mesh.svol") + " --scene " + path("mesh.svol"), "is the input", "out");
+  EXPECT_EQ(*read_text_file(path("mesh.vtu")), mesh);
+  EXPECT_EQ(*read_text_file(path("mesh.svol")), volume);
+}
+
+TEST_F(Programs, AFullDiskLeavesNothing) {
+  write("mesh.vtu", small_mesh(small_data));
+  const std::string limited = "svbuild " + path("mesh.vtu") + " -o " + path("out.svol");
+  const int status = std::system(
+      ("ulimit -f 1; " SPLATVOL_BIN "/" + limited + " > " + path("stdout") + " 2> " + path("stderr")).c_str());
+  EXPECT_EQ(WEXITSTATUS(status), 1);
+  EXPECT_THAT(*read_text_file(path("stderr")), HasSubstr("cannot write"));
+  for (const auto& entry : fs::directory_iterator(folder_))
+    EXPECT_FALSE(entry.path().filename().string().starts_with("out"));
+}
+
+TEST_F(Programs, MessagesAreOneLineWhateverTheyQuote) {
+  write("mesh.vtu", small_mesh(small_data));
+  json odd = small_scene;
+  odd["attribute"] = "no\nsuch\x1b[31m";
+  write("odd.json", odd.dump());
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  expect_refused("svrender " + path("mesh.svol") + " --scene " + path("odd.json") + " -o " + path("out.exr"),
+                 "no?such?[31m", "out");
+}
+
 TEST_F(Programs, DamagedVolumesAreRefused) {
   write("mesh.vtu", small_mesh(small_data));
   write("scene.json", small_scene.dump());
