@@ -29,7 +29,7 @@ work = Path(tempfile.mkdtemp(prefix="splatvol-results-"))
 
 
 def run(program, *arguments):
-    done = subprocess.run([programs / program, *map(str, arguments)], capture_output=True, text=True)
+    done = subprocess.run([programs / program, *map(str, arguments)], capture_output=True, text=True, cwd=work)
     if done.returncode != 0:
         sys.exit(f"{program} {' '.join(map(str, arguments))}: {done.stderr.strip()}")
     return done.stdout
@@ -81,11 +81,15 @@ def sort_table():
 
 
 def draw_pictures(view, mesh):
-    scene, volume = shared / "scenes" / f"{view}.json", work / f"{mesh}.svol"
-    run("svtruth", shared / "data" / f"{mesh}.vtu", "--scene", scene, "-o", pictures / f"{view}-truth.png", "--size", "256x256")
-    for tolerance in TOLERANCES:
-        run("svrender", volume, "--scene", scene, "-o", pictures / f"{view}-{tolerance}.png", "--tolerance", tolerance, "--size", "256x256")
+    # By short names: pictures tell in their headers what they were made from.
+    for path in [shared / "scenes" / f"{view}.json", shared / "data" / f"{mesh}.vtu"]:
+        if not (work / path.name).exists():
+            (work / path.name).symlink_to(path)
     names = ["truth"] + [str(t) for t in TOLERANCES]
+    options = ["--scene", f"{view}.json", "--size", "256x256"]
+    run("svtruth", f"{mesh}.vtu", *options, "-o", pictures / f"{view}-truth.png")
+    for tolerance in TOLERANCES:
+        run("svrender", f"{mesh}.svol", *options, "-o", pictures / f"{view}-{tolerance}.png", "--tolerance", tolerance)
     return "| " + " | ".join(f"![{view}, {name}](pictures/{view}-{name}.png)" for name in names) + " |"
 
 
