@@ -162,4 +162,10 @@ Status AtomicFile::commit() {
   return synced == 0 ? Status{} : fail_errno(path_, "cannot sync the folder of");
 }
 
+Status write_text_file(const std::string& path, const std::string& text) {
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
+  return file.commit();
+}
+
 }  // namespace splatvol

@@ -74,4 +74,7 @@ class AtomicFile {
   std::uint64_t end_ = 0;
 };
 
+/// Writes a whole file through an AtomicFile.
+[[nodiscard]] Status write_text_file(const std::string& path, const std::string& text);
+
 }  // namespace splatvol

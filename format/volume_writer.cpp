@@ -84,18 +84,17 @@ Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
   const std::size_t resolution = rows_.resolution_of_row(next_row_);
   ++next_row_;
   const bool last = next_row_ == rows_.row_count();
-  if (last || next_row_ % info_.rows_per_directory_page == 0) SPLATVOL_TRY(close_directory_page());
+  if (last || next_row_ % info_.rows_per_directory_page == 0) close_directory_page();
   if (last || rows_.resolution_of_row(next_row_) != resolution) resolution_ends_.push_back(file_.position());
   return {};
 }
 
-Status VolumeWriter::close_directory_page() {
+void VolumeWriter::close_directory_page() {
   const bool head = directory_refs_.empty();
   directory_refs_.push_back({directory_tail_.size(), directory_page_.size(), hash_bytes(directory_page_)});
   Bytes& target = head ? directory_head_ : directory_tail_;
   target.insert(target.end(), directory_page_.begin(), directory_page_.end());
   directory_page_.clear();
-  return {};
 }
 
 void VolumeWriter::add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,

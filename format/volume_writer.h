@@ -43,7 +43,7 @@ class VolumeWriter {
   VolumeWriter(AtomicFile file, VolumeInfo info);
   [[nodiscard]] Status pack_front(const NodeArrays& tree);
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t page) const;
-  [[nodiscard]] Status close_directory_page();
+  void close_directory_page();
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);

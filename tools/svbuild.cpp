@@ -68,7 +68,7 @@ void print_json(const Options& options, const BuildReport& report, double second
                                            {"file_bytes", report.file_bytes},
                                            {"seconds", seconds},
                                            {"census", census}};
-  fmt::print("{}\n", document.dump(1));
+  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 void print_text(const Options& options, const BuildReport& report, double seconds) {

@@ -120,10 +120,7 @@ Status write_scene(const std::string& path) {
                                         {1.0, 1.0, 0.10, 0.02}})},
         {"density", ordered_json::array({{0.0, 0.0}, {0.02, 0.05}, {0.1, 0.9}, {0.3, 2.5}, {0.6, 9.0}, {1.0, 24.0}})}}},
       {"lighting", false}};
-  const std::string text = scene.dump(1) + "\n";
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
-  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
-  return file.commit();
+  return write_text_file(path, scene.dump(1) + "\n");
 }
 
 }  // namespace

@@ -230,10 +230,7 @@ void print_text(const Volume& volume, const Survey& survey) {
 Status write_scene(const Volume& volume, const Options& options) {
   SPLATVOL_TRY(check_outputs({options.scene}, {options.file}));
   SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute));
-  const std::string text = scene_to_json(scene);
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.scene));
-  SPLATVOL_TRY(file.append(std::as_bytes(std::span(text))));
-  return file.commit();
+  return write_text_file(options.scene, scene_to_json(scene));
 }
 
 Status show(const Options& options) {

@@ -218,7 +218,9 @@ Status render(const Options& options) {
   }
 
   SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
-  const std::string text = statistics_of(options, scene, drawing, timings).dump(1) + "\n";
+  const std::string text =
+      statistics_of(options, scene, drawing, timings).dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
+      "\n";
   if (!statistics_file) {
     fmt::print("{}", text);
     return {};

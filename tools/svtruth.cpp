@@ -78,7 +78,7 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
                                            {"tetrahedra", mesh.tetrahedra.size()},
                                            {"segments_per_pixel", segments_per_pixel},
                                            {"seconds", seconds}};
-  fmt::print("{}\n", document.dump(1));
+  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 Status draw(const Options& options) {

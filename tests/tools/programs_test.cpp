@@ -157,6 +157,15 @@ TEST_F(Programs, AFullDiskLeavesNothing) {
     EXPECT_FALSE(entry.path().filename().string().starts_with("out"));
 }
 
+TEST_F(Programs, JsonSurvivesNamesThatAreNotUtf8) {
+  std::string mesh = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 2 float\n0 0 0 1 0 0\n";
+  mesh += "POINT_DATA 2\nSCALARS h\xe9 double 1\nLOOKUP_TABLE default\n1 1e300\n";
+  write("mesh.vtk", mesh);
+  const Outcome outcome = run("svbuild " + path("mesh.vtk") + " --json -o " + path("mesh.svol"));
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(json::parse(outcome.out).at("points"), 2);
+}
+
 TEST_F(Programs, MessagesAreOneLineWhateverTheyQuote) {
   write("mesh.vtu", small_mesh(small_data));
   json odd = small_scene;
