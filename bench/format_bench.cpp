@@ -34,6 +34,30 @@ std::vector<std::uint8_t> small_numbers(unsigned below) {
   return result;
 }
 
+std::vector<SplatShape> shapes() {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::vector<SplatShape> result(points);
+  for (SplatShape& s : result) {
+    s.deviations = std::exp(0.3 * uniform(random)) * dvec3(1, 0.5, 0.2);
+    s.mass = (40 + uniform(random)) * s.deviations.x * s.deviations.y * s.deviations.z;
+    s.orientation = glm::normalize(glm::dquat(1, 0.2 * uniform(random), 0.2 * uniform(random), 0.2 * uniform(random)));
+  }
+  return result;
+}
+
+std::vector<SplatValue> splat_values() {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  std::vector<SplatValue> result;
+  for (const float value : values()) {
+    const dvec3 correlation = 0.5 * dvec3(uniform(random), uniform(random), uniform(random));
+    result.push_back({double{value}, 0.05 * (2 + uniform(random)), correlation,
+                      std::sqrt(1 - glm::dot(correlation, correlation)), 1});
+  }
+  return result;
+}
+
 void report(benchmark::State& state, const PackedChunk& chunk, std::size_t bytes_per_point) {
   state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations() * points * bytes_per_point));
   state.counters["bytes/point"] = static_cast<double>(chunk.bytes.size()) / points;
@@ -92,12 +116,40 @@ void unpack_octant(benchmark::State& state) {
   });
 }
 
+void pack_shape(benchmark::State& state) {
+  const auto in = shapes();
+  pack_column(state, sizeof(SplatShape), [&] { return pack_moments(in); });
+}
+
+void unpack_shape(benchmark::State& state) {
+  std::vector<SplatShape> out(points);
+  unpack_column(state, sizeof(SplatShape), pack_moments(shapes()),
+                [&](const PackedChunk& chunk) { return unpack_moments(chunk.entry, chunk.bytes, out, "bench"); });
+}
+
+constexpr ValueSummary any_value{-2, 2, ~std::uint64_t{0}};
+
+void pack_splat_value(benchmark::State& state) {
+  const auto in = splat_values();
+  pack_column(state, sizeof(SplatValue), [&] { return pack_value_moments(in, 1e-3, any_value); });
+}
+
+void unpack_splat_value(benchmark::State& state) {
+  std::vector<SplatValue> out(points);
+  unpack_column(state, sizeof(SplatValue), pack_value_moments(splat_values(), 1e-3, any_value),
+                [&](const PackedChunk& chunk) { return unpack_value_moments(chunk.entry, chunk.bytes, out, "bench"); });
+}
+
 BENCHMARK(pack_position)->ArgName("error")->Arg(10)->Arg(20)->Arg(0);
 BENCHMARK(unpack_position)->ArgName("error")->Arg(10)->Arg(20)->Arg(0);
 BENCHMARK(pack_value);
 BENCHMARK(unpack_value);
 BENCHMARK(pack_octant);
 BENCHMARK(unpack_octant);
+BENCHMARK(pack_shape);
+BENCHMARK(unpack_shape);
+BENCHMARK(pack_splat_value);
+BENCHMARK(unpack_splat_value);
 
 }  // namespace
 }  // namespace splatvol::format

@@ -7,8 +7,10 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numeric>
 
 #include "builder/index_builder.h"
+#include "builder/material.h"
 #include "builder/reduction.h"
 #include "format/volume_writer.h"
 
@@ -19,9 +21,13 @@ using nlohmann::json;
 
 constexpr std::size_t rows_in_flight = 64;  // packed in parallel, then appended in order
 
-// A position may move by this share of the local spacing: a splat's smallest principal deviation is about a quarter of
-// the cells' height, and the error is to stay under 1/64 of it.
-constexpr double error_per_spacing = 1.0 / 256;
+// Positions and means may move by this share of a splat's smallest deviation; a deviation is about a quarter of the
+// spacing of points.
+constexpr double error_per_deviation = 1.0 / 64;
+constexpr double error_per_spacing = error_per_deviation / 4;
+
+// Nor need means be finer than this share of the attribute's range: no transfer function shows it.
+constexpr double error_per_range = 0x1p-20;
 
 // Single precision loses the detail of a narrow range far from zero (pressures round 101325 Pa); an offset keeps it.
 double choose_offset(double low, double high) {
@@ -30,16 +36,13 @@ double choose_offset(double low, double high) {
   return largest == 0 || fine ? 0.0 : low + (high - low) / 2;
 }
 
-// What single precision cannot hold is taken for the fill value of a program, that is for missing.
-bool is_present(double value) { return std::abs(value) <= std::numeric_limits<float>::max(); }
-
 StoredAttribute store_attribute(const std::string& name, const std::vector<double>& values) {
   StoredAttribute stored;
   format::Attribute& description = stored.description;
   description.name = name;
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const double value : values) {
-    if (!is_present(value)) continue;
+    if (std::isnan(value)) continue;
     low = std::min(low, value);
     high = std::max(high, value);
   }
@@ -49,8 +52,8 @@ StoredAttribute store_attribute(const std::string& name, const std::vector<doubl
   const auto store = [&](double value) { return static_cast<float>(value - description.offset); };
   stored.values.reserve(values.size());
   for (const double value : values) {
-    stored.values.push_back(is_present(value) ? store(value) : std::numeric_limits<float>::quiet_NaN());
-    if (!is_present(value)) ++description.missing;
+    stored.values.push_back(store(value));
+    if (std::isnan(value)) ++description.missing;
   }
   // Of the values as they are stored, so that bins and ranges agree with them to the last bit.
   if (any) {
@@ -69,11 +72,12 @@ format::Histograms count_values(const std::vector<StoredAttribute>& attributes,
   return histograms;
 }
 
-json provenance(const BuildOptions& options, const PointSet& points) {
+json provenance(const BuildOptions& options, Connectivity connectivity, const PointSet& points) {
   const PointCensus& census = points.census;
   const CellCensus& cells = points.cells;
   return {{"builder", options.builder},
           {"inputs", options.inputs},
+          {"connectivity", connectivity_name(connectivity)},
           {"points",
            {{"read", census.read},
             {"not_finite", census.not_finite},
@@ -91,7 +95,7 @@ json provenance(const BuildOptions& options, const PointSet& points) {
             {"not_star_shaped", cells.not_star_shaped}}}};
 }
 
-format::VolumeInfo describe(const BuildOptions& options, const PointSet& points,
+format::VolumeInfo describe(const BuildOptions& options, Connectivity connectivity, const PointSet& points,
                             const std::vector<Resolution>& resolutions,
                             const std::vector<StoredAttribute>& attributes) {
   using format::ColumnKind;
@@ -101,114 +105,209 @@ format::VolumeInfo describe(const BuildOptions& options, const PointSet& points,
   for (const Resolution& resolution : resolutions) info.resolution_counts.push_back(resolution.size());
   info.points_per_chunk = options.points_per_chunk;
   info.leaf_points = options.leaf_points;
-  info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
+  info.size_bounds = {"octant", "moments"};  // as build_index has them
+  info.columns = {{ColumnKind::position, ColumnScope::segment, -1},
+                  {ColumnKind::octant, ColumnScope::resolution, -1},
+                  {ColumnKind::centroid, ColumnScope::resolution, -1},
+                  {ColumnKind::moments, ColumnScope::resolution, -1}};
   for (std::size_t a = 0; a < attributes.size(); ++a) {
     info.attributes.push_back(attributes[a].description);
     info.columns.push_back({ColumnKind::value, ColumnScope::segment, static_cast<int>(a)});
+    info.columns.push_back({ColumnKind::value_moments, ColumnScope::resolution, static_cast<int>(a)});
+    info.columns.push_back({ColumnKind::gradient, ColumnScope::segment, static_cast<int>(a)});
   }
-  info.provenance = provenance(options, points).dump(-1, ' ', false, json::error_handler_t::replace);
+  info.provenance = provenance(options, connectivity, points).dump(-1, ' ', false, json::error_handler_t::replace);
   return info;
 }
 
-// Largest error that a position may have, from the cells at the point, or from the nearest neighbours in Morton order
-// where there are none. Coincident points set no bound.
-std::vector<float> position_errors(const PointSet& points, const Resolution& finest) {
-  std::vector<float> errors(points.size());
+Status use_estimate(PointSet& points) {
+  SPLATVOL_TRY_ASSIGN(material, ScatteredEstimate::create(points.positions));
+  points.material.moments = material.spatial();
+  for (std::size_t a = 0; a < points.values.size(); ++a) {
+    points.material.value_moments[a] = material.values(points.values[a]);
+    const std::vector<vec3> gradients = material.gradients(points.values[a]);
+    points.gradients[a].assign(gradients.begin(), gradients.end());
+  }
+  return {};
+}
+
+// Largest error that a position may have, from the point's own material, or from the nearest neighbours in Morton order
+// where there is none. Coincident points set no bound.
+std::vector<double> position_errors(const PointSet& points, const Resolution& finest, const Material& material) {
+  std::vector<double> errors(points.size());
   const auto distance = [&](std::size_t i, std::size_t j) {
-    const auto length = static_cast<float>(glm::length(points.positions[i] - points.positions[j]));
-    return length > 0 ? length : std::numeric_limits<float>::infinity();
+    const double length = glm::length(points.positions[i] - points.positions[j]);
+    return length > 0 ? length : std::numeric_limits<double>::infinity();
   };
   tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
-    float spacing = points.spacings[i];
-    if (!std::isfinite(spacing)) {
-      spacing = static_cast<float>(std::ldexp(points.cube.edge, -finest.depths[i]) / std::cbrt(finest.counts[i]));
-      if (i > 0) spacing = std::min(spacing, distance(i, i - 1));
-      if (i + 1 < points.size()) spacing = std::min(spacing, distance(i, i + 1));
+    if (material.extents[i].shortest > 0) {
+      errors[i] = material.extents[i].shortest * error_per_deviation;
+      return;
     }
-    errors[i] = static_cast<float>(spacing * error_per_spacing);
+    double spacing = std::ldexp(points.cube.edge, -finest.depths[i]) / std::cbrt(finest.counts[i]);
+    if (i > 0) spacing = std::min(spacing, distance(i, i - 1));
+    if (i + 1 < points.size()) spacing = std::min(spacing, distance(i, i + 1));
+    errors[i] = spacing * error_per_spacing;
   });
   return errors;
 }
 
-// Turns a reduced point set into rows of chunks.
+// Unit vector; 0 for 0.
+vec3 direction(const dvec3& gradient) {
+  const double largest = std::max({std::abs(gradient.x), std::abs(gradient.y), std::abs(gradient.z)});
+  return largest > 0 && std::isfinite(largest) ? vec3(glm::normalize(gradient / largest)) : vec3(0);
+}
+
+// What the file is made from. Index [resolution], or [point] in Morton order.
+struct Reduced {
+  PointSet points;
+  std::vector<Resolution> resolutions;
+  std::vector<Material> materials;
+  std::vector<std::uint8_t> segments;
+  std::vector<StoredAttribute> attributes;
+  std::vector<format::ValueBins> bins;  // [attribute]
+};
+
+// Turns it into rows of chunks.
 class RowPacker {
  public:
-  RowPacker(const PointSet& points, const std::vector<Resolution>& resolutions,
-            const std::vector<std::uint8_t>& segments, const std::vector<StoredAttribute>& attributes,
-            std::span<const format::ValueBins> bins, const format::VolumeInfo& info)
-      : points_(points),
-        resolutions_(resolutions),
-        segments_(segments),
-        attributes_(attributes),
-        bins_(bins),
+  RowPacker(const Reduced& data, const format::VolumeInfo& info)
+      : data_(data),
         info_(info),
         rows_(info),
-        errors_(position_errors(points, resolutions.back())),
-        order_(points.size()),
-        depths_(points.size()),
-        counts_(points.size()) {
+        errors_(position_errors(data.points, data.resolutions.back(), data.materials.back())),
+        order_(data.points.size()),
+        members_(data.points.size()) {
     std::vector<std::uint64_t> next = segment_begins();
-    for (std::size_t i = 0; i < points.size(); ++i) order_[next[segments[i]]++] = i;
+    for (std::size_t i = 0; i < order_.size(); ++i) order_[next[data.segments[i]]++] = i;
   }
 
-  // Puts the leaves of a resolution into file order; the rows of that resolution can then be packed.
+  // Puts the members of a resolution into file order; the rows of that resolution can then be packed.
   void select(std::size_t resolution) {
-    const Resolution& leaves = resolutions_[resolution];
+    leaves_ = &data_.resolutions[resolution];
+    material_ = &data_.materials[resolution];
     std::vector<std::uint64_t> next = segment_begins();
-    for (std::size_t m = 0; m < leaves.size(); ++m) {
-      const std::uint64_t place = next[segments_[leaves.members[m]]]++;
-      depths_[place] = leaves.depths[m];
-      counts_[place] = leaves.counts[m];
-    }
+    for (std::size_t m = 0; m < leaves_->size(); ++m) members_[next[data_.segments[leaves_->members[m]]]++] = m;
   }
 
   // Thread-safe.
   std::vector<format::PackedChunk> pack(std::uint64_t row) const {
     const format::Group group = rows_.group(rows_.group_of_row(row));
+    const Part part{std::span(order_).subspan(group.begin, group.count),
+                    std::span(members_).subspan(group.begin, group.count)};
+    std::vector<format::SplatShape> shapes;
+    for (const std::uint64_t m : part.members) shapes.push_back(shape_of(material_->moments[m]));
     std::vector<format::PackedChunk> chunks;
     for (const int column : rows_.columns_of_row(row))
-      chunks.push_back(pack_column(info_.columns[static_cast<std::size_t>(column)], group));
+      chunks.push_back(pack_column(info_.columns[static_cast<std::size_t>(column)], part, shapes));
     return chunks;
   }
 
  private:
+  // A group, as indices of its points and of them among the members of the selected resolution.
+  struct Part {
+    std::span<const std::uint64_t> points;
+    std::span<const std::uint64_t> members;
+  };
+
   std::vector<std::uint64_t> segment_begins() const {
     std::vector<std::uint64_t> begins = {0};
-    for (const Resolution& resolution : resolutions_) begins.push_back(resolution.size());
+    for (const Resolution& resolution : data_.resolutions) begins.push_back(resolution.size());
     return begins;
   }
 
-  format::PackedChunk pack_column(const format::Column& column, const format::Group& group) const {
-    const auto members = std::span(order_).subspan(group.begin, group.count);
-    if (column.kind == format::ColumnKind::octant)
-      return format::pack_octants(std::span(depths_).subspan(group.begin, group.count),
-                                  std::span(counts_).subspan(group.begin, group.count));
-    if (column.kind == format::ColumnKind::value) {
-      const auto a = static_cast<std::size_t>(column.attribute);
-      std::vector<float> values;
-      for (const std::uint64_t i : members) values.push_back(attributes_[a].values[i]);
-      return format::pack_values(values, bins_[a]);
+  format::PackedChunk pack_column(const format::Column& column, const Part& part,
+                                  std::span<const format::SplatShape> shapes) const {
+    const auto a = static_cast<std::size_t>(std::max(column.attribute, 0));
+    switch (column.kind) {
+      case format::ColumnKind::position:
+        return pack_positions(part);
+      case format::ColumnKind::octant:
+        return pack_octants(part);
+      case format::ColumnKind::centroid:
+        return pack_centroids(part);
+      case format::ColumnKind::moments:
+        return format::pack_moments(shapes);
+      case format::ColumnKind::value_moments:
+        return pack_value_moments(a, part, shapes);
+      case format::ColumnKind::gradient:
+        return pack_gradients(a, part);
+      default:
+        return pack_values(a, part);
     }
+  }
+
+  format::PackedChunk pack_positions(const Part& part) const {
     std::vector<dvec3> positions;
-    float error = std::numeric_limits<float>::infinity();
-    for (const std::uint64_t i : members) {
-      positions.push_back(points_.positions[i]);
+    double error = std::numeric_limits<double>::infinity();
+    for (const std::uint64_t i : part.points) {
+      positions.push_back(data_.points.positions[i]);
       error = std::min(error, errors_[i]);
     }
     return format::pack_positions(positions, error);
   }
 
-  const PointSet& points_;
-  const std::vector<Resolution>& resolutions_;
-  const std::vector<std::uint8_t>& segments_;
-  const std::vector<StoredAttribute>& attributes_;
-  std::span<const format::ValueBins> bins_;
+  format::PackedChunk pack_octants(const Part& part) const {
+    std::vector<std::uint8_t> depths, counts;
+    for (const std::uint64_t m : part.members) {
+      depths.push_back(leaves_->depths[m]);
+      counts.push_back(leaves_->counts[m]);
+    }
+    return format::pack_octants(depths, counts);
+  }
+
+  format::PackedChunk pack_centroids(const Part& part) const {
+    std::vector<dvec3> centroids;
+    double error = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < part.points.size(); ++k) {
+      const std::uint64_t i = part.points[k], m = part.members[k];
+      centroids.push_back(data_.points.positions[i] + material_->moments[m].centroid);
+      const double shortest = material_->extents[m].shortest;
+      error = std::min(error, shortest > 0 ? shortest * error_per_deviation : errors_[i]);
+    }
+    return format::pack_positions(centroids, error);
+  }
+
+  format::PackedChunk pack_values(std::size_t attribute, const Part& part) const {
+    std::vector<float> values;
+    for (const std::uint64_t i : part.points) values.push_back(data_.attributes[attribute].values[i]);
+    return format::pack_values(values, data_.bins[attribute]);
+  }
+
+  format::PackedChunk pack_value_moments(std::size_t attribute, const Part& part,
+                                         std::span<const format::SplatShape> shapes) const {
+    const double offset = data_.attributes[attribute].description.offset;
+    const format::ValueBins& bins = data_.bins[attribute];
+    std::vector<format::SplatValue> values;
+    format::ValueSummary summary;
+    double smallest = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < shapes.size(); ++k) {
+      const ValueMoments& moments = material_->value_moments[attribute][part.members[k]];
+      values.push_back(value_of(moments, shapes[k]));
+      values.back().mean -= offset;
+      summary.include(summarize(moments, offset, bins));
+      if (values.back().deviation > 0) smallest = std::min(smallest, values.back().deviation);
+    }
+    const double range = bins.max > bins.min ? bins.max - bins.min : 0;
+    const double error =
+        std::max(range * error_per_range, std::isfinite(smallest) ? smallest * error_per_deviation : 0);
+    return format::pack_value_moments(values, error, summary);
+  }
+
+  format::PackedChunk pack_gradients(std::size_t attribute, const Part& part) const {
+    std::vector<vec3> directions;
+    for (const std::uint64_t i : part.points) directions.push_back(direction(data_.points.gradients[attribute][i]));
+    return format::pack_gradients(directions);
+  }
+
+  const Reduced& data_;
   const format::VolumeInfo& info_;
   format::RowLayout rows_;
-  std::vector<float> errors_;         // [point]
-  std::vector<std::uint64_t> order_;  // [place in the file]: point
-  std::vector<std::uint8_t> depths_;  // [place in the file], of the selected resolution
-  std::vector<std::uint8_t> counts_;
+  std::vector<double> errors_;          // [point]
+  std::vector<std::uint64_t> order_;    // [place in the file]: point
+  std::vector<std::uint64_t> members_;  // [place in the file]: member of the selected resolution
+  const Resolution* leaves_ = nullptr;  // of the selected resolution
+  const Material* material_ = nullptr;
 };
 
 Status write_rows(RowPacker& packer, format::VolumeWriter& writer, const BuildProgress& progress) {
@@ -227,7 +326,56 @@ Status write_rows(RowPacker& packer, format::VolumeWriter& writer, const BuildPr
   return {};
 }
 
+// Finds what each point stands for, and says from what. `points` come with the material of their cells where `wanted`
+// allows it and there are some.
+Result<Connectivity> connect(PointSet& points, Connectivity wanted) {
+  const bool automatic = wanted == Connectivity::automatic;
+  if (!points.material.moments.empty()) return Connectivity::mesh;
+  if (wanted == Connectivity::mesh)
+    return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
+  if (wanted == Connectivity::delaunay || automatic) {
+    SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(points.positions));
+    if (!tetrahedra.empty() || !automatic) {
+      std::vector<std::size_t> vertices(points.size());
+      std::iota(vertices.begin(), vertices.end(), std::size_t{0});
+      append_material(VertexMaterial(points.positions, tetrahedra), points.values, vertices, points);
+      return Connectivity::delaunay;
+    }
+  }
+  SPLATVOL_TRY(use_estimate(points));
+  return Connectivity::none;
+}
+
+Reduced reduce(PointSet points, std::uint32_t leaf_points) {
+  Reduced data;
+  data.points = std::move(points);
+  PointSet& all = data.points;
+  data.resolutions = reduce_by_octree(all.keys, all.positions, all.cube, leaf_points);
+  data.segments = find_segments(data.resolutions);
+  data.materials = merge_clusters(all.keys, all.positions, data.resolutions, std::move(all.material));
+  data.attributes.resize(all.attributes.size());
+  tbb::parallel_for(std::size_t{0}, data.attributes.size(), [&](std::size_t a) {
+    data.attributes[a] = store_attribute(all.attributes[a], all.values[a]);
+    all.values[a] = {};
+  });
+  for (const StoredAttribute& attribute : data.attributes) data.bins.push_back(format::bins_of(attribute.description));
+  return data;
+}
+
 }  // namespace
+
+const char* connectivity_name(Connectivity connectivity) {
+  switch (connectivity) {
+    case Connectivity::mesh:
+      return "mesh";
+    case Connectivity::delaunay:
+      return "delaunay";
+    case Connectivity::none:
+      return "none";
+    default:
+      return "auto";
+  }
+}
 
 Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                  const BuildProgress& progress) {
@@ -235,32 +383,28 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a cell could be split without losing any",
                 options.leaf_points);
-  SPLATVOL_TRY_ASSIGN(points, gather_points(source, [&](double fraction) { progress("reading", fraction); }));
+  const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
+  SPLATVOL_TRY_ASSIGN(points,
+                      gather_points(source, use_cells, [&](double fraction) { progress("reading", fraction); }));
+  progress("connecting", 0);
+  SPLATVOL_TRY_ASSIGN(connectivity, connect(points, options.connectivity));
 
   progress("reducing", 0);
-  const std::vector<Resolution> resolutions =
-      reduce_by_octree(points.keys, points.positions, points.cube, options.leaf_points);
-  const std::vector<std::uint8_t> segments = find_segments(resolutions);
-
-  std::vector<StoredAttribute> attributes(points.attributes.size());
-  tbb::parallel_for(std::size_t{0}, attributes.size(), [&](std::size_t a) {
-    attributes[a] = store_attribute(points.attributes[a], points.values[a]);
-    points.values[a] = {};
-  });
-  const format::VolumeInfo info = describe(options, points, resolutions, attributes);
-  std::vector<format::ValueBins> bins;
-  for (const StoredAttribute& attribute : attributes) bins.push_back(format::bins_of(attribute.description));
+  const Reduced data = reduce(std::move(points), options.leaf_points);
+  const format::VolumeInfo info = describe(options, connectivity, data.points, data.resolutions, data.attributes);
 
   progress("indexing", 0);
-  const format::NodeArrays tree =
-      build_index({points.keys, segments, resolutions, attributes, bins}, options.index_leaf_points);
+  const format::NodeArrays tree = build_index({data.points.cube, data.points.keys, data.points.positions, data.segments,
+                                               data.resolutions, data.materials, data.attributes, data.bins},
+                                              options.index_leaf_points);
 
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(output, info, tree));
-  RowPacker packer(points, resolutions, segments, attributes, bins, info);
+  RowPacker packer(data, info);
   SPLATVOL_TRY(write_rows(packer, *writer, progress));
-  SPLATVOL_TRY(writer->finish(count_values(attributes, bins)));
+  SPLATVOL_TRY(writer->finish(count_values(data.attributes, data.bins)));
 
-  BuildReport report{info.resolution_counts, writer->file_bytes(), points.census, points.cells, {}};
+  BuildReport report{info.resolution_counts, writer->file_bytes(), connectivity,
+                     data.points.census,     data.points.cells,    {}};
   for (const format::Attribute& attribute : info.attributes)
     report.missing.emplace_back(attribute.name, attribute.missing);
   return report;

@@ -8,32 +8,38 @@
 
 #include "base/error.h"
 #include "builder/point_set.h"
+#include "builder/scattered.h"
 #include "builder/source.h"
 
 namespace splatvol {
 
 struct BuildOptions {
-  std::uint32_t leaf_points = 8;          // N of the reduction's octree; at least 8 (see build_volume)
-  std::uint32_t points_per_chunk = 1024;  // 64 to 65536; what a coarse view reads in vain grows with it
-  std::uint64_t index_leaf_points = 512;  // the index splits nodes with more points
-  std::vector<std::string> inputs;        // names for the provenance
-  std::string builder = "splatvol";       // name and version of the program
+  std::uint32_t leaf_points = 8;                        // N of the reduction's octree; at least 8 (see build_volume)
+  std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
+  std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points
+  Connectivity connectivity = Connectivity::automatic;  // all but mesh and automatic leave out cells that there are
+  std::vector<std::string> inputs;                      // names for the provenance
+  std::string builder = "splatvol";                     // name and version of the program
 };
 
 struct BuildReport {
   std::vector<std::uint64_t> resolution_counts;
   std::uint64_t file_bytes = 0;
+  Connectivity connectivity = Connectivity::mesh;  // the one that was used
   PointCensus points;
   CellCensus cells;
   std::vector<std::pair<std::string, std::uint64_t>> missing;  // attribute, points without a value
 };
 
+/// As in options and provenance: "auto", "mesh", "delaunay", "none".
+[[nodiscard]] const char* connectivity_name(Connectivity connectivity);
+
 /// Called with the stage's name and the share of it done, in [0, 1].
 using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
-/// points, their order and the options, never on threads. Fails with leaf_points under 8: a split cell must be able to
-/// lose points even if every octant of it keeps one.
+/// points, their order and the options, never on threads. Fails with leaf_points under 8 (a split cell must be able to
+/// lose points even if every octant of it keeps one), and where cells are asked for and there are none.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

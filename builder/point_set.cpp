@@ -6,30 +6,17 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
 
 namespace splatvol {
 namespace {
 
-constexpr float no_spacing = std::numeric_limits<float>::infinity();
-
 bool is_finite(const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 
-// Shortest edge at each point of a piece, over its tetrahedra. Edges of no length say nothing of the spacing.
-std::vector<float> shortest_edges(const Piece& piece) {
-  std::vector<float> shortest(piece.points.size(), no_spacing);
-  for (const auto& corners : piece.tetrahedra)
-    for (int a = 0; a < 4; ++a)
-      for (int b = a + 1; b < 4; ++b) {
-        const std::uint32_t i = corners[static_cast<std::size_t>(a)], j = corners[static_cast<std::size_t>(b)];
-        const auto length = static_cast<float>(glm::length(piece.points[i] - piece.points[j]));
-        if (!(length > 0)) continue;
-        shortest[i] = std::min(shortest[i], length);
-        shortest[j] = std::min(shortest[j], length);
-      }
-  return shortest;
-}
+// What single precision cannot hold is taken for the fill value of a program, that is for missing.
+bool is_present(double value) { return std::abs(value) <= std::numeric_limits<float>::max(); }
 
 // Points in input order, before sorting.
 struct Gathered {
@@ -37,24 +24,43 @@ struct Gathered {
   std::vector<bool> in_cell;
 };
 
-void append_piece(const Piece& piece, Gathered& all) {
-  PointSet& points = all.points;
+template <class T>
+void append(std::vector<T>& all, const std::vector<T>& items, const std::vector<std::size_t>& kept) {
+  if (all.empty()) all.reserve(kept.size());
+  for (const std::size_t i : kept) all.push_back(items[i]);
+}
+
+void resize_material(PointSet& points, std::size_t size) {
+  points.material.moments.resize(size);
+  for (auto& moments : points.material.value_moments) moments.resize(size);
+  for (auto& gradients : points.gradients) gradients.resize(size);
+}
+
+Status append_piece(Piece& piece, bool use_cells, Gathered& all) {
+  if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
+                piece.tetrahedra.size());
+  for (std::vector<double>& values : piece.values)
+    std::ranges::replace_if(values, std::not_fn(is_present), std::numeric_limits<double>::quiet_NaN());
   std::vector<bool> used(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) used[corner] = true;
-  const std::vector<float> shortest = shortest_edges(piece);
-  for (std::size_t i = 0; i < piece.points.size(); ++i) {
-    ++points.census.read;
-    if (!is_finite(piece.points[i])) {
-      ++points.census.not_finite;
-      continue;
-    }
-    points.positions.push_back(piece.points[i]);
-    points.spacings.push_back(shortest[i]);
-    for (std::size_t a = 0; a < points.values.size(); ++a) points.values[a].push_back(piece.values[a][i]);
-    all.in_cell.push_back(used[i]);
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < piece.points.size(); ++i)
+    if (is_finite(piece.points[i])) kept.push_back(i);
+
+  PointSet& points = all.points;
+  points.census.read += piece.points.size();
+  points.census.not_finite += piece.points.size() - kept.size();
+  append(points.positions, piece.points, kept);
+  for (std::size_t a = 0; a < points.values.size(); ++a) append(points.values[a], piece.values[a], kept);
+  for (const std::size_t i : kept) all.in_cell.push_back(used[i]);
+  if (use_cells && !piece.tetrahedra.empty()) {
+    resize_material(points, points.size() - kept.size());  // pieces without cells gave none
+    append_material(VertexMaterial(piece.points, piece.tetrahedra), piece.values, kept, points);
   }
   points.cells += piece.census;
+  return {};
 }
 
 // The smallest cube round the points; of edge 1 where they all coincide, as a size must come from somewhere.
@@ -88,6 +94,14 @@ bool sample_before(const PointSet& points, std::size_t i, std::size_t j) {
   return i < j;
 }
 
+// Two copies of a vertex own what each piece gives them.
+void merge_material(PointSet& points, std::size_t kept, std::size_t next) {
+  if (points.material.moments.empty()) return;
+  merge(points.material.moments[kept], points.material.moments[next], dvec3(0));
+  for (auto& moments : points.material.value_moments) merge(moments[kept], moments[next], dvec3(0));
+  for (auto& gradients : points.gradients) gradients[kept] += gradients[next];
+}
+
 // Neighbouring pieces of a mesh repeat their common vertices. Within a run of equal keys, keeps the first of equal
 // samples that belong to cells; points of no cell are samples of their own, however often they come.
 void merge_run(Gathered& all, std::vector<std::uint64_t>& run, std::vector<bool>& dropped) {
@@ -98,7 +112,7 @@ void merge_run(Gathered& all, std::vector<std::uint64_t>& run, std::vector<bool>
     const std::uint64_t next = run[k];
     const bool coincident = points.positions[next] == points.positions[run[k - 1]];
     if (same_sample(points, kept, next) && all.in_cell[kept] && all.in_cell[next]) {
-      points.spacings[kept] = std::min(points.spacings[kept], points.spacings[next]);
+      merge_material(points, kept, next);
       dropped[next] = true;
       ++points.census.merged;
       continue;
@@ -125,6 +139,7 @@ void merge_equal_samples(Gathered& all, const std::vector<MortonKey>& keys, std:
 
 template <class T>
 void reorder(std::vector<T>& items, const std::vector<std::uint64_t>& order) {
+  if (items.empty()) return;
   std::vector<T> sorted(order.size());
   tbb::parallel_for(std::size_t{0}, order.size(), [&](std::size_t i) { sorted[i] = items[order[i]]; });
   items = std::move(sorted);
@@ -132,18 +147,35 @@ void reorder(std::vector<T>& items, const std::vector<std::uint64_t>& order) {
 
 }  // namespace
 
-Result<PointSet> gather_points(Source& source, const std::function<void(double)>& progress) {
+void append_material(const VertexMaterial& mesh, const std::vector<std::vector<double>>& values,
+                     std::span<const std::size_t> vertices, PointSet& points) {
+  const std::size_t begin = points.material.moments.size(), end = begin + vertices.size();
+  resize_material(points, end);
+  tbb::parallel_for(begin, end, [&](std::size_t i) {
+    const std::size_t vertex = vertices[i - begin];
+    points.material.moments[i] = mesh.moments(vertex);
+    for (std::size_t a = 0; a < values.size(); ++a) {
+      points.material.value_moments[a][i] = mesh.value_moments(vertex, values[a]);
+      points.gradients[a][i] = mesh.gradient(vertex, values[a]);
+    }
+  });
+}
+
+Result<PointSet> gather_points(Source& source, bool use_cells, const std::function<void(double)>& progress) {
   Gathered all;
   PointSet& points = all.points;
   points.attributes = source.attributes();
   points.values.resize(points.attributes.size());
+  points.material.value_moments.resize(points.attributes.size());
+  points.gradients.resize(points.attributes.size());
   for (std::size_t pieces = 0;; ++pieces) {
     progress(static_cast<double>(pieces) / static_cast<double>(std::max(source.piece_count(), pieces + 1)));
     SPLATVOL_TRY_ASSIGN(piece, source.next());
     if (!piece) break;
-    append_piece(*piece, all);
+    SPLATVOL_TRY(append_piece(*piece, use_cells, all));
   }
   if (points.positions.empty()) return fail(ErrorCode::invalid_data, "no point with finite coordinates");
+  if (!points.material.moments.empty()) resize_material(points, points.size());
   SPLATVOL_TRY_ASSIGN(cube, bounding_cube(points.positions));
   points.cube = cube;
   if (points.cells.tetrahedra > 0)
@@ -161,8 +193,10 @@ Result<PointSet> gather_points(Source& source, const std::function<void(double)>
 
   reorder(points.positions, order);
   reorder(points.keys, order);
-  reorder(points.spacings, order);
   for (std::vector<double>& values : points.values) reorder(values, order);
+  reorder(points.material.moments, order);
+  for (auto& moments : points.material.value_moments) reorder(moments, order);
+  for (auto& gradients : points.gradients) reorder(gradients, order);
   return std::move(points);
 }
 

@@ -3,11 +3,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
+#include "builder/material.h"
 #include "builder/morton.h"
 #include "builder/source.h"
 
@@ -27,8 +29,9 @@ struct PointSet {
   Cube cube;
   std::vector<dvec3> positions;
   std::vector<MortonKey> keys;
-  std::vector<std::vector<double>> values;  // [attribute][point]; NaN: missing
-  std::vector<float> spacings;              // shortest edge of the cells at the point; infinity where there is none
+  std::vector<std::vector<double>> values;    // [attribute][point]; NaN: missing, or beyond single precision
+  std::vector<std::vector<dvec3>> gradients;  // [attribute][point], of any length; 0: none
+  Material material;                          // of the cells, without extents; empty, as gradients, where none are used
   std::vector<std::string> attributes;
   CellCensus cells;
   PointCensus census;
@@ -36,8 +39,14 @@ struct PointSet {
   [[nodiscard]] std::size_t size() const { return positions.size(); }
 };
 
-/// Reads every piece and sorts. Fails where there is no point with finite coordinates, or their extent overflows.
-/// The result does not depend on the number of threads. `progress` gets the share of pieces read.
-[[nodiscard]] Result<PointSet> gather_points(Source& source, const std::function<void(double)>& progress);
+/// Appends to the material and the gradients of `points` what `vertices` of a mesh own, given its values.
+void append_material(const VertexMaterial& mesh, const std::vector<std::vector<double>>& values,
+                     std::span<const std::size_t> vertices, PointSet& points);
+
+/// Reads every piece and sorts; with `use_cells`, adds up what each point owns of them. Fails where there is no point
+/// with finite coordinates, or their extent overflows. The result does not depend on the number of threads. `progress`
+/// gets the share of pieces read.
+[[nodiscard]] Result<PointSet> gather_points(Source& source, bool use_cells,
+                                             const std::function<void(double)>& progress);
 
 }  // namespace splatvol

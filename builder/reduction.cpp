@@ -70,6 +70,12 @@ void find_leaves(std::span<const MortonKey> keys, std::uint32_t leaf_points, Res
   }
 }
 
+std::vector<std::uint64_t> leaf_begins(std::span<const MortonKey> keys, const Resolution& resolution) {
+  std::vector<std::uint64_t> begins = {0};
+  while (begins.back() < resolution.size()) begins.push_back(leaf_end(keys, resolution, begins.back()));
+  return begins;
+}
+
 std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys, std::span<const dvec3> positions,
                                          const Cube& cube, std::uint32_t leaf_points) {
   std::vector<Resolution> resolutions(1);

@@ -23,9 +23,13 @@ struct Resolution {
 /// Leaves of the octree over `members`: fills depths and counts. Requires keys in ascending order, leaf_points >= 1.
 void find_leaves(std::span<const MortonKey> keys, std::uint32_t leaf_points, Resolution& resolution);
 
+/// Where in `resolution` each leaf's members begin, and their number at the end. Requires find_leaves' result.
+[[nodiscard]] std::vector<std::uint64_t> leaf_begins(std::span<const MortonKey> keys, const Resolution& resolution);
+
 /// Resolutions from the coarsest (index 0) to all points. Of each leaf of one resolution the point nearest to the
 /// leaf's centre goes on to the next coarser one (ties: the earlier in Morton order), until one leaf is left, at most
 /// 512 points are, or there are 64 resolutions. Requires keys in ascending order; both spans of one length, not empty.
+/// Leaf k of a resolution keeps member k of the next coarser one.
 [[nodiscard]] std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys,
                                                        std::span<const dvec3> positions, const Cube& cube,
                                                        std::uint32_t leaf_points);

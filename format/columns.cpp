@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include "format/payload.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -17,20 +19,6 @@ constexpr std::uint8_t form_exact = 2;
 // itself rounded by up to 2^-7 step.
 constexpr double error_in_steps = 0.51;
 constexpr int max_grid_bits = 45;
-
-PackedChunk pack_payload(const Bytes& payload) {
-  PackedChunk chunk{{}, pack(payload)};
-  chunk.entry.hash = hash_bytes(chunk.bytes);
-  chunk.entry.packed_bytes = static_cast<std::uint32_t>(chunk.bytes.size());
-  chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
-  return chunk;
-}
-
-Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed, std::string_view what) {
-  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
-    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-  return unpack(packed, entry.unpacked_bytes, what);
-}
 
 int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
@@ -78,6 +66,20 @@ Result<PositionHeader> check_position_header(std::span<const std::byte> payload,
 }
 
 }  // namespace
+
+PackedChunk pack_payload(const Bytes& payload) {
+  PackedChunk chunk{{}, pack(payload)};
+  chunk.entry.hash = hash_bytes(chunk.bytes);
+  chunk.entry.packed_bytes = static_cast<std::uint32_t>(chunk.bytes.size());
+  chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+  return chunk;
+}
+
+Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed, std::string_view what) {
+  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return unpack(packed, entry.unpacked_bytes, what);
+}
 
 ValueSummary ValueBins::summarize(std::span<const float> stored) const {
   ValueSummary summary;

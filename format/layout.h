@@ -109,6 +109,24 @@ struct PositionHeader {   // spec 8
 };
 static_assert(sizeof(PositionHeader) == 48 && offsetof(PositionHeader, step) == 40);
 
+struct MomentsHeader {             // spec 8
+  double mass_scale;               //  0
+  double deviation_scale;          //  8
+  std::uint8_t orientation_width;  // 16: bytes of an orientation
+  std::uint8_t zero[7];            // 17
+};
+static_assert(sizeof(MomentsHeader) == 24);
+
+struct ValueMomentsHeader {  // spec 8
+  std::uint8_t width;        //  0: bytes of q
+  std::uint8_t zero[7];      //  1
+  double error;              //  8
+  double origin;             // 16
+  double step;               // 24
+  double deviation_scale;    // 32
+};
+static_assert(sizeof(ValueMomentsHeader) == 40 && offsetof(ValueMomentsHeader, deviation_scale) == 32);
+
 struct Footer {              // spec 10
   std::uint8_t magic[8];     //  0
   std::uint64_t file_bytes;  //  8

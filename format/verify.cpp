@@ -135,11 +135,28 @@ class Volume::Verifier {
         std::vector<std::uint8_t> depths(points), counts(points);
         return unpack_octants(place.entry, packed, depths, counts, what);
       }
-      default:
-        // Kinds that this version does not decode are covered by their hash.
-        if (hash_bytes(packed) != place.entry.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-        return {};
+      case ColumnKind::centroid: {
+        std::vector<dvec3> centroids(points);
+        return unpack_positions(place.entry, packed, centroids, what);
+      }
+      case ColumnKind::moments: {
+        std::vector<SplatShape> shapes(points);
+        return unpack_moments(place.entry, packed, shapes, what);
+      }
+      case ColumnKind::value_moments: {
+        std::vector<SplatValue> values(points);
+        return unpack_value_moments(place.entry, packed, values, what);
+      }
+      case ColumnKind::gradient: {
+        std::vector<vec3> directions(points);
+        return unpack_gradients(place.entry, packed, directions, what);
+      }
+      case ColumnKind::unknown:
+        break;
     }
+    // Kinds that this version does not decode are covered by their hash.
+    if (hash_bytes(packed) != place.entry.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+    return {};
   }
 
   Status check_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,

@@ -18,12 +18,14 @@ using nlohmann::json;
 constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
 constexpr int max_nesting = 32;
 
-constexpr std::array<std::pair<ColumnKind, const char*>, 5> column_names = {{
+constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
     {ColumnKind::position, "position"},
     {ColumnKind::value, "value"},
     {ColumnKind::octant, "octant"},
+    {ColumnKind::centroid, "centroid"},
     {ColumnKind::moments, "moments"},
     {ColumnKind::value_moments, "value_moments"},
+    {ColumnKind::gradient, "gradient"},
 }};
 
 json number_or_null(double number) { return std::isfinite(number) ? json(number) : json(nullptr); }
@@ -120,8 +122,10 @@ Column read_column(const json& node, std::size_t attributes) {
     require(!node.at("critical").get<bool>(), fmt::format("column kind '{}' is unknown and critical", name));
     return column;
   }
-  const bool of_attribute = column.kind == ColumnKind::value || column.kind == ColumnKind::value_moments;
-  const bool of_segment = column.kind == ColumnKind::position || column.kind == ColumnKind::value;
+  const bool of_attribute = column.kind == ColumnKind::value || column.kind == ColumnKind::value_moments ||
+                            column.kind == ColumnKind::gradient;
+  const bool of_segment =
+      column.kind == ColumnKind::position || column.kind == ColumnKind::value || column.kind == ColumnKind::gradient;
   require(of_attribute == (column.attribute >= 0), fmt::format("column '{}' has the wrong attribute", name));
   require(of_segment == (column.scope == ColumnScope::segment), fmt::format("column '{}' has the wrong scope", name));
   return column;

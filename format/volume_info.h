@@ -26,7 +26,7 @@ struct Attribute {
   return {attribute.min - attribute.offset, attribute.max - attribute.offset};
 }
 
-enum class ColumnKind { position, value, octant, moments, value_moments, unknown };
+enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };
 enum class ColumnScope { segment, resolution };
 
 /// As in the metadata; "unknown" for kinds that this version does not know.

@@ -74,6 +74,28 @@ std::array<int, 2> pixel_range(const Extent& extent, double focal, int count) {
 
 }  // namespace
 
+dvec3 gradient_direction(const CellCorners& corners, const std::array<double, 4>& values) {
+  dmat3 edges;
+  dvec3 rises;
+  double size = 0;
+  double rise = 0;
+  for (int i = 0; i < 3; ++i) {
+    edges[i] = corners[i + 1] - corners[0];
+    rises[i] = values[i + 1] - values[0];
+    for (int axis = 0; axis < 3; ++axis) size = std::max(size, std::abs(edges[i][axis]));
+    rise = std::max(rise, std::abs(rises[i]));
+  }
+  if (size == 0 || rise == 0) return dvec3(0);
+
+  // The gradient times the cell's volume, so that flat cells divide by nothing; with sizes near 1 no product overflows.
+  for (int i = 0; i < 3; ++i) edges[i] /= size;
+  rises /= rise;
+  const dvec3 gradient = rises[0] * glm::cross(edges[1], edges[2]) + rises[1] * glm::cross(edges[2], edges[0]) +
+                         rises[2] * glm::cross(edges[0], edges[1]);
+  const double length = std::hypot(gradient.x, gradient.y, gradient.z);
+  return length == 0 ? dvec3(0) : gradient / length;
+}
+
 PixelRay pixel_ray(const View& view, int x, int y) {
   return {(x + 0.5 - 0.5 * view.width) / view.focal, (y + 0.5 - 0.5 * view.height) / view.focal};
 }

@@ -15,7 +15,7 @@ struct PixelRectangle {
   [[nodiscard]] bool is_empty() const { return x0 > x1 || y0 > y1; }
 };
 
-/// A tetrahedron's vertices in view coordinates.
+/// A tetrahedron's vertices; in view coordinates where nothing else is said.
 using CellCorners = std::array<dvec3, 4>;
 
 /// A pixel's ray: the points (a z, b z, z) in perspective and (a, b, z) in orthographic projection.
@@ -28,6 +28,11 @@ struct Crossing {
   double enter, leave;
   double value_enter, value_leave;
 };
+
+/// The direction of the gradient of the value, which is linear in the tetrahedron, in the coordinates of `corners`:
+/// length 1; 0 where the value is constant or the corners lie in a line or a point. `values` belong to `corners`; both
+/// at most 1e100 in size.
+[[nodiscard]] dvec3 gradient_direction(const CellCorners& corners, const std::array<double, 4>& values);
 
 /// The ray through the centre of pixel (x, y).
 [[nodiscard]] PixelRay pixel_ray(const View& view, int x, int y);

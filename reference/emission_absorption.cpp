@@ -71,11 +71,11 @@ PiecewiseTransfer::Sample PiecewiseTransfer::Piece::sample(double value) const {
 
 void PiecewiseTransfer::add(double front, double back, double length, RayLight& light) const {
   const bool ascending = front < back;
-  const double length_per_value = front == back ? 0 : length / std::abs(back - front);
+  const double span = std::abs(back - front);
   auto piece = static_cast<std::size_t>(std::ranges::upper_bound(breaks_, front) - breaks_.begin());
   while (true) {
     const double end = ascending ? std::min(back, pieces_[piece].high) : std::max(back, pieces_[piece].low);
-    const double part = front == back && length_per_value == 0 ? length : std::abs(end - front) * length_per_value;
+    const double part = span == 0 ? length : std::abs(end - front) / span * length;
     add_in_piece(pieces_[piece], front, end, part, light);
     if (end == back) return;
     front = end;
@@ -106,7 +106,7 @@ void PiecewiseTransfer::add_step(const Sample& front, const Sample& back, double
   const StepIntegrals integrals = step_integrals(t);
   const double weight_back = integrals.ramp + d * integrals.correction;
   const double weight_front = integrals.opacity - weight_back;
-  light.color += light.transmittance * (weight_front * front.rgb + weight_back * back.rgb);
+  light.color += light.lighting * light.transmittance * (weight_front * front.rgb + weight_back * back.rgb);
   light.depth += t;
   light.transmittance *= 1 - integrals.opacity;
 }

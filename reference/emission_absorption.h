@@ -12,6 +12,7 @@ struct RayLight {
   dvec3 color{0};    // premultiplied
   double depth = 0;  // optical depth
   double transmittance = 1;
+  double lighting = 1;  // factor of the colour of what is added next
 
   [[nodiscard]] vec4 rgba() const;
 };

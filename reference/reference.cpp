@@ -27,6 +27,9 @@ constexpr std::size_t segment_limit = std::size_t{1} << 20;
 /// Segments for which a pixel's memory is kept for the next tile.
 constexpr std::size_t kept_capacity = 4096;
 
+/// Values beyond count as this one: far outside every scene's domain, and its products with areas do not overflow.
+constexpr double largest_value = 1e100;
+
 Status check_mesh(const TetMesh& mesh) {
   if (mesh.points.size() != mesh.values.size())
     return fail(ErrorCode::invalid_argument, "{} points and {} values", mesh.points.size(), mesh.values.size());
@@ -40,8 +43,8 @@ Status check_mesh(const TetMesh& mesh) {
 /// Draws the picture tile by tile; each tile needs only the cells whose bounds touch it.
 class CellProjection {
  public:
-  CellProjection(const TetMesh& mesh, const View& view, const TransferFunction& function)
-      : mesh_(mesh), view_(view), transfer_(function) {
+  CellProjection(const TetMesh& mesh, const View& view, const Scene& scene)
+      : mesh_(mesh), view_(view), transfer_(scene.transfer_function), lighting_(scene.lighting) {
     image_.width = view.width;
     image_.height = view.height;
     image_.pixels.resize(static_cast<std::size_t>(view.width) * view.height, vec4(0));
@@ -58,7 +61,9 @@ class CellProjection {
   }
 
  private:
-  using Segment = Crossing;
+  struct Segment : Crossing {
+    double lighting;  // factor of the colour
+  };
 
   /// The segments of a part of a tile, by pixel; kept between tiles for its memory.
   struct Scratch {
@@ -70,6 +75,9 @@ class CellProjection {
   void bound_cells();
   [[nodiscard]] bool is_missing(std::uint32_t point) const;
   [[nodiscard]] CellCorners corners(std::size_t cell) const;
+  [[nodiscard]] std::array<double, 4> values(std::size_t cell) const;
+  [[nodiscard]] dvec3 gradient(std::size_t cell) const;
+  [[nodiscard]] dvec3 direction(const PixelRay& ray) const;
 
   void fill_tiles();
   template <class Visit>
@@ -83,6 +91,7 @@ class CellProjection {
   const TetMesh& mesh_;
   const View& view_;
   PiecewiseTransfer transfer_;
+  std::optional<Lighting> lighting_;
   Image image_;
   int tiles_across_ = 0;
   std::size_t tiles_ = 0;
@@ -107,6 +116,27 @@ bool CellProjection::is_missing(std::uint32_t point) const {
 CellCorners CellProjection::corners(std::size_t cell) const {
   const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
   return {points_[a], points_[b], points_[c], points_[d]};
+}
+
+std::array<double, 4> CellProjection::values(std::size_t cell) const {
+  const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
+  const auto value = [&](std::uint32_t point) {
+    return std::clamp(mesh_.values[point], -largest_value, largest_value);
+  };
+  return {value(a), value(b), value(c), value(d)};
+}
+
+/// The gradient's direction in view coordinates; from the world's, whose differences are exact far from the eye too.
+dvec3 CellProjection::gradient(std::size_t cell) const {
+  const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
+  const CellCorners corners{mesh_.points[a], mesh_.points[b], mesh_.points[c], mesh_.points[d]};
+  const dvec3 world = gradient_direction(corners, values(cell));
+  return {glm::dot(world, view_.right), glm::dot(world, view_.up), glm::dot(world, view_.forward)};
+}
+
+/// Length 1, in view coordinates.
+dvec3 CellProjection::direction(const PixelRay& ray) const {
+  return view_.orthographic ? dvec3(0, 0, 1) : glm::normalize(dvec3(ray.a, ray.b, 1));
 }
 
 void CellProjection::bound_cells() {
@@ -194,17 +224,17 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
                               std::min(area.y1, bounds.y1)};
   if (common.is_empty()) return;
 
-  const auto& [i, j, k, l] = mesh_.tetrahedra[cell];
-  const std::array values{mesh_.values[i], mesh_.values[j], mesh_.values[k], mesh_.values[l]};
-  CellCrosser crosser(view_.orthographic, corners(cell), values);
+  CellCrosser crosser(view_.orthographic, corners(cell), values(cell));
+  const dvec3 cell_gradient = lighting_ ? gradient(cell) : dvec3(0);
   const int width = area.x1 - area.x0 + 1;
   for (int y = common.y0; y <= common.y1; ++y) {
     if (!crosser.select_row(pixel_ray(view_, 0, y).b)) continue;
     auto* row = &scratch.pixels[static_cast<std::size_t>(y - area.y0) * width];
     for (int x = common.x0; x <= common.x1; ++x) {
-      const auto crossing = crosser.cross(pixel_ray(view_, x, y).a);
+      const PixelRay ray = pixel_ray(view_, x, y);
+      const auto crossing = crosser.cross(ray.a);
       if (!crossing || crossing->leave <= std::max(crossing->enter, 0.0)) continue;
-      row[x - area.x0].push_back(*crossing);
+      row[x - area.x0].push_back({*crossing, lighting_ ? lighting_->factor(direction(ray), cell_gradient) : 1});
       ++scratch.count;
     }
   }
@@ -221,6 +251,7 @@ vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segmen
     const double enter = std::max(segment.enter, 0.0);
     const double share = (enter - segment.enter) / (segment.leave - segment.enter);
     const double value = segment.value_enter + share * (segment.value_leave - segment.value_enter);
+    light.lighting = segment.lighting;
     transfer_.add(value, segment.value_leave, (segment.leave - enter) * world_per_depth, light);
   }
   return light.rgba();
@@ -231,11 +262,10 @@ vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segmen
 Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                           const ReferenceOptions& options) try {
   SPLATVOL_TRY(check_mesh(mesh));
-  if (scene.lighting) return fail(ErrorCode::unsupported, "the reference picture knows no lighting");
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
   const int machine_threads = tbb::info::default_concurrency();
   tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, machine_threads) : machine_threads);
-  return arena.execute([&] { return CellProjection(mesh, view, scene.transfer_function).render(options.progress); });
+  return arena.execute([&] { return CellProjection(mesh, view, scene).render(options.progress); });
 } catch (const std::bad_alloc&) {
   return fail(ErrorCode::out_of_budget, "not enough memory for {} tetrahedra at {} x {} pixels", mesh.tetrahedra.size(),
               scene.width, scene.height);

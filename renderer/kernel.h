@@ -7,38 +7,48 @@
 namespace splatvol {
 
 /// How a kind of splat gets onto the screen: `project` turns splats into quads in drawing order, once for each splat
-/// and not for each corner; `draw` rasterises the quads; `key` gives sorting what it needs.
+/// and not for each corner; `draw_far` and `draw_near` rasterise the quads; `key` gives
+/// sorting what it needs.
 ///
-/// A kernel is, in GLSL, a struct Quad with an empty_quad, a function project(), and a vertex and a fragment shader;
-/// and the layout of its splats below.
+/// A kernel is, in GLSL, a struct Quad with empty_quad() and is_near(), functions project() and place(), a vertex and a fragment
+/// shader; and the layouts below.
 struct Kernel {
+  KernelKind kind;
   Program key;
   Program project;
-  Program draw;
-  std::size_t quad_bytes;  // of Quad, as std430 lays it out
+  Program draw_far;   // for runs in which no splat is near the eye, by is_near()
+  Program draw_near;  // for the others; none where there are no such
+  std::size_t record_bytes;   // of a splat, in its buffer
+  std::size_t quad_bytes;     // of Quad, as std430 lays it out
+  std::size_t table_columns;  // of the transfer function
+  std::size_t table_rows;
 };
 
 /// Where each buffer is bound, as the shaders have it.
-enum class Binding : GLuint { splats = 0, origins = 1, order = 2, keys = 3, quads = 4 };
+enum class Binding : GLuint { splats = 0, origins = 1, order = 2, keys = 3, quads = 4, runs = 5 };
 
 /// Locations of the uniforms of `key` and `project`.
 namespace location {
 inline constexpr GLint first = 0;
 inline constexpr GLint count = 1;
-inline constexpr GLint ordered = 2;
+inline constexpr GLint ordering = 2;  // of `project`
+inline constexpr GLint by_depth = 2;  // of `key`
+inline constexpr GLint last = 3;
+inline constexpr GLint run = 4;
 }  // namespace location
 
 /// Invocations of a group of `key` and `project`.
 inline constexpr std::size_t group_size = 64;
 
-/// A splat of the kernel `octant`, as octant_project.glsl reads it.
-struct OctantRecord {
-  OctantSplat splat;
+/// A splat as the shaders read it.
+template <class Splat>
+struct Record {
+  Splat splat;
   std::uint32_t batch_index;
 };
-static_assert(sizeof(OctantRecord) == 24 && offsetof(OctantRecord, batch_index) == 20);
+static_assert(sizeof(Record<OctantSplat>) == 28 && sizeof(Record<MomentsSplat>) == 56);
 
 /// Needs a current context.
-[[nodiscard]] Result<Kernel> make_octant_kernel();
+[[nodiscard]] Result<Kernel> make_kernel(KernelKind kind);
 
 }  // namespace splatvol

@@ -4,14 +4,17 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <chrono>
 #include <limits>
+
+#include "renderer/transfer_table.h"
 
 namespace splatvol {
 
 namespace {
 
-constexpr std::size_t table_entries = 4097;  // 4096 steps: control points at binary fractions fall on entries
+constexpr std::size_t peak_steps = 1024;
 constexpr std::size_t quads_per_run = std::size_t{1} << 14;  // projected and drawn at a time
 
 /// FrameBlock of frame.glsl, laid out by std140.
@@ -22,8 +25,18 @@ struct alignas(16) FrameBlock {
   float orthographic;
   float value_low;
   float inverse_domain;
+  float ambient, diffuse;
 };
 static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
+
+/// As project.comp has them: of a run, one of the two draws it, the other nothing.
+struct DrawCommand {
+  GLuint count = 0, instances = 1, first_index = 0, base_vertex = 0, base_instance = 0;
+};
+struct Run {
+  DrawCommand far, near;
+};
+static_assert(sizeof(Run) == 40);
 
 /// Seconds since the last call, or since its making.
 class Stopwatch {
@@ -61,21 +74,23 @@ void for_each_run(std::size_t count, const Visit& visit) {
     visit(first, std::min(quads_per_run, count - first));
 }
 
-void write_records(std::span<const SplatBatch> batches, std::span<const std::size_t> first_of_batch,
-                   OctantRecord* records) {
+template <class Splat>
+void write_records(std::span<const Splat> splats, std::span<const SplatBatch> batches,
+                   std::span<const std::size_t> first_of_batch, void* records) {
   tbb::parallel_for(std::size_t{0}, batches.size(), [&](std::size_t batch) {
-    OctantRecord* record = records + first_of_batch[batch];
-    for (const OctantSplat& splat : batches[batch].splats) *record++ = {splat, static_cast<std::uint32_t>(batch)};
+    auto* record = static_cast<Record<Splat>*>(records) + first_of_batch[batch];
+    for (const Splat& splat : splats.subspan(batches[batch].first, batches[batch].count))
+      *record++ = {splat, static_cast<std::uint32_t>(batch)};
   });
 }
 
 }  // namespace
 
-Result<std::unique_ptr<Renderer>> Renderer::create() {
+Result<std::unique_ptr<Renderer>> Renderer::create(KernelKind kind) {
   if (epoxy_gl_version() < 45 || !epoxy_is_desktop_gl())
     return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
                 epoxy_gl_version() / 10, epoxy_gl_version() % 10);
-  SPLATVOL_TRY_ASSIGN(kernel, make_octant_kernel());
+  SPLATVOL_TRY_ASSIGN(kernel, make_kernel(kind));
   std::unique_ptr<Renderer> renderer(new Renderer(std::move(kernel)));
   SPLATVOL_TRY(renderer->prepare_quads());
   SPLATVOL_TRY(renderer->frame_.reserve(sizeof(FrameBlock)));
@@ -111,44 +126,64 @@ Status Renderer::set_transfer_function(const TransferFunction& function, double 
   inverse_domain_ = static_cast<float>(1 / (function.hi - function.lo));
   ordered_view_.reset();
 
+  const TransferTable table = make_transfer_table(function, kernel_.table_columns, kernel_.table_rows);
+  const auto columns = static_cast<GLsizei>(table.columns);
+  const auto rows = static_cast<GLsizei>(table.rows);
   if (transfer_table_.name() == 0) {
     GLuint name = 0;
-    glCreateTextures(GL_TEXTURE_1D, 1, &name);
+    glCreateTextures(GL_TEXTURE_2D, 1, &name);
     transfer_table_ = Texture(name);
-    glTextureStorage1D(name, 1, GL_RGBA32F, table_entries);
+    glTextureStorage2D(name, 1, GL_RGBA32F, columns, rows);
+    glCreateTextures(GL_TEXTURE_1D, 1, &name);
+    peak_table_ = Texture(name);
+    glTextureStorage1D(name, std::bit_width(peak_steps), GL_R32F, peak_steps);
   }
-  const std::vector<vec4> table = function.table(table_entries);
-  glTextureSubImage1D(transfer_table_.name(), 0, 0, table_entries, GL_RGBA, GL_FLOAT, table.data());
+  glTextureSubImage2D(transfer_table_.name(), 0, 0, 0, columns, rows, GL_RGBA, GL_FLOAT, table.entries.data());
+
+  GLint level = 0;
+  for (const std::vector<float>& peaks : make_peak_levels(function, peak_steps))
+    glTextureSubImage1D(peak_table_.name(), level++, 0, static_cast<GLsizei>(peaks.size()), GL_RED, GL_FLOAT,
+                        peaks.data());
   return check_gl("setting the transfer function");
 }
 
-std::uint64_t Renderer::max_splats() {
-  const std::uint64_t by_buffer = largest_buffer() / sizeof(OctantRecord);
+void Renderer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
+
+std::uint64_t Renderer::max_splats() const {
+  const std::uint64_t by_buffer = largest_buffer() / kernel_.record_bytes;
   return std::min<std::uint64_t>(by_buffer, std::numeric_limits<std::uint32_t>::max());
 }
 
-Status Renderer::set_splats(std::span<const SplatBatch> batches) {
+Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batches) {
   splat_count_ = 0;
   ordered_view_.reset();
+  axis_orders_ = {};
   batch_origins_.clear();
 
+  const bool moments = std::holds_alternative<std::span<const MomentsSplat>>(splats);
+  if (moments != (kernel_.kind == KernelKind::moments))
+    return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
+                moments ? "moments" : "octant");
+  const std::size_t available = std::visit([](auto span) { return span.size(); }, splats);
   std::vector<std::size_t> first_of_batch;
   std::size_t count = 0;
   for (const SplatBatch& batch : batches) {
+    if (batch.first > available || batch.count > available - batch.first)
+      return fail(ErrorCode::invalid_argument, "a batch reaches beyond the {} splats", available);
     first_of_batch.push_back(count);
     batch_origins_.push_back(batch.origin);
-    count += batch.splats.size();
+    count += batch.count;
   }
   if (count > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::device, "{} splats: more than 32-bit indices reach", count);
   if (count == 0) return {};
 
-  const std::size_t bytes = count * sizeof(OctantRecord);
+  const std::size_t bytes = count * kernel_.record_bytes;
   SPLATVOL_TRY(splats_.reserve(bytes));
   SPLATVOL_TRY(origins_.reserve(batches.size() * sizeof(vec4)));
-  auto* records = static_cast<OctantRecord*>(splats_.map_to_write(bytes));
+  void* records = splats_.map_to_write(bytes);
   if (!records) return fail(ErrorCode::device, "splats: {} bytes of the GPU's memory cannot be mapped", bytes);
-  write_records(batches, first_of_batch, records);
+  std::visit([&](auto span) { write_records(span, batches, first_of_batch, records); }, splats);
   splats_.unmap();
   SPLATVOL_TRY(check_gl("uploading splats"));
   splat_count_ = count;
@@ -165,13 +200,11 @@ Result<FrameTimes> Renderer::draw(const View& view, SortMode sort) {
   Stopwatch stopwatch;
   SPLATVOL_TRY(upload_frame(view));
   times.upload = stopwatch.lap();
-  if (sort == SortMode::exact) SPLATVOL_TRY(update_order(view, times));
+  SPLATVOL_TRY_ASSIGN(order, prepare_order(view, sort, times));
 
   stopwatch.lap();
-  if (sort == SortMode::exact)
-    draw_quads(ordered_count_, true);
-  else
-    draw_quads(splat_count_, false);
+  SPLATVOL_TRY(prepare_runs(order.count));
+  draw_quads(order);
   glFinish();
   times.draw = stopwatch.lap();
   SPLATVOL_TRY(check_gl("drawing"));
@@ -217,7 +250,9 @@ Status Renderer::upload_frame(const View& view) {
                          .focal = static_cast<float>(view.focal),
                          .orthographic = view.orthographic ? 1.0F : 0.0F,
                          .value_low = value_low_,
-                         .inverse_domain = inverse_domain_};
+                         .inverse_domain = inverse_domain_,
+                         .ambient = lighting_ ? static_cast<float>(lighting_->ambient) : 1.0F,
+                         .diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F};
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
@@ -230,32 +265,71 @@ Status Renderer::upload_frame(const View& view) {
   bind(splats_, Binding::splats);
   bind(origins_, Binding::origins);
   glBindTextureUnit(0, transfer_table_.name());
+  glBindTextureUnit(1, peak_table_.name());
   return check_gl("uploading the view");
 }
 
-Status Renderer::update_order(const View& view, FrameTimes& times) {
-  if (ordered_view_ && same_view(*ordered_view_, view)) return {};
-  ordered_view_.reset();
+Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort, FrameTimes& times) {
+  switch (sort) {
+    case SortMode::none:
+      return Order{nullptr, splat_count_};
+    case SortMode::axis: {
+      const dvec3 forward = view.forward;
+      const dvec3 size = glm::abs(forward);
+      const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+      SPLATVOL_TRY_ASSIGN(order, order_along(axis, times));
+      order.from_end = forward[axis] < 0;
+      SPLATVOL_TRY(upload_frame(view));
+      return order;
+    }
+    case SortMode::exact:
+      if (!ordered_view_ || !same_view(*ordered_view_, view)) {
+        ordered_view_.reset();
+        SPLATVOL_TRY_ASSIGN(count, sort_keys(false, order_, times));
+        ordered_count_ = count;
+        ordered_view_ = view;
+      }
+      return Order{&order_, ordered_count_};
+  }
+  return fail(ErrorCode::invalid_argument, "no such sorting");
+}
+
+Result<Renderer::Order> Renderer::order_along(int axis, FrameTimes& times) {
+  std::optional<Buffer>& order = axis_orders_[axis];
+  if (!order) {
+    // As an eye in the middle of the batches would see them.
+    View view{};
+    view.orthographic = true;
+    for (const dvec3& origin : batch_origins_) view.eye += origin / static_cast<double>(batch_origins_.size());
+    view.forward[axis] = 1;
+    SPLATVOL_TRY(upload_frame(view));
+    Buffer sorted("order along an axis");
+    SPLATVOL_TRY(sort_keys(true, sorted, times));
+    order = std::move(sorted);
+  }
+  return Order{&*order, splat_count_};
+}
+
+Result<std::size_t> Renderer::sort_keys(bool by_depth, Buffer& order, FrameTimes& times) {
   Stopwatch stopwatch;
   const std::size_t bytes = splat_count_ * sizeof(std::uint32_t);
   SPLATVOL_TRY(keys_.reserve(bytes));
-  SPLATVOL_TRY(order_.reserve(bytes));
+  SPLATVOL_TRY(order.reserve(bytes));
 
   bind(keys_, Binding::keys);
+  glProgramUniform1i(kernel_.key.name(), location::by_depth, by_depth ? 1 : 0);
   for_each_run(splat_count_, [&](std::size_t first, std::size_t count) { dispatch(kernel_.key, first, count); });
   glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
   const auto* keys = static_cast<const std::uint32_t*>(keys_.map_to_read(bytes));
   if (!keys) return fail(ErrorCode::device, "sort keys: {} bytes of the GPU's memory cannot be mapped", bytes);
-  const std::span<const std::uint32_t> order = sorter_.sort({keys, splat_count_});
+  const std::span<const std::uint32_t> places = sorter_.sort({keys, splat_count_});
   keys_.unmap();
   times.sort += stopwatch.lap();
 
-  order_.write(order.data(), order.size_bytes());
+  order.write(places.data(), places.size_bytes());
   SPLATVOL_TRY(check_gl("sorting"));
   times.upload += stopwatch.lap();
-  ordered_count_ = order.size();
-  ordered_view_ = view;
-  return {};
+  return places.size();
 }
 
 void Renderer::clear_target() const {
@@ -265,7 +339,15 @@ void Renderer::clear_target() const {
   glClearNamedFramebufferfv(framebuffer_.name(), GL_COLOR, 0, transparent_black.data());
 }
 
-void Renderer::draw_quads(std::size_t count, bool ordered) const {
+Status Renderer::prepare_runs(std::size_t count) {
+  std::vector<Run> runs;
+  for_each_run(count, [&](std::size_t, std::size_t run) { runs.push_back({{static_cast<GLuint>(6 * run)}, {}}); });
+  SPLATVOL_TRY(runs_.reserve(runs.size() * sizeof(Run)));
+  runs_.write(runs.data(), runs.size() * sizeof(Run));
+  return {};
+}
+
+void Renderer::draw_quads(const Order& order) const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
   glViewport(0, 0, width_, height_);
   glDisable(GL_DEPTH_TEST);
@@ -275,16 +357,26 @@ void Renderer::draw_quads(std::size_t count, bool ordered) const {
   glBlendEquation(GL_FUNC_ADD);
   glBlendFunc(GL_ONE, GL_ONE_MINUS_SRC_ALPHA);  // premultiplied over
   glBindVertexArray(vertex_array_.name());
-  bind(order_, Binding::order);
+  if (order.places) bind(*order.places, Binding::order);
   bind(quads_, Binding::quads);
-  glProgramUniform1i(kernel_.project.name(), location::ordered, ordered ? 1 : 0);
+  bind(runs_, Binding::runs);
+  glBindBuffer(GL_DRAW_INDIRECT_BUFFER, runs_.object());
+  const GLuint project = kernel_.project.name();
+  glProgramUniform1i(project, location::ordering, !order.places ? 0 : order.from_end ? -1 : 1);
+  glProgramUniform1ui(project, location::last, static_cast<GLuint>(order.count - 1));
 
   // Run by run through the same small buffer of quads: its size does not grow with the splats, and it stays in caches.
-  for_each_run(count, [&](std::size_t first, std::size_t run) {
-    dispatch(kernel_.project, first, run);
-    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
-    glUseProgram(kernel_.draw.name());
-    glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(6 * run), GL_UNSIGNED_INT, nullptr);
+  for_each_run(order.count, [&](std::size_t first, std::size_t count) {
+    const std::size_t run = first / quads_per_run;
+    glProgramUniform1ui(project, location::run, static_cast<GLuint>(run));
+    dispatch(kernel_.project, first, count);
+    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_COMMAND_BARRIER_BIT);
+    const auto draw = [&](const Program& program, std::size_t offset) {
+      glUseProgram(program.name());
+      glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(run * sizeof(Run) + offset));
+    };
+    draw(kernel_.draw_far, offsetof(Run, far));
+    if (kernel_.draw_near.name() != 0) draw(kernel_.draw_near, offsetof(Run, near));
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
   });
 }
@@ -307,8 +399,10 @@ Result<Image> Renderer::read_image() const {
 
 std::uint64_t Renderer::gpu_bytes() const {
   std::uint64_t bytes = static_cast<std::uint64_t>(width_) * height_ * sizeof(vec4);
-  if (transfer_table_.name() != 0) bytes += table_entries * sizeof(vec4);
-  for (const Buffer* buffer : {&splats_, &frame_, &origins_, &keys_, &order_, &quads_, &quad_indices_})
+  if (transfer_table_.name() != 0) bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
+  for (const std::optional<Buffer>& order : axis_orders_)
+    if (order) bytes += order->bytes();
+  for (const Buffer* buffer : {&splats_, &frame_, &origins_, &keys_, &order_, &runs_, &quads_, &quad_indices_})
     bytes += buffer->bytes();
   return bytes;
 }

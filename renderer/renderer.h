@@ -1,6 +1,7 @@
 // Draws splats into a picture with OpenGL.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -19,6 +20,7 @@ namespace splatvol {
 
 enum class SortMode {
   none,   // as the splats were given
+  axis,   // back to front along the world's axis nearest to the line of sight; sorted once, whatever the views
   exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
 };
 
@@ -36,20 +38,23 @@ struct FrameTimes {
 class Renderer {
  public:
   /// Needs a current OpenGL 4.5 context; fails with ErrorCode::device where there is an older one, or none.
-  [[nodiscard]] static Result<std::unique_ptr<Renderer>> create();
+  [[nodiscard]] static Result<std::unique_ptr<Renderer>> create(KernelKind kind);
 
-  /// Colour and extinction of the splats, through a table of 4096 equal steps, interpolated. Fails where the function
+  /// Colour and extinction of the splats. Fails where the function
   /// has no control points or an empty domain. Call it before the first draw. `value_offset` is what the splats' values
   /// have to be added to: only the difference to the function's domain is taken to single precision.
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, double value_offset = 0);
 
-  /// How many splats the device's shaders can see.
-  [[nodiscard]] static std::uint64_t max_splats();
+  /// A light at the eye, or none: colours as they are.
+  void set_lighting(const std::optional<Lighting>& lighting);
 
-  /// Replaces the splats by those of `batches`, back to front where they are to be drawn with SortMode::none. They are
-  /// copied, and resident until the next call. Fails with ErrorCode::device where the GPU cannot hold them; there are
-  /// no splats then.
-  [[nodiscard]] Status set_splats(std::span<const SplatBatch> batches);
+  /// How many splats the device's shaders can see.
+  [[nodiscard]] std::uint64_t max_splats() const;
+
+  /// Replaces the splats by those of `batches`, parts of `splats`, back to front where they are to be drawn with
+  /// SortMode::none. They are copied, and resident until the next call. Fails where the splats are of another kernel or
+  /// a batch reaches beyond them; with ErrorCode::device where the GPU cannot hold them. There are no splats then.
+  [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
 
   /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
   /// allows. A splat draws nothing if its value is NaN, its extinction 0, or its centre not in front of the eye.
@@ -69,9 +74,18 @@ class Renderer {
   [[nodiscard]] Status prepare_quads();
   [[nodiscard]] Status prepare_target(const View& view);
   [[nodiscard]] Status upload_frame(const View& view);
-  [[nodiscard]] Status update_order(const View& view, FrameTimes& times);
+  /// A drawing order: places of splats in their buffer, to be taken from the beginning or from the end.
+  struct Order {
+    Buffer* places;  // null: as the splats lie
+    std::size_t count;
+    bool from_end = false;
+  };
+  [[nodiscard]] Result<Order> prepare_order(const View& view, SortMode sort, FrameTimes& times);
+  [[nodiscard]] Result<Order> order_along(int axis, FrameTimes& times);
+  [[nodiscard]] Result<std::size_t> sort_keys(bool by_depth, Buffer& order, FrameTimes& times);
+  [[nodiscard]] Status prepare_runs(std::size_t count);
   void clear_target() const;
-  void draw_quads(std::size_t count, bool ordered) const;
+  void draw_quads(const Order& order) const;
 
   Kernel kernel_;
   KeySorter sorter_;
@@ -80,9 +94,12 @@ class Renderer {
   std::size_t splat_count_ = 0;
   std::vector<dvec3> batch_origins_;
   Buffer splats_{"splats"};
+  std::array<std::optional<Buffer>, 3> axis_orders_;  // made when first asked for
   Texture transfer_table_;
+  Texture peak_table_;
   float value_low_ = 0;
   float inverse_domain_ = 0;
+  std::optional<Lighting> lighting_;
 
   // Of the frame.
   Buffer frame_{"frame"};
@@ -91,6 +108,7 @@ class Renderer {
   Buffer order_{"drawing order"};
   std::size_t ordered_count_ = 0;     // splats that the order holds
   std::optional<View> ordered_view_;  // whose order it is; none where splats or colours have changed since
+  Buffer runs_{"runs of quads"};
   Buffer quads_{"quads"};
   Buffer quad_indices_{"indices of quads"};
   VertexArray vertex_array_;

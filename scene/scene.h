@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,6 +48,20 @@ struct TransferFunction {
   [[nodiscard]] std::vector<vec4> table(std::size_t count) const;
 };
 
+/// A light at the eye: colours are multiplied by ambient + diffuse |cos a|, a between the ray and the value's gradient;
+/// by ambient + diffuse where there is no gradient.
+struct Lighting {
+  double ambient = 0.3;
+  double diffuse = 0.7;
+
+  /// The factor, for vectors of length 1 along the ray and the gradient (0: none).
+  [[nodiscard]] double factor(dvec3 ray, dvec3 gradient) const {
+    return ambient + diffuse * (gradient == dvec3(0) ? 1 : std::abs(glm::dot(ray, gradient)));
+  }
+
+  [[nodiscard]] bool operator==(const Lighting&) const = default;
+};
+
 struct Scene {
   Camera camera;
   int width = 512;
@@ -53,7 +69,7 @@ struct Scene {
   dvec3 background{0};  // linear
   std::string attribute;
   TransferFunction transfer_function;
-  bool lighting = false;
+  std::optional<Lighting> lighting;
 };
 
 /// Reads a scene from JSON text; the error names the field that is missing or out of range.

@@ -22,10 +22,11 @@ class Field {
     return fail(ErrorCode::invalid_data, "{}: {}", path_, fmt::format(format, std::forward<Args>(args)...));
   }
 
-  bool has(const char* name) const { return value_.is_object() && value_.contains(name); }
+  bool is_object() const { return value_.is_object(); }
+  bool has(const char* name) const { return is_object() && value_.contains(name); }
 
   Result<Field> member(const char* name) const {
-    if (!value_.is_object()) return wrong("not an object");
+    if (!is_object()) return wrong("not an object");
     const std::string path = path_.empty() ? name : path_ + "." + name;
     if (!value_.contains(name)) return fail(ErrorCode::invalid_data, "{}: missing", path);
     return Field(value_.at(name), path);
@@ -62,10 +63,8 @@ class Field {
     return value_.get<std::string>();
   }
 
-  Result<bool> truth() const {
-    if (!value_.is_boolean()) return wrong("neither true nor false");
-    return value_.get<bool>();
-  }
+  bool is_truth() const { return value_.is_boolean(); }
+  bool truth() const { return value_.get<bool>(); }
 
   Result<int> image_side() const {
     SPLATVOL_TRY_ASSIGN(side, number());
@@ -82,6 +81,13 @@ class Field {
 Result<dvec3> vector_at(const Field& parent, const char* name) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
   return field.vector();
+}
+
+Result<double> amount_at(const Field& parent, const char* name) {
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  SPLATVOL_TRY_ASSIGN(amount, field.number());
+  if (amount < 0) return field.wrong("{} is negative", amount);
+  return amount;
 }
 
 Result<dvec3> color_at(const Field& parent, const char* name) {
@@ -170,6 +176,14 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
   return function;
 }
 
+Result<std::optional<Lighting>> read_lighting(const Field& field) {
+  if (field.is_truth()) return field.truth() ? std::optional(Lighting{}) : std::nullopt;
+  if (!field.is_object()) return field.wrong("neither true nor false nor an object");
+  SPLATVOL_TRY_ASSIGN(ambient, amount_at(field, "ambient"));
+  SPLATVOL_TRY_ASSIGN(diffuse, amount_at(field, "diffuse"));
+  return Lighting{ambient, diffuse};
+}
+
 Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
@@ -192,7 +206,7 @@ Result<Scene> read_scene(const json& document) {
   }
   if (field.has("lighting")) {
     SPLATVOL_TRY_ASSIGN(lighting_field, field.member("lighting"));
-    SPLATVOL_TRY_ASSIGN(lighting, lighting_field.truth());
+    SPLATVOL_TRY_ASSIGN(lighting, read_lighting(lighting_field));
     scene.lighting = lighting;
   }
   return scene;

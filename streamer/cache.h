@@ -8,27 +8,26 @@
 #include <memory>
 #include <optional>
 #include <variant>
-#include <vector>
 
-#include "base/math.h"
 #include "format/octree.h"
 #include "format/volume.h"
 #include "streamer/budget.h"
+#include "streamer/decode.h"
 
 namespace splatvol {
 
-/// Names a part of the file; `number` counts within its kind: an index page's offset, a directory page, a group
-/// (positions, values) or a row (sizes).
+/// Names a part of the file; `number` counts within its kind: an index page's offset, a directory page, a chunk's row.
 struct CacheKey {
-  enum class Kind { index_root, index_page, directory_page, positions, values, sizes };
+  enum class Kind { index_root, index_page, directory_page, chunk };
   Kind kind;
   std::uint64_t number;
+  int column = -1;  // a chunk's
 
   [[nodiscard]] auto operator<=>(const CacheKey&) const = default;
 };
 
-/// Pages, positions, or numbers: values, or sizes of splats.
-using CacheData = std::variant<format::IndexPage, format::DirectoryPage, std::vector<dvec3>, std::vector<float>>;
+/// Pages and decoded chunks.
+using CacheData = std::variant<format::IndexPage, format::DirectoryPage, DecodedChunk>;
 
 /// Parts of a file by last use, each with its reservation. Where the budget is spent, those go first that were used
 /// longest ago; what somebody still holds stays. Not thread-safe; what it hands out may be read from any thread.

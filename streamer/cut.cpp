@@ -5,14 +5,14 @@
 #include <numeric>
 
 #include "streamer/frustum.h"
-#include "streamer/splat.h"
 
 namespace splatvol {
 namespace {
 
 using format::IndexPage;
 
-// Rounding may move a point out of its cell, by far less than this part of its splat's size.
+// Rounding may move a point out of its cell, and what is drawn of a splat past its size, by less than this part of the
+// size.
 constexpr double position_slack = 1.0 / 16;
 
 // Where a node's points begin in each segment.
@@ -30,6 +30,9 @@ struct Node {
   std::span<const std::uint64_t> counts() const { return page->nodes.counts_of(index); }
 };
 
+// On all sides, along the axes.
+Cube grown(const Cube& cell, double by) { return {cell.origin - by, cell.edge + 2 * by}; }
+
 class CutSelector {
  public:
   CutSelector(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
@@ -37,7 +40,8 @@ class CutSelector {
       : info_(info),
         index_(index),
         view_(view),
-        frustum_(view),
+        frustum_(view,
+                 options.kernel == KernelKind::octant ? octant_smallest_reach_pixels : moments_smallest_reach_pixels),
         visibility_(visibility),
         options_(options),
         size_bound_(size_bound) {}
@@ -132,10 +136,17 @@ class CutSelector {
       const std::size_t fixed = std::min(*options_.resolution, finest());
       return fixed >= node.first_resolution() ? std::optional(fixed) : std::nullopt;
     }
-    const double depth = frustum_.nearest_depth(node.cell);
-    for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
-      if (frustum_.covered_percent(splat_bound(node, r), depth) <= options_.tolerance_percent) return r;
+    for (std::size_t r = node.first_resolution(); r <= finest(); ++r) {
+      const double size = splat_bound(node, r);
+      const double depth = frustum_.nearest_depth(cell_of_centres(node, size));
+      if (frustum_.covered_percent(size, depth) <= options_.tolerance_percent) return r;
+    }
     return std::nullopt;
+  }
+
+  // Where the splats' centres lie: centroids may lie outside of the node's cell, as far as their ellipsoids.
+  Cube cell_of_centres(const Node& node, double size) const {
+    return options_.kernel == KernelKind::octant ? node.cell : grown(node.cell, moments_reach * size);
   }
 
   double splat_bound(const Node& node, std::size_t resolution) const {
@@ -152,7 +163,10 @@ class CutSelector {
 
   // Whether the node's splats may reach into the picture.
   bool is_within_reach(const Node& node, std::size_t resolution) const {
-    return frustum_.touches(node.cell, (octant_reach + position_slack) * splat_bound(node, resolution));
+    const double size = splat_bound(node, resolution);
+    if (options_.kernel == KernelKind::octant)
+      return frustum_.touches(node.cell, (octant_reach + position_slack) * size);
+    return frustum_.touches(grown(node.cell, (moments_reach + position_slack) * size), 0);
   }
 
   static std::uint64_t splat_count(const Node& node, std::size_t resolution) {
@@ -165,8 +179,9 @@ class CutSelector {
     cut_.items.push_back({node.cell, cut_.ranges.size(), static_cast<std::uint32_t>(resolution)});
     for (std::size_t s = 0; s <= resolution; ++s) cut_.ranges.push_back({node.begins[s], node.counts()[s]});
     cut_.splats += splat_count(node, resolution);
-    if (cut_.splats > options_.max_bytes / sizeof(OctantSplat) ||
-        cut_.memory_bytes() > options_.max_bytes - cut_.splats * sizeof(OctantSplat))
+    const std::uint64_t bytes_each = splat_bytes(options_.kernel);
+    if (cut_.splats > options_.max_bytes / bytes_each ||
+        cut_.memory_bytes() > options_.max_bytes - cut_.splats * bytes_each)
       return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", options_.max_bytes);
     return true;
   }
@@ -190,9 +205,10 @@ bool Cut::operator==(const Cut& other) const {
 
 Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                        const ValueVisibility& visibility, const CutOptions& options) {
-  const auto bound = std::ranges::find(info.size_bounds, "octant");
+  const char* name = options.kernel == KernelKind::octant ? "octant" : "moments";
+  const auto bound = std::ranges::find(info.size_bounds, name);
   if (bound == info.size_bounds.end())
-    return fail(ErrorCode::unsupported, "no splat sizes for the octant kernel in the index");
+    return fail(ErrorCode::unsupported, "no splat sizes for the kernel {} in the index", name);
   const auto size_bound = static_cast<std::size_t>(bound - info.size_bounds.begin());
   return CutSelector(info, index, view, visibility, options, size_bound).run();
 }

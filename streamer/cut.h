@@ -13,6 +13,7 @@
 #include "format/octree.h"
 #include "format/volume_info.h"
 #include "scene/scene.h"
+#include "streamer/splat.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {
@@ -21,6 +22,8 @@ struct CutOptions {
   /// The largest share of the image's shorter side that one splat's size may cover, in percent. 0: all points;
   /// infinity: the coarsest.
   double tolerance_percent = 1;
+
+  KernelKind kernel = KernelKind::moments;
 
   /// Draw everything at this resolution, whatever the tolerance.
   std::optional<std::size_t> resolution;
@@ -84,9 +87,9 @@ class IndexPages {
 /// From the root down: nodes outside of the view or without anything visible in them are left out; a node is drawn at
 /// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are
 /// asked; a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
-/// node that reaches the eye's plane satisfies no tolerance but infinity.
+/// node whose splats may reach the eye's plane satisfies no tolerance but infinity.
 /// Fails with out_of_budget past max_bytes, with invalid_data where the tree is deeper than the format allows, and
-/// with unsupported where the file has no sizes for the octant kernel.
+/// with unsupported where the file has no sizes for the kernel.
 [[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                                      const ValueVisibility& visibility, const CutOptions& options);
 

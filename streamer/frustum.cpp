@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <limits>
 
-#include "streamer/splat.h"
-
 namespace splatvol {
 
-Frustum::Frustum(const View& view) : view_(view) {
+Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
   // In perspective the sides pass through the eye, |x| f <= z width / 2; parallel rays keep their distance from it.
   const auto side = [&](const dvec3& inwards, int pixels) -> Plane {
-    const double half = 0.5 * pixels + octant_smallest_reach_pixels;
+    const double half = 0.5 * pixels + smallest_reach_pixels;
     if (view.orthographic) return {inwards, half / view.focal};
     return {glm::normalize(view.focal * inwards + half * view.forward), 0};
   };

@@ -8,11 +8,12 @@
 
 namespace splatvol {
 
-/// The part of space in front of the eye that projects into the image, or not farther outside of it than a splat that
-/// the raster widens to its smallest size reaches.
+/// The part of space in front of the eye that projects into the image, or not farther outside of it than a splat
+/// without size reaches.
 class Frustum {
  public:
-  explicit Frustum(const View& view);
+  /// `smallest_reach_pixels`: how far a splat without size is drawn.
+  Frustum(const View& view, double smallest_reach_pixels);
 
   /// Whether a ball of radius `reach` around any point of the cell may touch the frustum; never wrongly false.
   [[nodiscard]] bool touches(const Cube& cell, double reach) const;

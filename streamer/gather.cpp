@@ -3,11 +3,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <iterator>
 #include <map>
 #include <tuple>
+#include <unordered_map>
+
+#include "streamer/decode.h"
 
 namespace splatvol {
 
@@ -24,14 +25,59 @@ constexpr std::uint64_t largest_gap = 1024;
 constexpr std::uint64_t wave_bytes = 16u << 20;
 constexpr std::uint64_t run_bytes = 2u << 20;
 
-// What decoding takes besides the decoded numbers: packed bytes, the gap before them, payload, and a coordinate's
-// integers.
-std::uint64_t decoding_bytes(const format::ChunkEntry& entry, std::uint32_t points) {
-  return largest_gap + entry.packed_bytes + entry.unpacked_bytes + points * sizeof(std::uint64_t);
+// What reading and decoding take besides the decoded numbers.
+std::uint64_t loading_bytes(ColumnKind kind, std::uint64_t points, std::uint64_t packed, std::uint64_t unpacked) {
+  return largest_gap + packed + decoding_bytes(kind, points, unpacked);
 }
 
-std::uint64_t decoded_bytes(ColumnKind kind, std::uint32_t points) {
-  return points * (kind == ColumnKind::position ? sizeof(dvec3) : sizeof(float));
+// A row's decoded chunks of the kernel octant; no gradients where none were asked for.
+struct OctantRow {
+  std::span<const dvec3> positions;
+  std::span<const float> values, sizes;
+  std::span<const std::uint32_t> gradients;
+
+  OctantSplat splat(std::size_t point, const dvec3& origin) const {
+    return {vec3(positions[point] - origin), values[point], sizes[point], gradients.empty() ? 0 : gradients[point]};
+  }
+};
+
+// And of the kernel moments.
+struct MomentsRow {
+  std::span<const dvec3> centroids;
+  std::span<const MaterialShape> shapes;
+  std::span<const MaterialValue> values;
+
+  MomentsSplat splat(std::size_t point, const dvec3& origin) const {
+    const MaterialShape& shape = shapes[point];
+    const MaterialValue& value = values[point];
+    std::uint32_t correlations = 0;
+    for (std::uint32_t k = 0; k < 4; ++k) {
+      const bool reversed = k < 3 && shape.turned < 3 && k != shape.turned;
+      const int c = value.correlations[k];
+      correlations |= static_cast<std::uint32_t>(static_cast<std::uint8_t>(reversed ? -c : c)) << 8 * k;
+    }
+    return {vec3(centroids[point] - origin),
+            shape.mass * value.coverage,
+            shape.deviations,
+            shape.orientation,
+            value.mean,
+            value.deviation,
+            correlations};
+  }
+};
+
+template <class T>
+std::span<const T> elements(const CacheData& data) {
+  return std::get<std::vector<T>>(std::get<DecodedChunk>(data));
+}
+
+template <class Row, class Splat>
+void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, std::span<Splat> splats) {
+  for (const CopyJob& job : jobs) {
+    const Cube& cell = cut.items[job.item].cell;
+    const dvec3 origin = cell.origin + 0.5 * cell.edge;
+    for (std::uint32_t i = 0; i < job.count; ++i) splats[job.destination + i] = row.splat(job.begin + i, origin);
+  }
 }
 
 }  // namespace
@@ -39,8 +85,6 @@ std::uint64_t decoded_bytes(ColumnKind kind, std::uint32_t points) {
 // A chunk on its way in.
 struct Gatherer::Chunk {
   CacheKey key;
-  ColumnKind kind;
-  std::uint64_t row;
   std::uint32_t points;
   format::ChunkPlace place;
   Reservation decoded;
@@ -48,36 +92,79 @@ struct Gatherer::Chunk {
   CacheData data;
 };
 
-// Groups that are loaded together.
+// Rows that are loaded together.
 struct Gatherer::Wave {
+  std::vector<std::span<const CopyJob>> rows;  // the jobs of each
   std::vector<Chunk> missing;
   std::map<CacheKey, Cache::Pointer> held;  // an empty pointer where the chunk is missing
   std::uint64_t bytes = 0;
 };
 
-Gatherer::Gatherer(PagedVolume& volume, Cache& cache, int position, int value, int octant)
-    : volume_(&volume), cache_(&cache), position_(position), value_(value), octant_(octant) {}
+SplatArray::SplatArray(KernelKind kernel, std::uint64_t count) : count_(count) {
+  if (kernel == KernelKind::octant)
+    storage_ = std::make_unique_for_overwrite<OctantSplat[]>(count);
+  else
+    storage_ = std::make_unique_for_overwrite<MomentsSplat[]>(count);
+}
 
-Result<Gatherer> Gatherer::create(PagedVolume& volume, Cache& cache) {
+SplatSpan SplatArray::splats() const {
+  if (const auto* octants = std::get_if<std::unique_ptr<OctantSplat[]>>(&storage_))
+    return std::span<const OctantSplat>(octants->get(), count_);
+  return std::span<const MomentsSplat>(std::get<std::unique_ptr<MomentsSplat[]>>(storage_).get(), count_);
+}
+
+Gatherer::Gatherer(PagedVolume& volume, Cache& cache, KernelKind kernel, std::vector<int> columns)
+    : volume_(&volume), cache_(&cache), kernel_(kernel), columns_(std::move(columns)) {}
+
+Result<Gatherer> Gatherer::create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients) {
   const format::VolumeInfo& info = volume.volume().info();
-  const int value = info.find_column(ColumnKind::value, volume.attribute());
-  const int octant = info.find_column(ColumnKind::octant);
-  const std::string& attribute = info.attributes[static_cast<std::size_t>(volume.attribute())].name;
-  if (value < 0)
-    return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", volume.volume().name(), attribute);
-  if (octant < 0)
-    return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", volume.volume().name());
-  return Gatherer(volume, cache, info.find_column(ColumnKind::position), value, octant);
+  const int attribute = volume.attribute();
+  const std::string& file = volume.volume().name();
+  const std::string& name = info.attributes[static_cast<std::size_t>(attribute)].name;
+  std::vector<int> columns;
+  if (kernel == KernelKind::moments) {
+    columns = {info.find_column(ColumnKind::centroid), info.find_column(ColumnKind::moments),
+               info.find_column(ColumnKind::value_moments, attribute)};
+    if (std::ranges::min(columns) < 0)
+      return fail(ErrorCode::unsupported,
+                  "{}: no splat moments of '{}' in it: svbuild of this version writes them, and --kernel octant draws "
+                  "without",
+                  file, name);
+  } else {
+    columns = {info.find_column(ColumnKind::position), info.find_column(ColumnKind::value, attribute),
+               info.find_column(ColumnKind::octant)};
+    if (columns[1] < 0) return fail(ErrorCode::unsupported, "{}: no values of attribute '{}'", file, name);
+    if (columns[2] < 0) return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", file);
+    if (gradients) columns.push_back(info.find_column(ColumnKind::gradient, attribute));
+    if (columns.back() < 0)  // the gradients
+      return fail(ErrorCode::unsupported,
+                  "{}: no gradients of '{}' in it, which lighting needs: svbuild of this version writes them", file,
+                  name);
+  }
+  return Gatherer(volume, cache, kernel, std::move(columns));
+}
+
+const format::Column& Gatherer::column(int index) const {
+  return volume_->volume().info().columns[static_cast<std::size_t>(index)];
+}
+
+// A segment's columns lie in the group's first row.
+std::uint64_t Gatherer::row_of_chunk(const CopyJob& job, int column_index) const {
+  const format::RowLayout& rows = volume_->volume().rows();
+  const bool by_resolution = column(column_index).scope == format::ColumnScope::resolution;
+  return rows.row(by_resolution ? job.resolution : rows.group(job.group).segment, job.group);
 }
 
 Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibility) {
   const format::RowLayout& rows = volume_->volume().rows();
+  const auto& counts = volume_->volume().info().resolution_counts;
+  const int value_column = kernel_ == KernelKind::moments ? columns_[2] : columns_[1];
   GatherPlan plan;
-  std::map<std::uint64_t, bool> shown;  // [group]
-  const auto shows = [&](std::uint64_t group, std::size_t segment) -> Result<bool> {
-    const auto [entry, added] = shown.try_emplace(group, false);
+  std::unordered_map<std::uint64_t, bool> shown;  // [row]
+  const auto shows = [&](std::uint64_t row) -> Result<bool> {
+    const auto [entry, added] = shown.try_emplace(row, false);
     if (!added) return entry->second;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(rows.row(segment, group), value_));
+    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, value_column));
     return entry->second = visibility.shows(place.entry.min, place.entry.max, place.entry.occupancy);
   };
 
@@ -86,94 +173,95 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
     const auto ranges = cut.ranges_of(item);
     for (std::size_t segment = 0; segment < ranges.size(); ++segment) {
       for (PointRange left = ranges[segment]; left.count > 0;) {
-        const std::uint64_t segment_begin = segment == 0 ? 0 : volume_->volume().info().resolution_counts[segment - 1];
+        const std::uint64_t segment_begin = segment == 0 ? 0 : counts[segment - 1];
         const std::uint64_t number = rows.group_at(segment, left.begin - segment_begin);
         const Group group = rows.group(number);
         const auto begin = static_cast<std::uint32_t>(left.begin - group.begin);
         const auto count = static_cast<std::uint32_t>(std::min<std::uint64_t>(left.count, group.count - begin));
         left = {left.begin + count, left.count - count};
-        SPLATVOL_TRY_ASSIGN(visible, shows(number, segment));
+        const CopyJob job{number, plan.splats, begin, count, i, item.resolution};
+        SPLATVOL_TRY_ASSIGN(visible, shows(row_of_chunk(job, value_column)));
         if (!visible) continue;
-        plan.jobs.push_back({number, plan.splats, begin, count, i, item.resolution});
+        plan.jobs.push_back(job);
         plan.splats += count;
       }
     }
     plan.item_ends.push_back(plan.splats);
   }
-  std::ranges::sort(plan.jobs, {},
-                    [](const CopyJob& job) { return std::tuple(job.group, job.resolution, job.begin, job.item); });
+
+  // The kernel octant shares positions and values between resolutions; moments share nothing, and go through the file
+  // in its own order.
+  std::ranges::sort(plan.jobs, {}, [&](const CopyJob& job) {
+    return std::tuple(kernel_ == KernelKind::moments ? job.resolution : 0, job.group, job.resolution, job.begin,
+                      job.item);
+  });
   return plan;
 }
 
 std::uint64_t Gatherer::working_bytes() const {
   const format::VolumeInfo& info = volume_->volume().info();
   const std::uint64_t points = std::min<std::uint64_t>(info.points_per_chunk, info.point_count());
-  const auto chunk_bytes = [&](ColumnKind kind, std::uint64_t payload) {
-    return decoded_bytes(kind, static_cast<std::uint32_t>(points)) + largest_gap + points * sizeof(std::uint64_t) +
-           2 * payload;
-  };
-  return chunk_bytes(ColumnKind::position, sizeof(format::PositionHeader) + points * sizeof(dvec3)) +
-         chunk_bytes(ColumnKind::value, points * sizeof(float)) +
-         info.resolutions() * chunk_bytes(ColumnKind::octant, points * 2);
+  std::uint64_t bytes = 0;
+  for (const int index : columns_) {
+    const ColumnKind kind = column(index).kind;
+    const std::uint64_t payload = largest_payload(kind, points);
+    bytes += decoded_bytes(kind, points) + loading_bytes(kind, points, payload, payload);
+  }
+  return bytes;
 }
 
-Status Gatherer::gather(const Cut& cut, const GatherPlan& plan, std::span<OctantSplat> splats) {
+Result<SplatArray> Gatherer::gather(const Cut& cut, const GatherPlan& plan) {
+  SplatArray splats(kernel_, plan.splats);
   for (std::size_t job = 0; job < plan.jobs.size();) {
     Wave wave;
     SPLATVOL_TRY_ASSIGN(end, fill_wave(plan, job, wave));
     SPLATVOL_TRY(load(wave));
-    tbb::parallel_for(job, end, [&](std::size_t j) { copy(plan.jobs[j], cut.items[plan.jobs[j].item], wave, splats); });
+    tbb::parallel_for(std::size_t{0}, wave.rows.size(),
+                      [&](std::size_t row) { copy(wave.rows[row], cut, wave, splats); });
     job = end;
   }
-  return {};
+  return splats;
 }
 
-// As many groups as fit; returns the job after the last of them.
+// As many rows as fit; returns the job after the last of them.
 Result<std::size_t> Gatherer::fill_wave(const GatherPlan& plan, std::size_t first_job, Wave& wave) {
   std::size_t job = first_job;
   while (job < plan.jobs.size() && wave.bytes < wave_bytes) {
     const auto rest = std::span(plan.jobs).subspan(job);
-    const auto end = std::ranges::find_if(rest, [&](const CopyJob& j) { return j.group != rest.front().group; });
-    const auto of_group = rest.first(static_cast<std::size_t>(end - rest.begin()));
-    const Status added = add_group(of_group, wave);
+    const auto end = std::ranges::find_if(rest, [&](const CopyJob& j) {
+      return j.group != rest.front().group || j.resolution != rest.front().resolution;
+    });
+    const auto of_row = rest.first(static_cast<std::size_t>(end - rest.begin()));
+    const Status added = add_row(of_row, wave);
     if (!added && added.error().code == ErrorCode::out_of_budget && job > first_job) break;
     SPLATVOL_TRY(added);
-    job += of_group.size();
+    job += of_row.size();
   }
   return job;
 }
 
-CacheKey Gatherer::sizes_key(const CopyJob& job) const {
-  return {CacheKey::Kind::sizes, volume_->volume().rows().row(job.resolution, job.group)};
-}
-
-// Adds all the chunks that the jobs of one group need, or none: out_of_budget.
-Status Gatherer::add_group(std::span<const CopyJob> jobs, Wave& wave) {
-  const format::RowLayout& rows = volume_->volume().rows();
-  const std::uint64_t number = jobs.front().group;
-  const Group group = rows.group(number);
-  const std::uint64_t own_row = rows.row(group.segment, number);
+// Adds all the chunks that the jobs of one row need, or none: out_of_budget.
+Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
+  const std::uint32_t points = volume_->volume().rows().group(jobs.front().group).count;
   std::vector<Chunk> missing;
   std::map<CacheKey, Cache::Pointer> held;
-  const auto want = [&](CacheKey key, std::uint64_t row, int column) -> Status {
-    const auto [entry, added] = held.try_emplace(key, nullptr);
-    if (!added || (entry->second = cache_->find(key))) return {};
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, column));
-    const ColumnKind kind = volume_->volume().info().columns[static_cast<std::size_t>(column)].kind;
-    missing.push_back({key, kind, row, group.count, place, {}, {}, {}});
-    return {};
-  };
-  SPLATVOL_TRY(want({CacheKey::Kind::positions, number}, own_row, position_));
-  SPLATVOL_TRY(want({CacheKey::Kind::values, number}, own_row, value_));
-  for (const CopyJob& job : jobs) SPLATVOL_TRY(want(sizes_key(job), sizes_key(job).number, octant_));
+  for (const int index : columns_) {
+    const CacheKey key{CacheKey::Kind::chunk, row_of_chunk(jobs.front(), index), index};
+    if (wave.held.contains(key)) continue;
+    if ((held[key] = cache_->find(key))) continue;
+    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(key.number, index));
+    missing.push_back({key, points, place, {}, {}, {}});
+  }
 
   // Only now, since it may cost the directory pages their place.
   std::uint64_t bytes = 0;
   for (Chunk& chunk : missing) {
-    auto decoded = cache_->reserve(decoded_bytes(chunk.kind, chunk.points));
-    auto decoding = cache_->reserve(decoding_bytes(chunk.place.entry, chunk.points));
+    const ColumnKind kind = column(chunk.key.column).kind;
+    const format::ChunkEntry& entry = chunk.place.entry;
+    auto decoded = cache_->reserve(decoded_bytes(kind, points));
+    auto decoding = cache_->reserve(loading_bytes(kind, points, entry.packed_bytes, entry.unpacked_bytes));
     if (!decoded || !decoding)
-      return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(), group.count);
+      return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(), points);
     bytes += decoded->bytes() + decoding->bytes();
     chunk.decoded = std::move(*decoded);
     chunk.decoding = std::move(*decoding);
@@ -181,6 +269,7 @@ Status Gatherer::add_group(std::span<const CopyJob> jobs, Wave& wave) {
   wave.bytes += bytes;
   std::ranges::move(missing, std::back_inserter(wave.missing));
   wave.held.merge(held);
+  wave.rows.push_back(jobs);
   return {};
 }
 
@@ -223,36 +312,28 @@ Status Gatherer::read_and_decode(std::span<Chunk> run) const {
 
 Status Gatherer::decode(Chunk& chunk, std::span<const std::byte> packed) const {
   const format::Volume& volume = volume_->volume();
+  const ColumnKind kind = column(chunk.key.column).kind;
   const std::string what =
-      fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(chunk.kind), chunk.row);
-  if (chunk.kind == ColumnKind::position) {
-    std::vector<dvec3> positions(chunk.points);
-    SPLATVOL_TRY(format::unpack_positions(chunk.place.entry, packed, positions, what));
-    chunk.data = std::move(positions);
-    return {};
-  }
-  std::vector<float> numbers(chunk.points);
-  if (chunk.kind == ColumnKind::value) {
-    SPLATVOL_TRY(format::unpack_values(chunk.place.entry, packed, numbers, what));
-  } else {
-    std::vector<std::uint8_t> depths(chunk.points), counts(chunk.points);
-    SPLATVOL_TRY(format::unpack_octants(chunk.place.entry, packed, depths, counts, what));
-    for (std::size_t i = 0; i < numbers.size(); ++i)
-      numbers[i] = static_cast<float>(std::ldexp(volume.info().cube.edge, -depths[i]) / std::cbrt(counts[i]));
-  }
-  chunk.data = std::move(numbers);
+      fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(kind), chunk.key.number);
+  SPLATVOL_TRY_ASSIGN(decoded,
+                      decode_chunk(kind, chunk.place.entry, packed, chunk.points, volume.info().cube.edge, what));
+  chunk.data = std::move(decoded);
   return {};
 }
 
-void Gatherer::copy(const CopyJob& job, const CutItem& item, const Wave& wave, std::span<OctantSplat> splats) const {
-  const auto& positions = std::get<std::vector<dvec3>>(*wave.held.at({CacheKey::Kind::positions, job.group}));
-  const auto& values = std::get<std::vector<float>>(*wave.held.at({CacheKey::Kind::values, job.group}));
-  const auto& sizes = std::get<std::vector<float>>(*wave.held.at(sizes_key(job)));
-  const dvec3 centre = item.cell.origin + 0.5 * item.cell.edge;
-  for (std::uint32_t i = 0; i < job.count; ++i) {
-    const std::size_t point = job.begin + i;
-    splats[job.destination + i] = {vec3(positions[point] - centre), values[point], sizes[point]};
+void Gatherer::copy(std::span<const CopyJob> jobs, const Cut& cut, const Wave& wave, SplatArray& splats) const {
+  const auto held = [&](std::size_t i) -> const CacheData& {
+    return *wave.held.at({CacheKey::Kind::chunk, row_of_chunk(jobs.front(), columns_[i]), columns_[i]});
+  };
+  if (kernel_ == KernelKind::moments) {
+    copy_jobs(jobs, cut,
+              MomentsRow{elements<dvec3>(held(0)), elements<MaterialShape>(held(1)), elements<MaterialValue>(held(2))},
+              splats.as<MomentsSplat>());
+    return;
   }
+  OctantRow row{elements<dvec3>(held(0)), elements<float>(held(1)), elements<float>(held(2)), {}};
+  if (columns_.size() > 3) row.gradients = elements<std::uint32_t>(held(3));
+  copy_jobs(jobs, cut, row, splats.as<OctantSplat>());
 }
 
 }  // namespace splatvol

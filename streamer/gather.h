@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <variant>
 #include <vector>
 
 #include "base/error.h"
@@ -26,7 +27,7 @@ struct CopyJob {
   std::uint32_t resolution;
 };
 
-/// What to copy where: by group, then by resolution; and where each item's splats end.
+/// What to copy where, in an order in which a row's jobs stand together; and where each item's splats end.
 struct GatherPlan {
   std::vector<CopyJob> jobs;
   std::vector<std::uint64_t> item_ends;  // [item]
@@ -37,38 +38,60 @@ struct GatherPlan {
   }
 };
 
+/// Splats of one kind and their memory.
+class SplatArray {
+ public:
+  /// Not filled in yet.
+  SplatArray(KernelKind kernel, std::uint64_t count);
+
+  [[nodiscard]] SplatSpan splats() const;
+
+  /// Requires the kernel's kind of splat.
+  template <class Splat>
+  [[nodiscard]] std::span<Splat> as() {
+    return {std::get<std::unique_ptr<Splat[]>>(storage_).get(), count_};
+  }
+
+ private:
+  std::variant<std::unique_ptr<OctantSplat[]>, std::unique_ptr<MomentsSplat[]>> storage_;
+  std::uint64_t count_;
+};
+
 /// Reads the splats of cuts. Not thread-safe; decodes on all processors.
 class Gatherer {
  public:
-  /// Fails with unsupported where the file has no values for the attribute or no octant column.
-  [[nodiscard]] static Result<Gatherer> create(PagedVolume& volume, Cache& cache);
+  /// `gradients`: for the kernel octant, read those too. Fails with unsupported where the file lacks a column that this
+  /// needs.
+  [[nodiscard]] static Result<Gatherer> create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients);
 
-  /// Lays the cut's splats out, item after item. Groups in which nothing is visible are left out. Reads directory pages
+  /// Lays the cut's splats out, item after item. Rows in which nothing is visible are left out. Reads directory pages
   /// only.
   [[nodiscard]] Result<GatherPlan> plan(const Cut& cut, const ValueVisibility& visibility);
 
-  /// Reads what the cache does not hold and fills `splats`, positions relative to the centre of their item's cell.
-  /// Requires splats.size() == plan.splats. Errors name the file and the chunk.
-  [[nodiscard]] Status gather(const Cut& cut, const GatherPlan& plan, std::span<OctantSplat> splats);
+  /// Reads what the cache does not hold and makes plan.splats splats, positions relative to the centre of their item's
+  /// cell. Errors name the file and the chunk.
+  [[nodiscard]] Result<SplatArray> gather(const Cut& cut, const GatherPlan& plan);
 
-  /// Bytes that gather needs at once at the very least, besides the splats: for one group, at all resolutions.
+  /// Bytes that gather needs at once at the very least, besides the splats: for one row.
   [[nodiscard]] std::uint64_t working_bytes() const;
 
  private:
   struct Chunk;
   struct Wave;
-  Gatherer(PagedVolume& volume, Cache& cache, int position, int value, int octant);
+  Gatherer(PagedVolume& volume, Cache& cache, KernelKind kernel, std::vector<int> columns);
+  [[nodiscard]] const format::Column& column(int index) const;
+  [[nodiscard]] std::uint64_t row_of_chunk(const CopyJob& job, int column) const;
   [[nodiscard]] Result<std::size_t> fill_wave(const GatherPlan& plan, std::size_t first_job, Wave& wave);
-  [[nodiscard]] Status add_group(std::span<const CopyJob> jobs, Wave& wave);
+  [[nodiscard]] Status add_row(std::span<const CopyJob> jobs, Wave& wave);
   [[nodiscard]] Status load(Wave& wave);
   [[nodiscard]] Status read_and_decode(std::span<Chunk> run) const;
   [[nodiscard]] Status decode(Chunk& chunk, std::span<const std::byte> packed) const;
-  void copy(const CopyJob& job, const CutItem& item, const Wave& wave, std::span<OctantSplat> splats) const;
-  [[nodiscard]] CacheKey sizes_key(const CopyJob& job) const;
+  void copy(std::span<const CopyJob> jobs, const Cut& cut, const Wave& wave, SplatArray& splats) const;
 
   PagedVolume* volume_;
   Cache* cache_;
-  int position_, value_, octant_;  // columns
+  KernelKind kernel_;
+  std::vector<int> columns_;  // position, value, octant, perhaps gradient; or centroid, moments, value_moments
 };
 
 }  // namespace splatvol

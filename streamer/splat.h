@@ -1,30 +1,65 @@
 // What the streamer hands to the renderer: decoded splats, in batches with a common origin.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <span>
+#include <variant>
 #include <vector>
 
 #include "base/math.h"
 
 namespace splatvol {
 
+/// How splats look.
+enum class KernelKind {
+  octant,   // round, sized by the octree's leaf: Meredith and Ma 2001
+  moments,  // ellipsoids matched to the material
+};
+
 /// A splat of the paper's kernel (`octant`), as the renderer's buffers hold it.
 struct OctantSplat {
   vec3 position;  // relative to its batch's origin, world units
   float value;    // less the attribute's offset, which single precision could not hold; NaN: missing, draws nothing
   float size;     // d: thickness and diameter scale, world units
+  std::uint32_t gradient;  // direction of the value's gradient, for lighting: 4 signed bytes / 127, the last 0; 0: none
 };
-static_assert(sizeof(OctantSplat) == 20);
+static_assert(sizeof(OctantSplat) == 24);
+
+/// A splat of the kernel `moments`, as the renderer's buffers hold it.
+struct MomentsSplat {
+  vec3 position;               // centroid relative to its batch's origin, world units
+  float mass;                  // volume of the material that has a value; 0 draws nothing
+  vec3 deviations;             // along the principal axes, descending, world units
+  vec3 orientation;            // x, y, z of the unit quaternion that turns x, y, z onto the principal axes; w >= 1/2
+  float value;                 // mean, less the attribute's offset
+  float value_deviation;       // standard deviation of the value
+  std::uint32_t correlations;  // 4 signed bytes / 127: of the value with each principal axis; then the residual, [0, 1]
+};
+static_assert(sizeof(MomentsSplat) == 52);
+
+/// Bytes of a splat.
+[[nodiscard]] constexpr std::size_t splat_bytes(KernelKind kernel) {
+  return kernel == KernelKind::octant ? sizeof(OctantSplat) : sizeof(MomentsSplat);
+}
 
 /// How far a splat reaches from its centre, in units of its size (3 standard deviations of 0.4 d), and at least, in
 /// pixels: the renderer widens splats that would slip between the centres of pixels.
 inline constexpr double octant_reach = 1.2;
 inline constexpr double octant_smallest_reach_pixels = 1.5;
 
-/// Splats near one origin, so that single precision keeps their detail far from the world's origin.
+/// `moments`: how far out of its node's cell (spec/svol-1.md, section 6), and how much the low-pass filter adds.
+inline constexpr double moments_reach = 2;
+inline constexpr double moments_smallest_reach_pixels = 1.5;
+
+/// Splats of one kind.
+using SplatSpan = std::variant<std::span<const OctantSplat>, std::span<const MomentsSplat>>;
+
+/// Consecutive splats near one origin, so that single precision keeps their detail far from the world's origin.
 struct SplatBatch {
   dvec3 origin;
-  std::span<const OctantSplat> splats;
+  std::uint64_t first;
+  std::uint64_t count;
 };
 
 }  // namespace splatvol

@@ -25,11 +25,11 @@ double next_tolerance(double refused) {
 }
 
 // A bound on what a cut takes as a frame: itself, its plan, and the splats.
-std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info) {
+std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, KernelKind kernel) {
   std::uint64_t jobs = 0;
   for (const PointRange& range : cut.ranges)
     if (range.count > 0) jobs += range.count / info.points_per_chunk + 2;
-  return cut.memory_bytes() + cut.splats * sizeof(OctantSplat) +
+  return cut.memory_bytes() + cut.splats * splat_bytes(kernel) +
          cut.items.size() * (sizeof(SplatBatch) + sizeof(std::uint64_t)) + jobs * sizeof(CopyJob);
 }
 
@@ -49,12 +49,16 @@ struct Streamer::Frame {
   Cut cut;
   ValueVisibility visibility;
   Reservation reservation;
-  std::unique_ptr<OctantSplat[]> storage;
+  SplatArray array;
   FrameSplats splats;
 };
 
-Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, std::uint64_t memory_bytes)
-    : volume_(std::move(volume)), budget_(memory_bytes), cache_(budget_), paged_(*volume_, attribute, cache_) {}
+Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options)
+    : volume_(std::move(volume)),
+      kernel_(options.kernel),
+      budget_(options.memory_bytes),
+      cache_(budget_),
+      paged_(*volume_, attribute, cache_) {}
 
 Streamer::~Streamer() = default;
 
@@ -69,15 +73,16 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
                 fmt::join(names, ", "));
   }
 
-  std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attribute, options.memory_bytes));
-  SPLATVOL_TRY_ASSIGN(gatherer, Gatherer::create(streamer->paged_, streamer->cache_));
+  std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attribute, options));
+  SPLATVOL_TRY_ASSIGN(gatherer,
+                      Gatherer::create(streamer->paged_, streamer->cache_, options.kernel, options.gradients));
   streamer->gatherer_ = std::move(gatherer);
   SPLATVOL_TRY(streamer->set_memory_aside());
   return streamer;
 }
 
 // The budget's fixed parts: the preamble, which stays, and room to work in: for the pages on the way to a node, and the
-// chunks of a group.
+// chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
@@ -120,12 +125,13 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
 Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
   CutOptions options;
   options.tolerance_percent = detail.tolerance_percent;
+  options.kernel = kernel_;
   options.resolution = detail.resolution;
   options.max_bytes = frame_limit();
   SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), paged_, view, visibility, options));
   if (cut.splats > detail.max_splats)
     return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", detail.max_splats);
-  if (frame_bytes(cut, info()) > frame_limit())
+  if (frame_bytes(cut, info(), kernel_) > frame_limit())
     return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", frame_limit());
   return cut;
 }
@@ -182,6 +188,7 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
                                                 const DetailOptions& detail) {
   CutOptions options;
   options.tolerance_percent = detail.tolerance_percent;
+  options.kernel = kernel_;
   options.resolution = detail.resolution;
   const auto coarsest = select_cut(info(), paged_, view, visibility, options);
   if (!coarsest) return tl::unexpected(coarsest.error());
@@ -190,18 +197,18 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
                 volume_->name(), coarsest->splats, detail.max_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
               volume_->name(), budget_.capacity(),
-              volume_->memory_bytes() + working_bytes_ + frame_bytes(*coarsest, info()));
+              volume_->memory_bytes() + working_bytes_ + frame_bytes(*coarsest, info(), kernel_));
 }
 
 Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   frame_.reset();
-  auto reservation = cache_.reserve(frame_bytes(cut, info()));
+  auto reservation = cache_.reserve(frame_bytes(cut, info(), kernel_));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
   SPLATVOL_TRY_ASSIGN(plan, gatherer_->plan(cut, visibility));
-  auto storage = std::make_unique_for_overwrite<OctantSplat[]>(plan.splats);
-  SPLATVOL_TRY(gatherer_->gather(cut, plan, {storage.get(), plan.splats}));
+  SPLATVOL_TRY_ASSIGN(array, gatherer_->gather(cut, plan));
 
   FrameSplats splats;
+  splats.data = array.splats();
   splats.serial = next_serial_++;
   splats.splats = plan.splats;
   splats.nodes_by_resolution.resize(info().resolutions());
@@ -214,12 +221,12 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
       ++splats.nodes;
       ++splats.nodes_by_resolution[item.resolution];
       splats.splats_by_resolution[item.resolution] += count;
-      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, {storage.get() + begin, count}});
+      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, begin, count});
     }
     begin += count;
   }
   frame_ = std::make_unique<Frame>(
-      Frame{std::move(cut), visibility, std::move(*reservation), std::move(storage), std::move(splats)});
+      Frame{std::move(cut), visibility, std::move(*reservation), std::move(array), std::move(splats)});
   return {};
 }
 

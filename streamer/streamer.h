@@ -24,6 +24,8 @@ namespace splatvol {
 struct StreamerOptions {
   std::uint64_t memory_bytes = std::uint64_t{512} << 20;
   std::string attribute;
+  KernelKind kernel = KernelKind::moments;
+  bool gradients = false;  // octant: with them, for lighting; moments have theirs in any case
 };
 
 /// What a view asks for.
@@ -35,6 +37,7 @@ struct DetailOptions {
 
 /// Splats for a view, back to front; owned by the streamer.
 struct FrameSplats {
+  SplatSpan data;                   // all of them, one batch after another
   std::vector<SplatBatch> batches;  // one for each node that has splats
   std::uint64_t serial = 0;         // another one whenever the splats are others
 
@@ -59,7 +62,7 @@ struct StreamerStatistics {
 class Streamer {
  public:
   /// Reads the preamble. Fails where the file is damaged, where it has no such attribute (the message lists those that
-  /// it has) or lacks what the octant kernel needs, and where the preamble alone passes the budget.
+  /// it has) or lacks what the kernel needs, and where the preamble alone passes the budget.
   [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source,
                                                               const StreamerOptions& options);
   Streamer(const Streamer&) = delete;
@@ -91,7 +94,7 @@ class Streamer {
     Cut cut;
     DetailOptions detail;
   };
-  Streamer(std::shared_ptr<const format::Volume> volume, int attribute, std::uint64_t memory_bytes);
+  Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
   [[nodiscard]] Status set_memory_aside();
   [[nodiscard]] std::uint64_t frame_limit() const;
   [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, DetailOptions detail);
@@ -105,6 +108,7 @@ class Streamer {
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
 
   std::shared_ptr<const format::Volume> volume_;
+  KernelKind kernel_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
   Reservation preamble_;

@@ -212,7 +212,9 @@ std::string scene_to_json(const Scene& scene) {
   function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
   for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
   for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
-  document["lighting"] = scene.lighting;
+  document["lighting"] = false;
+  if (scene.lighting)
+    document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 

@@ -20,9 +20,16 @@ struct Options {
   std::vector<std::string> attributes;
   std::string reduction = "octree";
   std::uint32_t leaf = 8;
+  std::string connectivity = "auto";
   unsigned threads = 0;
   bool json = false;
 };
+
+Connectivity connectivity_of(const std::string& name) {
+  for (const Connectivity connectivity : {Connectivity::mesh, Connectivity::delaunay, Connectivity::none})
+    if (name == connectivity_name(connectivity)) return connectivity;
+  return Connectivity::automatic;
+}
 
 // One bar at a time: a new stage replaces the last one's.
 class StageBar {
@@ -65,6 +72,7 @@ void print_json(const Options& options, const BuildReport& report, double second
   const nlohmann::ordered_json document = {{"output", options.output},
                                            {"points", report.resolution_counts.back()},
                                            {"resolutions", report.resolution_counts},
+                                           {"connectivity", connectivity_name(report.connectivity)},
                                            {"file_bytes", report.file_bytes},
                                            {"seconds", seconds},
                                            {"census", census}};
@@ -73,8 +81,9 @@ void print_json(const Options& options, const BuildReport& report, double second
 
 void print_text(const Options& options, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
-  fmt::print("{}: {} points, {} resolutions ({}), {} bytes ({:.1f} a point), {:.2f} s\n", options.output, points,
-             report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "), report.file_bytes,
+  fmt::print("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
+             options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
+             connectivity_name(report.connectivity), report.file_bytes,
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
@@ -89,6 +98,7 @@ Status build(const Options& options) {
   SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, options.attributes));
   BuildOptions build_options;
   build_options.leaf_points = options.leaf;
+  build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
@@ -130,6 +140,11 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")
       ->check(CLI::Range(8u, 65536u))
+      ->capture_default_str();
+  app.add_option("--connectivity", options.connectivity,
+                 "What joins points to a volume: auto (the input's cells, else delaunay), mesh (the cells), delaunay, "
+                 "none (an estimate from the points alone)")
+      ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none"}))
       ->capture_default_str();
   app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
   app.add_flag("--json", options.json, "Print the result as JSON");

@@ -24,7 +24,7 @@ struct Options {
   std::string stats;
   std::string memory = "512M";
   std::string sort = "exact";
-  std::string kernel = "octant";
+  std::string kernel = "moments";
   DetailOptions detail;
   int repeat = 1;
 };
@@ -55,8 +55,6 @@ double median(std::vector<double> numbers) {
 
 Result<Scene> read_scene(const Options& options) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
-  if (scene.lighting)
-    return fail(ErrorCode::unsupported, "{}: lighting: not in this version; set it to false", options.scene);
   if (options.size.empty()) return scene;
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
   scene.width = size[0];
@@ -64,18 +62,30 @@ Result<Scene> read_scene(const Options& options) {
   return scene;
 }
 
+KernelKind kernel_of(const Options& options) {
+  return options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+}
+
+SortMode sort_of(const Options& options) {
+  if (options.sort == "none") return SortMode::none;
+  return options.sort == "axis" ? SortMode::axis : SortMode::exact;
+}
+
 Result<Drawing> prepare(const Options& options, const Scene& scene) {
   Drawing drawing;
+  const KernelKind kernel = kernel_of(options);
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   SPLATVOL_TRY_ASSIGN(source, open_file(options.volume));
-  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {memory, scene.attribute}));
+  SPLATVOL_TRY_ASSIGN(streamer,
+                      Streamer::open(std::move(source), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
   drawing.streamer = std::move(streamer);
   SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
   drawing.context = std::move(context);
-  SPLATVOL_TRY_ASSIGN(renderer, Renderer::create());
+  SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(kernel));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
-  drawing.detail.max_splats = Renderer::max_splats();
+  drawing.detail.max_splats = drawing.renderer->max_splats();
+  drawing.renderer->set_lighting(scene.lighting);
   const double offset = drawing.streamer->value_offset();
   if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
     return fail_in(options.scene, status.error());
@@ -88,10 +98,10 @@ Status draw_frame(const Options& options, const Scene& scene, const View& view, 
   SPLATVOL_TRY_ASSIGN(frame, drawing.streamer->request(view, scene.transfer_function, drawing.detail));
   drawing.frame = frame;
   const double upload_start = seconds_now();
-  if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->batches));
+  if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
   drawing.uploaded_serial = frame->serial;
   const double draw_start = seconds_now();
-  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, options.sort == "exact" ? SortMode::exact : SortMode::none));
+  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options)));
 
   timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
   timings.sort.push_back(times.sort);
@@ -136,6 +146,12 @@ Provenance provenance_of(const Options& options, const Scene& scene, const Drawi
   return provenance;
 }
 
+// As in a scene file.
+nlohmann::ordered_json lighting_of(const Scene& scene) {
+  if (!scene.lighting) return false;
+  return {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+}
+
 nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene, const Drawing& drawing,
                                      const Timings& timings) {
   const FrameSplats& frame = *drawing.frame;
@@ -147,6 +163,7 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                  {"height", scene.height},
                                  {"kernel", options.kernel},
                                  {"sort", options.sort},
+                                 {"lighting", lighting_of(scene)},
                                  {"tolerance", options.detail.tolerance_percent},
                                  {"effective_tolerance", frame.detail.tolerance_percent},
                                  {"splats", frame.splats},
@@ -256,11 +273,15 @@ int main(int argc, char** argv) {
   app.add_option("--resolution", options.detail.resolution,
                  "One resolution for everything, 0 the coarsest, instead of a tolerance")
       ->check(CLI::NonNegativeNumber);
-  app.add_option("--kernel", options.kernel, "How a splat looks")
-      ->check(CLI::IsMember({"octant"}))
+  app.add_option("--kernel", options.kernel,
+                 "How a splat looks: an ellipsoid that matches the material, or round as in the paper of 2001")
+      ->check(CLI::IsMember({"moments", "octant"}))
       ->capture_default_str();
-  app.add_option("--sort", options.sort, "Order of drawing: none leaves it at back to front by node")
-      ->check(CLI::IsMember({"none", "exact"}))
+  app.add_option("--sort", options.sort,
+                 "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
+                 "sorted once "
+                 "for all views; exact: for each view")
+      ->check(CLI::IsMember({"none", "axis", "exact"}))
       ->capture_default_str();
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; detail is lost where it would need more")

@@ -10,6 +10,8 @@ layout(std140, binding = 0) uniform FrameBlock {
   float orthographic;    // 1 or 0
   float value_low;       // where the transfer function's domain begins
   float inverse_domain;  // 1 / (high - low)
+  float ambient;         // what lighting leaves of a colour, and adds for the cosine: 1 and 0 without a light
+  float diffuse;
 } frame;
 
 vec3 rotate_to_view(vec3 direction) {

@@ -5,12 +5,12 @@ struct OctantSplat {
   float x, y, z;  // relative to the batch's origin, world units
   float value;
   float size;
+  uint gradient;
   uint batch_index;
 };
 
 layout(std430, binding = 0) restrict readonly buffer SplatBlock { OctantSplat splats[]; };
 layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates
-layout(binding = 0) uniform sampler1D transfer_table;                                  // r, g, b, extinction
 
 const float sigma_per_size = 0.4;
 const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
@@ -26,12 +26,9 @@ float opacity(float depth) {
   return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth);
 }
 
-// Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
-vec4 transfer(float value) {
-  int last = textureSize(transfer_table, 0) - 1;
-  float place = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0) * float(last);
-  int left = min(int(place), last - 1);
-  return mix(texelFetch(transfer_table, left, 0), texelFetch(transfer_table, left + 1, 0), place - float(left));
+vec3 place(uint index) {
+  OctantSplat splat = splats[index];
+  return origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
 }
 
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
@@ -39,7 +36,7 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   OctantSplat splat = splats[index];
   if (is_nan(splat.value) || !(splat.size > 0.0)) return false;
 
-  vec3 centre = origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
+  vec3 centre = place(index);
   bool orthographic = frame.orthographic != 0.0;
   distance_to_eye = orthographic ? centre.z : max(length(centre), centre.z);  // the length may underflow
   if (!(centre.z > 0.0)) return false;
@@ -64,8 +61,15 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   uvec2 end = uvec2(ceil(clamp(high, vec2(0.0), frame.image_size) - 0.5));
   if (any(greaterThanEqual(first, end))) return false;
 
+  // The light is at the eye.
+  vec3 gradient = rotate_to_view(unpackSnorm4x8(splat.gradient).xyz);
+  float length_product = length(gradient) * (orthographic ? 1.0 : distance_to_eye);
+  float along = abs(orthographic ? gradient.z : dot(gradient, centre));
+  float cosine = length_product > 0.0 ? min(along / length_product, 1.0) : 1.0;
+  float light = frame.ambient + frame.diffuse * cosine;
+
   float half_width = half_width_per_sigma * sigma;
-  quad.color = vec4(material.rgb * alpha, alpha);
+  quad.color = vec4(material.rgb * (alpha * light), alpha);
   quad.pixel = pixel_size / half_width;
   quad.corner = (vec2(first) - middle) * quad.pixel - centre.xy / half_width;
   quad.columns = first.x | end.x << 16;

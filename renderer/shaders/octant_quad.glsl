@@ -7,6 +7,9 @@ struct Quad {
   uint columns;  // the first | one past the last << 16
   uint rows;
 };
-const Quad empty_quad = Quad(vec4(0.0), vec2(0.0), 0.0, 0u, 0u);
 
 layout(std430, binding = 4) restrict buffer QuadBlock { Quad quads[]; };
+
+bool is_near(Quad quad) { return false; }
+
+Quad empty_quad() { return Quad(vec4(0.0), vec2(0.0), 0.0, 0u, 0u); }

@@ -1,16 +1,33 @@
 // Projects a run of splats, in the order in which they are drawn.
 layout(local_size_x = 64) in;
+
+// How many indices to draw of a run, by the program for splats well in front of the eye and by that for any.
+struct DrawCommand {
+  uint count, instances, first_index, base_vertex, base_instance;
+};
+struct Run {
+  DrawCommand far, near;
+};
+
 layout(std430, binding = 2) restrict readonly buffer OrderBlock { uint order[]; };
+layout(std430, binding = 5) restrict writeonly buffer RunBlock { Run runs[]; };
 layout(location = 0) uniform uint first;
 layout(location = 1) uniform uint count;
-layout(location = 2) uniform bool ordered;
+layout(location = 2) uniform int ordering;  // 0: as the splats lie, 1: by `order`, -1: by `order` from its end
+layout(location = 3) uniform uint last;    // place in `order`
+layout(location = 4) uniform uint run;
 
 void main() {
   uint i = gl_GlobalInvocationID.x;
   if (i >= count) return;
+  uint index = first + i;
+  if (ordering != 0) index = order[ordering > 0 ? index : last - index];
   Quad quad;
   float distance_to_eye;
-  bool visible = project(ordered ? order[first + i] : first + i, quad, distance_to_eye);
-  if (!visible) quad = empty_quad;
+  if (!project(index, quad, distance_to_eye)) quad = empty_quad();
   quads[i] = quad;
+  if (is_near(quad)) {
+    runs[run].far.count = 0u;
+    runs[run].near.count = 6u * count;
+  }
 }

@@ -7,12 +7,16 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <random>
+#include <set>
+#include <tuple>
 
 #include "base/file.h"
 #include "builder/index_builder.h"
 #include "builder/reduction.h"
 #include "format/volume.h"
+#include "tests/builder/meshes.h"
 
 namespace splatvol {
 namespace {
@@ -45,6 +49,24 @@ Piece scattered(std::vector<dvec3> points) {
   return piece;
 }
 
+Piece mesh_piece(const test::Mesh& mesh, const std::function<double(dvec3)>& field) {
+  Piece piece;
+  piece.points = mesh.points;
+  piece.values = {test::sample(mesh, field)};
+  piece.tetrahedra = mesh.tetrahedra;
+  piece.census.tetrahedra = mesh.tetrahedra.size();
+  return piece;
+}
+
+// Cells from 1 to 1/1000 of the domain, stretched along one axis and turned.
+test::Mesh graded_mesh(std::uint32_t cells) {
+  const glm::dquat turn = glm::normalize(glm::dquat(1, 0.2, -0.3, 0.4));
+  const auto grade = [](double x) { return (std::exp(5 * x) - 1) / (std::exp(5.0) - 1); };
+  return test::lattice(cells, [&](dvec3 p) { return turn * dvec3(grade(p.x), p.y, 0.05 * grade(p.z)); });
+}
+
+double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
+
 std::vector<dvec3> random_points(std::size_t count, double scale = 1, dvec3 offset = dvec3(0)) {
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -57,36 +79,73 @@ std::string temporary_path(const std::string& name) {
   return (std::filesystem::path(testing::TempDir()) / name).string();
 }
 
+struct Splat {
+  dvec3 centroid;
+  format::SplatShape shape;
+  format::SplatValue value;
+};
+
 // What a file holds, decoded whole.
 struct Contents {
   std::shared_ptr<const format::Volume> volume;
   std::vector<dvec3> positions;
   std::vector<float> values;
+  std::vector<vec3> gradients;
+  std::vector<std::vector<Splat>> splats;  // [resolution][place]
 };
 
+struct Chunk {
+  format::ChunkEntry entry;
+  format::Bytes bytes;
+};
+
+Chunk read_chunk(const format::Volume& volume, std::uint64_t row, format::ColumnKind kind, int attribute) {
+  const auto page = *volume.read_directory_page(volume.directory_page_of_row(row));
+  const auto& place = volume.find_chunk(page, row, volume.info().find_column(kind, attribute));
+  return {place.entry, *volume.read_bytes(place.offset, place.entry.packed_bytes)};
+}
+
+template <class T, class Unpack>
+std::vector<T> decode(const Chunk& chunk, std::size_t count, Unpack unpack) {
+  std::vector<T> items(count);
+  EXPECT_TRUE(unpack(chunk.entry, chunk.bytes, items, "").has_value());
+  return items;
+}
+
+std::vector<Splat> read_splats(const format::Volume& volume, std::size_t resolution) {
+  using format::ColumnKind;
+  std::vector<Splat> splats;
+  const format::RowLayout& rows = volume.rows();
+  for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
+    const std::uint32_t count = rows.group(rows.group_of_row(row)).count;
+    const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
+    const auto centroids = decode<dvec3>(chunk(ColumnKind::centroid, -1), count, format::unpack_positions);
+    const auto shapes = decode<format::SplatShape>(chunk(ColumnKind::moments, -1), count, format::unpack_moments);
+    const Chunk value_chunk = chunk(ColumnKind::value_moments, 0);
+    const auto values = decode<format::SplatValue>(value_chunk, count, format::unpack_value_moments);
+    for (std::size_t i = 0; i < count; ++i) splats.push_back({centroids[i], shapes[i], values[i]});
+  }
+  return splats;
+}
+
 Contents read_all(const std::string& path) {
+  using format::ColumnKind;
   Contents contents;
   contents.volume = *format::Volume::open(*open_file(path));
-  const format::VolumeInfo& info = contents.volume->info();
-  EXPECT_TRUE(contents.volume->verify([](double) {}).has_value());
-  const format::RowLayout& rows = contents.volume->rows();
+  const format::Volume& volume = *contents.volume;
+  const auto verified = volume.verify([](double) {});
+  EXPECT_TRUE(verified.has_value()) << verified.error().message;
+  const format::RowLayout& rows = volume.rows();
+  const auto append = [](auto& all, const auto& items) { all.insert(all.end(), items.begin(), items.end()); };
   for (std::uint64_t g = 0; g < rows.group_count(); ++g) {
     const format::Group group = rows.group(g);
     const std::uint64_t row = rows.row(group.segment, g);
-    const auto page = *contents.volume->read_directory_page(contents.volume->directory_page_of_row(row));
-    const auto chunk = [&](format::ColumnKind kind, int attribute) {
-      const auto& place = contents.volume->find_chunk(page, row, info.find_column(kind, attribute));
-      return std::pair(place.entry, *contents.volume->read_bytes(place.offset, place.entry.packed_bytes));
-    };
-    std::vector<dvec3> positions(group.count);
-    const auto [position_entry, position_bytes] = chunk(format::ColumnKind::position, -1);
-    EXPECT_TRUE(format::unpack_positions(position_entry, position_bytes, positions, "").has_value());
-    contents.positions.insert(contents.positions.end(), positions.begin(), positions.end());
-    std::vector<float> values(group.count);
-    const auto [value_entry, value_bytes] = chunk(format::ColumnKind::value, 0);
-    EXPECT_TRUE(format::unpack_values(value_entry, value_bytes, values, "").has_value());
-    contents.values.insert(contents.values.end(), values.begin(), values.end());
+    const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
+    append(contents.positions, decode<dvec3>(chunk(ColumnKind::position, -1), group.count, format::unpack_positions));
+    append(contents.values, decode<float>(chunk(ColumnKind::value, 0), group.count, format::unpack_values));
+    append(contents.gradients, decode<vec3>(chunk(ColumnKind::gradient, 0), group.count, format::unpack_gradients));
   }
+  for (std::size_t r = 0; r < volume.info().resolutions(); ++r) contents.splats.push_back(read_splats(volume, r));
   return contents;
 }
 
@@ -221,14 +280,15 @@ TEST(Build, VerticesThatPiecesShareAreMergedScatteredPointsAreNot) {
 
 TEST(Build, BytesDoNotDependOnThreads) {
   const std::string one = temporary_path("one_thread.svol"), many = temporary_path("many_threads.svol");
-  const Piece piece = scattered(random_points(30'000));
-  {
-    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
-    ASSERT_TRUE(build({piece}, one));
+  for (const Piece& piece : {scattered(random_points(30'000)), mesh_piece(graded_mesh(20), wave)}) {
+    {
+      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
+      ASSERT_TRUE(build({piece}, one));
+    }
+    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 7);
+    ASSERT_TRUE(build({piece}, many));
+    EXPECT_EQ(*read_text_file(one), *read_text_file(many));
   }
-  tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 7);
-  ASSERT_TRUE(build({piece}, many));
-  EXPECT_EQ(*read_text_file(one), *read_text_file(many));
 }
 
 TEST(Build, AFailureLeavesTheOldFile) {
@@ -240,15 +300,486 @@ TEST(Build, AFailureLeavesTheOldFile) {
   EXPECT_FALSE(build({scattered(random_points(100))}, temporary_path("no/such/folder.svol")));
 }
 
+// Mass, mean and covariance of (x, v) of all material together.
+struct Total {
+  double mass = 0;
+  glm::dvec4 mean{0};
+  glm::dmat4 second{0};  // raw, about the origin
+
+  void add(double splat_mass, const dvec3& centroid, const dmat3& covariance, const format::SplatValue& value,
+           const dvec3& value_covariance) {
+    const glm::dvec4 y(centroid, value.mean);
+    glm::dmat4 within(covariance);
+    for (int i = 0; i < 3; ++i) within[i][3] = within[3][i] = value_covariance[i];
+    within[3][3] = value.deviation * value.deviation;
+    mass += splat_mass;
+    mean += splat_mass * y;
+    second += splat_mass * (within + glm::outerProduct(y, y));
+  }
+  // Covariance, each entry over the product of `deviations`.
+  [[nodiscard]] double correlation(int i, int j, const glm::dvec4& deviations) const {
+    return (second[i][j] / mass - mean[i] / mass * (mean[j] / mass)) / (deviations[i] * deviations[j]);
+  }
+  [[nodiscard]] glm::dvec4 deviations() const {
+    const glm::dvec4 one(1);
+    return glm::sqrt(
+        glm::dvec4(correlation(0, 0, one), correlation(1, 1, one), correlation(2, 2, one), correlation(3, 3, one)));
+  }
+};
+
+void expect_same(const Total& a, const Total& b, double tolerance) {
+  const glm::dvec4 deviations = b.deviations();
+  EXPECT_NEAR(a.mass / b.mass, 1, tolerance);
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_NEAR(a.mean[i] / a.mass, b.mean[i] / b.mass, tolerance * deviations[i]);
+    for (int j = 0; j < 4; ++j)
+      EXPECT_NEAR(a.correlation(i, j, deviations), b.correlation(i, j, deviations), tolerance) << i << " " << j;
+  }
+}
+
+dmat3 dense(const SymmetricMatrix& s) { return {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}; }
+
+// An input, reduced and merged as a build does it.
+struct Merged {
+  PointSet points;
+  std::vector<Resolution> resolutions;
+  std::vector<std::uint8_t> segments;
+  std::vector<Material> materials;
+  std::vector<StoredAttribute> attributes{1};
+  std::vector<format::ValueBins> bins;
+  format::NodeArrays tree;
+
+  explicit Merged(const Piece& piece) {
+    PieceSource source({piece});
+    points = *gather_points(source, true, [](double) {});
+    resolutions = reduce_by_octree(points.keys, points.positions, points.cube, 8);
+    segments = find_segments(resolutions);
+    materials = merge_clusters(points.keys, points.positions, resolutions, points.material);
+    attributes[0].values.assign(points.values[0].begin(), points.values[0].end());
+    attributes[0].description.min = std::ranges::min(attributes[0].values);
+    attributes[0].description.max = std::ranges::max(attributes[0].values);
+    bins = {format::bins_of(attributes[0].description)};
+    tree = build_index({points.cube, points.keys, points.positions, segments, resolutions, materials, attributes, bins},
+                       100);
+  }
+
+  [[nodiscard]] Total total(std::size_t r) const {
+    Total total;
+    for (std::size_t m = 0; m < resolutions[r].size(); ++m) {
+      const SpatialMoments& moments = materials[r].moments[m];
+      const ValueMoments& value = materials[r].value_moments[0][m];
+      const dvec3 centroid = points.positions[resolutions[r].members[m]] + moments.centroid;
+      total.add(moments.mass, centroid, dense(moments.covariance),
+                {.mean = value.mean, .deviation = std::sqrt(value.variance)}, value.covariance);
+    }
+    return total;
+  }
+};
+
+TEST(BuildMoments, TheWholeIsTheSameAtEveryResolution) {
+  for (const test::Mesh& mesh : {test::jittered(16, 0.3), graded_mesh(16)}) {
+    const Merged merged(mesh_piece(mesh, wave));
+    ASSERT_GE(merged.resolutions.size(), 3u);
+    const Total finest = merged.total(merged.resolutions.size() - 1);
+    EXPECT_NEAR(finest.mass / test::volume(mesh), 1, 1e-12);
+    for (std::size_t r = 0; r + 1 < merged.resolutions.size(); ++r) expect_same(merged.total(r), finest, 1e-11);
+
+    // As the file has it, masses and deviations within 2^(1/256), which is 0.3 %, and a tilt of an axis by 1/16 of a
+    // shorter one. Where the errors of thousands of splats do not average out, that makes 1 %.
+    const std::string path = temporary_path("whole.svol");
+    ASSERT_TRUE(build({mesh_piece(mesh, wave)}, path));
+    for (const std::vector<Splat>& splats : read_all(path).splats) {
+      Total total;
+      for (const auto& [centroid, shape, value] : splats) {
+        const dmat3 axes = glm::mat3_cast(shape.orientation);
+        dmat3 covariance(0);
+        for (int k = 0; k < 3; ++k)
+          covariance += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
+        total.add(shape.mass, centroid, covariance, value,
+                  axes * (value.correlation * shape.deviations * value.deviation));
+      }
+      expect_same(total, finest, 0.01);
+    }
+  }
+}
+
+TEST(BuildMoments, EveryValidCutHasTheSameMass) {
+  const test::Mesh mesh = graded_mesh(18);
+  const Merged merged(mesh_piece(mesh, wave));
+  std::mt19937 random(1);
+  const std::size_t last = merged.resolutions.size() - 1;
+  std::size_t node = 0;
+  double mass = 0;
+  std::set<std::size_t> used;
+  const auto skip = [&](const auto& self) -> void {
+    const std::uint8_t mask = merged.tree.child_masks[node++];
+    for (int i = 0; i < std::popcount(mask); ++i) self(self);
+  };
+  const auto cut = [&](const auto& self, std::size_t begin, std::size_t end, int depth) -> void {
+    const std::uint8_t mask = merged.tree.child_masks[node];
+    const std::size_t first = merged.tree.first_resolutions[node];
+    if (mask == 0 || random() % 3 == 0) {
+      const std::size_t r = first + random() % (last + 1 - first);
+      used.insert(r);
+      const auto& members = merged.resolutions[r].members;
+      for (std::size_t m = 0; m < members.size(); ++m)
+        if (members[m] >= begin && members[m] < end) mass += merged.materials[r].moments[m].mass;
+      return skip(skip);
+    }
+    ++node;
+    for (std::size_t child = begin; child < end;) {
+      std::size_t child_end = child;
+      while (child_end < end &&
+             octant_at(merged.points.keys[child_end], depth) == octant_at(merged.points.keys[child], depth))
+        ++child_end;
+      self(self, child, child_end, depth + 1);
+      child = child_end;
+    }
+  };
+  const double volume = test::volume(mesh);
+  for (int round = 0; round < 200; ++round) {
+    node = 0;
+    mass = 0;
+    cut(cut, 0, merged.points.size(), 0);
+    EXPECT_NEAR(mass / volume, 1, 1e-12);
+  }
+  EXPECT_EQ(used.size(), last + 1);
+}
+
+TEST(BuildMoments, FarFromTheOriginTheyAreTheSame) {
+  // Coordinates are multiples of 2^-20: moving them by 10^7 is exact.
+  test::Mesh mesh = test::jittered(8, 0.3);
+  for (dvec3& p : mesh.points) p = glm::round(p * 0x1p20) * 0x1p-20;
+  test::Mesh moved = mesh;
+  const dvec3 shift(1e7, -1e7, 1e7);
+  for (dvec3& p : moved.points) p += shift;
+  Piece here = mesh_piece(mesh, wave), there = here;
+  there.points = moved.points;
+  const std::string path = temporary_path("far.svol");
+  ASSERT_TRUE(build({here}, path));
+  const Contents near = read_all(path);
+  ASSERT_TRUE(build({there}, path));
+  const Contents far = read_all(path);
+  for (std::size_t r = 0; r < near.splats.size(); ++r)
+    for (std::size_t i = 0; i < near.splats[r].size(); ++i) {
+      const Splat &a = near.splats[r][i], &b = far.splats[r][i];
+      EXPECT_NEAR(b.shape.mass / a.shape.mass, 1, 1.0 / 100);  // one step of the log code, 2^(1/128)
+      EXPECT_NEAR(b.shape.deviations[2] / a.shape.deviations[2], 1, 1.0 / 100);
+      // Each within 1/64 of the smallest deviation of its chunk.
+      EXPECT_LT(glm::length(b.centroid - shift - a.centroid), a.shape.deviations[2] * std::sqrt(3.0) / 32);
+    }
+}
+
+TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
+  const test::Mesh mesh = graded_mesh(12);
+  const Piece piece = mesh_piece(mesh, wave);
+  const std::string path = temporary_path("shares.svol");
+  ASSERT_TRUE(build({piece}, path));
+  const Contents contents = read_all(path);
+  const Merged merged(piece);
+  const std::size_t last = merged.resolutions.size() - 1;
+  const double range = merged.bins[0].max - merged.bins[0].min;
+  // Places in the file: by segment, then in Morton order.
+  std::vector<std::size_t> order(merged.points.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return merged.segments[i]; });
+  for (std::size_t place = 0; place < order.size(); ++place) {
+    const std::size_t i = order[place];
+    const SpatialMoments& moments = merged.materials[last].moments[i];
+    const double shortest = merged.materials[last].extents[i].shortest;
+    const Splat& splat = contents.splats[last][place];
+    const dvec3 error = contents.positions[place] - merged.points.positions[i];
+    const dvec3 centroid_error = splat.centroid - merged.points.positions[i] - moments.centroid;
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_LE(std::abs(error[k]), shortest / 64);
+      EXPECT_LE(std::abs(centroid_error[k]), shortest / 64);
+    }
+    const ValueMoments& value = merged.materials[last].value_moments[0][i];
+    const double mean = contents.volume->info().attributes[0].offset + splat.value.mean;
+    EXPECT_LE(std::abs(mean - value.mean), std::max(std::sqrt(value.variance) / 64, range * 0x1p-20) * 1.001);
+  }
+}
+
+TEST(BuildMoments, MissingValuesLowerTheCoverage) {
+  const test::Mesh mesh = test::jittered(12, 0.2);
+  Piece piece = mesh_piece(mesh, wave);
+  std::mt19937 random(8);
+  for (double& value : piece.values[0])
+    if (random() % 4 == 0) value = random() % 2 == 0 ? nan : 1e300;
+  const Merged merged(piece);
+  double with_value = 0;
+  for (const Tetrahedron& t : mesh.tetrahedra)
+    if (std::ranges::all_of(t, [&](std::uint32_t v) { return std::abs(piece.values[0][v]) < 1e30; }))
+      with_value += test::volume({mesh.points, {t}});
+  ASSERT_GT(with_value, 0.2);
+  for (const Material& material : merged.materials) {
+    double mass = 0;
+    for (const ValueMoments& value : material.value_moments[0]) mass += value.mass;
+    EXPECT_NEAR(mass / with_value, 1, 1e-12);
+  }
+  const std::string path = temporary_path("coverage.svol");
+  ASSERT_TRUE(build({piece}, path));
+  for (const auto& splats : read_all(path).splats) {
+    double mass = 0;
+    for (const Splat& splat : splats) mass += splat.shape.mass * splat.value.coverage;
+    EXPECT_NEAR(mass / with_value, 1, 0.005);  // 0.3 % of a mass, 1/510 of a coverage
+  }
+}
+
+TEST(BuildMoments, PointsWithoutMaterialStayWhereTheyAre) {
+  test::Mesh mesh = test::lattice(8);
+  const std::size_t in_cells = mesh.points.size();
+  for (const dvec3& p : random_points(700)) mesh.points.push_back(p + dvec3(2, 0, 0));
+  mesh.tetrahedra.push_back({0, 1, 2, 3});  // flat: a row of the lattice
+  const Piece piece = mesh_piece(mesh, [](dvec3 p) { return p.x; });
+  const std::string path = temporary_path("no_cell.svol");
+  const auto report = build({piece}, path);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->connectivity, Connectivity::mesh);
+  EXPECT_EQ(report->points.in_no_cell, 700u);
+  const Contents contents = read_all(path);
+  std::size_t empty = 0;
+  for (std::size_t i = 0; i < contents.positions.size(); ++i) {
+    const Splat& splat = contents.splats.back()[i];
+    if (splat.shape.mass > 0) continue;
+    ++empty;
+    EXPECT_GE(contents.positions[i].x, 1.99);
+    EXPECT_NEAR(glm::length(splat.centroid - contents.positions[i]), 0, 1e-3);  // of a spacing of 0.1
+    EXPECT_EQ(splat.shape.deviations, dvec3(0));
+    EXPECT_EQ(splat.value.coverage, 0);
+    EXPECT_EQ(contents.gradients[i], vec3(0));
+  }
+  EXPECT_EQ(empty, mesh.points.size() - in_cells);
+  for (const auto& splats : contents.splats) {
+    double mass = 0;
+    for (const Splat& splat : splats) mass += splat.shape.mass;
+    EXPECT_NEAR(mass, 1, 0.003);
+  }
+}
+
+TEST(BuildMoments, OneTetrahedronAndOnlyFlatOnesWork) {
+  const std::string path = temporary_path("one_cell.svol");
+  const test::Mesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 1, 2, 3}}};
+  ASSERT_TRUE(build({mesh_piece(one, wave)}, path));
+  const Contents contents = read_all(path);
+  for (const Splat& splat : contents.splats[0]) EXPECT_NEAR(splat.shape.mass * 24, 1, 0.003);
+  const test::Mesh flat{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {{0, 1, 2, 3}}};
+  ASSERT_TRUE(build({mesh_piece(flat, wave)}, path));
+  const Contents nothing = read_all(path);
+  for (const Splat& splat : nothing.splats[0]) EXPECT_EQ(splat.shape.mass, 0);
+}
+
+TEST(BuildMoments, PiecesGiveWhatTheWholeMeshGives) {
+  const test::Mesh mesh = test::jittered(10, 0.2);
+  const Piece whole = mesh_piece(mesh, wave);
+  // Two pieces with points of their own.
+  std::vector<Piece> pieces(2);
+  for (std::size_t half = 0; half < 2; ++half) {
+    std::map<std::uint32_t, std::uint32_t> renumbered;
+    pieces[half].values.resize(1);
+    for (std::size_t t = half * mesh.tetrahedra.size() / 2; t < (half + 1) * mesh.tetrahedra.size() / 2; ++t) {
+      Tetrahedron corners = mesh.tetrahedra[t];
+      for (std::uint32_t& v : corners) {
+        const auto [found, added] = renumbered.try_emplace(v, static_cast<std::uint32_t>(renumbered.size()));
+        if (added) {
+          pieces[half].points.push_back(mesh.points[v]);
+          pieces[half].values[0].push_back(whole.values[0][v]);
+        }
+        v = found->second;
+      }
+      pieces[half].tetrahedra.push_back(corners);
+    }
+    pieces[half].census.tetrahedra = pieces[half].tetrahedra.size();
+  }
+  PieceSource one({whole}), two(pieces);
+  const PointSet a = *gather_points(one, true, [](double) {}), b = *gather_points(two, true, [](double) {});
+  ASSERT_EQ(a.positions, b.positions);
+  EXPECT_GT(b.census.merged, 100u);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const SpatialMoments &m = a.material.moments[i], &n = b.material.moments[i];
+    EXPECT_NEAR(n.mass / m.mass, 1, 1e-13);
+    EXPECT_NEAR(n.covariance.xx / m.covariance.xx, 1, 1e-12);
+    EXPECT_NEAR(b.material.value_moments[0][i].mean, a.material.value_moments[0][i].mean, 1e-14);
+    EXPECT_LT(glm::length(b.gradients[0][i] - a.gradients[0][i]), 1e-10 * glm::length(a.gradients[0][i]));
+  }
+}
+
+BuildOptions connected(Connectivity connectivity) {
+  BuildOptions options;
+  options.connectivity = connectivity;
+  return options;
+}
+
+TEST(BuildConnectivity, IsAsAskedForAndSaidInTheReportAndTheFile) {
+  const std::string path = temporary_path("connectivity.svol");
+  const Piece mesh = mesh_piece(test::jittered(8, 0.2), wave);
+  Piece points = mesh;
+  points.tetrahedra.clear();
+  points.census.tetrahedra = 0;
+  const auto used = [&](const Piece& piece, Connectivity wanted) -> std::string {
+    const auto report = build({piece}, path, connected(wanted));
+    if (!report) return report.error().message;
+    const std::string name = connectivity_name(report->connectivity);
+    EXPECT_NE((*format::Volume::open(*open_file(path)))->info().provenance.find("\"connectivity\":\"" + name + "\""),
+              std::string::npos);
+    return name;
+  };
+  EXPECT_EQ(used(mesh, Connectivity::automatic), "mesh");
+  EXPECT_EQ(used(mesh, Connectivity::mesh), "mesh");
+  EXPECT_EQ(used(mesh, Connectivity::delaunay), "delaunay");
+  EXPECT_EQ(used(mesh, Connectivity::none), "none");
+  EXPECT_EQ(used(points, Connectivity::automatic), "delaunay");
+  EXPECT_EQ(used(points, Connectivity::none), "none");
+  EXPECT_NE(used(points, Connectivity::mesh).find("no cells"), std::string::npos);
+  // No four points span a volume.
+  EXPECT_EQ(used(scattered({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}), Connectivity::automatic), "none");
+}
+
+TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
+  const std::string path = temporary_path("filled.svol");
+  Piece mesh = mesh_piece(test::jittered(12, 0.2), wave), points = mesh;
+  points.tetrahedra.clear();
+  points.census.tetrahedra = 0;
+  for (const auto& [piece, wanted] : {std::pair(mesh, Connectivity::delaunay), std::pair(mesh, Connectivity::none),
+                                      std::pair(points, Connectivity::automatic)}) {
+    ASSERT_TRUE(build({piece}, path, connected(wanted)));
+    for (const auto& splats : read_all(path).splats) {
+      double mass = 0;
+      for (const Splat& splat : splats) mass += splat.shape.mass * splat.value.coverage;
+      EXPECT_NEAR(mass, 1, 0.06);  // the jitter at the boundary
+    }
+  }
+}
+
+TEST(BuildMoments, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
+  const Piece before = scattered(random_points(50, 1, dvec3(3))), after = scattered(random_points(60, 1, dvec3(-3)));
+  PieceSource source({before, mesh_piece(test::lattice(4), wave), after});
+  const PointSet points = *gather_points(source, true, [](double) {});
+  ASSERT_EQ(points.material.moments.size(), points.size());
+  double mass = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const dvec3& p = points.positions[i];
+    EXPECT_EQ(points.material.moments[i].mass > 0, p.x >= 0 && p.x <= 1) << i;
+    EXPECT_EQ(points.material.value_moments[0][i].mass, points.material.moments[i].mass);
+    mass += points.material.moments[i].mass;
+  }
+  EXPECT_NEAR(mass, 1, 1e-12);
+}
+
+// Walks the tree, calling visit(node, begin, end, depth): points [begin, end) in Morton order lie in the node.
+template <class Visit>
+void walk(const Merged& merged, const Visit& visit) {
+  std::size_t next_node = 0;
+  const auto descend = [&](const auto& self, std::size_t begin, std::size_t end, int depth) -> void {
+    const std::size_t node = next_node++;
+    visit(node, begin, end, depth);
+    for (std::size_t child = begin; merged.tree.child_masks[node] != 0 && child < end;) {
+      std::size_t child_end = child;
+      while (child_end < end &&
+             octant_at(merged.points.keys[child_end], depth) == octant_at(merged.points.keys[child], depth))
+        ++child_end;
+      self(self, child, child_end, depth + 1);
+      child = child_end;
+    }
+  };
+  descend(descend, 0, merged.points.size(), 0);
+  EXPECT_EQ(next_node, merged.tree.size());
+}
+
+TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
+  const Piece piece = mesh_piece(graded_mesh(20), wave);
+  const std::string path = temporary_path("bounds.svol");
+  BuildOptions options;
+  options.index_leaf_points = 100;
+  ASSERT_TRUE(build({piece}, path, options));
+  const Contents contents = read_all(path);
+  const Merged merged(piece);  // the same tree: bytes do not depend on threads
+  const Cube& cube = merged.points.cube;
+  std::vector<std::size_t> place(merged.points.size()), order(merged.points.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return merged.segments[i]; });
+  for (std::size_t k = 0; k < order.size(); ++k) place[order[k]] = k;
+
+  double tightest = 0;
+  walk(merged, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
+    const double half = std::ldexp(cube.edge, -depth - 1);
+    const dvec3 center = cell_center(merged.points.positions[begin], cube, depth);
+    const format::ValueSummary& summary = merged.tree.summaries[node];
+    for (std::size_t r = merged.tree.first_resolutions[node]; r < merged.resolutions.size(); ++r) {
+      double largest = 0;
+      for (std::size_t i = begin; i < end; ++i) {
+        if (merged.segments[i] > r) continue;
+        const auto& [centroid, shape, value] = contents.splats[r][place[i]];
+        EXPECT_GE(value.mean + contents.volume->info().attributes[0].offset, summary.min - 1e-5);
+        EXPECT_LE(value.mean + contents.volume->info().attributes[0].offset, summary.max + 1e-5);
+        const dmat3 axes = glm::mat3_cast(shape.orientation);
+        largest = std::max(largest, std::sqrt(12.0) * shape.deviations[0]);
+        for (int axis = 0; axis < 3; ++axis) {
+          double reach = 0;
+          for (int k = 0; k < 3; ++k) reach += std::pow(axes[k][axis] * shape.deviations[k], 2);
+          const double out = std::abs(centroid[axis] - center[axis]) + std::sqrt(12 * reach) - half;
+          largest = std::max(largest, out / 2);
+        }
+      }
+      if (largest == 0) continue;
+      const double bound = format::size_bound(merged.tree.size_code_at(node, 1, r), cube.edge);
+      EXPECT_GE(bound, largest) << "resolution " << r << " depth " << depth;
+      EXPECT_LE(bound, largest * 1.25) << "resolution " << r << " depth " << depth;
+      tightest = std::max(tightest, largest / bound);
+    }
+  });
+  EXPECT_GT(tightest, 0.95);
+}
+
+TEST(BuildIndex, SummariesCoverWhatTheMaterialTakes) {
+  const test::Mesh mesh = test::jittered(12, 0.3);
+  const Merged merged(mesh_piece(mesh, [](dvec3 p) { return p.x > 0.5 ? 10 : std::floor(4 * p.y); }));
+  // Values at random places of the cells, by the vertex that owns the place.
+  std::map<std::tuple<double, double, double>, std::size_t> index_of;
+  for (std::size_t i = 0; i < merged.points.size(); ++i) {
+    const dvec3& p = merged.points.positions[i];
+    index_of[{p.x, p.y, p.z}] = i;
+  }
+  std::vector<std::vector<double>> taken(merged.points.size());
+  std::mt19937_64 random(6);
+  std::exponential_distribution<double> part(1);
+  for (const Tetrahedron& t : mesh.tetrahedra)
+    for (int round = 0; round < 20; ++round) {
+      std::array<double, 4> share;
+      for (double& s : share) s = part(random);
+      const double all = std::accumulate(share.begin(), share.end(), 0.0);
+      double value = 0;
+      std::array<std::size_t, 4> corners;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const dvec3& p = mesh.points[t[k]];
+        corners[k] = index_of[{p.x, p.y, p.z}];
+        value += share[k] / all * merged.points.values[0][corners[k]];
+      }
+      taken[corners[static_cast<std::size_t>(std::ranges::max_element(share) - share.begin())]].push_back(value);
+    }
+  walk(merged, [&](std::size_t node, std::size_t begin, std::size_t end, int) {
+    const format::ValueSummary& summary = merged.tree.summaries[node];
+    for (std::size_t i = begin; i < end; ++i)
+      for (const double value : taken[i]) {
+        EXPECT_GE(value, summary.min - 1e-6);
+        EXPECT_LE(value, summary.max + 1e-6);
+        EXPECT_NE(summary.occupancy >> merged.bins[0].bin(value) & 1, 0u);
+      }
+  });
+}
+
 // Brute force over nodes: counts, size bounds and first_resolution against their definitions.
 TEST(BuildIndex, EveryNodeTellsTheTruth) {
   auto positions = random_points(6000);
   for (std::size_t i = 0; i < 3000; ++i) positions[i] = dvec3(0.7) + 1e-4 * positions[i];
   PieceSource source({scattered(positions)});
-  const PointSet points = *gather_points(source, [](double) {});
+  const PointSet points = *gather_points(source, true, [](double) {});
   const auto resolutions = reduce_by_octree(points.keys, points.positions, points.cube, 8);
   const auto segments = find_segments(resolutions);
-  const format::NodeArrays tree = build_index({points.keys, segments, resolutions, {}, {}}, 100);
+  const auto materials =
+      merge_clusters(points.keys, points.positions, resolutions, {std::vector<SpatialMoments>(points.size()), {}, {}});
+  const format::NodeArrays tree =
+      build_index({points.cube, points.keys, points.positions, segments, resolutions, materials, {}, {}}, 100);
 
   struct Cell {
     std::size_t begin, end;

@@ -143,6 +143,23 @@ TEST(ReduceByOctree, KeepsTheNearestToEachLeafsCentreAndNestsClusters) {
   }
 }
 
+TEST(LeafBegins, LeafKeepsTheMemberOfItsNumber) {
+  for (const auto& [name, positions] : hard_cases()) {
+    const Sorted sorted = sort_points(positions);
+    const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+    for (std::size_t r = 0; r + 1 < resolutions.size(); ++r) {
+      const auto begins = leaf_begins(sorted.keys, resolutions[r + 1]);
+      const auto& fine = resolutions[r + 1].members;
+      ASSERT_EQ(begins.size(), resolutions[r].size() + 1) << name;
+      ASSERT_EQ(begins.back(), fine.size()) << name;
+      for (std::size_t k = 0; k + 1 < begins.size(); ++k) {
+        ASSERT_LE(fine[begins[k]], resolutions[r].members[k]) << name;
+        ASSERT_GE(fine[begins[k + 1] - 1], resolutions[r].members[k]) << name;
+      }
+    }
+  }
+}
+
 TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
   const Sorted sorted = sort_points(random_points(100'000));
   const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);

@@ -88,13 +88,34 @@ class Explorer {
       note(packed.has_value());
       if (!packed) continue;
       const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(c)].kind;
-      std::vector<dvec3> positions(kind == ColumnKind::position ? group.count : 0);
-      std::vector<float> values(kind == ColumnKind::value ? group.count : 0);
-      std::vector<std::uint8_t> depths(kind == ColumnKind::octant ? group.count : 0), counts(depths);
-      if (kind == ColumnKind::position) note(unpack_positions(place.entry, *packed, positions, "test").has_value());
-      if (kind == ColumnKind::value) note(unpack_values(place.entry, *packed, values, "test").has_value());
-      if (kind == ColumnKind::octant) note(unpack_octants(place.entry, *packed, depths, counts, "test").has_value());
+      note(read_chunk(kind, place.entry, *packed, group.count).has_value());
     }
+  }
+
+  static Status read_chunk(ColumnKind kind, const ChunkEntry& entry, const Bytes& packed, std::size_t points) {
+    const auto into = [&](auto element, auto unpack) {
+      std::vector<decltype(element)> out(points);
+      return unpack(entry, packed, out, "test");
+    };
+    std::vector<std::uint8_t> depths(points), counts(points);
+    switch (kind) {
+      case ColumnKind::position:
+      case ColumnKind::centroid:
+        return into(dvec3(), unpack_positions);
+      case ColumnKind::value:
+        return into(float(), unpack_values);
+      case ColumnKind::octant:
+        return unpack_octants(entry, packed, depths, counts, "test");
+      case ColumnKind::moments:
+        return into(SplatShape(), unpack_moments);
+      case ColumnKind::value_moments:
+        return into(SplatValue(), unpack_value_moments);
+      case ColumnKind::gradient:
+        return into(vec3(), unpack_gradients);
+      case ColumnKind::unknown:
+        break;
+    }
+    return {};
   }
 
   const Volume& volume_;
@@ -284,7 +305,7 @@ class HostileSmallFile : public testing::Test {
   Dissected parts_;
 };
 
-constexpr std::size_t few_megabytes = 4u << 20;
+constexpr std::size_t few_megabytes = 5u << 20;  // the shapes of the largest group take 4
 
 TEST_F(HostileSmallFile, HasAboutAKilobyte) {
   EXPECT_LE(file_.size(), 1500u);

@@ -33,7 +33,7 @@ using Surgeon = std::function<void(Part part, std::size_t index, format::Bytes& 
 /// A file in its parts.
 class Dissected {
  public:
-  /// Requires a whole and valid file with moments-free columns.
+  /// Requires a whole and valid file.
   explicit Dissected(const format::Bytes& file);
 
   /// A file whose hashes all hold, whatever the surgeon did.

@@ -27,7 +27,8 @@ VolumeInfo example() {
   info.columns = {
       {ColumnKind::position, ColumnScope::segment, -1},   {ColumnKind::value, ColumnScope::segment, 0},
       {ColumnKind::value, ColumnScope::segment, 1},       {ColumnKind::octant, ColumnScope::resolution, -1},
-      {ColumnKind::moments, ColumnScope::resolution, -1}, {ColumnKind::value_moments, ColumnScope::resolution, 1}};
+      {ColumnKind::moments, ColumnScope::resolution, -1}, {ColumnKind::value_moments, ColumnScope::resolution, 1},
+      {ColumnKind::gradient, ColumnScope::segment, 1},    {ColumnKind::centroid, ColumnScope::resolution, -1}};
   info.size_bounds = {"octant", "moments"};
   info.provenance = R"({"builder":"test","census":{"VTK_TETRA":3}})";
   return info;
@@ -226,6 +227,33 @@ TEST(Metadata, SkipsUnknownColumnsUnlessTheyAreCritical) {
   EXPECT_EQ(info->columns.back().scope, ColumnScope::resolution);
   document["columns"].back()["critical"] = true;
   EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("'later'"));
+}
+
+TEST(Metadata, EachKindHasItsScopeAndItsAttribute) {
+  for (std::size_t c = 0; c < example().columns.size(); ++c) {
+    json document = example_json();
+    json& column = document["columns"][c];
+    ASSERT_TRUE(metadata_from_json(document.dump()));
+    column["scope"] = column["scope"] == "segment" ? "resolution" : "segment";
+    EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("scope")) << column.dump();
+
+    document = example_json();
+    if (document["columns"][c].contains("attribute"))
+      document["columns"][c].erase("attribute");
+    else
+      document["columns"][c]["attribute"] = 0;
+    EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("attribute")) << c;
+
+    document = example_json();
+    document["columns"].push_back(document["columns"][c]);
+    EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("twice")) << c;
+  }
+}
+
+TEST(Metadata, UnknownSizeBoundsAreKept) {
+  json document = example_json();
+  document["size_bounds"].push_back("later");
+  EXPECT_EQ(metadata_from_json(document.dump()).value().size_bounds.back(), "later");
 }
 
 TEST(Metadata, IsJsonOrRefused) {

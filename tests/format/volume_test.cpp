@@ -47,6 +47,48 @@ Status verify_bytes(const Bytes& bytes) {
   return volume->verify([](double) {});
 }
 
+// A chunk of what the splats stand for against what went into it; bounds of errors are tested with the columns.
+void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Column& column, const Group& group,
+                          std::size_t resolution, const TestVolume& volume) {
+  const auto attribute = static_cast<std::size_t>(std::max(column.attribute, 0));
+  std::vector<dvec3> centroids(group.count);
+  std::vector<SplatShape> shapes(group.count);
+  std::vector<SplatValue> values(group.count);
+  std::vector<vec3> gradients(group.count);
+  if (column.kind == ColumnKind::centroid) {
+    ASSERT_TRUE(unpack_positions(entry, packed, centroids, "test"));
+    const double error = stated_position_error(entry, packed).value();
+    for (std::size_t i = 0; i < group.count; ++i)
+      EXPECT_LE(glm::distance(centroids[i], volume.centroids[resolution][group.begin + i]), 2 * error);
+  } else if (column.kind == ColumnKind::moments) {
+    ASSERT_TRUE(unpack_moments(entry, packed, shapes, "test"));
+    for (std::size_t i = 0; i < group.count; ++i) {
+      const SplatShape& expected = volume.shapes[resolution][group.begin + i];
+      EXPECT_NEAR(shapes[i].mass, expected.mass, 0.003 * expected.mass);
+      for (int k = 0; k < 3; ++k)
+        EXPECT_NEAR(shapes[i].deviations[k], expected.deviations[k], 0.003 * expected.deviations[k]);
+    }
+  } else if (column.kind == ColumnKind::value_moments) {
+    ASSERT_TRUE(unpack_value_moments(entry, packed, values, "test"));
+    for (std::size_t i = 0; i < group.count; ++i) {
+      const SplatValue& expected = volume.signals[attribute][resolution][group.begin + i];
+      EXPECT_NEAR(values[i].coverage, expected.coverage, 1.0 / 255);
+      if (!(expected.coverage > 0)) continue;
+      EXPECT_NEAR(values[i].deviation, expected.deviation, 0.003 * expected.deviation);
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(values[i].correlation[k], expected.correlation[k], 0.004);
+    }
+  } else {
+    ASSERT_EQ(column.kind, ColumnKind::gradient);
+    ASSERT_TRUE(unpack_gradients(entry, packed, gradients, "test"));
+    for (std::size_t i = 0; i < group.count; ++i) {
+      const dvec3 expected(volume.gradients[attribute][group.begin + i]);
+      const double length = glm::length(expected);
+      for (int k = 0; k < 3; ++k)
+        EXPECT_NEAR(static_cast<double>(gradients[i][k]), length > 0 ? expected[k] / length : 0, 0.004);
+    }
+  }
+}
+
 // All chunks of a file against what went into it.
 void expect_same_columns(const Volume& file, const TestVolume& volume) {
   const RowLayout& rows = file.rows();
@@ -71,13 +113,15 @@ void expect_same_columns(const Volume& file, const TestVolume& volume) {
           const float expected = volume.stored[static_cast<std::size_t>(column.attribute)][group.begin + i];
           EXPECT_TRUE(values[i] == expected || (std::isnan(values[i]) && std::isnan(expected)));
         }
-      } else {
+      } else if (column.kind == ColumnKind::octant) {
         std::vector<std::uint8_t> depths(group.count), counts(group.count);
         ASSERT_TRUE(unpack_octants(place.entry, packed, depths, counts, "test"));
         for (std::size_t i = 0; i < group.count; ++i) {
           EXPECT_EQ(depths[i], volume.depths[resolution][group.begin + i]);
           EXPECT_EQ(counts[i], volume.counts[resolution][group.begin + i]);
         }
+      } else {
+        expect_same_material(place.entry, packed, column, group, resolution, volume);
       }
     }
   }

@@ -21,6 +21,14 @@ using ::testing::HasSubstr;
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
+/// An OctantSplat, without a gradient where none is given.
+struct Splat {
+  vec3 position;
+  float value;
+  float size;
+  std::uint32_t gradient = 0;
+};
+
 /// Values 0, 1, 2, 3 are red, green, blue, white; extinction rises from 0 at value -1 to `extinction` at 0 and stays.
 TransferFunction four_colors(double extinction) {
   TransferFunction function;
@@ -73,15 +81,15 @@ void expect_sane(const Image& image) {
 double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
 /// The picture by its definition, in double precision: every splat over every pixel of its square.
-Image composite(std::vector<OctantSplat> splats, dvec3 origin, const View& view, const TransferFunction& function) {
-  const auto place = [&](const OctantSplat& splat) { return view.to_view(origin + dvec3(splat.position)); };
-  const auto distance = [&](const OctantSplat& splat) {
+Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const TransferFunction& function) {
+  const auto place = [&](const Splat& splat) { return view.to_view(origin + dvec3(splat.position)); };
+  const auto distance = [&](const Splat& splat) {
     return view.orthographic ? place(splat).z : glm::length(place(splat));
   };
   std::ranges::stable_sort(splats, std::ranges::greater{}, distance);
 
   Image image{view.width, view.height, std::vector<vec4>(static_cast<std::size_t>(view.width) * view.height)};
-  for (const OctantSplat& splat : splats) {
+  for (const Splat& splat : splats) {
     const dvec3 centre = place(splat);
     const double alpha = 1 - std::exp(-function.extinction(splat.value) * splat.size);
     if (!(centre.z > 0) || !(alpha > 0)) continue;
@@ -106,18 +114,23 @@ class RendererTest : public ::testing::Test {
  protected:
   void SetUp() override {
     ASSERT_TRUE(shared_context());
-    auto made = Renderer::create();
+    auto made = Renderer::create(KernelKind::octant);
     ASSERT_TRUE(made) << made.error().message;
     renderer_ = std::move(*made);
   }
 
   /// Draws `splats`, in world coordinates relative to `origin`.
-  Image picture(const std::vector<OctantSplat>& splats, const View& view, const TransferFunction& function,
+  Image picture(const std::vector<Splat>& splats, const View& view, const TransferFunction& function,
                 SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
-    const SplatBatch batch{origin, splats};
     EXPECT_TRUE(renderer_->set_transfer_function(function));
-    EXPECT_TRUE(renderer_->set_splats({&batch, 1}));
+    EXPECT_TRUE(set_splats(splats, {{origin, 0, splats.size()}}));
     return redraw(view, sort);
+  }
+
+  Status set_splats(const std::vector<Splat>& splats, const std::vector<SplatBatch>& batches) {
+    std::vector<OctantSplat> converted;
+    for (const Splat& splat : splats) converted.push_back({splat.position, splat.value, splat.size, splat.gradient});
+    return renderer_->set_splats(converted, batches);
   }
 
   /// Draws what is resident.
@@ -193,8 +206,8 @@ TEST_F(RendererTest, ControlPointsKeepTheirColors) {
 }
 
 TEST_F(RendererTest, NearOverFarWhateverTheArrayOrder) {
-  const OctantSplat near_red{{0, 0, -5}, 0, 10};
-  const OctantSplat far_blue{{0, 0, -9}, 2, 10};
+  const Splat near_red{{0, 0, -5}, 0, 10};
+  const Splat far_blue{{0, 0, -9}, 2, 10};
   const TransferFunction function = four_colors(0.1);
   const float a = 1 - std::exp(-1.0F);
   const vec4 red_over_blue(a, 0, a * (1 - a), 1 - (1 - a) * (1 - a));
@@ -210,7 +223,7 @@ TEST_F(RendererTest, NearOverFarWhateverTheArrayOrder) {
 }
 
 TEST_F(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
-  const std::vector<OctantSplat> splats{{{0, 0, -10}, 0, 40}, {{8, 0, -9}, 2, 40}};
+  const std::vector<Splat> splats{{{0, 0, -10}, 0, 40}, {{8, 0, -9}, 2, 40}};
   const TransferFunction function = four_colors(0.05);
   const auto check = [&](const View& view) {
     EXPECT_LT(rmse(picture(splats, view, function), composite(splats, dvec3(0), view, function)), 1e-4);
@@ -222,8 +235,8 @@ TEST_F(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
 TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
   std::mt19937 generator(3);
   std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<OctantSplat> splats(400);
-  for (OctantSplat& splat : splats)
+  std::vector<Splat> splats(400);
+  for (Splat& splat : splats)
     splat = {{coordinate(generator), coordinate(generator), 1.5F * coordinate(generator)},
              1 + 2 * coordinate(generator),
              0.25F + 0.2F * coordinate(generator)};
@@ -243,8 +256,8 @@ TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
 
 TEST_F(RendererTest, BatchesShareOneOrder) {
   // Splats side by side in depth, dealt out to batches with origins of their own.
-  std::vector<OctantSplat> all;
-  std::array<std::vector<OctantSplat>, 3> parts;
+  std::vector<Splat> all;
+  std::array<std::vector<Splat>, 3> parts;
   const std::array<dvec3, 3> origins{dvec3(5, 0, 0), dvec3(0, -3, 2), dvec3(1, 1, -30)};
   for (int i = 0; i < 60; ++i) {
     const dvec3 position(0, 0, -10 - (i * 37) % 60);
@@ -256,16 +269,16 @@ TEST_F(RendererTest, BatchesShareOneOrder) {
   const View view = perspective_view(64, 64);
   const Image expected = picture(all, view, function);
 
-  std::vector<SplatBatch> batches;
-  for (int i = 0; i < 3; ++i) batches.push_back({origins[i], parts[i]});
-  batches.insert(batches.begin() + 1, SplatBatch{dvec3(7), {}});
-  ASSERT_TRUE(renderer_->set_splats(batches));
+  // In another order than the splats lie in, and with an empty one between.
+  std::vector<Splat> joined;
+  for (const auto& part : parts) joined.insert(joined.end(), part.begin(), part.end());
+  ASSERT_TRUE(set_splats(joined, {{origins[2], 40, 20}, {dvec3(7), 60, 0}, {origins[0], 0, 20}, {origins[1], 20, 20}}));
   EXPECT_EQ(renderer_->splat_count(), 60U);
   EXPECT_LT(rmse(redraw(view), expected), 1e-5);
 }
 
 TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
-  const std::vector<OctantSplat> splats{{{0, 0, -5}, 0, 10}, {{0, 0, 5}, 2, 10}};
+  const std::vector<Splat> splats{{{0, 0, -5}, 0, 10}, {{0, 0, 5}, 2, 10}};
   const TransferFunction function = four_colors(0.1);
   View front = orthographic_view(65, 65, {0, 0, 20});
   View back = front;
@@ -285,14 +298,13 @@ TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
   ASSERT_TRUE(renderer_->set_transfer_function(function));
   EXPECT_GT(redraw(front).at(32, 32).r, 0.1);
 
-  const std::vector<OctantSplat> swapped{{{0, 0, 5}, 0, 10}, {{0, 0, -5}, 2, 10}};
-  const SplatBatch batch{dvec3(0), swapped};
-  ASSERT_TRUE(renderer_->set_splats({&batch, 1}));
+  const std::vector<Splat> swapped{{{0, 0, 5}, 0, 10}, {{0, 0, -5}, 2, 10}};
+  ASSERT_TRUE(set_splats(swapped, {{dvec3(0), 0, 2}}));
   EXPECT_GT(redraw(front).at(32, 32).r, 0.6);
 }
 
 TEST_F(RendererTest, AStillViewIsSortedOnce) {
-  const std::vector<OctantSplat> splats(1000, {{0, 0, -5}, 0, 1});
+  const std::vector<Splat> splats(1000, {{0, 0, -5}, 0, 1});
   const View view = orthographic_view(16, 16);
   picture(splats, view, four_colors(1));
   const auto again = renderer_->draw(view, SortMode::exact);
@@ -303,7 +315,7 @@ TEST_F(RendererTest, AStillViewIsSortedOnce) {
 
 TEST_F(RendererTest, WhatDrawsNothing) {
   const View view = perspective_view(32, 32);
-  const std::vector<OctantSplat> nothing{
+  const std::vector<Splat> nothing{
       {{0, 0, -5}, nan_value, 1},  // missing
       {{0, 0, -5}, -1, 1},         // extinction 0
       {{0, 0, 5}, 0, 100},         // behind the eye, though it would reach before it
@@ -325,7 +337,7 @@ TEST_F(RendererTest, WhatDrawsNothing) {
     for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
 
     // Nor do they disturb one that draws.
-    std::vector<OctantSplat> with_one = nothing;
+    std::vector<Splat> with_one = nothing;
     with_one.insert(with_one.begin() + 7, {{0, 0, -5}, 0, 1});
     EXPECT_EQ(
         rmse(picture(with_one, view, four_colors(1), sort), picture({{{0, 0, -5}, 0, 1}}, view, four_colors(1), sort)),
@@ -358,7 +370,7 @@ TEST_F(RendererTest, SplatAtTheEyeCoversThePicture) {
 }
 
 TEST_F(RendererTest, ExtremeSizesStaySane) {
-  std::vector<OctantSplat> splats;
+  std::vector<Splat> splats;
   for (const float size : {1e-30F, 1e-10F, 1e-3F, 1.0F, 1e5F, 1e18F, 3e38F, infinity})
     for (const float depth : {1e-30F, 1e-10F, 1.0F, 1e10F, 1e18F, 3e38F})
       for (const float aside : {0.0F, 1e-3F, 1e10F, 3e38F}) splats.push_back({{aside, -aside, -depth}, 0, size});
@@ -371,8 +383,8 @@ TEST_F(RendererTest, ExtremeSizesStaySane) {
 TEST_F(RendererTest, DetailSurvivesFarFromTheOrigin) {
   std::mt19937 generator(5);
   std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<OctantSplat> splats(300);
-  for (OctantSplat& splat : splats)
+  std::vector<Splat> splats(300);
+  for (Splat& splat : splats)
     splat = {
         {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
   const TransferFunction function = four_colors(5);
@@ -388,15 +400,15 @@ TEST_F(RendererTest, DetailSurvivesFarFromTheOrigin) {
 TEST_F(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
   std::mt19937 generator(6);
   std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<OctantSplat> splats(300);
-  for (OctantSplat& splat : splats)
+  std::vector<Splat> splats(300);
+  for (Splat& splat : splats)
     splat = {
         {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
   const Image expected = picture(splats, perspective_view(64, 64, {0, 0, 4}), four_colors(5));
 
   for (const float unit : {1e-6F, 1e6F}) {
-    std::vector<OctantSplat> scaled = splats;
-    for (OctantSplat& splat : scaled) {
+    std::vector<Splat> scaled = splats;
+    for (Splat& splat : scaled) {
       splat.position *= unit;
       splat.size *= unit;
     }
@@ -410,7 +422,7 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLight) {
   std::uniform_real_distribution<double> fraction(0, 1);
   for (const double sigma : {0.01, 0.1, 0.3, 0.5, 0.8, 2.0}) {
     // A grid of splats at random places between the pixels' centres, too far apart to overlap.
-    std::vector<OctantSplat> splats;
+    std::vector<Splat> splats;
     for (int y = 0; y < 32; ++y)
       for (int x = 0; x < 32; ++x)
         splats.push_back({vec3(16 * x - 248 + fraction(generator), 16 * y - 248 + fraction(generator), -100), 3,
@@ -426,8 +438,8 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
   const View view = perspective_view(64, 64);
   std::mt19937 generator(9);
   std::uniform_real_distribution<float> coordinate(-2, 2);
-  std::vector<OctantSplat> splats(2000);
-  for (OctantSplat& splat : splats) splat = {{coordinate(generator), coordinate(generator), -10}, 3, 0.01F};
+  std::vector<Splat> splats(2000);
+  for (Splat& splat : splats) splat = {{coordinate(generator), coordinate(generator), -10}, 3, 0.01F};
 
   // Faint, so that overlaps add up.
   const double sigma = 0.4 * 0.01 * view.focal / 10;
@@ -438,7 +450,7 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
 
 TEST_F(RendererTest, ThinSplatsAddUp) {
   // A thousand layers of optical depth 1/1000: 8 bits would show nothing, and an alpha cut at 0.001 neither.
-  std::vector<OctantSplat> splats;
+  std::vector<Splat> splats;
   for (int i = 0; i < 1000; ++i) splats.push_back({{0, 0, -10.0F - static_cast<float>(i)}, 3, 20});
   const Image image = picture(splats, orthographic_view(65, 65), four_colors(1e-3 / 20));
   EXPECT_NEAR(image.at(32, 32).a, 1 - std::exp(-1.0), 1e-3);
@@ -460,9 +472,8 @@ TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
   constexpr float scale = 1e-5F;
   function.lo = offset + function.lo * static_cast<double>(scale);
   function.hi = offset + function.hi * static_cast<double>(scale);
-  const std::vector<OctantSplat> splats = {{{0, 0, -1}, value * scale, 5}};
-  const SplatBatch batch{dvec3(0), splats};
-  ASSERT_TRUE(renderer_->set_splats({&batch, 1}));
+  const std::vector<Splat> splats = {{{0, 0, -1}, value * scale, 5}};
+  ASSERT_TRUE(set_splats(splats, {{dvec3(0), 0, 1}}));
   ASSERT_TRUE(renderer_->set_transfer_function(function, offset));
   EXPECT_LE(compare_images(near_zero, redraw(view))->max, 1e-4);
 }
@@ -471,22 +482,21 @@ TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
   for (const SortMode sort : {SortMode::none, SortMode::exact}) {
     for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
-    const SplatBatch empty{dvec3(1), {}};
-    ASSERT_TRUE(renderer_->set_splats({&empty, 1}));
+    ASSERT_TRUE(set_splats({}, {{dvec3(1), 0, 0}}));
     for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
   }
 
   // Those of before are gone, too.
   ASSERT_GT(total_alpha(picture({{{0, 0, -1}, 0, 5}}, orthographic_view(20, 10), four_colors(1))), 1);
-  ASSERT_TRUE(renderer_->set_splats({}));
+  ASSERT_TRUE(set_splats({}, {}));
   EXPECT_EQ(total_alpha(redraw(orthographic_view(20, 10))), 0);
 }
 
 TEST_F(RendererTest, AMillionSplats) {
   std::mt19937 generator(10);
   std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<OctantSplat> splats(1'000'000);
-  for (OctantSplat& splat : splats)
+  std::vector<Splat> splats(1'000'000);
+  for (Splat& splat : splats)
     splat = {
         {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.01F};
   const View view = perspective_view(256, 256, {0, 0, 5});
@@ -497,12 +507,12 @@ TEST_F(RendererTest, AMillionSplats) {
 
   // Array order, sorted by the test, is the same picture: the runs in which splats are drawn leave no seam.
   std::ranges::sort(splats, std::ranges::greater{},
-                    [&](const OctantSplat& splat) { return glm::length(view.to_view(dvec3(splat.position))); });
+                    [&](const Splat& splat) { return glm::length(view.to_view(dvec3(splat.position))); });
   EXPECT_LT(rmse(picture(splats, view, four_colors(5), SortMode::none), exact), 1e-4);
 }
 
 TEST_F(RendererTest, SizesChangeBetweenDraws) {
-  const std::vector<OctantSplat> splats{{{3, 2, -5}, 0, 4}};
+  const std::vector<Splat> splats{{{3, 2, -5}, 0, 4}};
   const Image first = picture(splats, orthographic_view(64, 64), four_colors(1));
   const Image wide = redraw(orthographic_view(128, 32));
   EXPECT_EQ(wide.width, 128);
@@ -535,9 +545,9 @@ TEST_F(RendererTest, RefusesMoreThanTheDeviceHolds) {
   if (limit > (1 << 28)) GTEST_SKIP() << "this device's limit of " << limit << " bytes is too far to reach in a test";
 
   // The same splats again and again, to one more than fit.
-  const std::vector<OctantSplat> splats(100'000, {{0, 0, -1}, 0, 1});
-  const auto batches = static_cast<std::size_t>(limit) / (splats.size() * sizeof(OctantRecord)) + 1;
-  const auto status = renderer_->set_splats(std::vector<SplatBatch>(batches, {dvec3(0), splats}));
+  const std::vector<Splat> splats(100'000, {{0, 0, -1}, 0, 1});
+  const auto batches = static_cast<std::size_t>(limit) / (splats.size() * sizeof(Record<OctantSplat>)) + 1;
+  const auto status = set_splats(splats, std::vector<SplatBatch>(batches, {dvec3(0), 0, splats.size()}));
   ASSERT_FALSE(status);
   EXPECT_EQ(status.error().code, ErrorCode::device);
   EXPECT_THAT(status.error().message, HasSubstr(std::to_string(limit)));
@@ -548,7 +558,7 @@ TEST_F(RendererTest, RefusesMoreThanTheDeviceHolds) {
 
 TEST_F(RendererTest, CountsItsMemoryAndKeepsIt) {
   const std::uint64_t empty = renderer_->gpu_bytes();
-  const std::vector<OctantSplat> splats(1000, {{0, 0, -1}, 0, 1});
+  const std::vector<Splat> splats(1000, {{0, 0, -1}, 0, 1});
   picture(splats, orthographic_view(100, 50), four_colors(1));
   const std::uint64_t filled = renderer_->gpu_bytes();
   EXPECT_GE(filled - empty, 1000 * sizeof(OctantSplat) + 100 * 50 * sizeof(vec4));

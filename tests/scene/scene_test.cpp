@@ -42,7 +42,7 @@ std::string error_of(const std::string& text) {
 TEST(ParseScene, ReadsEveryField) {
   json text = valid_scene();
   text["background"] = {0.1, 0.2, 0.3};
-  text["lighting"] = true;
+  text["lighting"] = {{"ambient", 0.25}, {"diffuse", 2}, {"specular", 1}};
   text["unknown"] = {{"camera", 1}};
   const auto scene = parse_scene(text.dump());
   ASSERT_TRUE(scene) << scene.error().message;
@@ -61,7 +61,7 @@ TEST(ParseScene, ReadsEveryField) {
   ASSERT_EQ(scene->transfer_function.densities.size(), 4U);
   EXPECT_EQ(scene->transfer_function.densities[2].extinction, 4);
   EXPECT_EQ(scene->background, dvec3(0.1, 0.2, 0.3));
-  EXPECT_TRUE(scene->lighting);
+  EXPECT_EQ(scene->lighting, (Lighting{0.25, 2}));
 }
 
 TEST(ParseScene, OptionalFieldsHaveDefaults) {
@@ -69,6 +69,13 @@ TEST(ParseScene, OptionalFieldsHaveDefaults) {
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->background, dvec3(0));
   EXPECT_FALSE(scene->lighting);
+}
+
+TEST(ParseScene, LightingIsOffOnOrGiven) {
+  const auto lighting = [](const json& value) { return parse_scene(changed("/lighting", value))->lighting; };
+  EXPECT_EQ(lighting(false), std::nullopt);
+  EXPECT_EQ(lighting(true), (Lighting{0.3, 0.7}));
+  EXPECT_EQ(lighting({{"ambient", 0}, {"diffuse", 0}}), (Lighting{0, 0}));
 }
 
 TEST(ParseScene, OrthographicNeedsItsHeightOnly) {
@@ -118,7 +125,15 @@ TEST(ParseScene, NamesTheWrongField) {
   refuses("/attribute", 1, "attribute");
   refuses("/background", {0, 0, -0.1}, "background");
   refuses("/background", "black", "background");
-  refuses("/lighting", 1, "lighting");
+  for (const json& lighting : {json(1), json("true"), json(nullptr), json::array({0.3, 0.7})})
+    refuses("/lighting", lighting, "lighting");
+  refuses("/lighting", json::object(), "lighting.ambient");
+  refuses("/lighting", {{"ambient", 0.3}}, "lighting.diffuse");
+  refuses("/lighting", {{"diffuse", 0.7}}, "lighting.ambient");
+  refuses("/lighting", {{"ambient", -0.1}, {"diffuse", 1}}, "lighting.ambient");
+  refuses("/lighting", {{"ambient", 0.1}, {"diffuse", -1e-9}}, "lighting.diffuse");
+  refuses("/lighting", {{"ambient", true}, {"diffuse", 1}}, "lighting.ambient");
+  refuses("/lighting", {{"ambient", 0.1}, {"diffuse", 1e38}}, "lighting.diffuse");
 }
 
 TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
@@ -155,6 +170,16 @@ TEST(ParseScene, EveryTruncationIsRefused) {
   const std::string text = valid_scene().dump();
   for (std::size_t length = 0; length < text.size(); ++length)
     EXPECT_NE(error_of(text.substr(0, length)), "accepted") << length;
+}
+
+TEST(Lighting, FactorForgetsTheSidesAndNeedsNoGradient) {
+  const Lighting lighting{0.25, 0.5};
+  const dvec3 ray(0, 0.6, 0.8);
+  EXPECT_DOUBLE_EQ(lighting.factor(ray, ray), 0.75);
+  EXPECT_DOUBLE_EQ(lighting.factor(ray, -ray), 0.75);
+  EXPECT_DOUBLE_EQ(lighting.factor(ray, {0, 0, -1}), 0.25 + 0.5 * 0.8);
+  EXPECT_DOUBLE_EQ(lighting.factor(ray, {1, 0, 0}), 0.25);
+  EXPECT_DOUBLE_EQ(lighting.factor(ray, dvec3(0)), 0.75);
 }
 
 TEST(LoadScene, MessagesBeginWithThePath) {

@@ -22,18 +22,22 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 // A volume in memory with its index behind the cut's interface.
 struct Bench {
-  explicit Bench(TestVolume made, TransferFunction function = test::opaque(), int attribute = 1)
-      : volume(std::move(made)),
+  explicit Bench(TestVolume made, TransferFunction function = test::opaque(), int attribute = 1,
+                 KernelKind kind = KernelKind::octant)
+      : kernel(kind),
+        volume(std::move(made)),
         opened(format::Volume::open(test::source_of(volume)).value()),
         paged(*opened, attribute, cache),
         visibility(function, volume.info.attributes[static_cast<std::size_t>(attribute)]) {}
 
   Cut cut(const View& view, CutOptions options) {
+    options.kernel = kernel;
     auto result = select_cut(opened->info(), paged, view, visibility, options);
     EXPECT_TRUE(result) << (result ? "" : result.error().message);
     return result.value_or(Cut{});
   }
 
+  KernelKind kernel;
   TestVolume volume;
   std::shared_ptr<const format::Volume> opened;
   MemoryBudget budget{1u << 30};
@@ -253,9 +257,181 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   EXPECT_GT(left_out, 50000u);
 }
 
+// Whether something of a splat's ellipsoid is seen: points of its surface and on its axes, exactly where they project.
+bool ellipsoid_is_visible(const View& view, const TestVolume& volume, std::size_t resolution, std::size_t i) {
+  static const std::vector<dvec3> ball = [] {
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    std::vector<dvec3> points;
+    for (int k = 0; k < 60; ++k) {
+      const dvec3 direction = glm::normalize(dvec3(normal(random), normal(random), normal(random)));
+      points.push_back(direction);
+      points.push_back(0.7 * direction);
+    }
+    return points;
+  }();
+  const format::SplatShape& shape = volume.shapes[resolution][i];
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  return std::ranges::any_of(ball, [&](const dvec3& b) {
+    const dvec3 p = view.to_view(volume.centroids[resolution][i] + axes * (std::sqrt(12.0) * shape.deviations * b));
+    const double scale = view.orthographic ? view.focal : view.focal / p.z;
+    return p.z > 0 && std::abs(p.x) * scale < 0.5 * view.width && std::abs(p.y) * scale < 0.5 * view.height;
+  });
+}
+
+std::set<std::uint64_t> drawn_points(const Cut& cut) {
+  std::set<std::uint64_t> drawn;
+  for (const PointRange& range : cut.ranges)
+    for (std::uint64_t i = 0; i < range.count; ++i) drawn.insert(range.begin + i);
+  return drawn;
+}
+
+TEST(Cut, CullingLosesNoVisibleEllipsoid) {
+  Bench bench(test::sample_volume(3000, 11), test::opaque(), 1, KernelKind::moments);
+  const TestVolume& volume = bench.volume;
+  std::size_t sticking_out = 0, left_out = 0, seen = 0;
+  for (std::size_t i = 0; i < volume.positions.size(); ++i) {
+    // Of the smallest node's cell that holds the point.
+    std::size_t node = 0;
+    for (std::size_t n = 0; n < volume.cells.size(); ++n)
+      if (volume.holds(n, i) && volume.cells[n].size() >= volume.cells[node].size()) node = n;
+    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    const dvec3 extent = volume.moments_extent(volume.info.resolutions() - 1, i);
+    sticking_out +=
+        !is_in(cell, volume.centroids.back()[i] + extent) || !is_in(cell, volume.centroids.back()[i] - extent);
+  }
+  EXPECT_GT(sticking_out, 500u);
+
+  std::mt19937 random(11);
+  for (int trial = 0; trial < 150; ++trial) {
+    const View view = test::random_view(random);
+    CutOptions options;
+    options.resolution = random() % volume.info.resolutions();
+    options.compare_above = trial % 2 == 0 ? 512 : 0;
+    const Cut cut = bench.cut(view, options);
+    const std::set<std::uint64_t> drawn = drawn_points(cut);
+    for (std::size_t i = 0; i < volume.info.resolution_counts[*options.resolution]; ++i) {
+      if (drawn.contains(i)) continue;
+      ++left_out;
+      ASSERT_FALSE(ellipsoid_is_visible(view, volume, *options.resolution, i)) << "trial " << trial << ", splat " << i;
+    }
+    seen += drawn.size();
+  }
+  EXPECT_GT(left_out, 20000u);
+  EXPECT_GT(seen, 20000u);
+}
+
+// A volume whose splats are all alike: balls of half axis `radius`, their centroids `aside` of the points.
+TestVolume volume_of_balls(const dvec3& aside, double radius) {
+  TestVolume volume = test::sample_volume(400, 17);
+  const std::size_t resolutions = volume.info.resolutions();
+  for (std::size_t r = 0; r < resolutions; ++r)
+    for (std::size_t i = 0; i < volume.info.resolution_counts[r]; ++i) {
+      volume.centroids[r][i] = volume.positions[i] + aside;
+      volume.shapes[r][i].deviations = dvec3(radius / std::sqrt(12.0));
+    }
+  for (std::size_t node = 0; node < volume.tree.size(); ++node) {
+    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    for (std::size_t r = volume.tree.first_resolutions[node]; r < resolutions; ++r) {
+      std::uint8_t& code = volume.tree.size_codes[(node * 2 + 1) * resolutions + r] = 255;
+      for (std::size_t i = 0; i < volume.info.resolution_counts[r]; ++i)
+        if (volume.holds(node, i))
+          code = std::min(code, format::size_code(volume.moments_size(r, i, cell), volume.info.cube.edge));
+    }
+  }
+  return volume;
+}
+
+TEST(Cut, MomentsWithCentroidsFarOutOfTheirCellAreNotCulled) {
+  // By much more than their own width, along the diagonal.
+  Bench bench(volume_of_balls(dvec3(0.2), 1e-4), test::opaque(), 1, KernelKind::moments);
+  const std::size_t finest = bench.volume.info.resolutions() - 1;
+  std::mt19937 random(17);
+  std::size_t left_out = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const View view = test::random_view(random);
+    CutOptions options;
+    options.resolution = finest;
+    options.compare_above = 0;
+    const Cut cut = bench.cut(view, options);
+    const std::set<std::uint64_t> drawn = drawn_points(cut);
+    for (std::size_t i = 0; i < bench.volume.positions.size(); ++i) {
+      if (drawn.contains(i)) continue;
+      ++left_out;
+      ASSERT_FALSE(ellipsoid_is_visible(view, bench.volume, finest, i)) << "trial " << trial << ", splat " << i;
+    }
+  }
+  EXPECT_GT(left_out, 5000u);
+}
+
+TEST(Cut, MomentsNearerThanTheirCellStayWithinTheTolerance) {
+  Camera camera;
+  camera.position = {0.5, 0.5, 2};
+  camera.focal_point = dvec3(0.5);
+  const View view = make_view(camera, 200, 200).value();
+  const double radius = 0.999 * format::size_bound(43, 1);
+  Bench bench(volume_of_balls({0, 0, radius}, radius), test::opaque(), 1, KernelKind::moments);
+  int coarse = 0;
+  for (double percent = 1; percent < 40; percent *= 1.01) {
+    const Cut cut = bench.cut(view, tolerance(percent, 0));
+    for (const CutItem& item : cut.items) {
+      if (item.resolution + 1 == bench.volume.info.resolutions()) continue;
+      for (const PointRange& range : cut.ranges_of(item))
+        for (std::uint64_t i = range.begin; i < range.begin + range.count; ++i, ++coarse) {
+          const double depth = view.to_view(bench.volume.centroids[item.resolution][i]).z;
+          ASSERT_LE(100 * radius * view.focal / depth, percent * view.height);
+        }
+    }
+  }
+  EXPECT_GT(coarse, 100);
+}
+
+TEST(Cut, MomentsStayWithinTheTolerance) {
+  Bench bench(test::sample_volume(3000, 9), test::opaque(), 1, KernelKind::moments);
+  std::mt19937 random(9);
+  int within = 0, outside_of_their_cell = 0, coarse_ones = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const View view = test::random_view(random);
+    const double percent = std::exp2(trial % 8 - 2);
+    const Cut cut = bench.cut(view, tolerance(percent));
+    for (const CutItem& item : cut.items)
+      for (const PointRange& range : cut.ranges_of(item))
+        for (std::uint64_t i = range.begin; i < range.begin + range.count; ++i) {
+          const dvec3& centroid = bench.volume.centroids[item.resolution][i];
+          const double depth = view.orthographic ? 1 : view.to_view(centroid).z;
+          const double width = std::sqrt(12.0) * bench.volume.shapes[item.resolution][i].deviations[0];
+          const bool coarse =
+              depth <= 0 || 100 * width * view.focal / depth > percent * std::min(view.width, view.height);
+          const bool finest = item.resolution + 1 == bench.volume.info.resolutions();
+          ASSERT_TRUE(!coarse || finest) << "trial " << trial << ", splat " << i;
+          within += !coarse;
+          coarse_ones += !finest;
+          outside_of_their_cell += !is_in(item.cell, centroid);
+        }
+  }
+  EXPECT_GT(within, 5000);
+  EXPECT_GT(coarse_ones, 500);
+  EXPECT_GT(outside_of_their_cell, 100);
+}
+
+TEST(Cut, OfMomentsStandsForEveryPointOnce) {
+  Bench bench(test::sample_volume(2500, 2), test::opaque(), 1, KernelKind::moments);
+  std::mt19937 random(2);
+  std::set<std::uint64_t> numbers;
+  for (int trial = 0; trial < 30; ++trial) {
+    const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
+    const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
+    ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << percent << " %";
+    numbers.insert(cut.splats);
+  }
+  EXPECT_GT(numbers.size(), 10u) << "the tolerances are all alike";
+}
+
 TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
   const TransferFunction function = test::window(30, 31);  // of 100 z
-  Bench bench(test::sample_volume(4000, 12), function);
+  test::TestVolumeOptions options;
+  options.moments = false;  // else their material counts
+  Bench bench(test::sample_volume(4000, 12, options), function);
   std::mt19937 random(12);
   const Cut cut = bench.cut(test::view_of_all(random), tolerance(0));
   const std::vector<int> covered = coverage(bench.volume, cut);
@@ -286,6 +462,7 @@ TEST(Cut, GivesUpPastItsBytes) {
   std::mt19937 random(14);
   const View view = test::view_of_all(random);
   CutOptions options = tolerance(0);
+  options.kernel = bench.kernel;
   options.max_bytes = 20000;
   const auto refused = select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options);
   ASSERT_FALSE(refused);
@@ -296,12 +473,16 @@ TEST(Cut, GivesUpPastItsBytes) {
 
 TEST(Cut, NeedsTheSizesOfItsKernel) {
   TestVolume volume = test::sample_volume(100, 15);
-  volume.info.size_bounds = {"moments"};
+  volume.info.size_bounds = {"moments", "others"};
   Bench bench(std::move(volume));
   std::mt19937 random(15);
-  const auto refused = select_cut(bench.opened->info(), bench.paged, test::view_of_all(random), bench.visibility, {});
+  CutOptions options;
+  options.kernel = KernelKind::octant;
+  const View view = test::view_of_all(random);
+  const auto refused = select_cut(bench.opened->info(), bench.paged, view, bench.visibility, options);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("octant"));
 }
 
 }  // namespace

@@ -67,7 +67,9 @@ View view_of_all(std::mt19937& random) {
 }
 
 Status TestSource::read(std::uint64_t offset, std::span<std::byte> out) {
+  const std::scoped_lock lock(control_->mutex);
   ++control_->reads;
+  control_->ranges.emplace_back(offset, offset + out.size());
   if (control_->failing) return fail(ErrorCode::io, "{}: the disk is gone", name_);
   if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
     return fail(ErrorCode::invalid_data, "{}: past the end", name_);

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "scene/scene.h"
@@ -26,11 +28,13 @@ namespace splatvol::test {
 /// A camera that sees the whole unit cube and what its splats reach.
 [[nodiscard]] View view_of_all(std::mt19937& random);
 
-/// A source that holds its bytes, counts what is read, and fails on demand.
+/// A source that holds its bytes, records what is read, and fails on demand. Thread-safe.
 class TestSource final : public ByteSource {
  public:
   struct Control {
+    std::mutex mutex;
     std::uint64_t reads = 0;
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> ranges;  // [read]: from, up to
     bool failing = false;
   };
   TestSource(format::Bytes bytes, std::shared_ptr<Control> control)

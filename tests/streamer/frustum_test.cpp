@@ -25,7 +25,7 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
   int left_out = 0;
   for (int trial = 0; trial < 3000; ++trial) {
     const View view = test::random_view(random);
-    const Frustum frustum(view);
+    const Frustum frustum(view, 1.5);
     const Cube cell{{2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5},
                     0.3 * uniform(random)};
     const double radius = 0.2 * uniform(random) * uniform(random);
@@ -43,7 +43,7 @@ TEST(Frustum, LeavesOutWhatIsFarOutside) {
   Camera camera;
   camera.position = {0, 0, 5};
   camera.vertical_fov_degrees = 90;
-  const Frustum frustum(*make_view(camera, 100, 100));
+  const Frustum frustum(*make_view(camera, 100, 100), 1.5);
   EXPECT_TRUE(frustum.touches({{-0.5, -0.5, -0.5}, 1}, 0));
   EXPECT_TRUE(frustum.touches({{-0.5, -0.5, 4.5}, 1}, 0)) << "around the eye";
   EXPECT_FALSE(frustum.touches({{-0.5, -0.5, 5.5}, 1}, 0)) << "behind the eye";
@@ -55,11 +55,11 @@ TEST(Frustum, LeavesOutWhatIsFarOutside) {
 TEST(Frustum, NearestDepthIsThatOfTheNearestCorner) {
   Camera camera;
   camera.position = {0, 0, 5};
-  const Frustum straight(*make_view(camera, 100, 100));
+  const Frustum straight(*make_view(camera, 100, 100), 1.5);
   EXPECT_DOUBLE_EQ(straight.nearest_depth({{-0.5, -0.5, -0.5}, 1}), 4.5);
   EXPECT_DOUBLE_EQ(straight.nearest_depth({{-0.5, -0.5, 4}, 2}), -1);
   camera.position = {3, 3, 3};
-  const Frustum diagonal(*make_view(camera, 100, 100));
+  const Frustum diagonal(*make_view(camera, 100, 100), 1.5);
   EXPECT_NEAR(diagonal.nearest_depth({{0, 0, 0}, 1}), 2 * std::sqrt(3.0), 1e-12);
 }
 
@@ -67,15 +67,15 @@ TEST(Frustum, CoverageIsTheShareOfTheShorterSide) {
   Camera camera;
   camera.position = {0, 0, 5};
   camera.vertical_fov_degrees = 90;
-  const Frustum perspective(*make_view(camera, 400, 200));
+  const Frustum perspective(*make_view(camera, 400, 200), 1.5);
   EXPECT_NEAR(perspective.covered_percent(1, 10), 5, 1e-12) << "20 units are high where 10 are deep";
   EXPECT_TRUE(std::isinf(perspective.covered_percent(1, 0)));
   EXPECT_TRUE(std::isinf(perspective.covered_percent(1, -3)));
-  const Frustum portrait(*make_view(camera, 100, 200));
+  const Frustum portrait(*make_view(camera, 100, 200), 1.5);
   EXPECT_NEAR(portrait.covered_percent(1, 10), 10, 1e-12);
   camera.projection = Camera::Projection::orthographic;
   camera.parallel_height = 4;
-  const Frustum parallel(*make_view(camera, 400, 200));
+  const Frustum parallel(*make_view(camera, 400, 200), 1.5);
   EXPECT_NEAR(parallel.covered_percent(1, -100), 25, 1e-12);
 }
 

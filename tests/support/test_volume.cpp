@@ -135,8 +135,161 @@ void fill_attributes(const std::vector<std::vector<double>>& values, const Indic
       attribute.max = std::isnan(attribute.max) ? value : std::max(attribute.max, value);
     }
     volume.info.attributes.push_back(attribute);
-    volume.info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, static_cast<int>(a)});
     volume.stored.push_back(std::move(stored));
+  }
+}
+
+void fill_gradients(TestVolume& volume) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> uniform(-1, 1);
+  for (std::size_t a = 0; a < volume.stored.size(); ++a) {
+    auto& gradients = volume.gradients.emplace_back();
+    for (std::size_t i = 0; i < volume.positions.size(); ++i)
+      gradients.push_back(i % 23 == 5 ? vec3(0) : 10.0f * vec3(uniform(random), uniform(random), uniform(random)));
+  }
+}
+
+// The ellipsoid is of the size of a cell that holds one point; every 7th point has flat material, every 11th all of it
+// in one place, every 13th none. Values stay in the attribute's range, and are missing where the point's is.
+void fill_parcels(TestVolume& volume) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform(0.1, 1);
+  const std::size_t finest = volume.info.resolutions() - 1;
+  for (std::size_t i = 0; i < volume.positions.size(); ++i) {
+    const double size = 0.5 * volume.splat_size(finest, i);
+    const dvec3 axes = size * dvec3(uniform(random), uniform(random), i % 7 == 3 ? 0 : uniform(random));
+    auto& parcels = volume.parcels.emplace_back(i % 11 == 5 ? 1 : 6);
+    for (Parcel& parcel : parcels) {
+      parcel.offset = axes * glm::clamp(dvec3(normal(random), normal(random), normal(random)), -1.5, 1.5);
+      parcel.mass = i % 13 == 7 ? 0 : size * size * size * uniform(random);
+      for (std::size_t a = 0; a < volume.stored.size(); ++a) {
+        const format::ValueBins bins = bins_of(volume.info.attributes[a]);
+        const double value = static_cast<double>(volume.stored[a][i]) +
+                             0.05 * (bins.max - bins.min) * (parcel.offset.x / size + 0.3 * normal(random));
+        parcel.stored.push_back(static_cast<float>(std::isnan(value) ? value : std::clamp(value, bins.min, bins.max)));
+      }
+    }
+  }
+}
+
+// Eigenvalues, descending, and eigenvectors of a symmetric matrix, by Jacobi's rotations.
+std::pair<dvec3, dmat3> eigensystem(dmat3 m) {
+  dmat3 vectors(1);
+  for (int sweep = 0; sweep < 30; ++sweep)
+    for (const auto& [p, q] : {std::pair(0, 1), std::pair(0, 2), std::pair(1, 2)}) {
+      const double angle = 0.5 * std::atan2(2 * m[p][q], m[q][q] - m[p][p]);
+      dmat3 turn(1);
+      turn[p][p] = turn[q][q] = std::cos(angle);
+      turn[q][p] = std::sin(angle);
+      turn[p][q] = -std::sin(angle);
+      m = glm::transpose(turn) * m * turn;
+      vectors = vectors * turn;
+    }
+  std::array<int, 3> order{0, 1, 2};
+  std::ranges::sort(order, std::greater(), [&](int k) { return m[k][k]; });
+  dvec3 values;
+  dmat3 sorted;
+  for (int k = 0; k < 3; ++k) {
+    const int from = order[static_cast<std::size_t>(k)];
+    values[k] = std::max(0.0, m[from][from]);
+    sorted[k] = vectors[from];
+  }
+  if (glm::determinant(sorted) < 0) sorted[2] = -sorted[2];
+  return {values, sorted};
+}
+
+// Mass, mean and covariance of (x, y, z, v): v of an attribute, with only what has a value, or 0.
+struct Moments {
+  double mass = 0;
+  std::array<double, 4> mean{};
+  std::array<std::array<double, 4>, 4> covariance{};
+};
+
+struct Sample {
+  double mass;
+  std::array<double, 4> place;
+};
+
+Moments moments_of(const std::vector<Sample>& samples) {
+  Moments moments;
+  for (const Sample& s : samples) moments.mass += s.mass;
+  if (moments.mass == 0) return moments;
+  for (const Sample& s : samples)
+    for (std::size_t i = 0; i < 4; ++i) moments.mean[i] += s.mass / moments.mass * s.place[i];
+  for (const Sample& s : samples)
+    for (std::size_t i = 0; i < 4; ++i)
+      for (std::size_t j = 0; j < 4; ++j)
+        moments.covariance[i][j] +=
+            s.mass / moments.mass * (s.place[i] - moments.mean[i]) * (s.place[j] - moments.mean[j]);
+  return moments;
+}
+
+// All the parcels of a cluster, places less the representative's.
+std::vector<Sample> samples_of(const TestVolume& volume, const Indices& cluster, const dvec3& from, int attribute) {
+  std::vector<Sample> samples;
+  for (const std::uint32_t i : cluster)
+    for (const Parcel& parcel : volume.parcels[i]) {
+      const float value = attribute < 0 ? 0 : parcel.stored[static_cast<std::size_t>(attribute)];
+      if (std::isnan(value)) continue;
+      const dvec3 p = volume.positions[i] - from + parcel.offset;
+      samples.push_back({parcel.mass, {p.x, p.y, p.z, static_cast<double>(value)}});
+    }
+  return samples;
+}
+
+format::SplatShape shape_of(const Moments& moments) {
+  dmat3 covariance;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      covariance[i][j] = moments.covariance[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
+  auto [variances, axes] = eigensystem(covariance);
+  for (int k = 1; k < 3; ++k)
+    if (variances[k] < 1e-12 * variances[0]) variances[k] = 0;  // rounding
+  return {moments.mass, glm::sqrt(variances), glm::normalize(glm::quat_cast(axes))};
+}
+
+format::SplatValue value_of(const Moments& moments, const format::SplatShape& shape) {
+  if (moments.mass == 0) return {};
+  format::SplatValue value{moments.mean[3], std::sqrt(moments.covariance[3][3]), dvec3(0), 1,
+                           moments.mass / shape.mass};
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  const dvec3 covariance(moments.covariance[0][3], moments.covariance[1][3], moments.covariance[2][3]);
+  for (int k = 0; k < 3; ++k) {
+    const double scale = shape.deviations[k] * value.deviation;
+    if (scale > 0) value.correlation[k] = std::clamp(glm::dot(axes[k], covariance) / scale, -1.0, 1.0);
+  }
+  value.residual = std::sqrt(std::max(0.0, 1 - glm::dot(value.correlation, value.correlation)));
+  return value;
+}
+
+void fill_moments(TestVolume& volume) {
+  const std::size_t attributes = volume.stored.size();
+  volume.signals.resize(attributes);
+  volume.materials.resize(attributes);
+  for (std::size_t r = 0; r < volume.info.resolutions(); ++r) {
+    std::vector<Indices> clusters(volume.info.resolution_counts[r]);
+    for (std::uint32_t i = 0; i < volume.positions.size(); ++i) clusters[volume.representatives[r][i]].push_back(i);
+    auto& centroids = volume.centroids.emplace_back();
+    auto& shapes = volume.shapes.emplace_back();
+    for (std::size_t a = 0; a < attributes; ++a) {
+      volume.signals[a].emplace_back();
+      volume.materials[a].emplace_back();
+    }
+    for (std::size_t i = 0; i < clusters.size(); ++i) {
+      const dvec3& from = volume.positions[i];
+      const Moments space = moments_of(samples_of(volume, clusters[i], from, -1));
+      centroids.push_back(from + dvec3(space.mean[0], space.mean[1], space.mean[2]));
+      shapes.push_back(shape_of(space));
+      for (std::size_t a = 0; a < attributes; ++a) {
+        const std::vector<Sample> samples = samples_of(volume, clusters[i], from, static_cast<int>(a));
+        volume.signals[a][r].push_back(value_of(moments_of(samples), shapes.back()));
+        std::vector<float> taken;
+        for (const Sample& s : samples)
+          if (s.mass > 0) taken.push_back(static_cast<float>(s.place[3]));
+        volume.materials[a][r].push_back(bins_of(volume.info.attributes[a]).summarize(taken));
+      }
+    }
   }
 }
 
@@ -160,24 +313,32 @@ void add_node(const CellPath& cell, const Indices& points, std::size_t most, Tes
   for (const std::uint32_t i : points) inside[i] = true;
 
   const std::size_t node = tree.size();
+  const std::size_t bounds = volume.info.size_bounds.size();
+  const Cube cube = cell_cube(volume.info.cube, cell);
   volume.cells.push_back(cell);
   tree.child_masks.push_back(0);
   tree.first_resolutions.push_back(static_cast<std::uint8_t>(first_resolution(volume, inside)));
   tree.counts.resize((node + 1) * resolutions);
-  tree.size_codes.resize((node + 1) * resolutions);
+  tree.size_codes.resize((node + 1) * bounds * resolutions);
   for (const std::uint32_t i : points) {
     const auto segment = static_cast<std::size_t>(std::ranges::upper_bound(ends, i) - ends.begin());
     ++tree.counts[node * resolutions + segment];
   }
-  for (std::size_t r = tree.first_resolutions.back(); r < resolutions; ++r) {
-    std::uint8_t& code = tree.size_codes[node * resolutions + r] = 255;
-    for (const std::uint32_t i : points)
-      if (i < ends[r]) code = std::min(code, format::size_code(volume.splat_size(r, i), volume.info.cube.edge));
-  }
+  for (std::size_t b = 0; b < bounds; ++b)
+    for (std::size_t r = tree.first_resolutions.back(); r < resolutions; ++r) {
+      std::uint8_t& code = tree.size_codes[(node * bounds + b) * resolutions + r] = 255;
+      for (const std::uint32_t i : points) {
+        if (i >= ends[r]) continue;
+        const double size = b == 0 ? volume.splat_size(r, i) : volume.moments_size(r, i, cube);
+        code = std::min(code, format::size_code(size, volume.info.cube.edge));
+      }
+    }
   for (std::size_t a = 0; a < volume.stored.size(); ++a) {
     std::vector<float> values;
     for (const std::uint32_t i : points) values.push_back(volume.stored[a][i]);
-    tree.summaries.push_back(bins_of(volume.info.attributes[a]).summarize(values));
+    format::ValueSummary& summary = tree.summaries.emplace_back(bins_of(volume.info.attributes[a]).summarize(values));
+    if (volume.signals.empty()) continue;
+    for (const std::uint32_t i : points) summary.include(volume.materials[a].back()[i]);
   }
 
   if (points.size() <= most || cell.size() == key_levels) return;
@@ -191,6 +352,23 @@ void add_node(const CellPath& cell, const Indices& points, std::size_t most, Tes
     tree.child_masks[node] = static_cast<std::uint8_t>(tree.child_masks[node] | 1u << octant);
     add_node(child, part, most, volume);
   }
+}
+
+// Spec 8: under 1/64 of the smallest deviation.
+double centroid_error(std::span<const format::SplatShape> shapes) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (const format::SplatShape& shape : shapes)
+    for (int k = 0; k < 3; ++k)
+      if (shape.deviations[k] > 0) smallest = std::min(smallest, shape.deviations[k]);
+  return std::isfinite(smallest) ? smallest / 65 : 0;
+}
+
+double mean_error(std::span<const format::SplatValue> values, const format::Attribute& attribute) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (const format::SplatValue& value : values)
+    if (value.deviation > 0) smallest = std::min(smallest, value.deviation);
+  const double range = std::isnan(attribute.min) ? 0 : attribute.max - attribute.min;
+  return std::isfinite(smallest) ? std::max(smallest / 65, 0x1p-20 * range) : 0x1p-20 * range;
 }
 
 std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format::RowLayout& rows, std::uint64_t row) {
@@ -207,6 +385,19 @@ std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format
       chunks.push_back(format::pack_values(part(volume.stored[a]), bins_of(volume.info.attributes[a])));
     if (column.kind == format::ColumnKind::octant)
       chunks.push_back(format::pack_octants(part(volume.depths[resolution]), part(volume.counts[resolution])));
+    if (column.kind == format::ColumnKind::centroid)
+      chunks.push_back(
+          format::pack_positions(part(volume.centroids[resolution]), centroid_error(part(volume.shapes[resolution]))));
+    if (column.kind == format::ColumnKind::moments)
+      chunks.push_back(format::pack_moments(part(volume.shapes[resolution])));
+    if (column.kind == format::ColumnKind::gradient)
+      chunks.push_back(format::pack_gradients(part(volume.gradients[a])));
+    if (column.kind == format::ColumnKind::value_moments) {
+      format::ValueSummary summary;
+      for (const format::ValueSummary& material : part(volume.materials[a][resolution])) summary.include(material);
+      const auto values = part(volume.signals[a][resolution]);
+      chunks.push_back(format::pack_value_moments(values, mean_error(values, volume.info.attributes[a]), summary));
+    }
   }
   return chunks;
 }
@@ -220,6 +411,27 @@ format::Histograms histograms_of(const TestVolume& volume) {
 }
 
 }  // namespace
+
+dvec3 TestVolume::moments_extent(std::size_t resolution, std::size_t point) const {
+  const format::SplatShape& shape = shapes[resolution][point];
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  dvec3 extent(0);
+  for (int axis = 0; axis < 3; ++axis)
+    for (int k = 0; k < 3; ++k) {
+      const double part = axes[k][axis] * shape.deviations[k];
+      extent[axis] += 12 * part * part;
+    }
+  return glm::sqrt(extent);
+}
+
+double TestVolume::moments_size(std::size_t resolution, std::size_t point, const Cube& cell) const {
+  const dvec3 extent = moments_extent(resolution, point);
+  const dvec3 from_low = centroids[resolution][point] - cell.origin;
+  double size = std::sqrt(12.0) * shapes[resolution][point].deviations[0];
+  for (int axis = 0; axis < 3; ++axis)
+    size = std::max({size, 0.5 * (extent[axis] - from_low[axis]), 0.5 * (extent[axis] + from_low[axis] - cell.edge)});
+  return size;
+}
 
 double TestVolume::splat_size(std::size_t resolution, std::size_t point) const {
   return info.cube.edge * std::exp2(-static_cast<double>(depths[resolution][point])) /
@@ -269,6 +481,18 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   volume.info.leaf_points = options.leaf_points;
   volume.info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
   volume.info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
+  if (options.moments) {
+    volume.info.columns.push_back({format::ColumnKind::centroid, format::ColumnScope::resolution, -1});
+    volume.info.columns.push_back({format::ColumnKind::moments, format::ColumnScope::resolution, -1});
+    volume.info.size_bounds.push_back("moments");
+  }
+  for (int a = 0; a < static_cast<int>(values.size()); ++a) {
+    volume.info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, a});
+    if (options.moments)
+      volume.info.columns.push_back({format::ColumnKind::value_moments, format::ColumnScope::resolution, a});
+    if (options.gradients)
+      volume.info.columns.push_back({format::ColumnKind::gradient, format::ColumnScope::segment, a});
+  }
   for (const std::uint32_t i : order) {
     volume.positions.push_back(positions[i]);
     volume.point_cells.push_back(paths[i]);
@@ -286,7 +510,13 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   }
   fill_attributes(values, order, options.value_offset, volume);
 
-  volume.tree.shape = {volume.info.resolutions(), 1, values.size()};
+  if (options.gradients) fill_gradients(volume);
+  if (options.moments) {
+    fill_parcels(volume);
+    fill_moments(volume);
+  }
+
+  volume.tree.shape = {volume.info.resolutions(), volume.info.size_bounds.size(), values.size()};
   Indices all(positions.size());
   std::iota(all.begin(), all.end(), 0u);
   add_node({}, all, options.node_points, volume);

@@ -24,6 +24,15 @@ struct TestVolumeOptions {
   double position_error = 0;  // world units; 0: exact
   Cube cube{{0, 0, 0}, 1};
   double value_offset = 0;  // subtracted from each attribute's values before they are stored
+  bool moments = true;      // with the columns centroid, moments and value_moments
+  bool gradients = true;    // with the column gradient
+};
+
+/// A piece of a point's material, so small that it is somewhere and has one value of each attribute.
+struct Parcel {
+  dvec3 offset;               // from the point
+  double mass;                // 0: none
+  std::vector<float> stored;  // [attribute]; NaN: no value
 };
 
 /// Everything that a file holds, in file order, and the clusters that it only implies.
@@ -38,8 +47,23 @@ struct TestVolume {
   std::vector<std::vector<std::uint32_t>> representatives;  // [resolution][point]: which of the first n_r stands for it
   double position_error = 0;
 
+  // Every point's own material is a handful of parcels, at random within an ellipsoid around the point; some points
+  // have a single one, some flat ones, some none. A splat's numbers are those of all the parcels of its cluster.
+  std::vector<std::vector<Parcel>> parcels;                               // [point]
+  std::vector<std::vector<dvec3>> centroids;                              // [resolution][point < n_r]
+  std::vector<std::vector<format::SplatShape>> shapes;                    // [resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::SplatValue>>> signals;      // [attribute][resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::ValueSummary>>> materials;  // likewise: what values the material takes
+  std::vector<std::vector<vec3>> gradients;                               // [attribute][point]: of any length, some 0
+
   /// d of a splat: edge 2^-depth / cbrt(count).
   [[nodiscard]] double splat_size(std::size_t resolution, std::size_t point) const;
+
+  /// Size of a splat of the kernel moments in a node's cell (spec 6).
+  [[nodiscard]] double moments_size(std::size_t resolution, std::size_t point, const Cube& cell) const;
+
+  /// Half of the extent of a splat's ellipsoid, of half axes sqrt(12) deviations, along each axis.
+  [[nodiscard]] dvec3 moments_extent(std::size_t resolution, std::size_t point) const;
 
   /// Whether the node's cell holds the point.
   [[nodiscard]] bool holds(std::size_t node, std::size_t point) const;

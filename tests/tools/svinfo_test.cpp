@@ -147,7 +147,7 @@ TEST(DefaultScene, ChoosesTheAttributeOrSaysWhichThereAre) {
 
 TEST(SceneToJson, ComesBackThroughParseScene) {
   Scene scene = scene_of(test::make_test_volume(test::random_points(100, 1), random_values(1, 100)));
-  scene.lighting = true;
+  scene.lighting = Lighting{0.25, 1.5};
   scene.background = {0.1, 0.2, 0.3};
   for (const auto projection : {Camera::Projection::perspective, Camera::Projection::orthographic}) {
     scene.camera.projection = projection;
@@ -160,7 +160,7 @@ TEST(SceneToJson, ComesBackThroughParseScene) {
     EXPECT_EQ(back->camera.up, scene.camera.up);
     EXPECT_EQ(back->background, scene.background);
     EXPECT_EQ(back->attribute, scene.attribute);
-    EXPECT_TRUE(back->lighting);
+    EXPECT_EQ(back->lighting, scene.lighting);
     EXPECT_EQ(back->transfer_function.lo, scene.transfer_function.lo);
     EXPECT_EQ(back->transfer_function.hi, scene.transfer_function.hi);
     EXPECT_EQ(back->transfer_function.table(64), scene.transfer_function.table(64));
@@ -197,7 +197,8 @@ TEST_F(Svinfo, PrintsWhatIsInTheFile) {
   const Outcome outcome = run(path("whole.svol"));
   EXPECT_EQ(outcome.code, 0) << outcome.err;
   EXPECT_EQ(outcome.err, "");
-  EXPECT_THAT(outcome.out, AllOf(HasSubstr("700 points"), HasSubstr("a1"), HasSubstr("position"), HasSubstr("nodes")));
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("700 points"), HasSubstr("a1"), HasSubstr("position"), HasSubstr("moments"),
+                                 HasSubstr("nodes")));
   EXPECT_THAT(outcome.out, testing::Not(HasSubstr("every byte checked")));
 }
 

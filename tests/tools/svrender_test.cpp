@@ -94,8 +94,9 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
   EXPECT_EQ(stats.at("splats"), 2000);
   EXPECT_GT(stats.at("nodes"), 0);
   EXPECT_GT(stats.at("bytes_read"), 0);
-  EXPECT_GT(stats.at("bytes_resident_peak"), 2000 * 20);
+  EXPECT_GT(stats.at("bytes_resident_peak"), 2000 * 52);
   EXPECT_EQ(stats.at("effective_tolerance"), 0);
+  EXPECT_EQ(stats.at("lighting"), false);
   EXPECT_FALSE(stats.at("resolution_histogram").empty());
   for (const char* part : {"cut", "fetch", "upload", "draw", "frame"})
     EXPECT_GT(stats.at("seconds").at(part), 0) << part;
@@ -113,18 +114,64 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
     EXPECT_EQ(outcome.code, 0) << outcome.text;
     return nlohmann::json::parse(outcome.text);
   };
-  EXPECT_LT(statistics("--tolerance 50").at("splats"), 100);
+  EXPECT_LT(statistics("--tolerance 50").at("splats"), 400);
+  EXPECT_LT(statistics("--tolerance 50 --kernel octant").at("splats"), 100);
   EXPECT_EQ(statistics("--resolution 0").at("splats"), statistics("--tolerance 1e9").at("splats"));
   EXPECT_EQ(statistics("--resolution 100").at("splats"), 2000);
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
-  EXPECT_EQ(statistics("--sort none").at("sort"), "none");
+  for (const char* sort : {"none", "axis", "exact"})
+    EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
+  EXPECT_EQ(statistics("").at("kernel"), "moments");
+  EXPECT_EQ(statistics("--kernel octant").at("kernel"), "octant");
 
-  // Half of what a picture of all points held.
+  // A third of what a picture of all points held.
   const std::uint64_t all = statistics("--tolerance 0").at("bytes_resident_peak");
-  const auto small = statistics(fmt::format("--tolerance 0 --memory {}", all / 2));
+  const auto small = statistics(fmt::format("--tolerance 0 --memory {}", all / 3));
   EXPECT_GT(small.at("effective_tolerance"), 0);
   EXPECT_LT(small.at("splats"), 2000);
-  EXPECT_LE(small.at("bytes_resident_peak"), all / 2);
+  EXPECT_LE(small.at("bytes_resident_peak"), all / 3);
+}
+
+TEST_F(Svrender, BothKernelsDrawAndAreLit) {
+  for (const std::string kernel : {"moments", "octant"}) {
+    const auto picture = [&](const nlohmann::json& lighting) {
+      scene_["lighting"] = lighting;
+      write_scene();
+      const Outcome outcome =
+          run("v.svol --scene s.json -o out.exr --tolerance 0 --stats stats.json --kernel " + kernel);
+      EXPECT_EQ(outcome.code, 0) << outcome.text;
+      return read_exr(path("out.exr")).value();
+    };
+    const Image unlit = picture(false);
+    EXPECT_GT(unlit.at(32, 24).r, 0.1f) << kernel;
+
+    // A light that adds nothing to a half: colours halve, and nothing else changes.
+    const nlohmann::json half = {{"ambient", 0.5}, {"diffuse", 0}};
+    const Image lit = picture(half);
+    EXPECT_EQ(nlohmann::json::parse(std::ifstream(path("stats.json"))).at("lighting"), half);
+    for (int y = 0; y < 48; y += 5)
+      for (int x = 0; x < 64; x += 5) {
+        EXPECT_NEAR(lit.at(x, y).r, 0.5f * unlit.at(x, y).r, 1e-5f) << kernel;
+        EXPECT_NEAR(lit.at(x, y).a, unlit.at(x, y).a, 1e-6f) << kernel;
+      }
+
+    // One that shines on surfaces seen face on darkens others.
+    const Image diffuse = picture({{"ambient", 0}, {"diffuse", 1}});
+    EXPECT_LT(diffuse.at(32, 24).r, unlit.at(32, 24).r) << kernel;
+  }
+}
+
+TEST_F(Svrender, AFileWithoutTheColumnsSaysWhatToDo) {
+  test::TestVolumeOptions options;
+  options.moments = false;
+  options.gradients = false;
+  const auto points = test::random_points(100, 1);
+  const auto volume = test::make_test_volume(points, {std::vector<double>(100, 0.5)}, options);
+  ASSERT_TRUE(test::write_test_volume(volume, path("old.svol")));
+  expect_refusal("old.svol --scene s.json -o out.exr", "--kernel octant");
+  scene_["lighting"] = true;
+  write_scene();
+  expect_refusal("old.svol --scene s.json -o out.exr --kernel octant", "gradients");
 }
 
 TEST_F(Svrender, RefusesWhatCannotBeDone) {
@@ -137,7 +184,7 @@ TEST_F(Svrender, RefusesScenesThatItCannotDraw) {
   write_scene();
   expect_refusal("v.svol --scene s.json -o out.exr", "no attribute 'pressure'; there are: a0");
   scene_["attribute"] = "a0";
-  scene_["lighting"] = true;
+  scene_["lighting"] = 2;
   write_scene();
   expect_refusal("v.svol --scene s.json -o out.exr", "lighting");
   scene_.erase("camera");
@@ -149,7 +196,7 @@ TEST_F(Svrender, WrongUsageIsTwo) {
   for (const char* arguments :
        {"", "v.svol", "v.svol --scene s.json -o out.jpg", "v.svol --scene s.json -o out.exr --tolerance -1",
         "v.svol --scene s.json -o out.exr --tolerance nan", "v.svol --scene s.json -o out.exr --resolution -1",
-        "v.svol --scene s.json -o out.exr --kernel moments", "v.svol --scene s.json -o out.exr --memory lots",
+        "v.svol --scene s.json -o out.exr --kernel round", "v.svol --scene s.json -o out.exr --memory lots",
         "v.svol --scene s.json -o out.exr --size 5", "v.svol --scene s.json -o out.exr --repeat 0",
         "v.svol --scene s.json -o out.exr --nonsense"})
     EXPECT_EQ(run(arguments).code, 2) << arguments;

@@ -1,0 +1,337 @@
+"""Runs the programs and the peers, and writes what they say as CSV.
+
+A view's settings and peers take turns, a few frames each: what else the machine does meanwhile hits all of them alike.
+A time is the median of the turns' medians, with the fastest and the slowest frame.
+"""
+
+import csv
+import json
+import os
+import platform
+import statistics
+import subprocess
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import peers, pictures
+
+FRAME_FIELDS = (
+    "part view mesh connectivity kernel tolerance resolution sort points splats nodes bytes_read file_bytes "
+    "first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s rmse psnr max light flip"
+).split()
+BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
+REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
+
+
+class ProgramError(Exception):
+    """A program did not end well; the text is what was called and what it said."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Of svrender; `resolution` None: by tolerance."""
+
+    kernel: str
+    tolerance: float = 0
+    resolution: int | None = None
+    sort: str = "exact"
+
+    def detail(self):
+        if self.resolution is None:
+            return {"tolerance": f"{self.tolerance:g}"}
+        return {"resolution": self.resolution}
+
+    def row(self):
+        return {"kernel": self.kernel, "sort": self.sort, **self.detail()}
+
+    def arguments(self):
+        return [word for name, value in self.row().items() for word in (f"--{name}", value)]
+
+
+@dataclass
+class Bench:
+    """`plan`: what to measure, see command.py; `extras`: of peers, flip, pictures, those that can be had."""
+
+    programs: Path
+    shared: Path
+    out: Path
+    work: Path
+    plan: dict
+    extras: set
+
+    def run(self, program, *arguments):
+        command = [str(self.programs / program), *map(str, arguments)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True)
+        except OSError as error:
+            raise ProgramError(f"{command[0]}: {error.strerror}") from error
+        if done.returncode != 0:
+            raise ProgramError(f"{' '.join(command)}: {done.stderr.strip() or f'exit {done.returncode}'}")
+        return done.stdout
+
+    def run_json(self, program, *arguments):
+        return json.loads(self.run(program, *arguments))
+
+    def mesh(self, name):
+        return self.shared / "data" / f"{name}.vtu"
+
+    def scene(self, view):
+        return self.shared / "scenes" / f"{view}.json"
+
+    def truth(self, view):
+        return self.shared / "truth" / f"{view}.exr"
+
+    def volume(self, mesh, connectivity="mesh"):
+        return self.work / f"{mesh}-{connectivity}.svol"
+
+    def picture_of(self, name, exr, background):
+        """Keeps a picture for the page."""
+        if "pictures" in self.extras:
+            pictures.write_png(self.out / "pictures" / f"{name}.png", pictures.read_exr(exr), background)
+
+    def errors(self, truth, exr, background):
+        difference = self.run_json("svdiff", truth, exr, "--json")
+        mean_truth, mean = difference["mean"]
+        row = {name: difference[name] for name in ("rmse", "psnr", "max")} | {"light": mean / mean_truth}
+        if "flip" in self.extras:
+            row["flip"] = pictures.mean_flip(pictures.read_exr(truth), pictures.read_exr(exr), background)
+        return row
+
+
+def mesh_of(view):
+    """Views are named after their mesh: MESH or MESH-WHAT."""
+    return view.partition("-")[0]
+
+
+def write_csv(path, fields, rows):
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, fields)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+# Builds.
+
+
+def build(bench, mesh, connectivity="mesh"):
+    options = [] if connectivity == "mesh" else ["--connectivity", connectivity]
+    runs = [
+        bench.run_json("svbuild", bench.mesh(mesh), "-o", bench.volume(mesh, connectivity), *options, "--json")
+        for _ in range(bench.plan["builds"])
+    ]
+    seconds = [r["seconds"] for r in runs]
+    return {
+        "mesh": mesh,
+        "connectivity": connectivity,
+        "points": runs[0]["points"],
+        "resolutions": " ".join(map(str, runs[0]["resolutions"])),
+        "seconds": statistics.median(seconds),
+        "seconds_min": min(seconds),
+        "seconds_max": max(seconds),
+        "file_bytes": runs[0]["file_bytes"],
+        "input_bytes": bench.mesh(mesh).stat().st_size,
+    }
+
+
+# Frames.
+
+
+class Contender:
+    """One of those that take turns. `first_picture` and `turn` give columns of the CSV; those of `turn` are seconds, of
+    which medians are taken, but for the fastest and the slowest frame."""
+
+    def __init__(self, bench, view, scene, truth, row, label):
+        self.bench, self.scene, self.truth, self.label = bench, scene, truth, label
+        self.background = json.loads(scene.read_text()).get("background", [0, 0, 0])
+        self.row = {"view": view, "mesh": mesh_of(view), **row}
+        self.turns = []
+
+    def start(self):
+        exr = self.bench.work / "picture.exr"
+        self.row |= self.first_picture(exr)
+        self.row |= self.bench.errors(self.truth, exr, self.background)
+        if self.label:
+            self.bench.picture_of(f"{self.row['view']}-{self.label}", exr, self.background)
+
+    def take_turn(self, frames):
+        self.turns.append(self.turn(frames))
+
+    def result(self):
+        best = {"frame_min_s": min, "frame_max_s": max}
+        return self.row | {
+            name: best.get(name, statistics.median)(turn[name] for turn in self.turns) for name in self.turns[0]
+        }
+
+
+class Splats(Contender):
+    def __init__(self, bench, view, scene, truth, setting, connectivity="mesh", label=None):
+        super().__init__(bench, view, scene, truth, {"connectivity": connectivity, **setting.row()}, label)
+        self.volume = bench.volume(mesh_of(view), connectivity)
+        self.setting = setting
+
+    def draw(self, exr, frames):
+        options = ["--scene", self.scene, "-o", exr, "--repeat", frames, "--stats", "-", *self.setting.arguments()]
+        return self.bench.run_json("svrender", self.volume, *options)
+
+    def first_picture(self, exr):
+        stats = self.draw(exr, 1)
+        self.renderer = stats["renderer"]
+        return {name: stats[name] for name in ("splats", "nodes", "bytes_read", "file_bytes")}
+
+    def turn(self, frames):
+        stats = self.draw(self.bench.work / "turn.exr", frames)
+        names = ("frame", "frame_min", "frame_max", "cut", "sort", "draw")
+        return {f"{name}_s": stats["seconds"][name] for name in names} | {"first_image_s": stats["first_image_seconds"]}
+
+
+class Peer(Contender):
+    def __init__(self, bench, view, kind, process):
+        super().__init__(bench, view, bench.scene(view), bench.truth(view), {"kernel": kind}, kind)
+        self.kind, self.process = kind, process
+
+    def first_picture(self, exr):
+        first = self.process.prepare(self.kind, exr)
+        self.renderer = f"VTK {first['version']}"
+        return {"splats": first["cells"], "first_image_s": first["first_image_seconds"]}
+
+    def turn(self, frames):
+        seconds = self.process.frames(self.kind, frames)
+        return {"frame_s": statistics.median(seconds), "frame_min_s": min(seconds), "frame_max_s": max(seconds)}
+
+
+def take_turns(bench, part, points, contenders):
+    for contender in contenders:
+        contender.start()
+    for _ in range(bench.plan["turns"]):
+        for contender in contenders:
+            contender.take_turn(bench.plan["frames"])
+    return [{"part": part, "points": points, **contender.result()} for contender in contenders]
+
+
+def settings(plan, kernel, finest):
+    """Tolerances; the resolutions below the finest; the other ways to sort, with all points."""
+    yield from (Setting(kernel, tolerance) for tolerance in plan["tolerances"])
+    yield from (Setting(kernel, resolution=r) for r in range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1))
+    yield from (Setting(kernel, 0, sort=sort) for sort in plan["sorts"] if sort != "exact")
+
+
+def picture_label(plan, setting):
+    """The page shows these settings."""
+    shown = setting.resolution is None and setting.sort == "exact" and setting.tolerance in plan["pictured_tolerances"]
+    return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
+
+
+def measure_view(bench, view, finest, points, note):
+    scene, truth = bench.scene(view), bench.truth(view)
+    contenders = [
+        Splats(bench, view, scene, truth, setting, label=picture_label(bench.plan, setting))
+        for kernel in bench.plan["kernels"]
+        for setting in settings(bench.plan, kernel, finest)
+    ]
+    bench.picture_of(f"{view}-exact", truth, contenders[0].background)
+    with ExitStack() as stack:
+        if "peers" in bench.extras:
+            process = stack.enter_context(peers.Peers(bench.mesh(mesh_of(view)), scene))
+            contenders += [Peer(bench, view, kind, process) for kind in peers.KINDS]
+        rows = take_turns(bench, "view", points, contenders)
+    note["renderer"] = contenders[0].renderer
+    if "peers" in bench.extras:
+        note["peers"] = contenders[-1].renderer
+    return rows
+
+
+def measure_scattered(bench, view, points):
+    """The mesh's own cells, beside the same points without them: both against the mesh's exact picture."""
+    scene, truth = bench.scene(view), bench.truth(view)
+    contenders = [
+        Splats(bench, view, scene, truth, Setting(bench.plan["kernel"]), connectivity)
+        for connectivity in ("mesh", *bench.plan["connectivities"])
+    ]
+    return take_turns(bench, "scattered", points, contenders)
+
+
+def measure_lit(bench, view, points):
+    """The scene with a light at the eye; its exact picture is made here."""
+    scene, truth = bench.work / f"{view}-lit.json", bench.work / f"{view}-lit.exr"
+    description = json.loads(bench.scene(view).read_text()) | {"lighting": True}
+    scene.write_text(json.dumps(description))
+    bench.run("svtruth", bench.mesh(mesh_of(view)), "--scene", scene, "-o", truth)
+    bench.picture_of(f"{view}-lit-exact", truth, description.get("background", [0, 0, 0]))
+    contenders = [
+        Splats(bench, view, scene, truth, Setting(kernel), label=f"lit-{kernel}") for kernel in bench.plan["kernels"]
+    ]
+    return take_turns(bench, "lit", points, contenders)
+
+
+def measure_reference(bench, view):
+    """svtruth against the exact picture that came with the data."""
+    exr = bench.work / "truth.exr"
+    stats = bench.run_json("svtruth", bench.mesh(mesh_of(view)), "--scene", bench.scene(view), "-o", exr, "--json")
+    difference = bench.run_json("svdiff", bench.truth(view), exr, "--json")
+    return {
+        "view": view,
+        **{k: stats[k] for k in ("tetrahedra", "segments_per_pixel", "seconds")},
+        **{k: difference[k] for k in ("rmse", "max")},
+    }
+
+
+def processor():
+    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []:
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.machine()
+
+
+def measure_builds(bench, say):
+    """Every mesh; the scattered points' meshes without their cells too."""
+    for mesh in dict.fromkeys(map(mesh_of, bench.plan["views"])):
+        without_cells = bench.plan["connectivities"] if mesh in bench.plan["scattered"] else []
+        for connectivity in ("mesh", *without_cells):
+            say(f"build {mesh}, {connectivity}")
+            yield build(bench, mesh, connectivity)
+
+
+def measure_frames(bench, view, points, finest, note, say):
+    say(f"view {view}")
+    yield from measure_view(bench, view, finest, points, note)
+    if view in bench.plan["scattered"]:
+        say(f"scattered {view}")
+        yield from measure_scattered(bench, view, points)
+    if view in bench.plan["lit"]:
+        say(f"lit {view}")
+        yield from measure_lit(bench, view, points)
+
+
+def measure(programs, shared, out, plan, extras, say):
+    """Writes builds.csv, frames.csv, reference.csv, run.json and pictures/ in `out`, after each view anew: what was
+    measured stays when a later one fails. `say` gets a line for each step."""
+    (out / "pictures").mkdir(parents=True, exist_ok=True)
+    for old in (out / "pictures").glob("*.png"):
+        old.unlink()
+    with tempfile.TemporaryDirectory(prefix="svbench-") as work:
+        bench = Bench(programs, shared, out, Path(work), plan, extras)
+        note = {
+            "software": bench.run("svrender", "--version").strip(),
+            "processor": processor(),
+            "cores": os.cpu_count(),
+            "load_before": os.getloadavg()[0],
+            "plan": plan,
+            "extras": sorted(extras),
+        }
+        builds = list(measure_builds(bench, say))
+        resolutions = {b["mesh"]: len(b["resolutions"].split()) for b in builds}
+        points = {b["mesh"]: b["points"] for b in builds}
+        write_csv(out / "builds.csv", BUILD_FIELDS, builds)
+
+        frames, references = [], []
+        for view in plan["views"]:
+            mesh = mesh_of(view)
+            frames += measure_frames(bench, view, points[mesh], resolutions[mesh] - 1, note, say)
+            if view in plan["reference"]:
+                say(f"reference {view}")
+                references.append(measure_reference(bench, view))
+            write_csv(out / "frames.csv", FRAME_FIELDS, frames)
+            write_csv(out / "reference.csv", REFERENCE_FIELDS, references)
+            (out / "run.json").write_text(json.dumps(note, indent=1) + "\n")

@@ -1,0 +1,441 @@
+"""The page of results, made from the CSV files that measure.py writes."""
+
+import csv
+import json
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+PEER_NAMES = {"projected-tets": "VTK projected tetrahedra", "ray-cast": "VTK ray cast"}
+TEXT = {"part", "view", "mesh", "connectivity", "kernel", "sort", "resolutions"}
+
+
+class Row(dict):
+    """A line of a CSV file. Columns are attributes."""
+
+    __getattr__ = dict.__getitem__
+
+
+def read_csv(path):
+    """Numbers are numbers, and None where there is none."""
+    with open(path, newline="") as file:
+        lines = list(csv.DictReader(file))
+    return [Row({k: v if k in TEXT else (float(v) if v else None) for k, v in line.items()}) for line in lines]
+
+
+class Results:
+    def __init__(self, folder):
+        self.folder = folder
+        self.frames = read_csv(folder / "frames.csv")
+        self.builds = read_csv(folder / "builds.csv")
+        self.reference = read_csv(folder / "reference.csv")
+        self.note = json.loads((folder / "run.json").read_text())
+        self.plan = self.note["plan"]
+        self.prototype = json.loads(Path(__file__).with_name("prototype.json").read_text())
+        self.views = list(dict.fromkeys(row.view for row in self.frames))
+        self.kernels = self.plan["kernels"]
+        self.kernel = self.plan["kernel"]  # the one that is compared with others
+
+    def of(self, part="view", **columns):
+        return [row for row in self.frames if row.part == part and all(row[k] == v for k, v in columns.items())]
+
+    def one(self, **columns):
+        return next(iter(self.of(**columns)), None)
+
+    def all_points(self, view, kernel, sort="exact"):
+        return self.one(view=view, kernel=kernel, tolerance=0, sort=sort)
+
+    def counts(self, view):
+        """Points of each resolution of the view's mesh, coarse to fine."""
+        mesh = self.one(view=view).mesh
+        return next([int(n) for n in b.resolutions.split()] for b in self.builds if b.mesh == mesh)
+
+
+# Text.
+
+
+def paragraph(text):
+    return [" ".join(text.split()), ""]
+
+
+def table(columns, rows):
+    """`columns`: title and what to say of a row, "" where that is None."""
+    lines = ["| " + " | ".join(title for title, _ in columns) + " |", "|" + "---|" * len(columns)]
+    for row in rows:
+        cells = (cell(row) for _, cell in columns)
+        lines.append("| " + " | ".join("" if cell is None else str(cell) for cell in cells) + " |")
+    return [*lines, ""]
+
+
+def text(name):
+    return lambda row: row[name]
+
+
+def number(name, form=".0f", scale=1):
+    return lambda row: None if row[name] is None else format(scale * row[name], form)
+
+
+def milliseconds(row):
+    return f"{1e3 * row.frame_s:.1f} ({1e3 * row.frame_min_s:.1f}-{1e3 * row.frame_max_s:.1f})"
+
+
+def kernel_name(row):
+    return PEER_NAMES.get(row.kernel, f"`{row.kernel}`")
+
+
+def setting(row):
+    if row.kernel in PEER_NAMES:
+        return None
+    detail = f"{row.tolerance:g} %" if row.tolerance is not None else f"resolution {row.resolution:.0f}"
+    return detail if row.sort == "exact" else f"{detail}, sort {row.sort}"
+
+
+VIEW = ("view", text("view"))
+KERNEL = ("kernel", kernel_name)
+SPLATS = ("splats", number("splats"))
+FRAME = ("frame ms", milliseconds)
+RMSE = ("RMSE", number("rmse", ".4f"))
+FLIP = ("FLIP", number("flip", ".4f"))
+LIGHT = ("light", number("light", ".3f"))
+
+
+# Against the peers.
+
+
+@dataclass
+class Match:
+    """A view's peer, the fastest of our settings that is as close to the exact picture, and the one with all points."""
+
+    view: str
+    peer: Row
+    fastest: Row | None
+    finest: Row
+
+    @property
+    def gain(self):
+        return self.peer.frame_s / self.fastest.frame_s if self.fastest else None
+
+    @property
+    def finest_gain(self):
+        return self.peer.frame_s / self.finest.frame_s
+
+    @property
+    def finest_error(self):
+        return self.finest.rmse / self.peer.rmse
+
+    @property
+    def keeps_light(self):
+        """Whether the peer's picture has about the light of the exact one; if not, it is easy to be closer."""
+        return 0.8 <= self.peer.light <= 1.25
+
+
+def matches(results, kind):
+    for view in results.views:
+        peer, finest = results.one(view=view, kernel=kind), results.all_points(view, results.kernel)
+        if peer is None or finest is None:
+            continue
+        as_close = [row for row in results.of(view=view, kernel=results.kernel) if row.rmse <= peer.rmse]
+        yield Match(view, peer, min(as_close, key=lambda row: row.frame_s, default=None), finest)
+
+
+def geometric_mean(ratios):
+    return math.exp(sum(map(math.log, ratios)) / len(ratios))
+
+
+def gains(found):
+    ratios = [match.gain for match in found if match.fastest]
+    reached = f"{len(ratios)} of {len(found)} views"
+    return f"{geometric_mean(ratios):.1f} times ({reached})" if ratios else reached
+
+
+def against_peer(results, kind):
+    name, found = PEER_NAMES[kind], list(matches(results, kind))
+    if not found:
+        return [f"## Against {name}", "", "Not measured in this run.", ""]
+
+    def fastest(say):
+        return lambda match: match.fastest and say(match.fastest)
+
+    peer_columns = [
+        ("VTK: frame ms", lambda match: milliseconds(match.peer)),
+        ("RMSE", lambda match: f"{match.peer.rmse:.4f}"),
+        ("light", lambda match: f"{match.peer.light:.3f}"),
+    ]
+    fastest_columns = [
+        ("view", lambda match: match.view),
+        ("setting", lambda match: setting(match.fastest) if match.fastest else "none"),
+        ("splats", fastest(SPLATS[1])),
+        ("frame ms", fastest(milliseconds)),
+        ("RMSE", fastest(RMSE[1])),
+        *peer_columns,
+        ("times faster", lambda match: match.gain and f"{match.gain:.1f}"),
+    ]
+    finest_columns = [
+        ("view", lambda match: match.view),
+        ("all points: frame ms", lambda match: milliseconds(match.finest)),
+        ("RMSE", lambda match: f"{match.finest.rmse:.4f}"),
+        *peer_columns,
+        ("times faster", lambda match: f"{match.finest_gain:.1f}"),
+        ("RMSE over VTK's", lambda match: f"{match.finest_error:.3f}"),
+    ]
+    return [
+        f"## Against {name}",
+        "",
+        *paragraph(
+            f"""The fastest setting of `{results.kernel}`, of all that were measured, whose RMSE is at most that of
+            {name}. Geometric mean of the ratios of frame times:"""
+        ),
+        f"- all views: {gains(found)}",
+        f"- views where VTK keeps the light within a fifth: {gains([m for m in found if m.keeps_light])}",
+        "",
+        *table(fastest_columns, found),
+        *paragraph(f"""With all points (tolerance 0), geometric means: VTK's time over ours
+            {geometric_mean([match.finest_gain for match in found]):.1f}, our RMSE over VTK's
+            {geometric_mean([match.finest_error for match in found]):.3f}."""),
+        *table(finest_columns, found),
+    ]
+
+
+# Against the prototype.
+
+
+def beside_prototype(results):
+    """Rows of the fixed resolutions that the prototype has a figure for, finest first."""
+    for view in results.views:
+        counts = results.counts(view)
+        for step, (figure, bar) in enumerate(zip(results.prototype["rmse"].get(view, []), results.prototype["bars"])):
+            resolution = len(counts) - 1 - step
+            fixed = results.one(view=view, kernel="moments", resolution=resolution)
+            if row := fixed if step else results.all_points(view, "moments"):
+                share, ratio = counts[resolution] / counts[-1], row.rmse / figure
+                yield Row(row, resolution=resolution, share=share, figure=figure, ratio=ratio, bar=bar)
+
+
+def verdict(row):
+    return row.bar and (f"{row.bar}, kept" if row.ratio <= row.bar else f"{row.bar}, **missed**")
+
+
+def against_prototype(results):
+    rows = list(beside_prototype(results))
+    if not rows:
+        return ["## Resolutions, against the prototype", "", "Not measured in this run.", ""]
+    barred = [row for row in rows if row.bar]
+    columns = [
+        VIEW,
+        ("resolution", number("resolution")),
+        ("% of points", number("share", ".0f", 100)),
+        SPLATS,
+        FRAME,
+        RMSE,
+        ("prototype", number("figure", ".4f")),
+        ("ratio", number("ratio", ".2f")),
+        ("bar", verdict),
+    ]
+    return [
+        "## Resolutions, against the prototype",
+        "",
+        *paragraph(f"""Fixed resolutions (`--resolution`) of `moments`, beside {results.prototype['source']}. Bars kept:
+            {sum(row.ratio <= row.bar for row in barred)} of {len(barred)}."""),
+        *table(columns, rows),
+    ]
+
+
+# What was measured, all of it.
+
+
+def every_frame(results):
+    columns = [
+        KERNEL,
+        ("setting", setting),
+        SPLATS,
+        ("nodes", number("nodes")),
+        ("bytes read", number("bytes_read")),
+        ("% of the file", lambda row: row.bytes_read and f"{100 * row.bytes_read / row.file_bytes:.1f}"),
+        ("first picture ms", number("first_image_s", ".0f", 1e3)),
+        FRAME,
+        ("cut ms", number("cut_s", ".2f", 1e3)),
+        ("sort ms", number("sort_s", ".1f", 1e3)),
+        ("draw ms", number("draw_s", ".1f", 1e3)),
+        RMSE,
+        ("PSNR dB", number("psnr", ".1f")),
+        FLIP,
+        LIGHT,
+    ]
+    views = [line for view in results.views for line in (f"### {view}", "", *table(columns, results.of(view=view)))]
+    return [
+        "## All measurements",
+        "",
+        *paragraph(
+            """RMSE and PSNR are of linear RGB; FLIP is the mean over the sRGB pictures on the background; light is
+            the mean of the picture over that of the exact one. The first picture includes everything from opening the
+            file to the finished pixels, for `svrender` also starting OpenGL and compiling shaders; for VTK the mesh is
+            in memory already, and `splats` are its cells. Frame, cut, sort and draw are of steady frames."""
+        ),
+        *views,
+    ]
+
+
+def sorting(results):
+    def cell(sort, say):
+        return lambda key: (row := results.all_points(*key, sort)) and say(row)
+
+    columns = [("view", lambda key: key[0]), ("kernel", lambda key: f"`{key[1]}`")]
+    for sort in results.plan["sorts"]:
+        what = [("sort ms", number("sort_s", ".1f", 1e3)), FRAME, RMSE]
+        columns += [(f"{sort}: {title}", cell(sort, say)) for title, say in what]
+    return [
+        "## Sorting",
+        "",
+        *paragraph(
+            """All points, the camera moving: back to front by node only (`none`); by depth along the axis nearest
+            to the line of sight, kept while the view turns little (`axis`); every splat in its place (`exact`)."""
+        ),
+        *table(columns, [(view, kernel) for view in results.views for kernel in results.kernels]),
+    ]
+
+
+def building(results):
+    columns = [
+        ("mesh", text("mesh")),
+        ("connectivity", text("connectivity")),
+        ("points", number("points")),
+        ("resolutions", lambda b: b.resolutions.replace(" ", ", ")),
+        ("seconds", lambda b: f"{b.seconds:.2f} ({b.seconds_min:.2f}-{b.seconds_max:.2f})"),
+        ("bytes", number("file_bytes")),
+        ("bytes a point", lambda b: f"{b.file_bytes / b.points:.1f}"),
+        ("bytes of the .vtu", number("input_bytes")),
+    ]
+    return [
+        "## Building",
+        "",
+        *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
+            mesh included; for scattered points with `--connectivity`, which leaves the mesh's cells aside."""),
+        *table(columns, results.builds),
+    ]
+
+
+def scattered(results):
+    rows = results.of("scattered")
+    if not rows:
+        return []
+    figures = results.prototype["scattered"]
+    figure = ("prototype", lambda row: figures.get(row.view, {}).get(row.connectivity))
+    return [
+        "## Scattered points",
+        "",
+        *paragraph(f"""The same points with the cells thrown away (`svbuild --connectivity`), all of them drawn with
+            `{results.kernel}`, against the exact picture of the mesh. Without cells nothing tells a hole or a concavity
+            from the inside."""),
+        *table([VIEW, ("connectivity", text("connectivity")), SPLATS, FRAME, RMSE, FLIP, LIGHT, figure], rows),
+    ]
+
+
+def lit(results):
+    rows = results.of("lit")
+    if not rows:
+        return []
+    return [
+        "## Lit",
+        "",
+        *paragraph("""A light at the eye (`"lighting": true`), all points, against `svtruth`."""),
+        *table([VIEW, KERNEL, FRAME, RMSE, FLIP, LIGHT], rows),
+    ]
+
+
+def reference(results):
+    if not results.reference:
+        return []
+    columns = [
+        VIEW,
+        ("tetrahedra", number("tetrahedra")),
+        ("segments a pixel", number("segments_per_pixel")),
+        ("seconds", number("seconds", ".2f")),
+        ("RMSE", number("rmse", ".2e")),
+        ("largest difference", number("max", ".2e")),
+    ]
+    return [
+        "## Reference",
+        "",
+        *paragraph("""`svtruth` against pictures by an independent program (another algorithm, also in double
+            precision)."""),
+        *table(columns, results.reference),
+    ]
+
+
+# Pictures and plots.
+
+
+def picture_names(results):
+    """A view's rows of pictures: what their files end in, and their titles."""
+    pictures = {"exact": "exact"}
+    for kernel in reversed(results.kernels):
+        for tolerance in results.plan["pictured_tolerances"]:
+            pictures[f"{kernel}-{tolerance:g}"] = f"`{kernel}`, " + (f"{tolerance:g} %" if tolerance else "all points")
+    lit_names = {f"lit-{kernel}": f"lit, `{kernel}`" for kernel in reversed(results.kernels)}
+    return [{**pictures, **PEER_NAMES}, {"lit-exact": "lit, exact", **lit_names}]
+
+
+def gallery(results, docs):
+    """Copies the pictures; those of an earlier page go."""
+    folder = docs / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("*.png"):
+        old.unlink()
+
+    lines = []
+    for view in results.views:
+        for names in picture_names(results):
+            files = {title: results.folder / "pictures" / f"{view}-{ending}.png" for ending, title in names.items()}
+            files = {title: path for title, path in files.items() if path.exists()}
+            for path in files.values():
+                shutil.copy(path, folder)
+            if files:
+                pictures = [
+                    (title, lambda _, path=path: f"![{path.stem}](pictures/{path.name})")
+                    for title, path in files.items()
+                ]
+                lines += table(pictures, [None])
+    return ["## Pictures", "", *(lines or ["Not made in this run.", ""])]
+
+
+def head(results, plotted):
+    note, plan = results.note, results.plan
+    left_out = sorted({"peers", "flip", "pictures"} - set(note["extras"])) + ([] if plotted else ["plots"])
+    with_peers = f"; {note['peers']} with the same OpenGL" if "peers" in note else ""
+    lines = [
+        "# Results",
+        "",
+        *paragraph(f"""Made by `bench/svbench run --shared SHARED`: {note['software']}, {note['cores']} cores of
+            {note['processor']}, {note['renderer']}{with_peers}. Load of the machine before the run:
+            {note['load_before']:.2f}."""),
+        *paragraph(f"""The settings of a view and the peers took turns ({plan['turns']}, of {plan['frames']} frames
+            each), so that what else the machine does hits all alike. A time is the median of the turns' medians
+            (fastest-slowest frame). Pictures have the size that their scene says; frames are steady ones: the data
+            resident, the camera moving."""),
+        *paragraph("""VTK's mappers take opacities in [0, 1]: density over the largest density, whose inverse is the
+            `ScalarOpacityUnitDistance`. They keep opacities in 8 bits and draw to 8 bits, which alone costs about .001.
+            Where cells are very thin or the eye is inside the data they lose most of the light or gain too much: see
+            the column `light`, and take a comparison of times there with care. The ray caster sends a ray through every
+            pixel, whatever it costs. VTK's z-sweep mapper takes several times as long and is left out."""),
+    ]
+    if left_out:
+        lines += [f"**Left out of this run: {', '.join(left_out)}.**", ""]
+    if plotted:
+        lines += paragraph("""Lower left is better. Filled marks are tolerances, hollow ones fixed resolutions, all with
+            exact sorting.""")
+    for name in plotted:
+        lines += [f"![{name}](plots/{name}.png)", ""]
+    return lines
+
+
+def write(results, docs, plotted):
+    """Writes results.md and pictures/ in `docs`. `plotted`: names of the plots in plots/."""
+    docs.mkdir(parents=True, exist_ok=True)
+    lines = head(results, plotted)
+    for kind in PEER_NAMES:
+        lines += against_peer(results, kind)
+    lines += against_prototype(results) + gallery(results, docs)
+    for section in (sorting, building, scattered, lit, reference, every_frame):
+        lines += section(results)
+    (docs / "results.md").write_text("\n".join(lines).rstrip() + "\n")

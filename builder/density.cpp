@@ -1,0 +1,265 @@
+#include "builder/density.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "base/splat_kernel.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int iterations = 12;
+constexpr double damping = 0.7;  // splats that see each other would swing
+constexpr int spreading_passes = 4;
+constexpr double least_density = 1.0 / 8, largest_density = 8;
+
+// A splat as it is drawn.
+struct Ellipsoid {
+  dvec3 centre{0};
+  dmat3 to_ball{0};  // into the unit ball
+  dvec3 reach{0};    // half extents of the box round it
+  double peak = 0;   // density at the centre; 0: draws nothing
+  dvec3 outward{0};  // in the ball: what lies on this side of the centre is cut off; 0: nothing
+};
+
+Ellipsoid make_ellipsoid(const PlacedShape& splat) {
+  const format::SplatShape& shape = splat.shape;
+  const dvec3& d = shape.deviations;
+  if (!(shape.mass > 0 && d[2] > 0)) return {};
+
+  // Reflecting the material in its boundary moves the centre there and adds foot foot^T to the covariance.
+  const double distance = glm::length(shape.boundary);
+  const dvec3 normal = distance > 0 ? shape.boundary / distance : dvec3(0);
+  const double stretch = std::sqrt(1 + distance * distance);
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  const dmat3 scale(dvec3(d.x, 0, 0), dvec3(0, d.y, 0), dvec3(0, 0, d.z));
+  const dmat3 shrink(dvec3(1 / d.x, 0, 0), dvec3(0, 1 / d.y, 0), dvec3(0, 0, 1 / d.z));
+  const dmat3 along = glm::outerProduct(normal, normal);
+  const dmat3 from_ball = moments_half_width * (axes * scale * (dmat3(1) + (stretch - 1) * along));
+
+  Ellipsoid ellipsoid;
+  ellipsoid.centre = splat.centroid + axes * (d * shape.boundary);
+  ellipsoid.to_ball =
+      (1 / moments_half_width) * ((dmat3(1) + (1 / stretch - 1) * along) * shrink * glm::transpose(axes));
+  for (int k = 0; k < 3; ++k)
+    ellipsoid.reach[k] = glm::length(dvec3(from_ball[0][k], from_ball[1][k], from_ball[2][k]));
+  const double volume = std::pow(moments_half_width, 3) * d.x * d.y * d.z * stretch;
+  ellipsoid.peak = (distance > 0 ? 2 : 1) * shape.mass * moments_peak / volume;
+  if (distance > 0) ellipsoid.outward = normal;
+  return std::isfinite(ellipsoid.peak) ? ellipsoid : Ellipsoid{};
+}
+
+double density_at(const Ellipsoid& ellipsoid, dvec3 point) {
+  const dvec3 place = ellipsoid.to_ball * (point - ellipsoid.centre);
+  const double rest = 1 - glm::dot(place, place);
+  return rest > 0 && glm::dot(place, ellipsoid.outward) <= 0 ? ellipsoid.peak * rest * std::sqrt(rest) : 0;
+}
+
+struct Box {
+  dvec3 low{std::numeric_limits<double>::infinity()};
+  dvec3 high{-std::numeric_limits<double>::infinity()};
+
+  void include(const Box& other) {
+    low = glm::min(low, other.low);
+    high = glm::max(high, other.high);
+  }
+  [[nodiscard]] bool holds(dvec3 point) const {
+    return glm::all(glm::lessThanEqual(low, point)) && glm::all(glm::lessThanEqual(point, high));
+  }
+};
+
+constexpr std::size_t max_samples = 64;  // as many as a mask has bits
+
+// Boxes round `fan` boxes each of the level below, the lowest round ellipsoids.
+class BoxTree {
+ public:
+  explicit BoxTree(std::span<const Ellipsoid> ellipsoids) {
+    std::vector<Box> level(ellipsoids.size());
+    for (std::size_t i = 0; i < level.size(); ++i)
+      if (const Ellipsoid& e = ellipsoids[i]; e.peak > 0) level[i] = {e.centre - e.reach, e.centre + e.reach};
+    levels_.push_back(std::move(level));
+    while (levels_.back().size() > 1) {
+      const std::vector<Box>& below = levels_.back();
+      std::vector<Box> above((below.size() + fan - 1) / fan);
+      for (std::size_t i = 0; i < below.size(); ++i) above[i / fan].include(below[i]);
+      levels_.push_back(std::move(above));
+    }
+  }
+
+  // Calls visit(i, mask) for every ellipsoid whose box holds any of the points, in ascending order; bit k of the mask
+  // is set where it holds points[k]. Requires at most max_samples points.
+  template <class Visit>
+  void for_each(std::span<const dvec3> points, const Visit& visit) const {
+    descend(levels_.size() - 1, 0, points, ~std::uint64_t{0} >> (64 - points.size()), visit);
+  }
+
+ private:
+  static constexpr std::size_t fan = 4;
+
+  template <class Visit>
+  void descend(std::size_t level, std::size_t i, std::span<const dvec3> points, std::uint64_t mask,
+               const Visit& visit) const {
+    std::uint64_t inside = 0;
+    for (; mask != 0; mask &= mask - 1)
+      if (const int k = std::countr_zero(mask); levels_[level][i].holds(points[static_cast<std::size_t>(k)]))
+        inside |= std::uint64_t{1} << k;
+    if (inside == 0) return;
+    if (level == 0) return visit(i, inside);
+    const std::size_t end = std::min((i + 1) * fan, levels_[level - 1].size());
+    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, points, inside, visit);
+  }
+
+  std::vector<std::vector<Box>> levels_;
+};
+
+// Places in a splat's material, in deviations: a cell with this covariance, cut in three each way.
+void append_samples(const PlacedShape& splat, int steps, std::vector<dvec3>& samples) {
+  const dmat3 axes = glm::mat3_cast(splat.shape.orientation);
+  const double distance_2 = glm::dot(splat.shape.boundary, splat.shape.boundary);
+  const double step = 2 * std::numbers::sqrt3 / steps;
+  for (int z = 0; z < steps; ++z)
+    for (int y = 0; y < steps; ++y)
+      for (int x = 0; x < steps; ++x) {
+        const dvec3 place = step * (dvec3(x, y, z) - 0.5 * (steps - 1));
+        if (distance_2 > 0 && glm::dot(place, splat.shape.boundary) > distance_2) continue;
+        samples.push_back(splat.centroid + axes * (splat.shape.deviations * place));
+      }
+}
+
+// What a splat sees of another's density.
+struct View {
+  std::uint32_t splat;
+  float weight;
+};
+
+class DensityFit {
+ public:
+  DensityFit(std::span<PlacedShape> splats, std::span<const PlacedShape> parts, std::span<const std::uint64_t> begins)
+      : splats_(splats), parts_(parts), begins_(begins), ellipsoids_(splats.size()) {
+    tbb::parallel_for(std::size_t{0}, splats.size(),
+                      [&](std::size_t i) { ellipsoids_[i] = make_ellipsoid(splats[i]); });
+  }
+
+  void run() {
+    find_views();
+    std::vector<float> densities(splats_.size(), 1.0F), next(splats_.size(), 1.0F);
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+      tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) { improve(b, densities, next); });
+      densities.swap(next);
+    }
+    keep_mass(densities);
+    for (std::size_t i = 0; i < splats_.size(); ++i) splats_[i].shape.density = densities[i];
+  }
+
+ private:
+  static constexpr std::size_t block_size = 256;
+  struct Block {
+    std::vector<View> views;
+    std::vector<std::uint32_t> ends;  // [splat of the block]
+  };
+
+  void find_views() {
+    const BoxTree tree(ellipsoids_);
+    blocks_.resize((splats_.size() + block_size - 1) / block_size);
+    tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) {
+      std::vector<dvec3> samples;
+      std::vector<double> weights;
+      Block& block = blocks_[b];
+      for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
+        if (ellipsoids_[i].peak > 0) append_views(i, tree, samples, weights, block.views);
+        block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
+      }
+    });
+  }
+
+  void append_views(std::size_t i, const BoxTree& tree, std::vector<dvec3>& samples, std::vector<double>& weights,
+                    std::vector<View>& views) const {
+    samples.clear();
+    weights.clear();
+    find_samples(i, samples);
+    double sum = 0;
+    for (const dvec3& sample : samples) sum += weights.emplace_back(density_at(ellipsoids_[i], sample));
+    if (!(sum > 0)) return;
+    tree.for_each(samples, [&](std::size_t j, std::uint64_t mask) {
+      double seen = 0;
+      for (; mask != 0; mask &= mask - 1) {
+        const auto s = static_cast<std::size_t>(std::countr_zero(mask));
+        if (weights[s] > 0) seen += weights[s] * density_at(ellipsoids_[j], samples[s]);
+      }
+      if (seen > 0) views.push_back({static_cast<std::uint32_t>(j), static_cast<float>(seen / sum)});
+    });
+  }
+
+  // Where a splat looks.
+  void find_samples(std::size_t i, std::vector<dvec3>& samples) const {
+    if (parts_.empty()) return append_samples(splats_[i], 3, samples);
+    const std::uint64_t count = begins_[i + 1] - begins_[i];
+    const std::uint64_t step = (count + max_samples - 1) / max_samples;
+    for (std::uint64_t part = begins_[i]; part < begins_[i + 1]; part += step)
+      if (parts_[part].shape.mass > 0) append_samples(parts_[part], count <= 8 ? 2 : 1, samples);
+  }
+
+  void improve(std::size_t b, const std::vector<float>& densities, std::vector<float>& next) const {
+    std::uint32_t view = 0;
+    for (std::size_t k = 0; k < blocks_[b].ends.size(); ++k) {
+      const std::size_t i = b * block_size + k;
+      double seen = 0;
+      for (; view < blocks_[b].ends[k]; ++view)
+        seen += double{blocks_[b].views[view].weight} * densities[blocks_[b].views[view].splat];
+      const double factor = seen > 0 ? std::pow(seen, -damping) : 1;
+      next[i] = static_cast<float>(std::clamp(densities[i] * factor, least_density, largest_density));
+    }
+  }
+
+  // The factors must not add or take mass, neighbourhood by neighbourhood: compares what both give when each splat
+  // spreads its mass over those that it sees, some times over.
+  void keep_mass(std::vector<float>& densities) const {
+    std::vector<double> before(splats_.size()), after(splats_.size());
+    for (std::size_t i = 0; i < splats_.size(); ++i) {
+      before[i] = splats_[i].shape.mass;
+      after[i] = densities[i] * before[i];
+    }
+    for (int pass = 0; pass < spreading_passes; ++pass) {
+      spread(before);
+      spread(after);
+    }
+    for (std::size_t i = 0; i < splats_.size(); ++i)
+      if (after[i] > 0 && before[i] > 0) densities[i] *= static_cast<float>(before[i] / after[i]);
+  }
+
+  void spread(std::vector<double>& masses) const {
+    std::vector<double> result(masses.size());
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+      std::uint32_t begin = 0;
+      for (std::size_t k = 0; k < blocks_[b].ends.size(); ++k) {
+        const auto seen = std::span(blocks_[b].views).subspan(begin, blocks_[b].ends[k] - begin);
+        begin = blocks_[b].ends[k];
+        double sum = 0;
+        for (const View& view : seen) sum += view.weight;
+        for (const View& view : seen) result[view.splat] += masses[b * block_size + k] * view.weight / sum;
+      }
+    }
+    masses.swap(result);
+  }
+
+  std::span<PlacedShape> splats_;
+  std::span<const PlacedShape> parts_;
+  std::span<const std::uint64_t> begins_;
+  std::vector<Ellipsoid> ellipsoids_;
+  std::vector<Block> blocks_;
+};
+
+}  // namespace
+
+void fit_densities(std::span<PlacedShape> splats, std::span<const PlacedShape> parts,
+                   std::span<const std::uint64_t> begins) {
+  DensityFit(splats, parts, begins).run();
+}
+
+}  // namespace splatvol

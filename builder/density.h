@@ -1,0 +1,29 @@
+// How densely splats must be drawn so that together they are as dense as the material.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/math.h"
+#include "format/columns.h"
+
+namespace splatvol {
+
+/// A splat of the kernel `moments` and where it is.
+struct PlacedShape {
+  dvec3 centroid{0};
+  format::SplatShape shape;
+};
+
+/// Fits the shapes' densities. Ellipsoids that overlap do not add up to the same density everywhere: they ripple, most
+/// where large cells meet small ones. The factors make the mean of the density that a splat sees round itself, weighted
+/// with its own kernel, 1: what the material has, since a splat's mass is its volume. Linear in time, about 400 bytes a
+/// splat while it runs; `splats` in Morton order, for speed. Does not depend on the number of threads.
+///
+/// `parts`: the splats of the next finer resolution, those of splats[i] from begins[i] to begins[i + 1]; where there
+/// are none, a splat sees the density within its own ellipsoid.
+void fit_densities(std::span<PlacedShape> splats, std::span<const PlacedShape> parts = {},
+                   std::span<const std::uint64_t> begins = {});
+
+}  // namespace splatvol

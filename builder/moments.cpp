@@ -1,0 +1,261 @@
+#include "builder/moments.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+// Moments of the barycentric coordinates over the quarter where L0 is the largest, with La, Lb two others: E[La], then
+// E[La La] - E[La Lb] and E[La Lb].
+constexpr double mean_share = 23.0 / 144;
+constexpr double own_square = (161.0 - 97.0) / 4320;
+constexpr double common_square = 97.0 / 4320;
+
+SymmetricMatrix operator*(double factor, const SymmetricMatrix& a) {
+  return {factor * a.xx, factor * a.yy, factor * a.zz, factor * a.xy, factor * a.xz, factor * a.yz};
+}
+
+SymmetricMatrix operator+(const SymmetricMatrix& a, const SymmetricMatrix& b) {
+  return {a.xx + b.xx, a.yy + b.yy, a.zz + b.zz, a.xy + b.xy, a.xz + b.xz, a.yz + b.yz};
+}
+
+SymmetricMatrix square(const dvec3& d) { return {d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z}; }
+
+// A quarter of the volume; 0 for what is flat, or too large for double precision.
+double quarter_mass(std::span<const dvec3> positions, const Tetrahedron& corners) {
+  std::array<dvec3, 3> edges;
+  for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
+  const double mass = std::abs(glm::dot(edges[0], glm::cross(edges[1], edges[2]))) / 24;
+  const double squares = glm::dot(edges[0], edges[0]) + glm::dot(edges[1], edges[1]) + glm::dot(edges[2], edges[2]);
+  return std::isfinite(mass) && std::isfinite(squares) ? mass : 0;
+}
+
+// A tetrahedron as one of its vertices sees it: everything relative to the vertex, so that its place costs no
+// precision.
+struct Quarter {
+  std::array<std::uint32_t, 3> others;
+  std::array<dvec3, 3> edges;
+  double mass;
+  double weight;  // share of the mass of all that the vertex owns
+
+  [[nodiscard]] dvec3 sum() const { return edges[0] + edges[1] + edges[2]; }
+};
+
+// Raw moments about the vertex, each times the quarter's weight. The vertex borders on its material, so that little
+// cancels when they become central ones.
+void add(SpatialMoments& sums, const Quarter& quarter) {
+  const dvec3 sum = quarter.sum();
+  sums.mass += quarter.mass;
+  sums.centroid += quarter.weight * sum;
+  sums.covariance =
+      sums.covariance +
+      quarter.weight * own_square * (square(quarter.edges[0]) + square(quarter.edges[1]) + square(quarter.edges[2]));
+  sums.covariance = sums.covariance + quarter.weight * common_square * square(sum);
+}
+
+void finish(SpatialMoments& sums) {
+  sums.centroid *= mean_share;
+  sums.covariance = sums.covariance + -1.0 * square(sums.centroid);
+}
+
+// The same for a value, relative to the vertex's own as well.
+void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> values, double own) {
+  dvec3 rise;
+  for (std::size_t k = 0; k < 3; ++k) rise[static_cast<int>(k)] = values[quarter.others[k]] - own;
+  const double total = rise.x + rise.y + rise.z;
+  if (!std::isfinite(total)) return;
+  const dvec3 sum = quarter.sum();
+  const double weight = quarter.weight;
+  sums.mass += quarter.mass;
+  sums.centroid += weight * sum;
+  sums.mean += weight * total;
+  sums.variance += weight * (own_square * glm::dot(rise, rise) + common_square * total * total);
+  sums.covariance +=
+      weight * own_square * (rise.x * quarter.edges[0] + rise.y * quarter.edges[1] + rise.z * quarter.edges[2]);
+  sums.covariance += weight * common_square * total * sum;
+
+  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the cell.
+  double low = 0, high = 0;
+  for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, (rise.x + rise.y) / 3, (rise.y + rise.z) / 3,
+                              (rise.z + rise.x) / 3, total / 4}) {
+    low = std::min(low, corner);
+    high = std::max(high, corner);
+  }
+  sums.min = std::min(sums.min, own + low);
+  sums.max = std::max(sums.max, own + high);
+}
+
+// `mass`: of all that the vertex owns, with and without a value.
+void finish(ValueMoments& sums, double mass, double own) {
+  if (!(sums.mass > 0)) return;
+  const double share = mass / sums.mass;
+  sums.centroid *= share * mean_share;
+  sums.mean *= share * mean_share;
+  sums.variance = share * sums.variance - sums.mean * sums.mean;
+  sums.covariance = share * sums.covariance - sums.mean * sums.centroid;
+  sums.mean += own;
+}
+
+// Eigenvalues and, as columns, eigenvectors.
+struct Decomposition {
+  std::array<double, 3> values;
+  dmat3 vectors{1};
+};
+
+// Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow.
+Decomposition diagonalize(const SymmetricMatrix& m) {
+  constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
+  double a[3][3] = {{m.xx, m.xy, m.xz}, {m.xy, m.yy, m.yz}, {m.xz, m.yz, m.zz}};
+  Decomposition result;
+  bool rotated = true;
+  for (int sweep = 0; rotated && sweep < sweeps; ++sweep) {
+    rotated = false;
+    for (const auto [p, q, r] : {std::array{0, 1, 2}, std::array{0, 2, 1}, std::array{1, 2, 0}}) {
+      const double negligible = std::numeric_limits<double>::epsilon() / 4 * std::sqrt(std::abs(a[p][p] * a[q][q]));
+      if (std::abs(a[p][q]) <= negligible) continue;
+      rotated = true;
+      const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+      const double t = std::copysign(1.0, theta) / (std::abs(theta) + std::sqrt(1 + theta * theta));
+      const double cosine = 1 / std::sqrt(1 + t * t), sine = t * cosine;
+      a[p][p] -= t * a[p][q];
+      a[q][q] += t * a[p][q];
+      a[p][q] = a[q][p] = 0;
+      const double rp = a[r][p], rq = a[r][q];
+      a[r][p] = a[p][r] = cosine * rp - sine * rq;
+      a[r][q] = a[q][r] = sine * rp + cosine * rq;
+      const dvec3 axis = result.vectors[p];
+      result.vectors[p] = cosine * axis - sine * result.vectors[q];
+      result.vectors[q] = sine * axis + cosine * result.vectors[q];
+    }
+  }
+  for (std::size_t k = 0; k < 3; ++k) result.values[k] = a[k][k];
+  return result;
+}
+
+}  // namespace
+
+void merge(SpatialMoments& a, const SpatialMoments& b, dvec3 shift) {
+  if (!(b.mass > 0)) return;
+  const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
+  const dvec3 between = b.centroid + shift - a.centroid;
+  a.covariance = of_a * a.covariance + of_b * b.covariance + of_a * of_b * square(between);
+  a.centroid += of_b * between;
+  a.mass = mass;
+}
+
+void merge(ValueMoments& a, const ValueMoments& b, dvec3 shift) {
+  if (!(b.mass > 0)) return;
+  const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
+  const dvec3 between = b.centroid + shift - a.centroid;
+  const double rise = b.mean - a.mean;
+  a.variance = of_a * a.variance + of_b * b.variance + of_a * of_b * rise * rise;
+  a.covariance = of_a * a.covariance + of_b * b.covariance + of_a * of_b * rise * between;
+  a.centroid += of_b * between;
+  a.mean += of_b * rise;
+  a.mass = mass;
+  a.min = std::min(a.min, b.min);
+  a.max = std::max(a.max, b.max);
+}
+
+VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra)
+    : positions_(positions), tetrahedra_(tetrahedra), begins_(positions.size() + 1, 0), masses_(tetrahedra.size()) {
+  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
+                    [&](std::size_t t) { masses_[t] = quarter_mass(positions, tetrahedra[t]); });
+  for (const Tetrahedron& corners : tetrahedra)
+    for (const std::uint32_t corner : corners) ++begins_[corner + 1];
+  for (std::size_t i = 0; i < positions.size(); ++i) begins_[i + 1] += begins_[i];
+  incidence_.resize(begins_.back());
+  std::vector<std::uint64_t> next(begins_.begin(), begins_.end() - 1);
+  for (std::uint32_t t = 0; t < tetrahedra.size(); ++t)
+    for (const std::uint32_t corner : tetrahedra[t]) incidence_[next[corner]++] = t;
+}
+
+// Calls add(quarter) for each tetrahedron at a vertex; returns the mass of them all.
+template <class Add>
+double VertexMaterial::visit(std::size_t vertex, Add add_quarter) const {
+  const auto incident = std::span(incidence_).subspan(begins_[vertex], begins_[vertex + 1] - begins_[vertex]);
+  double mass = 0;
+  for (const std::uint32_t t : incident) mass += masses_[t];
+  for (const std::uint32_t t : incident) {
+    const Tetrahedron& corners = tetrahedra_[t];
+    const auto place = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
+    Quarter quarter;
+    for (std::size_t k = 0; k < 3; ++k) {
+      quarter.others[k] = corners[(place + 1 + k) % 4];
+      quarter.edges[k] = positions_[quarter.others[k]] - positions_[vertex];
+    }
+    quarter.mass = masses_[t];
+    quarter.weight = mass > 0 ? masses_[t] / mass : 0;
+    add_quarter(quarter);
+  }
+  return mass;
+}
+
+SpatialMoments VertexMaterial::moments(std::size_t vertex) const {
+  SpatialMoments sums;
+  visit(vertex, [&](const Quarter& quarter) {
+    if (quarter.mass > 0) add(sums, quarter);
+  });
+  finish(sums);
+  return sums;
+}
+
+ValueMoments VertexMaterial::value_moments(std::size_t vertex, std::span<const double> values) const {
+  ValueMoments sums;
+  const double mass = visit(vertex, [&](const Quarter& quarter) {
+    if (quarter.mass > 0) add(sums, quarter, values, values[vertex]);
+  });
+  finish(sums, mass, values[vertex]);
+  return sums;
+}
+
+dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> values) const {
+  dvec3 gradient(0);
+  visit(vertex, [&](const Quarter& quarter) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double rise = values[quarter.others[k]] - values[vertex];
+      const dvec3 difference = rise / glm::dot(quarter.edges[k], quarter.edges[k]) * quarter.edges[k];
+      if (std::isfinite(difference.x + difference.y + difference.z)) gradient += difference;
+    }
+  });
+  return gradient;
+}
+
+format::SplatShape shape_of(const SpatialMoments& moments) {
+  const SymmetricMatrix& covariance = moments.covariance;
+  const double scale = std::max({covariance.xx, covariance.yy, covariance.zz});
+  if (!(moments.mass > 0) || !(scale >= std::numeric_limits<double>::min())) return {.mass = moments.mass};
+
+  const Decomposition axes = diagonalize(1 / scale * covariance);
+  std::array<int, 3> order = {0, 1, 2};
+  std::ranges::stable_sort(order, std::greater<>(), [&](int k) { return axes.values[static_cast<std::size_t>(k)]; });
+  format::SplatShape shape{.mass = moments.mass};
+  dmat3 sorted;
+  for (int k = 0; k < 3; ++k) {
+    const int from = order[static_cast<std::size_t>(k)];
+    shape.deviations[k] = std::sqrt(std::max(0.0, axes.values[static_cast<std::size_t>(from)])) * std::sqrt(scale);
+    sorted[k] = axes.vectors[from];
+  }
+  sorted[2] = glm::cross(sorted[0], sorted[1]);  // right-handed
+  shape.orientation = glm::normalize(glm::quat_cast(sorted));
+  return shape;
+}
+
+format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape) {
+  if (!(value.mass > 0)) return {};
+  format::SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  for (int k = 0; k < 3; ++k) {
+    const double largest = result.deviation * shape.deviations[k];
+    if (largest > 0) result.correlation[k] = std::clamp(glm::dot(axes[k], value.covariance) / largest, -1.0, 1.0);
+  }
+  result.residual = std::sqrt(std::max(0.0, 1 - glm::dot(result.correlation, result.correlation)));
+  result.coverage = std::min(1.0, value.mass / shape.mass);
+  return result;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,402 @@
+// The columns that tell what material each splat stands for: `moments`, `value_moments`, `gradient`.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+#include <vector>
+
+#include "format/payload.h"
+
+namespace splatvol::format {
+namespace {
+
+// --- Log codes: 0, or scale 2^((code - 65535) / 128).
+
+constexpr unsigned codes_per_octave = 128;
+constexpr unsigned largest_log_code = 65535;
+
+std::uint16_t log_code(double number, double scale) {
+  if (!(number > 0)) return 0;
+  const double code = std::round(largest_log_code + codes_per_octave * (std::log2(number) - std::log2(scale)));
+  return static_cast<std::uint16_t>(std::clamp(code, 1.0, double{largest_log_code}));
+}
+
+class LogCodes {
+ public:
+  explicit LogCodes(double scale) : scale_(scale) {}
+
+  double operator()(unsigned code) const {
+    static_assert((largest_log_code + 1) % codes_per_octave == 0);
+    constexpr unsigned octaves = (largest_log_code + 1) / codes_per_octave;
+    constexpr unsigned exponent_bias = 1023, mantissa_bits = 52;
+    const unsigned above = code + 1;
+    const std::uint64_t exponent = exponent_bias - octaves + above / codes_per_octave;
+    return code == 0 ? 0
+                     : scale_ * (roots_[above % codes_per_octave] * std::bit_cast<double>(exponent << mantissa_bits));
+  }
+
+ private:
+  using Roots = std::array<double, codes_per_octave>;
+  static Roots make_roots() {
+    Roots roots;
+    for (unsigned k = 0; k < codes_per_octave; ++k) roots[k] = std::exp2(k / double{codes_per_octave});
+    return roots;
+  }
+  static const Roots& roots() {
+    static const Roots roots = make_roots();
+    return roots;
+  }
+
+  const Roots& roots_ = roots();
+  double scale_;
+};
+
+// --- Orientations: which component of the quaternion is the largest, and the other three.
+
+constexpr int min_orientation_width = 3;  // bytes
+constexpr int max_orientation_width = 8;
+constexpr double largest_component = 0.5 * std::numbers::sqrt2;  // of the other three
+constexpr double tilt_tolerance = 1.0 / 16;
+
+int bits_of_component(int width) { return (8 * width - 2) / 3; }
+
+// Zero in the middle: axes that are those of space come back exactly.
+std::int64_t middle_code(int bits) { return (std::int64_t{1} << (bits - 1)) - 1; }
+
+std::uint64_t orientation_code(const glm::dquat& q, int bits) {
+  const std::array<double, 4> components = {q.x, q.y, q.z, q.w};
+  const auto size = [](double component) { return std::abs(component); };
+  const auto largest = static_cast<std::size_t>(std::ranges::max_element(components, {}, size) - components.begin());
+  const std::int64_t middle = middle_code(bits);
+  const double scale = static_cast<double>(middle) / std::copysign(largest_component, components[largest]);
+  std::uint64_t code = largest;
+  int shift = 2;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (k == largest) continue;
+    const std::int64_t steps = std::clamp<std::int64_t>(std::llround(components[k] * scale), -middle, middle);
+    code |= static_cast<std::uint64_t>(steps + middle) << shift;
+    shift += bits;
+  }
+  return code;
+}
+
+glm::dquat orientation_of(std::uint64_t code, int bits) {
+  const std::int64_t middle = middle_code(bits), mask = (std::int64_t{1} << bits) - 1;
+  const double step = largest_component / static_cast<double>(middle);
+  const auto component = [&](int k) {
+    return step * static_cast<double>((static_cast<std::int64_t>(code >> (2 + k * bits)) & mask) - middle);
+  };
+  const double a = component(0), b = component(1), c = component(2);
+  const double squares = a * a + b * b + c * c;
+  const double rest = std::sqrt(std::max(0.0, 1 - squares));
+  const std::uint64_t largest = code & 3;
+  const double x = largest == 0 ? rest : a;
+  const double y = largest == 0 ? a : largest == 1 ? rest : b;
+  const double z = largest == 3 ? c : largest == 2 ? rest : b;
+  const double w = largest == 3 ? rest : c;
+  return glm::dquat(w, x, y, z) * (1 / std::sqrt(std::max(1.0, squares)));
+}
+
+// Whether the end of each axis moves towards a shorter one by little, measured by that one's deviation.
+bool stays_near(const SplatShape& shape, const glm::dquat& stored) {
+  const glm::dquat turn = glm::conjugate(shape.orientation) * stored;
+  const dvec3 angles = 2.0 * glm::abs(dvec3(turn.x, turn.y, turn.z));
+  const dvec3& d = shape.deviations;
+  return angles.z * d[0] <= tilt_tolerance * d[1] && angles.y * d[0] <= tilt_tolerance * d[2] &&
+         angles.x * d[1] <= tilt_tolerance * d[2];
+}
+
+// In the fewest bytes with which all of them stay near; returns how many.
+int encode_orientations(std::span<const SplatShape> shapes, std::span<std::uint64_t> codes) {
+  const auto encode = [&](std::size_t i, int bits) {
+    codes[i] = orientation_code(shapes[i].orientation, bits);
+    return stays_near(shapes[i], orientation_of(codes[i], bits));
+  };
+  int width = min_orientation_width;
+  for (std::size_t i = 0; i < shapes.size();) {
+    const bool enough = encode(i, bits_of_component(width)) || width == max_orientation_width;
+    i = enough ? i + 1 : 0;
+    width += enough ? 0 : 1;
+  }
+  return width;
+}
+
+// --- Boundaries and densities.
+
+constexpr double boundary_scale = 128;
+constexpr int largest_boundary_code = 511;
+constexpr double densities_per_octave = 32;
+constexpr int density_one = 128;
+
+std::int16_t boundary_code(double foot) {
+  return static_cast<std::int16_t>(
+      std::clamp<long>(std::lround(foot * boundary_scale), -largest_boundary_code, largest_boundary_code));
+}
+
+std::uint8_t density_code(double density) {
+  return static_cast<std::uint8_t>(
+      std::clamp<long>(density_one + std::lround(densities_per_octave * std::log2(density)), 0, 255));
+}
+
+std::array<double, 256> make_densities() {
+  std::array<double, 256> densities;
+  for (int code = 0; code < 256; ++code) densities[code] = std::exp2((code - density_one) / densities_per_octave);
+  return densities;
+}
+
+// --- Means: a grid of one axis.
+
+// Rounding to the grid moves a mean by half a step; indices stay under 2^32, and the origin under 2^45 steps, so that
+// a step is far above the rounding of what is added up.
+constexpr double error_in_steps = 0.51;
+constexpr double max_mean_cell = std::numeric_limits<std::uint32_t>::max() - 1;
+
+double power_of_two_above(double number) {
+  return std::ldexp(1.0, 1 + std::ilogb(std::max(number, std::numeric_limits<double>::denorm_min())));
+}
+
+double mean_step(double low, double high, double error) {
+  if (!(high > low)) return 0;
+  const double farthest = std::max(std::abs(low), std::abs(high));
+  const double finest = power_of_two_above(std::max((high - low) / max_mean_cell, farthest * 0x1p-45));
+  const double enough = std::min(error, double{std::numeric_limits<float>::max()}) / error_in_steps;
+  return enough > finest ? std::ldexp(1.0, std::ilogb(enough)) : finest;
+}
+
+// The grid's cell of each mean; fills the header's part about means.
+std::vector<std::uint32_t> encode_means(std::span<const SplatValue> values, double error, ValueMomentsHeader& header) {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const SplatValue& value : values) {
+    if (!(value.coverage > 0)) continue;
+    low = std::min(low, value.mean);
+    high = std::max(high, value.mean);
+  }
+  header.step = mean_step(low, high, error);
+  if (low <= high) header.origin = header.step > 0 ? std::round(low / header.step) * header.step : low;
+
+  std::vector<std::uint32_t> cells(values.size());
+  std::uint32_t all_bits = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double mean = values[i].mean;
+    if (!(values[i].coverage > 0)) continue;
+    if (header.step > 0)
+      cells[i] = static_cast<std::uint32_t>(std::max(0.0, std::round((mean - header.origin) / header.step)));
+    all_bits |= cells[i];
+    header.error = std::max(header.error, std::abs(mean - (header.origin + header.step * cells[i])));
+  }
+  header.width = static_cast<std::uint8_t>((std::bit_width(all_bits) + 7) / 8);
+  return cells;
+}
+
+// --- Planes.
+
+bool is_scale(double number) { return number >= 0 && std::isfinite(number); }
+
+bool all_zero(std::span<const std::uint8_t> bytes) {
+  return std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; });
+}
+
+std::int8_t signed_code(double number) { return static_cast<std::int8_t>(std::lround(127 * number)); }
+
+std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(std::lround(255 * number)); }
+
+template <class Code, class Objects, class Encode>
+void append_plane_of(Bytes& payload, const Objects& objects, Encode encode) {
+  std::vector<Code> codes(objects.size());
+  std::ranges::transform(objects, codes.begin(), encode);
+  append_planes<Code>(payload, codes);
+}
+
+// Numbers whose bytes lie in planes.
+class Planes {
+ public:
+  /// Requires planes to lie in `payload` behind `begin`.
+  Planes(std::span<const std::byte> payload, std::size_t begin, std::size_t count)
+      : bytes_(payload.data() + begin), count_(count) {}
+
+  /// Of `width` planes from `first` on.
+  [[nodiscard]] std::uint64_t number(std::size_t i, std::size_t first, std::size_t width) const {
+    std::uint64_t number = 0;
+    for (std::size_t k = 0; k < width; ++k)
+      number |= std::to_integer<std::uint64_t>(bytes_[(first + k) * count_ + i]) << 8 * k;
+    return number;
+  }
+  [[nodiscard]] unsigned log_code(std::size_t i, std::size_t first) const {
+    return static_cast<unsigned>(number(i, first, 2));
+  }
+  [[nodiscard]] int signed_code(std::size_t i, std::size_t plane) const {
+    return static_cast<std::int8_t>(bytes_[plane * count_ + i]);
+  }
+
+ private:
+  const std::byte* bytes_;
+  std::size_t count_;
+};
+
+template <class Header>
+Result<Header> read_header(std::span<const std::byte> payload, std::string_view what) {
+  if (payload.size() < sizeof(Header)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
+  return read_record<Header>(payload, 0);
+}
+
+}  // namespace
+
+PackedChunk pack_moments(std::span<const SplatShape> shapes) {
+  MomentsHeader header{};
+  for (const SplatShape& shape : shapes) {
+    header.mass_scale = std::max(header.mass_scale, shape.mass);
+    header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
+  }
+  std::vector<std::uint64_t> orientations(shapes.size());
+  const int width = encode_orientations(shapes, orientations);
+  header.orientation_width = static_cast<std::uint8_t>(width);
+
+  // Splats of one form have masses in proportion to the product of their deviations: what is left varies little.
+  std::array<std::vector<std::uint16_t>, 4> codes;  // mass, deviations
+  for (auto& plane : codes) plane.resize(shapes.size());
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    unsigned mass = log_code(shapes[i].mass, header.mass_scale);
+    for (std::size_t k = 0; k < 3; ++k)
+      mass -= codes[1 + k][i] = log_code(shapes[i].deviations[static_cast<int>(k)], header.deviation_scale);
+    codes[0][i] = static_cast<std::uint16_t>(mass);
+  }
+
+  Bytes payload;
+  append_record(payload, header);
+  for (const auto& plane : codes) append_planes<std::uint16_t>(payload, plane);
+  append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
+  for (int k = 0; k < 3; ++k)
+    append_plane_of<std::int16_t>(payload, shapes,
+                                  [k](const SplatShape& shape) { return boundary_code(shape.boundary[k]); });
+  append_plane_of<std::uint8_t>(payload, shapes, [](const SplatShape& shape) { return density_code(shape.density); });
+  return pack_payload(payload);
+}
+
+PackedChunk pack_value_moments(std::span<const SplatValue> values, double error, const ValueSummary& summary) {
+  // Rounding must not carry a mean past the bounds that say where its value is seen.
+  std::vector<SplatValue> present(values.begin(), values.end());
+  for (SplatValue& value : present) {
+    if (value.coverage > 0)
+      value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
+    else
+      value = {};
+  }
+  ValueMomentsHeader header{};
+  for (const SplatValue& value : present) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
+  const std::vector<std::uint32_t> cells = encode_means(present, error, header);
+
+  Bytes payload;
+  append_record(payload, header);
+  append_planes<std::uint32_t>(payload, cells, header.width);
+  append_plane_of<std::uint16_t>(
+      payload, present, [&](const SplatValue& value) { return log_code(value.deviation, header.deviation_scale); });
+  for (int k = 0; k < 3; ++k)
+    append_plane_of<std::int8_t>(payload, present,
+                                 [k](const SplatValue& value) { return signed_code(value.correlation[k]); });
+  append_plane_of<std::uint8_t>(payload, present, [](const SplatValue& value) { return share_code(value.residual); });
+  append_plane_of<std::uint8_t>(payload, present, [](const SplatValue& value) {
+    return std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
+  });
+  PackedChunk chunk = pack_payload(payload);
+  chunk.entry.min = summary.min;
+  chunk.entry.max = summary.max;
+  chunk.entry.occupancy = summary.occupancy;
+  return chunk;
+}
+
+PackedChunk pack_gradients(std::span<const vec3> directions) {
+  Bytes payload;
+  for (int k = 0; k < 3; ++k)
+    append_plane_of<std::int8_t>(payload, directions, [k](const vec3& direction) {
+      const dvec3 d(direction);  // in which no square of a float overflows or vanishes
+      const double length = glm::length(d);
+      return length > 0 && std::isfinite(length) ? signed_code(d[k] / length) : std::int8_t{0};
+    });
+  return pack_payload(payload);
+}
+
+Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
+                      std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(header, read_header<MomentsHeader>(payload, what));
+  const std::size_t width = header.orientation_width;
+  if (!is_scale(header.mass_scale) || !is_scale(header.deviation_scale) || width < min_orientation_width ||
+      width > max_orientation_width || !all_zero(header.zero) ||
+      payload.size() != sizeof(MomentsHeader) + out.size() * (15 + width))
+    return fail(ErrorCode::invalid_data, "{}: bad header of moments [R17]", what);
+
+  const int bits = bits_of_component(header.orientation_width);
+  const Planes planes(payload, sizeof(MomentsHeader), out.size());
+  const LogCodes mass(header.mass_scale), deviation(header.deviation_scale);
+  static const std::array<double, 256> densities = make_densities();
+  bool descending = true;
+  int farthest = 0;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const unsigned d[3] = {planes.log_code(i, 2), planes.log_code(i, 4), planes.log_code(i, 6)};
+    descending = descending && d[0] >= d[1] && d[1] >= d[2];
+    out[i].mass = mass((planes.log_code(i, 0) + d[0] + d[1] + d[2]) % (largest_log_code + 1));
+    out[i].deviations = {deviation(d[0]), deviation(d[1]), deviation(d[2])};
+    out[i].orientation = orientation_of(planes.number(i, 8, width), bits);
+    for (int k = 0; k < 3; ++k) {
+      const int code = static_cast<std::int16_t>(planes.number(i, 8 + width + 2 * static_cast<std::size_t>(k), 2));
+      farthest = std::max(farthest, std::abs(code));
+      out[i].boundary[k] = code / boundary_scale;
+    }
+    out[i].density = densities[planes.number(i, 14 + width, 1)];
+  }
+  if (!descending) return fail(ErrorCode::invalid_data, "{}: deviations do not descend [R17]", what);
+  if (farthest > largest_boundary_code)
+    return fail(ErrorCode::invalid_data, "{}: a boundary is out of range [R17]", what);
+  return {};
+}
+
+Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatValue> out,
+                            std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
+  const std::size_t width = header.width;
+  if (width > 4 || !is_scale(header.error) || !std::isfinite(header.origin) || !is_scale(header.step) ||
+      !is_scale(header.deviation_scale) || !all_zero(header.zero) ||
+      payload.size() != sizeof(ValueMomentsHeader) + out.size() * (width + 7))
+    return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
+
+  const Planes planes(payload, sizeof(ValueMomentsHeader), out.size());
+  const LogCodes deviation(header.deviation_scale);
+  const auto low = static_cast<double>(entry.min), high = static_cast<double>(entry.max);
+  bool valid = true;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const int c[3] = {planes.signed_code(i, width + 2), planes.signed_code(i, width + 3),
+                      planes.signed_code(i, width + 4)};
+    out[i].mean =
+        header.origin + header.step * static_cast<double>(static_cast<std::uint32_t>(planes.number(i, 0, width)));
+    out[i].deviation = deviation(planes.log_code(i, width));
+    out[i].correlation = dvec3(c[0], c[1], c[2]) / 127.0;
+    out[i].residual = static_cast<double>(planes.number(i, width + 5, 1)) / 255;
+    out[i].coverage = static_cast<double>(planes.number(i, width + 6, 1)) / 255;
+    const bool bounded = low - out[i].mean <= header.error && out[i].mean - high <= header.error;
+    valid = valid && std::isfinite(out[i].mean) && (bounded || out[i].coverage == 0) &&
+            std::min({c[0], c[1], c[2]}) >= -127;
+  }
+  if (!valid) return fail(ErrorCode::invalid_data, "{}: a mean or a correlation is out of range [R17]", what);
+  return {};
+}
+
+Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
+                        std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  if (payload.size() != 3 * out.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
+  const Planes planes(payload, 0, out.size());
+  int lowest = 0;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const int c[3] = {planes.signed_code(i, 0), planes.signed_code(i, 1), planes.signed_code(i, 2)};
+    out[i] = vec3(c[0], c[1], c[2]) / 127.0F;
+    lowest = std::min({lowest, c[0], c[1], c[2]});
+  }
+  if (lowest < -127) return fail(ErrorCode::invalid_data, "{}: a gradient is out of range [R17]", what);
+  return {};
+}
+
+}  // namespace splatvol::format

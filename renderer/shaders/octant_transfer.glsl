@@ -1,0 +1,10 @@
+layout(binding = 0) uniform sampler2D transfer_table;  // one row: r, g, b, extinction
+
+// Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
+vec4 transfer(float value) {
+  int last = textureSize(transfer_table, 0).x - 1;
+  float place = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0) * float(last);
+  int left = min(int(place), last - 1);
+  return mix(texelFetch(transfer_table, ivec2(left, 0), 0), texelFetch(transfer_table, ivec2(left + 1, 0), 0),
+             place - float(left));
+}

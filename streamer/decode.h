@@ -1,0 +1,60 @@
+// Chunks as splats are made of them: what stays in memory while a file is looked at.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/layout.h"
+#include "format/volume_info.h"
+
+namespace splatvol {
+
+/// A cluster's material in space: column `moments`.
+struct MaterialShape {
+  float mass;
+  vec3 deviations;           // descending
+  vec3 orientation;          // as in MomentsSplat
+  std::uint32_t turned = 3;  // principal axis about which the file's orientation was turned by 180 degrees; 3: none
+};
+static_assert(sizeof(MaterialShape) == 32);
+
+/// The values in it: column `value_moments`.
+struct MaterialValue {
+  float mean;
+  float deviation;
+  std::array<std::int8_t, 4> correlations;  // / 127, along the file's principal axes; then the residual
+  float coverage;
+};
+static_assert(sizeof(MaterialValue) == 16);
+
+/// An element for each point, by kind of column: positions and centroids, values or sizes of splats (`octant`),
+/// gradients as in OctantSplat, `moments`, `value_moments`.
+using DecodedChunk = std::variant<std::vector<dvec3>, std::vector<float>, std::vector<std::uint32_t>,
+                                  std::vector<MaterialShape>, std::vector<MaterialValue>>;
+
+/// Bytes of a decoded chunk, and what decoding takes besides them and the packed bytes, for budgets.
+[[nodiscard]] std::uint64_t decoded_bytes(format::ColumnKind kind, std::uint64_t points);
+[[nodiscard]] std::uint64_t decoding_bytes(format::ColumnKind kind, std::uint64_t points, std::uint64_t unpacked_bytes);
+
+/// Bytes before packing, at most.
+[[nodiscard]] std::uint64_t largest_payload(format::ColumnKind kind, std::uint64_t points);
+
+/// Checks and decodes a chunk of one of the kinds above. `edge` is the cube's; `what` begins the message of an error.
+/// Safe on untrusted bytes. Thread-safe.
+[[nodiscard]] Result<DecodedChunk> decode_chunk(format::ColumnKind kind, const format::ChunkEntry& entry,
+                                                std::span<const std::byte> packed, std::uint32_t points, double edge,
+                                                std::string_view what);
+
+/// Single precision, three of the quaternion's numbers; a w under 1/2 is turned away.
+[[nodiscard]] MaterialShape compact(const format::SplatShape& shape);
+
+/// Single precision and bytes; all 0 where no part of the material has a value.
+[[nodiscard]] MaterialValue compact(const format::SplatValue& value);
+
+}  // namespace splatvol

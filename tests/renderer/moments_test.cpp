@@ -1,0 +1,661 @@
+// The kernel `moments` against closed forms and against its definition in double precision.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <glm/gtc/quaternion.hpp>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+#include "renderer/renderer.h"
+#include "shared_context.h"
+
+namespace splatvol {
+namespace {
+
+using glm::dmat3;
+using glm::dquat;
+using glm::dvec4;
+using std::numbers::pi;
+using ::testing::HasSubstr;
+
+/// A cluster's moments, as they are before they are packed.
+struct Cluster {
+  dvec3 position{0};
+  double mass = 1;
+  dvec3 deviations{1};
+  dquat orientation{1, 0, 0, 0};
+  double value = 0;
+  double value_deviation = 0;
+  dvec3 correlation{0};
+  double residual = 0;
+};
+
+MomentsSplat pack(const Cluster& cluster, dvec3 origin = dvec3(0)) {
+  // The same axes, turned round so that w is the largest component.
+  dquat q = cluster.orientation;
+  for (const dquat turn : {dquat(0, 1, 0, 0), dquat(0, 0, 1, 0), dquat(0, 0, 0, 1)})
+    if (const dquat turned = cluster.orientation * turn; std::abs(turned.w) > std::abs(q.w)) q = turned;
+  if (q.w < 0) q = -q;
+  dvec3 correlation = cluster.correlation;
+  const dmat3 turned = glm::mat3_cast(q);
+  const dmat3 given = glm::mat3_cast(cluster.orientation);
+  for (int k = 0; k < 3; ++k) correlation[k] *= glm::dot(turned[k], given[k]) < 0 ? -1 : 1;
+
+  const auto code = [](double x) { return static_cast<std::uint32_t>(std::lround(127 * x)) & 0xffU; };
+  return {vec3(cluster.position - origin),
+          static_cast<float>(cluster.mass),
+          vec3(cluster.deviations),
+          vec3(q.x, q.y, q.z),
+          static_cast<float>(cluster.value),
+          static_cast<float>(cluster.value_deviation),
+          code(correlation.x) | code(correlation.y) << 8 | code(correlation.z) << 16 | code(cluster.residual) << 24};
+}
+
+/// White, extinction `slope` times the value from 0 to 1000.
+TransferFunction ramp(double slope) {
+  TransferFunction function;
+  function.lo = 0;
+  function.hi = 1000;
+  function.colors = {{0, {1, 1, 1}}};
+  function.densities = {{0, 0}, {1, 1000 * slope}};
+  return function;
+}
+
+/// White, the same extinction everywhere.
+TransferFunction uniform(double extinction) {
+  TransferFunction function = ramp(0);
+  function.densities = {{0, extinction}};
+  return function;
+}
+
+/// Colours and bends between 0 and 1.
+TransferFunction lively(double extinction) {
+  TransferFunction function;
+  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 0}, {0.3, extinction}, {0.5, 0.2 * extinction}, {1, extinction}};
+  return function;
+}
+
+/// The eye at `eye`, looking along -z, y up.
+View look(Camera camera, int width, int height) {
+  camera.focal_point = camera.position - dvec3(0, 0, 1);
+  return make_view(camera, width, height).value();
+}
+
+View perspective_view(int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
+  Camera camera;
+  camera.vertical_fov_degrees = 40;
+  camera.position = eye;
+  return look(camera, width, height);
+}
+
+View orthographic_view(double world_height, int width = 65, int height = 65, dvec3 eye = dvec3(0)) {
+  Camera camera;
+  camera.projection = Camera::Projection::orthographic;
+  camera.parallel_height = world_height;
+  camera.position = eye;
+  return look(camera, width, height);
+}
+
+/// The definition of a splat (docs/design.md) for one pixel ray, its integrals by quadrature in double precision.
+dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, double pixel_y,
+               const TransferFunction& function, const std::optional<Lighting>& lighting) {
+  constexpr double half_axis = 0.95 * 3.4641016151377544;
+  const dvec3 centre = view.to_view(dvec3(splat.position));
+  const dvec3 q(splat.orientation);
+  const dmat3 to_view = glm::transpose(dmat3(view.right, view.up, view.forward));
+  const dmat3 axes = to_view * glm::mat3_cast(dquat(std::sqrt(1 - glm::dot(q, q)), q.x, q.y, q.z));
+  const dvec3 deviations(splat.deviations);
+  const dvec3 depth_axis(axes[0].z, axes[1].z, axes[2].z);
+  const double reach = half_axis * glm::length(depth_axis * deviations);
+  if (centre.z + reach <= 0) return dvec4(0);
+  const double pixel = (view.orthographic ? 1 : std::max(centre.z, (centre.z + reach) / 2)) / view.focal;
+  const dvec3 widened = glm::sqrt(deviations * deviations + 0.1 * pixel * pixel);
+  const dvec3 half_axes = half_axis * widened;
+
+  const double x = (pixel_x - 0.5 * view.width) / view.focal;
+  const double y = (pixel_y - 0.5 * view.height) / view.focal;
+  const dvec3 eye = view.orthographic ? dvec3(x, y, 0) : dvec3(0);
+  const dvec3 direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(x, y, 1);
+  const dvec3 o = glm::transpose(axes) * (eye - centre) / half_axes;
+  const dvec3 d = glm::transpose(axes) * direction / half_axes;
+  const double dd = glm::dot(d, d);
+  const dvec3 n = glm::cross(o, d);
+  const double inside = 1 - glm::dot(n, n) / dd;
+  if (inside <= 0) return dvec4(0);
+  const double middle = -glm::dot(o, d) / dd;
+  const double half = std::sqrt(inside / dd);
+  const double begin = std::max(middle - half, 0.0);
+  const double end = middle + half;
+  if (end <= begin) return dvec4(0);
+
+  // Substituted so that the ends, where the density has a root of the distance, do not spoil the sum.
+  double integral = 0;
+  double moment = 0;
+  constexpr int steps = 500;
+  for (int i = 0; i < steps; ++i) {
+    const double t = (i + 0.5) / steps;
+    const double s = begin + (end - begin) * t * t * (3 - 2 * t);
+    const double u = (s - middle) / half;
+    const double density = std::pow(std::max(1 - u * u, 0.0), 1.5) * 6 * t * (1 - t);
+    integral += density;
+    moment += density * s;
+  }
+  integral *= std::pow(inside, 1.5) * (end - begin) / steps * glm::length(direction);
+  const double depth = splat.mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z * integral;
+  const double at = integral > 0 ? moment * (end - begin) / steps * std::pow(inside, 1.5) * glm::length(direction) / integral : begin;
+
+  const auto code = [&](int k) { return static_cast<std::int8_t>(splat.correlations >> (8 * k)) / 127.0; };
+  const dvec3 correlation(code(0), code(1), code(2));
+  const dvec3 kept = deviations / widened;
+  const dvec3 gradient = half_axis * static_cast<double>(splat.value_deviation) * correlation * kept;
+  const dvec3 smoothed = correlation * correlation * (1.0 - kept * kept);
+  const double along = glm::dot(gradient, d) / std::sqrt(dd) / half_axis;
+  const double spread = std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) + along * along);
+  const double mean = splat.value + glm::dot(gradient, o + at * d);
+
+  dvec4 sum(0);
+  double weight = 0;
+  constexpr int values = 151;
+  for (int i = 0; i < values; ++i) {
+    const double z = -5 + 10 * (i + 0.5) / values;
+    const double value = mean + spread * z;
+    const double density = std::exp(-0.5 * z * z);
+    sum += density * function.extinction(value) * dvec4(function.color(value), 1);
+    weight += density;
+    if (spread == 0) break;
+  }
+  if (sum.a <= 0) return dvec4(0);
+  const dvec3 world_gradient = gradient / half_axes;
+  const double slope = glm::length(world_gradient);
+  const double cosine = slope > 0 ? std::abs(glm::dot(gradient, d)) / slope / glm::length(direction) : 1;
+  const double light = lighting ? lighting->ambient + lighting->diffuse * cosine : 1;
+  const double alpha = -std::expm1(-depth * sum.a / weight);
+  return {light * alpha * dvec3(sum) / sum.a, alpha};
+}
+
+Image evaluate(const Cluster& cluster, const View& view, const TransferFunction& function,
+               const std::optional<Lighting>& lighting = {}) {
+  const MomentsSplat splat = pack(cluster);
+  Image image{view.width, view.height, {}};
+  for (int y = 0; y < view.height; ++y)
+    for (int x = 0; x < view.width; ++x)
+      image.pixels.emplace_back(evaluate(splat, view, x + 0.5, view.height - y - 0.5, function, lighting));
+  return image;
+}
+
+double total_alpha(const Image& image) {
+  return std::accumulate(image.pixels.begin(), image.pixels.end(), 0.0,
+                         [](double sum, const vec4& pixel) { return sum + pixel.a; });
+}
+
+void expect_sane(const Image& image) {
+  for (const vec4& pixel : image.pixels) {
+    ASSERT_TRUE(pixel.a >= 0 && pixel.a <= 1) << pixel.a;
+    for (int channel = 0; channel < 3; ++channel)
+      ASSERT_TRUE(pixel[channel] >= 0 && pixel[channel] <= pixel.a + 1e-6F) << pixel[channel];
+  }
+}
+
+double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+
+/// Largest difference of any channel, alpha too.
+double largest_difference(const Image& a, const Image& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.pixels.size(); ++i)
+    for (int channel = 0; channel < 4; ++channel)
+      largest = std::max<double>(largest, std::abs(a.pixels[i][channel] - b.pixels[i][channel]));
+  return largest;
+}
+
+/// Turns x, y, z onto three axes in general position.
+const dquat oblique = glm::normalize(dquat(0.8, 0.3, -0.5, 0.2));
+
+/// Cubes of edge `h` round the points of a lattice in [-reach, reach]^3 that `keep` holds of, seen as clusters.
+template <class Keep>
+std::vector<Cluster> cubes(double h, int reach, const Keep& keep) {
+  std::vector<Cluster> clusters;
+  for (int z = -reach; z <= reach; ++z)
+    for (int y = -reach; y <= reach; ++y)
+      for (int x = -reach; x <= reach; ++x)
+        if (const dvec3 position = h * dvec3(x, y, z); keep(position))
+          clusters.push_back({.position = position, .mass = h * h * h, .deviations = dvec3(h / std::sqrt(12.0))});
+  return clusters;
+}
+
+/// A few hundred overlapping splats of all shapes around the origin.
+std::vector<Cluster> cloud(int count) {
+  std::mt19937 generator(5);
+  std::uniform_real_distribution<double> coordinate(-1, 1);
+  std::vector<Cluster> clusters(count);
+  for (Cluster& cluster : clusters) {
+    const auto direction = [&] { return dvec3(coordinate(generator), coordinate(generator), coordinate(generator)); };
+    cluster.position = direction();
+    cluster.orientation = glm::normalize(dquat(coordinate(generator), direction()));
+    cluster.deviations = 0.15 * glm::exp(1.5 * direction());
+    if (cluster.deviations.x < cluster.deviations.y) std::swap(cluster.deviations.x, cluster.deviations.y);
+    if (cluster.deviations.y < cluster.deviations.z) std::swap(cluster.deviations.y, cluster.deviations.z);
+    if (cluster.deviations.x < cluster.deviations.y) std::swap(cluster.deviations.x, cluster.deviations.y);
+    cluster.mass = 10 * cluster.deviations.x * cluster.deviations.y * cluster.deviations.z;
+    cluster.value = 0.5 + 0.5 * coordinate(generator);
+    cluster.value_deviation = 0.1;
+    cluster.correlation = 0.5 * direction();
+    cluster.residual = 0.5;
+  }
+  return clusters;
+}
+
+class MomentsTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(shared_context());
+    auto made = Renderer::create(KernelKind::moments);
+    ASSERT_TRUE(made) << made.error().message;
+    renderer_ = std::move(*made);
+  }
+
+  Image picture(const std::vector<Cluster>& clusters, const View& view, const TransferFunction& function,
+                SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
+    std::vector<MomentsSplat> splats;
+    for (const Cluster& cluster : clusters) splats.push_back(pack(cluster, origin));
+    return picture(splats, view, function, sort, origin);
+  }
+
+  Image picture(const std::vector<MomentsSplat>& splats, const View& view, const TransferFunction& function,
+                SortMode sort = SortMode::exact, dvec3 origin = dvec3(0)) {
+    const SplatBatch batch{origin, 0, splats.size()};
+    EXPECT_TRUE(renderer_->set_transfer_function(function));
+    EXPECT_TRUE(renderer_->set_splats(splats, {&batch, 1}));
+    return redraw(view, sort);
+  }
+
+  Image redraw(const View& view, SortMode sort = SortMode::exact) {
+    const auto times = renderer_->draw(view, sort);
+    EXPECT_TRUE(times) << times.error().message;
+    auto image = renderer_->read_image();
+    EXPECT_TRUE(image) << image.error().message;
+    return std::move(*image);
+  }
+
+  std::unique_ptr<Renderer> renderer_;
+};
+
+TEST_F(MomentsTest, RoundSplatHasItsClosedForm) {
+  // Orthographic, world units are pixels: depth = K m 3 / (pi a^2) (1 - r^2 / a^2)^2.
+  const double deviation = 7;
+  const double a = 0.95 * std::sqrt(12.0) * std::sqrt(deviation * deviation + 0.1);
+  const double mass = 12345;
+  for (const double extinction : {1e-5, 1e-3, 0.1, 3.0}) {
+    const Image image = picture({Cluster{.position = {0, 0, -100}, .mass = mass, .deviations = dvec3(deviation)}},
+                                orthographic_view(65), uniform(extinction));
+    for (int x = 0; x < 65; ++x) {
+      const double square = (x - 32) * (x - 32) / (a * a);
+      const double depth = square < 1 ? extinction * mass * 3 / (pi * a * a) * (1 - square) * (1 - square) : 0;
+      // Absolute: what is cut; relative: single precision.
+      EXPECT_NEAR(image.at(x, 32).a, -std::expm1(-depth), 1.1e-5 + 1e-5 * depth) << x;
+      EXPECT_NEAR(image.at(32, x).g, -std::expm1(-depth), 1.1e-5 + 1e-5 * depth) << x;
+    }
+  }
+}
+
+TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
+  struct Case {
+    const char* name;
+    Cluster cluster;
+  };
+  const dquat edge_on = glm::angleAxis(pi / 2, dvec3(1, 0, 0));  // the thin axis upwards
+  const std::vector<Case> cases{
+      {"round", {.position = {0.3, -0.2, -5}, .deviations = dvec3(0.3)}},
+      {"oblique", {.position = {-0.5, 0.4, -4}, .deviations = {0.5, 0.2, 0.1}, .orientation = oblique}},
+      {"off centre", {.position = {2.2, 2.1, -6}, .deviations = {0.5, 0.2, 0.1}, .orientation = oblique}},
+      {"needle", {.position = {0, 0, -4}, .deviations = {0.6, 1e-4, 1e-5}, .orientation = oblique}},
+      {"needle of ratio 1e8", {.position = {0.1, 0, -4}, .deviations = {1, 1e-8, 1e-8}, .orientation = oblique}},
+      {"needle at the eye", {.position = {0.1, 0.1, -3}, .deviations = {0.8, 1e-8, 1e-8}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"pancake", {.position = {0, 0, -4}, .deviations = {1, 0.8, 1e-8}, .orientation = oblique}},
+      {"pancake face on", {.position = {0, 0, -4}, .deviations = {0.5, 0.3, 1e-8}}},
+      {"pancake edge on", {.position = {0.01, 0.02, -4}, .deviations = {0.5, 0.5, 1e-8}, .orientation = edge_on}},
+      {"eye outside, near", {.position = {0.2, 0.1, -1.2}, .deviations = dvec3(0.3)}},
+      {"eye outside, nearer", {.position = {0.2, 0.1, -1.0}, .deviations = dvec3(0.3)}},
+      {"eye inside, behind the centre", {.position = {0.1, 0.1, -0.4}, .deviations = dvec3(0.3)}},
+      {"eye in the centre", {.deviations = {0.3, 0.2, 0.1}, .orientation = oblique}},
+      {"eye inside, before the centre", {.position = {0.1, -0.2, 0.5}, .deviations = {0.5, 0.3, 0.2}}},
+      {"beside the eye", {.position = {2, 0.3, -0.3}, .deviations = {0.6, 0.5, 0.4}, .orientation = oblique}},
+      {"behind the eye, reaching before it", {.position = {1, 0, 0.5}, .deviations = {1, 0.2, 0.1}, .orientation = oblique}},
+      {"wall", {.position = {3, 2, -1}, .deviations = {20, 15, 0.01}, .orientation = glm::angleAxis(0.2, dvec3(1, 0, 0))}},
+      {"wall beside the eye", {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
+  };
+  for (const Case& c : cases) {
+    for (const View& view : {perspective_view(), orthographic_view(3)}) {
+      // Half opaque at its brightest, where that is not cut by the eye.
+      Cluster cluster = c.cluster;
+      const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
+      const Image expected = evaluate(cluster, view, uniform(0.7 * thick / cluster.mass));
+      const Image image = picture({cluster}, view, uniform(0.7 * thick / cluster.mass));
+      expect_sane(image);
+      // Single precision, at an outline that may be steep over a pixel.
+      EXPECT_LT(largest_difference(image, expected), 1e-3) << c.name << (view.orthographic ? " orthographic" : "");
+      EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05) << c.name << (view.orthographic ? " orthographic" : "");
+    }
+  }
+}
+
+TEST_F(MomentsTest, ValuesVaryWithinASplat) {
+  const Cluster base{.deviations = {0.5, 0.3, 0.2}, .orientation = oblique, .value = 0.45, .value_deviation = 0.2, .correlation = {0.7, -0.4, 0.5}, .residual = 0.3};
+  for (const dvec3 position : {dvec3(0.3, 0.1, -5), dvec3(0.2, 0.1, -2), dvec3(0.1, 0.1, -0.6), dvec3(0.05, 0, 0.1)}) {
+    for (const double value_deviation : {0.0, 0.02, 0.2, 3.0}) {
+      Cluster cluster = base;
+      cluster.position = position;
+      cluster.value_deviation = value_deviation;
+      for (const View& view : {perspective_view(33, 33), orthographic_view(4, 33, 33)}) {
+        for (const auto& lighting : {std::optional<Lighting>(), std::optional(Lighting{0.2, 0.7})}) {
+          renderer_->set_lighting(lighting);
+          const Image image = picture({cluster}, view, lively(2));
+          expect_sane(image);
+          // The table's rows are 5 % apart. Light and spread are the same all over a splat that the eye's plane does not
+          // cut, though one at depth 2 reaches through two thirds of the way to the eye.
+          const double bound = !view.orthographic && position.z == -2 ? 4e-2 : 4e-3;
+          EXPECT_LT(rmse(image, evaluate(cluster, view, lively(2), lighting)), bound)
+              << position.z << " " << value_deviation << " " << view.orthographic << " " << lighting.has_value();
+        }
+      }
+    }
+  }
+}
+
+TEST_F(MomentsTest, CubesMakeASlab) {
+  // 33 x 33 x 5 cubes; rays through the middle cross five layers. Seen along its rows, a lattice's ripple is the
+  // worst: a seventh of the depth; it averages out.
+  const double extinction = 0.3;
+  const std::vector<Cluster> slab = cubes(1, 16, [](dvec3 p) { return std::abs(p.z) <= 2; });
+  const double alpha = -std::expm1(-extinction * 5);
+  for (const SortMode sort : {SortMode::none, SortMode::axis, SortMode::exact}) {
+    const Image image = picture(slab, orthographic_view(10, 101, 101, {0, 0, 50}), uniform(extinction), sort);
+    for (int y = 0; y < 101; ++y)
+      for (int x = 0; x < 101; ++x) ASSERT_NEAR(image.at(x, y).a, alpha, 0.06) << x << " " << y;
+    EXPECT_NEAR(total_alpha(image) / (101 * 101), alpha, 0.002);
+  }
+}
+
+TEST_F(MomentsTest, CubesMakeABall) {
+  const double radius = 12;
+  const double extinction = 0.1;
+  const std::vector<Cluster> ball = cubes(1, 12, [&](dvec3 p) { return glm::length(p) <= radius; });
+  const double volume = static_cast<double>(ball.size());
+  ASSERT_NEAR(volume / (4 * pi / 3 * radius * radius * radius), 1, 0.02);
+
+  const View view = perspective_view(101, 101, {0, 0, 60});
+  const Image image = picture(ball, view, uniform(extinction));
+  double squares = 0;
+  for (int y = 0; y < 101; ++y) {
+    for (int x = 0; x < 101; ++x) {
+      const dvec3 direction = glm::normalize(dvec3((x - 50) / view.focal, (y - 50) / view.focal, 1));
+      const double distance = 60 * glm::length(glm::dvec2(direction));
+      const double chord = distance < radius ? 2 * std::sqrt(radius * radius - distance * distance) : 0;
+      const double error = image.at(x, y).a - -std::expm1(-extinction * chord);
+      squares += error * error;
+      // Away from the staircase of the outer cubes.
+      if (distance < radius - 2) {
+        ASSERT_NEAR(error, 0, 0.05) << x << " " << y;
+      }
+    }
+  }
+  EXPECT_LT(std::sqrt(squares / (101 * 101)), 0.03);
+}
+
+TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
+  // Extinction falls as a Gaussian of standard deviation 5 cubes; the line integral is one, too.
+  const double sigma = 5;
+  const double extinction = 0.15;
+  std::vector<Cluster> blob = cubes(1, 17, [](dvec3 p) { return glm::length(p) < 17; });
+  for (Cluster& cube : blob) {
+    cube.value = std::exp(-glm::dot(cube.position, cube.position) / (2 * sigma * sigma));
+    const dvec3 gradient = -cube.position / (sigma * sigma) * cube.value;
+    cube.value_deviation = glm::length(gradient) / std::sqrt(12.0);
+    cube.correlation = glm::length(gradient) > 0 ? glm::normalize(gradient) : dvec3(0);
+    cube.value *= 500;
+    cube.value_deviation *= 500;
+  }
+  const Image image = picture(blob, orthographic_view(40, 101, 101, {0, 0, 50}), ramp(extinction / 500));
+  for (int y = 0; y < 101; ++y) {
+    for (int x = 0; x < 101; ++x) {
+      const double square = ((x - 50) * (x - 50) + (y - 50) * (y - 50)) * std::pow(40.0 / 101, 2.0);
+      const double depth = extinction * sigma * std::sqrt(2 * pi) * std::exp(-square / (2 * sigma * sigma));
+      ASSERT_NEAR(image.at(x, y).a, -std::expm1(-depth), 0.05) << x << " " << y;
+    }
+  }
+}
+
+TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
+  // Faint points at random places; what they hide together is extinction times mass times pixels for a world area.
+  std::mt19937 generator(8);
+  std::uniform_real_distribution<double> coordinate(-1, 1);
+  for (const double deviation : {0.0, 1e-6, 0.03, 0.1, 0.3}) {
+    for (const View& view : {perspective_view(256, 256), orthographic_view(256, 256, 256)}) {
+      const double depth = 100;
+      const double scale = view.orthographic ? 1 : view.focal / depth;  // pixels for a world unit
+      const double mass = 0.05 / scale / scale;
+      std::vector<Cluster> points;
+      for (int i = 0; i < 4000; ++i)
+        points.push_back({.position = {100 / scale * coordinate(generator), 100 / scale * coordinate(generator), -depth}, .mass = mass, .deviations = dvec3(deviation / scale)});
+      const Image image = picture(points, view, uniform(1));
+      // Overlaps and the curve of 1 - exp(-t) take 1 %; off the axis, the ray is longer than its depth by 1 %, as is the
+      // distance, whose square counts.
+      EXPECT_NEAR(total_alpha(image) / (4000 * 0.05), 1, 0.04) << deviation << " " << view.orthographic;
+    }
+  }
+}
+
+TEST_F(MomentsTest, OrderChangesColoursOnly) {
+  std::vector<Cluster> clusters = cloud(300);
+  const View view = perspective_view(64, 64, {0, 0, 4});
+  const Image sorted = picture(clusters, view, lively(3), SortMode::exact);
+  std::mt19937 generator(4);
+  std::ranges::shuffle(clusters, generator);
+  const Image shuffled = picture(clusters, view, lively(3), SortMode::none);
+  EXPECT_GT(rmse(sorted, shuffled), 0.01);
+  for (std::size_t i = 0; i < sorted.pixels.size(); ++i) ASSERT_NEAR(sorted.pixels[i].a, shuffled.pixels[i].a, 1e-4);
+}
+
+TEST_F(MomentsTest, NoSortingKeepsTheGivenOrder) {
+  const Cluster far{.position = {0, 0, -9}, .mass = 50, .deviations = dvec3(1), .value = 0};
+  const Cluster near{.position = {0, 0, -4}, .mass = 50, .deviations = dvec3(1), .value = 1};
+  TransferFunction function = uniform(1);
+  function.hi = 1;
+  function.colors = {{0, {1, 0, 0}}, {1, {0, 0, 1}}};
+  const View view = perspective_view();
+  const Image exact = picture({near, far}, view, function, SortMode::exact);
+  EXPECT_LT(rmse(picture({far, near}, view, function, SortMode::none), exact), 1e-6);
+  EXPECT_GT(picture({near, far}, view, function, SortMode::none).at(32, 32).r, 0.8);
+  EXPECT_GT(exact.at(32, 32).b, 0.8);
+}
+
+TEST_F(MomentsTest, AxisOrderIsExactAlongTheAxis) {
+  // Splats behind each other along each axis, seen from both ends; dealt out to two batches.
+  std::vector<int> places(40);
+  std::iota(places.begin(), places.end(), -20);
+  std::mt19937 generator(3);
+  std::ranges::shuffle(places, generator);
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<MomentsSplat> splats;
+    const dvec3 origin(1e6, -2e6, 3e6);
+    for (const int place : places) {
+      Cluster cluster{.mass = 10, .deviations = dvec3(1), .value = 0.02 * (place + 25)};
+      cluster.position[axis] = place;
+      splats.push_back(pack(cluster));
+    }
+    const std::array<SplatBatch, 2> batches{SplatBatch{origin, 0, 15}, SplatBatch{origin, 15, 25}};
+    ASSERT_TRUE(renderer_->set_transfer_function(lively(1)));
+    ASSERT_TRUE(renderer_->set_splats(splats, batches));
+    for (const double side : {-40.0, 40.0}) {
+      Camera camera;
+      camera.focal_point = origin;
+      camera.position = origin;
+      camera.position[axis] += side;
+      camera.position[(axis + 2) % 3] += 3;
+      camera.up = dvec3(0);
+      camera.up[(axis + 1) % 3] = 1;
+      const View view = make_view(camera, 48, 48).value();
+      const Image exact = redraw(view, SortMode::exact);
+      ASSERT_GT(total_alpha(exact), 10);
+      EXPECT_LT(rmse(redraw(view, SortMode::axis), exact), 1e-6) << axis << " " << side;
+      EXPECT_GT(rmse(redraw(view, SortMode::none), exact), 1e-3) << axis << " " << side;
+
+      // Sorted once.
+      EXPECT_EQ(renderer_->draw(view, SortMode::axis)->sort, 0);
+    }
+  }
+}
+
+TEST_F(MomentsTest, PictureMovesWithTheScene) {
+  const std::vector<Cluster> clusters = cloud(300);
+  Camera camera;
+  camera.position = {0.5, 0.3, 2.5};
+  camera.focal_point = {0.1, 0, 0};
+  const Image expected = picture(clusters, make_view(camera, 64, 64).value(), lively(3));
+  ASSERT_GT(total_alpha(expected), 500);
+
+  const auto moved = [&](dquat turn, dvec3 shift, double scale) {
+    std::vector<Cluster> result = clusters;
+    for (Cluster& cluster : result) {
+      cluster.position = scale * (turn * cluster.position) + shift;
+      cluster.orientation = turn * cluster.orientation;
+      cluster.deviations *= scale;
+      cluster.mass *= scale * scale * scale;
+    }
+    Camera other = camera;
+    other.position = scale * (turn * camera.position) + shift;
+    other.focal_point = scale * (turn * camera.focal_point) + shift;
+    other.up = turn * camera.up;
+    return picture(result, make_view(other, 64, 64).value(), lively(3 / scale), SortMode::exact, shift);
+  };
+  const dquat turn = glm::normalize(dquat(0.3, -0.7, 0.4, 0.5));
+  const dquat still(1, 0, 0, 0);
+  EXPECT_LE(rmse(moved(turn, dvec3(0), 1), expected), 1e-3);
+  EXPECT_LE(rmse(moved(still, dvec3(1e7, -2e7, 3e7), 1), expected), 1e-3);
+  for (const double scale : {1e-6, 1e6}) EXPECT_LE(rmse(moved(turn, dvec3(0), scale), expected), 1e-3) << scale;
+}
+
+TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
+  // Through a flat oblique splat, near its centre, from 3 before it to 1 behind: other forms take over on the way.
+  const Cluster cluster{.deviations = {0.5, 0.3, 0.1}, .orientation = oblique, .value = 0.5, .value_deviation = 0.1, .correlation = {0.6, 0.5, -0.4}, .residual = 0.4};
+  Image last;
+  for (int step = 0; step <= 400; ++step) {
+    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * step}), lively(0.1));
+    expect_sane(image);
+    if (step > 0) {
+      ASSERT_LT(largest_difference(image, last), 0.01) << step;
+    }
+    last = image;
+  }
+  EXPECT_EQ(total_alpha(last), 0);
+}
+
+TEST_F(MomentsTest, LightFollowsTheGradient) {
+  // The gradient along an axis that is turned in the plane of sight.
+  const View view = orthographic_view(9, 9, 9);
+  const TransferFunction function = uniform(10);
+  for (const double angle : {0.0, 0.4, 1.0, 1.5}) {
+    const Cluster cluster{.position = {0, 0, -10}, .mass = 100, .deviations = dvec3(1), .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)), .value = 500, .value_deviation = 1, .correlation = {0, 0, 1}};
+    renderer_->set_lighting(Lighting{0.25, 0.5});
+    const Image lit = picture({cluster}, view, function);
+    EXPECT_NEAR(lit.at(4, 4).r, 0.25 + 0.5 * std::cos(angle), 1e-3);
+    EXPECT_NEAR(lit.at(4, 4).a, 1, 1e-4);
+
+    // No gradient: full light. No lighting: the colour as it is.
+    Cluster flat = cluster;
+    flat.value_deviation = 0;
+    EXPECT_NEAR(picture({flat}, view, function).at(4, 4).r, 0.75, 1e-3);
+    renderer_->set_lighting({});
+    EXPECT_NEAR(picture({cluster}, view, function).at(4, 4).r, 1, 1e-3);
+  }
+}
+
+TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
+  // Half of the values lie below the domain, where nothing is opaque, half above.
+  TransferFunction function;
+  function.lo = 1000;
+  function.hi = 1000.001;
+  function.colors = {{0, {1, 0, 0}}, {1, {0, 1, 0}}};
+  function.densities = {{0, 0}, {1, 1}};
+  ASSERT_TRUE(renderer_->set_transfer_function(function, 1000));
+  const MomentsSplat splat = pack({.position = {0, 0, -10}, .mass = 50, .deviations = dvec3(3), .value_deviation = 10, .residual = 1});
+  const SplatBatch batch{dvec3(0), 0, 1};
+  ASSERT_TRUE(renderer_->set_splats(std::span(&splat, 1), {&batch, 1}));
+  const Image image = redraw(orthographic_view(9, 9, 9));
+  const double a = 0.95 * std::sqrt(12.0) * std::sqrt(9.1);
+  EXPECT_NEAR(image.at(4, 4).a, -std::expm1(-0.5 * 50 * 3 / (pi * a * a)), 2e-3);
+  // A spread counts as eight domains at most: an eighth times 0.4 times a third of the light comes from inside.
+  EXPECT_NEAR(image.at(4, 4).g / image.at(4, 4).a, 1, 0.02);
+}
+
+TEST_F(MomentsTest, HardCasesStaySane) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  const std::vector<double> numbers{0, 1e-40, 1e-30, 1e-10, 1, 1e10, 1e30, 3e38, infinity, nan, -1};
+  std::vector<Cluster> clusters;
+  for (const double mass : numbers)
+    for (const double deviation : numbers)
+      for (const double z : {-1e30, -1e10, -1.0, -1e-10, -1e-38, 0.0, 1e-3, 1.0, nan})
+        for (const double thin : {1.0, 1e-8, 0.0})
+          clusters.push_back({.position = {0, 1e-3 * z, z}, .mass = mass, .deviations = {deviation, deviation, deviation * thin}, .orientation = oblique, .value = 0.5, .value_deviation = 0.3, .correlation = {0.6, 0.6, 0.5}, .residual = 0.2});
+  for (const double value : numbers)
+    for (const double value_deviation : numbers)
+      for (const double z : {-5.0, -0.1})
+        clusters.push_back({.position = {0, 0, z}, .mass = 0.1, .deviations = dvec3(0.3), .value = value, .value_deviation = value_deviation, .correlation = {1, 1, 1}, .residual = 1});
+  for (const double extinction : {1e-30, 1.0, 1e30}) {
+    for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
+      // All of them, then each alone: one that is opaque would hide another's fault.
+      expect_sane(picture(clusters, view, lively(extinction)));
+      std::vector<MomentsSplat> splats;
+      for (const Cluster& cluster : clusters) splats.push_back(pack(cluster));
+      for (std::uint64_t i = 0; i < splats.size(); i += extinction == 1 ? 1 : 7) {
+        const SplatBatch batch{dvec3(0), i, 1};
+        ASSERT_TRUE(renderer_->set_splats(splats, {&batch, 1}));
+        expect_sane(redraw(view, SortMode::none));
+        if (HasFailure()) FAIL() << i << ": mass " << clusters[i].mass << ", deviations " << clusters[i].deviations.x << " " << clusters[i].deviations.z << ", z " << clusters[i].position.z << " value " << clusters[i].value << " " << clusters[i].value_deviation << " extinction " << extinction << " " << view.orthographic;
+      }
+    }
+  }
+}
+
+TEST_F(MomentsTest, WhatDrawsNothing) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<Cluster> nothing{
+      {.position = {0, 0, -5}, .mass = 0},
+      {.position = {0, 0, -5}, .mass = nan},
+      {.position = {0, 0, -5}, .value = nan},
+      {.position = {0, 0, nan}},
+      {.position = {0, 0, 5}, .deviations = dvec3(1)},    // behind the eye
+      {.position = {50, 0, -5}, .deviations = dvec3(1)},  // outside the picture
+      {.position = {5, 0, 0}, .deviations = dvec3(0.5)},  // beside the eye, outside
+      {.position = {0, 0, -5}, .value = 0, .value_deviation = 0},
+  };
+  TransferFunction function = lively(100);
+  for (const Cluster& cluster : nothing) {
+    Cluster visible = cluster;
+    if (&cluster != &nothing.back() && !std::isnan(cluster.value)) visible.value = 1;
+    EXPECT_EQ(total_alpha(picture({visible}, perspective_view(), function)), 0) << &cluster - nothing.data();
+  }
+}
+
+TEST_F(MomentsTest, RefusesSplatsOfTheOtherKernel) {
+  const std::vector<OctantSplat> octant(1);
+  const std::vector<MomentsSplat> moments(3, pack({}));
+  const SplatBatch batch{dvec3(0), 0, 1};
+  EXPECT_THAT(renderer_->set_splats(octant, {&batch, 1}).error().message, HasSubstr("octant"));
+  const auto other = Renderer::create(KernelKind::octant).value();
+  EXPECT_THAT(other->set_splats(moments, {&batch, 1}).error().message, HasSubstr("moments"));
+  EXPECT_GT(other->max_splats(), renderer_->max_splats());
+
+  for (const SplatBatch& beyond : {SplatBatch{dvec3(0), 0, 4}, SplatBatch{dvec3(0), 3, 1}, SplatBatch{dvec3(0), ~0ULL, 2}})
+    EXPECT_EQ(renderer_->set_splats(moments, {&beyond, 1}).error().code, ErrorCode::invalid_argument);
+  EXPECT_EQ(renderer_->splat_count(), 0U);
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,122 @@
+#include "renderer/transfer_table.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace splatvol {
+namespace {
+
+/// Bends, a jump of colour, a jump of extinction, and a gap in between.
+TransferFunction lively() {
+  TransferFunction function;
+  function.lo = -3;
+  function.hi = 5;
+  function.colors = {{0, {1, 0, 0.5}}, {0.3, {0, 1, 0}}, {0.6, {0.2, 0.1, 1}}, {0.6, {1, 1, 0}}, {1, {0, 0.5, 0.2}}};
+  function.densities = {{0, 2}, {0.2, 0}, {0.41, 0}, {0.43, 9}, {0.45, 0}, {0.7, 0}, {0.7, 4}, {1, 1}};
+  return function;
+}
+
+/// By its definition: the average over 200,000 values between -9 and 9 spreads.
+glm::dvec4 average(const TransferFunction& function, double mean, double spread) {
+  glm::dvec4 sum(0);
+  double weight = 0;
+  constexpr int steps = 200'000;
+  for (int i = 0; i < steps; ++i) {
+    const double z = -9 + 18 * (i + 0.5) / steps;
+    const double value = function.lo + (function.hi - function.lo) * (mean + spread * z);
+    const double density = std::exp(-0.5 * z * z);
+    const double extinction = function.extinction(value);
+    sum += density * extinction * glm::dvec4(function.color(value), 1);
+    weight += density;
+  }
+  return {glm::dvec3(sum) / sum.a, sum.a / weight};
+}
+
+TEST(TransferTable, AveragesOverANormalDistribution) {
+  const TransferFunction function = lively();
+  const TransferTable table = make_transfer_table(function, 65, 16);
+  ASSERT_EQ(table.entries.size(), 65U * 16U);
+  for (const std::size_t row : {1U, 3U, 8U, 15U}) {
+    for (std::size_t column = 0; column < table.columns; column += 4) {
+      const glm::dvec4 expected = average(function, table.mean(row, column), table.spread(row));
+      const vec4 entry = table.entries[row * table.columns + column];
+      // The quadrature misses the jumps by a step of 18 / 200,000 spreads.
+      EXPECT_NEAR(entry.a, expected.a, 1e-3) << row << " " << column;
+      if (expected.a > 1e-3) {
+        EXPECT_LT(glm::distance(glm::dvec3(entry), glm::dvec3(expected)), 1e-3);
+      }
+    }
+  }
+}
+
+TEST(TransferTable, TheFirstRowIsTheFunction) {
+  const TransferFunction function = lively();
+  const TransferTable table = make_transfer_table(function, 1025, 2);
+  const std::vector<vec4> expected = function.table(1025);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_NEAR(table.entries[i].a, expected[i].a, 1e-5) << i;
+    EXPECT_LT(glm::distance(vec3(table.entries[i]), vec3(expected[i])), 1e-5) << i;
+  }
+}
+
+TEST(TransferTable, FarOutsideTheEndsHold) {
+  // A mean 4 spreads beyond the domain: all but 3e-5 of the values see the end alone.
+  const TransferFunction function = lively();
+  const TransferTable table = make_transfer_table(function, 33, 64);
+  for (std::size_t row = 0; row < table.rows; ++row) {
+    EXPECT_NEAR(table.entries[row * 33].a, 2, 1e-3);
+    EXPECT_NEAR(table.entries[row * 33 + 32].a, 1, 1e-3);
+    EXPECT_LT(glm::distance(vec3(table.entries[row * 33]), vec3(1, 0, 0.5)), 1e-3);
+  }
+  // Eight domains of spread: half of the values lie on each side.
+  EXPECT_NEAR(table.spread(63), 8, 1e-12);
+  EXPECT_NEAR(table.entries[63 * 33 + 16].a, 1.5, 0.1);
+}
+
+TEST(TransferTable, NarrowDomainsFarFromZero) {
+  TransferFunction function = lively();
+  const TransferTable expected = make_transfer_table(function, 65, 16);
+  function.lo = 1e9;
+  function.hi = 1e9 + 1e-4;
+  const TransferTable table = make_transfer_table(function, 65, 16);
+  for (std::size_t i = 0; i < table.entries.size(); ++i) EXPECT_EQ(table.entries[i], expected.entries[i]);
+}
+
+TEST(TransferTable, InvisibleFunctionsKeepTheirColours) {
+  TransferFunction function = lively();
+  function.densities = {{0, 0}};
+  const TransferTable table = make_transfer_table(function, 65, 4);
+  for (const vec4& entry : table.entries) {
+    EXPECT_EQ(entry.a, 0);
+    for (int channel = 0; channel < 3; ++channel) EXPECT_TRUE(entry[channel] >= 0 && entry[channel] <= 1);
+  }
+  EXPECT_LT(glm::distance(vec3(table.entries[0]), vec3(1, 0, 0.5)), 1e-6);
+}
+
+TEST(PeakLevels, BoundTheFunction) {
+  const TransferFunction function = lively();
+  const auto levels = make_peak_levels(function, 256);
+  ASSERT_EQ(levels.size(), 9U);
+  for (std::size_t level = 0; level < levels.size(); ++level) {
+    ASSERT_EQ(levels[level].size(), 256U >> level);
+    for (std::size_t i = 0; i < levels[level].size(); ++i) {
+      double peak = 0;
+      constexpr int steps = 1000;
+      for (int step = 0; step <= steps; ++step) {
+        const double t = (static_cast<double>(i) + step / double{steps}) / static_cast<double>(levels[level].size());
+        peak = std::max(peak, function.extinction(function.lo + (function.hi - function.lo) * t));
+      }
+      // Never less, but for rounding; not much more: the steepest side is 450 and the steps are 1/256000 or more.
+      EXPECT_GE(levels[level][i], peak - 1e-5) << level << " " << i;
+      if (level < 4) {
+        EXPECT_LE(levels[level][i], peak + 0.05) << level << " " << i;
+      }
+    }
+  }
+  EXPECT_EQ(levels.back()[0], 9);
+}
+
+}  // namespace
+}  // namespace splatvol
