@@ -196,7 +196,7 @@ class RowPacker {
     const Part part{std::span(order_).subspan(group.begin, group.count),
                     std::span(members_).subspan(group.begin, group.count)};
     std::vector<format::SplatShape> shapes;
-    for (const std::uint64_t m : part.members) shapes.push_back(shape_of(material_->moments[m]));
+    for (const std::uint64_t m : part.members) shapes.push_back(material_->shape(m));
     std::vector<format::PackedChunk> chunks;
     for (const int column : rows_.columns_of_row(row))
       chunks.push_back(pack_column(info_.columns[static_cast<std::size_t>(column)], part, shapes));
@@ -339,6 +339,7 @@ Result<Connectivity> connect(PointSet& points, Connectivity wanted) {
       std::vector<std::size_t> vertices(points.size());
       std::iota(vertices.begin(), vertices.end(), std::size_t{0});
       append_material(VertexMaterial(points.positions, tetrahedra), points.values, vertices, points);
+      points.material.planes = boundary_planes(points.positions, find_outer_faces(points.positions, tetrahedra));
       return Connectivity::delaunay;
     }
   }

@@ -6,8 +6,11 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <map>
 #include <numbers>
+#include <utility>
 
 #include "base/splat_kernel.h"
 
@@ -16,7 +19,7 @@ namespace {
 
 constexpr int iterations = 12;
 constexpr double damping = 0.7;  // splats that see each other would swing
-constexpr int spreading_passes = 4;
+constexpr int spreading_passes = 2;
 constexpr double least_density = 1.0 / 8, largest_density = 8;
 
 // A splat as it is drawn.
@@ -69,6 +72,9 @@ struct Box {
     low = glm::min(low, other.low);
     high = glm::max(high, other.high);
   }
+  [[nodiscard]] bool meets(const Box& other) const {
+    return glm::all(glm::lessThanEqual(low, other.high)) && glm::all(glm::lessThanEqual(other.low, high));
+  }
   [[nodiscard]] bool holds(dvec3 point) const {
     return glm::all(glm::lessThanEqual(low, point)) && glm::all(glm::lessThanEqual(point, high));
   }
@@ -76,13 +82,14 @@ struct Box {
 
 constexpr std::size_t max_samples = 64;  // as many as a mask has bits
 
-// Boxes round `fan` boxes each of the level below, the lowest round ellipsoids.
+// Boxes round `fan` boxes each of the level below, the lowest round ellipsoids of about one size: a large one among
+// small ones would make all the boxes above it large.
 class BoxTree {
  public:
-  explicit BoxTree(std::span<const Ellipsoid> ellipsoids) {
-    std::vector<Box> level(ellipsoids.size());
-    for (std::size_t i = 0; i < level.size(); ++i)
-      if (const Ellipsoid& e = ellipsoids[i]; e.peak > 0) level[i] = {e.centre - e.reach, e.centre + e.reach};
+  BoxTree(std::span<const Ellipsoid> ellipsoids, std::vector<std::uint32_t> members) : members_(std::move(members)) {
+    std::vector<Box> level;
+    for (const std::uint32_t i : members_)
+      level.push_back({ellipsoids[i].centre - ellipsoids[i].reach, ellipsoids[i].centre + ellipsoids[i].reach});
     levels_.push_back(std::move(level));
     while (levels_.back().size() > 1) {
       const std::vector<Box>& below = levels_.back();
@@ -92,31 +99,48 @@ class BoxTree {
     }
   }
 
-  // Calls visit(i, mask) for every ellipsoid whose box holds any of the points, in ascending order; bit k of the mask
-  // is set where it holds points[k]. Requires at most max_samples points.
+  // Calls visit(i, mask) for every ellipsoid whose box holds any of the points; bit k of the mask is set where it holds
+  // points[k]. Requires 1 to max_samples points, and `bounds` round them.
   template <class Visit>
-  void for_each(std::span<const dvec3> points, const Visit& visit) const {
-    descend(levels_.size() - 1, 0, points, ~std::uint64_t{0} >> (64 - points.size()), visit);
+  void for_each(std::span<const dvec3> points, const Box& bounds, const Visit& visit) const {
+    descend(levels_.size() - 1, 0, points, bounds, ~std::uint64_t{0} >> (max_samples - points.size()), visit);
   }
 
  private:
   static constexpr std::size_t fan = 4;
 
   template <class Visit>
-  void descend(std::size_t level, std::size_t i, std::span<const dvec3> points, std::uint64_t mask,
+  void descend(std::size_t level, std::size_t i, std::span<const dvec3> points, const Box& bounds, std::uint64_t mask,
                const Visit& visit) const {
+    const Box& box = levels_[level][i];
+    if (!box.meets(bounds)) return;
     std::uint64_t inside = 0;
     for (; mask != 0; mask &= mask - 1)
-      if (const int k = std::countr_zero(mask); levels_[level][i].holds(points[static_cast<std::size_t>(k)]))
+      if (const int k = std::countr_zero(mask); box.holds(points[static_cast<std::size_t>(k)]))
         inside |= std::uint64_t{1} << k;
     if (inside == 0) return;
-    if (level == 0) return visit(i, inside);
+    if (level == 0) return visit(members_[i], inside);
     const std::size_t end = std::min((i + 1) * fan, levels_[level - 1].size());
-    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, points, inside, visit);
+    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, points, bounds, inside, visit);
   }
 
+  std::vector<std::uint32_t> members_;
   std::vector<std::vector<Box>> levels_;
 };
+
+std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
+  constexpr int octaves_per_tree = 2;
+  std::map<int, std::vector<std::uint32_t>> members;
+  for (std::size_t i = 0; i < ellipsoids.size(); ++i) {
+    const dvec3& reach = ellipsoids[i].reach;
+    if (ellipsoids[i].peak > 0)
+      members[std::ilogb(std::max({reach.x, reach.y, reach.z})) / octaves_per_tree].push_back(
+          static_cast<std::uint32_t>(i));
+  }
+  std::vector<BoxTree> trees;
+  for (auto& [size, of_size] : members) trees.emplace_back(ellipsoids, std::move(of_size));
+  return trees;
+}
 
 // Places in a splat's material, in deviations: a cell with this covariance, cut in three each way.
 void append_samples(const PlacedShape& splat, int steps, std::vector<dvec3>& samples) {
@@ -165,35 +189,32 @@ class DensityFit {
   };
 
   void find_views() {
-    const BoxTree tree(ellipsoids_);
+    const std::vector<BoxTree> trees = make_trees(ellipsoids_);
     blocks_.resize((splats_.size() + block_size - 1) / block_size);
     tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) {
       std::vector<dvec3> samples;
-      std::vector<double> weights;
       Block& block = blocks_[b];
       for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
-        if (ellipsoids_[i].peak > 0) append_views(i, tree, samples, weights, block.views);
+        if (ellipsoids_[i].peak > 0) append_views(i, trees, samples, block.views);
         block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
       }
     });
   }
 
-  void append_views(std::size_t i, const BoxTree& tree, std::vector<dvec3>& samples, std::vector<double>& weights,
+  void append_views(std::size_t i, std::span<const BoxTree> trees, std::vector<dvec3>& samples,
                     std::vector<View>& views) const {
     samples.clear();
-    weights.clear();
     find_samples(i, samples);
-    double sum = 0;
-    for (const dvec3& sample : samples) sum += weights.emplace_back(density_at(ellipsoids_[i], sample));
-    if (!(sum > 0)) return;
-    tree.for_each(samples, [&](std::size_t j, std::uint64_t mask) {
-      double seen = 0;
-      for (; mask != 0; mask &= mask - 1) {
-        const auto s = static_cast<std::size_t>(std::countr_zero(mask));
-        if (weights[s] > 0) seen += weights[s] * density_at(ellipsoids_[j], samples[s]);
-      }
-      if (seen > 0) views.push_back({static_cast<std::uint32_t>(j), static_cast<float>(seen / sum)});
-    });
+    if (samples.empty()) return;
+    Box bounds;
+    for (const dvec3& sample : samples) bounds.include({sample, sample});
+    for (const BoxTree& tree : trees)
+      tree.for_each(samples, bounds, [&](std::uint32_t j, std::uint64_t mask) {
+        double seen = 0;
+        for (; mask != 0; mask &= mask - 1)
+          seen += density_at(ellipsoids_[j], samples[static_cast<std::size_t>(std::countr_zero(mask))]);
+        if (seen > 0) views.push_back({j, static_cast<float>(seen / static_cast<double>(samples.size()))});
+      });
   }
 
   // Where a splat looks.
@@ -218,7 +239,7 @@ class DensityFit {
   }
 
   // The factors must not add or take mass, neighbourhood by neighbourhood: compares what both give when each splat
-  // spreads its mass over those that it sees, some times over.
+  // spreads its mass evenly over those that it sees, some times over.
   void keep_mass(std::vector<float>& densities) const {
     std::vector<double> before(splats_.size()), after(splats_.size());
     for (std::size_t i = 0; i < splats_.size(); ++i) {
@@ -240,9 +261,8 @@ class DensityFit {
       for (std::size_t k = 0; k < blocks_[b].ends.size(); ++k) {
         const auto seen = std::span(blocks_[b].views).subspan(begin, blocks_[b].ends[k] - begin);
         begin = blocks_[b].ends[k];
-        double sum = 0;
-        for (const View& view : seen) sum += view.weight;
-        for (const View& view : seen) result[view.splat] += masses[b * block_size + k] * view.weight / sum;
+        for (const View& view : seen)
+          result[view.splat] += masses[b * block_size + k] / static_cast<double>(seen.size());
       }
     }
     masses.swap(result);

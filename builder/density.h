@@ -17,12 +17,12 @@ struct PlacedShape {
 };
 
 /// Fits the shapes' densities. Ellipsoids that overlap do not add up to the same density everywhere: they ripple, most
-/// where large cells meet small ones. The factors make the mean of the density that a splat sees round itself, weighted
-/// with its own kernel, 1: what the material has, since a splat's mass is its volume. Linear in time, about 400 bytes a
-/// splat while it runs; `splats` in Morton order, for speed. Does not depend on the number of threads.
+/// where large cells meet small ones. The factors make the mean of the density within each splat's own material 1, what
+/// the material has since a splat's mass is its volume, and keep the mass of every neighbourhood. About 400 bytes a
+/// splat while it runs. Requires splats in Morton order, fewer than 2^32. Does not depend on the number of threads.
 ///
-/// `parts`: the splats of the next finer resolution, those of splats[i] from begins[i] to begins[i + 1]; where there
-/// are none, a splat sees the density within its own ellipsoid.
+/// `parts`: the splats of the next finer resolution, those of splats[i] from begins[i] to begins[i + 1], where the
+/// material is; without them a splat looks at a cell of its own covariance.
 void fit_densities(std::span<PlacedShape> splats, std::span<const PlacedShape> parts = {},
                    std::span<const std::uint64_t> begins = {});
 

@@ -29,11 +29,18 @@ Box cell_box(const dvec3& position, const Cube& cube, int depth) {
   return {center - half, center + half};
 }
 
-// What the splat `moments` may fill.
-Box splat_box(const dvec3& position, const SpatialMoments& moments, const Extent& extent) {
+// What the splat `moments` may fill; at a boundary, with what its reflection adds.
+Box splat_box(const dvec3& position, const Material& material, std::size_t member) {
+  const SpatialMoments& moments = material.moments[member];
+  const Extent& extent = material.extents[member];
   const SymmetricMatrix& s = moments.covariance;
-  const dvec3 center = position + moments.centroid;
-  const dvec3 deviations = glm::sqrt(glm::max(dvec3(s.xx, s.yy, s.zz), 0.0));
+  dvec3 shift(0);
+  if (!material.planes.empty() && material.planes[member].area != dvec3(0)) {
+    const format::SplatShape shape = material.shape(member);
+    shift = glm::mat3_cast(shape.orientation) * (shape.boundary * shape.deviations);
+  }
+  const dvec3 center = position + moments.centroid + shift;
+  const dvec3 deviations = glm::sqrt(glm::max(dvec3(s.xx, s.yy, s.zz) + shift * shift, 0.0));
   const dvec3 half =
       uniform_width * (tilted_stretch * deviations + resolved_tilt * extent.longest) + centroid_error * extent.shortest;
   return {center - half, center + half};
@@ -130,8 +137,7 @@ class IndexBuilder {
         code = std::min(code, format::size_code(size, 1.0));
         if (!(material.moments[m].mass > 0)) continue;
         splats[r].width = std::max(splats[r].width, uniform_width * stretch * material.extents[m].longest);
-        splats[r].outside.push_back(
-            splat_box(input_.positions[resolution.members[m]], material.moments[m], material.extents[m]));
+        splats[r].outside.push_back(splat_box(input_.positions[resolution.members[m]], material, m));
       }
     }
     for (std::size_t a = 0; a < nodes_.shape.attributes; ++a)

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "builder/boundary.h"
 #include "builder/moments.h"
 #include "builder/morton.h"
 #include "builder/reduction.h"
@@ -19,17 +20,22 @@ struct Extent {
   double longest = 0;
 };
 
-/// What the points of a resolution stand for: a part of the volume each, and the values in it. 96 bytes a point, and 88
-/// for each attribute.
+/// What the points of a resolution stand for: a part of the volume each, and the values in it. 132 bytes a point, and
+/// 88 for each attribute.
 struct Material {
   std::vector<SpatialMoments> moments;                   // [member]
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][member]
+  std::vector<BoundaryPlane> planes;                     // [member]; empty where the material has no known boundary
   std::vector<Extent> extents;                           // [member]
+  std::vector<float> densities;                          // [member]: factors for drawing
+
+  /// As the file stores it.
+  [[nodiscard]] format::SplatShape shape(std::size_t member) const;
 };
 
-/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer one;
-/// `finest` is of all points, its extents not used. Resolutions from coarse to fine, as the result. Does not depend on
-/// the number of threads.
+/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer one, and
+/// finds what drawing it takes. `finest` is of all points; its extents and densities are not used. Resolutions from
+/// coarse to fine, as the result. Does not depend on the number of threads.
 [[nodiscard]] std::vector<Material> merge_clusters(std::span<const MortonKey> keys, std::span<const dvec3> positions,
                                                    std::span<const Resolution> resolutions, Material finest);
 

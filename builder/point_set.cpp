@@ -22,6 +22,8 @@ bool is_present(double value) { return std::abs(value) <= std::numeric_limits<fl
 struct Gathered {
   PointSet points;
   std::vector<bool> in_cell;
+  std::vector<OuterFace> faces;            // of the pieces, by indices of these points
+  std::vector<std::uint64_t> merged_into;  // [point]: that of the same sample which is kept
 };
 
 template <class T>
@@ -34,6 +36,27 @@ void resize_material(PointSet& points, std::size_t size) {
   points.material.moments.resize(size);
   for (auto& moments : points.material.value_moments) moments.resize(size);
   for (auto& gradients : points.gradients) gradients.resize(size);
+}
+
+// Tetrahedra use points with a finite position only: those that are kept, and numbered from `begin` on.
+void append_faces(const Piece& piece, const std::vector<std::size_t>& kept, std::size_t begin,
+                  std::vector<OuterFace>& faces) {
+  std::vector<std::uint64_t> places(piece.points.size());
+  for (std::size_t k = 0; k < kept.size(); ++k) places[kept[k]] = begin + k;
+  for (OuterFace face : find_outer_faces(piece.points, piece.tetrahedra)) {
+    for (std::uint64_t& corner : face.corners) corner = places[corner];
+    faces.push_back(face);
+  }
+}
+
+// The faces between pieces vanish where their vertices have been merged. `order`: point of each final place.
+void find_planes(Gathered& all, const std::vector<std::uint64_t>& order) {
+  if (all.points.material.moments.empty()) return;
+  std::vector<std::uint64_t> places(all.merged_into.size());
+  for (std::size_t i = 0; i < order.size(); ++i) places[order[i]] = i;
+  for (std::size_t i = 0; i < places.size(); ++i) places[i] = places[all.merged_into[i]];
+  join_outer_faces(all.faces, places);
+  all.points.material.planes = boundary_planes(all.points.positions, all.faces);
 }
 
 Status append_piece(Piece& piece, bool use_cells, Gathered& all) {
@@ -58,6 +81,7 @@ Status append_piece(Piece& piece, bool use_cells, Gathered& all) {
   if (use_cells && !piece.tetrahedra.empty()) {
     resize_material(points, points.size() - kept.size());  // pieces without cells gave none
     append_material(VertexMaterial(piece.points, piece.tetrahedra), piece.values, kept, points);
+    append_faces(piece, kept, points.size() - kept.size(), all.faces);
   }
   points.cells += piece.census;
   return {};
@@ -114,6 +138,7 @@ void merge_run(Gathered& all, std::vector<std::uint64_t>& run, std::vector<bool>
     if (same_sample(points, kept, next) && all.in_cell[kept] && all.in_cell[next]) {
       merge_material(points, kept, next);
       dropped[next] = true;
+      all.merged_into[next] = kept;
       ++points.census.merged;
       continue;
     }
@@ -189,6 +214,8 @@ Result<PointSet> gather_points(Source& source, bool use_cells, const std::functi
   tbb::parallel_sort(order.begin(), order.end(), [&](std::uint64_t i, std::uint64_t j) {
     return points.keys[i] != points.keys[j] ? points.keys[i] < points.keys[j] : i < j;
   });
+  all.merged_into.resize(points.size());
+  std::iota(all.merged_into.begin(), all.merged_into.end(), std::uint64_t{0});
   merge_equal_samples(all, points.keys, order);
 
   reorder(points.positions, order);
@@ -197,6 +224,7 @@ Result<PointSet> gather_points(Source& source, bool use_cells, const std::functi
   reorder(points.material.moments, order);
   for (auto& moments : points.material.value_moments) reorder(moments, order);
   for (auto& gradients : points.gradients) reorder(gradients, order);
+  find_planes(all, order);
   return std::move(points);
 }
 

@@ -1,28 +1,31 @@
 // The programs and layouts with which one kind of splat is drawn. Internal to the renderer.
 #pragma once
 
+#include <vector>
+
 #include "renderer/gl_objects.h"
 #include "streamer/splat.h"
 
 namespace splatvol {
 
 /// How a kind of splat gets onto the screen: `project` turns splats into quads in drawing order, once for each splat
-/// and not for each corner; `draw_far` and `draw_near` rasterise the quads; `key` gives
-/// sorting what it needs.
+/// and not for each corner; one of `forms` rasterises a run of them; `key` gives sorting
+/// what it needs.
 ///
-/// A kernel is, in GLSL, a struct Quad with empty_quad() and is_near(), functions project() and place(), a vertex and a fragment
+/// A kernel is, in GLSL, a struct Quad with empty_quad() and form_of(), functions project() and place(), a vertex and a fragment
 /// shader; and the layouts below.
 struct Kernel {
   KernelKind kind;
   Program key;
   Program project;
-  Program draw_far;   // for runs in which no splat is near the eye, by is_near()
-  Program draw_near;  // for the others; none where there are no such
+  std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
   std::size_t record_bytes;   // of a splat, in its buffer
   std::size_t quad_bytes;     // of Quad, as std430 lays it out
   std::size_t table_columns;  // of the transfer function
   std::size_t table_rows;
 };
+
+inline constexpr std::size_t most_forms = 3;
 
 /// Where each buffer is bound, as the shaders have it.
 enum class Binding : GLuint { splats = 0, origins = 1, order = 2, keys = 3, quads = 4, runs = 5 };

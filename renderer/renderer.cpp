@@ -15,7 +15,7 @@ namespace splatvol {
 namespace {
 
 constexpr std::size_t peak_steps = 1024;
-constexpr std::size_t quads_per_run = std::size_t{1} << 14;  // projected and drawn at a time
+constexpr std::size_t quads_per_run = std::size_t{1} << 12;  // projected and drawn at a time
 
 /// FrameBlock of frame.glsl, laid out by std140.
 struct alignas(16) FrameBlock {
@@ -29,14 +29,12 @@ struct alignas(16) FrameBlock {
 };
 static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
-/// As project.comp has them: of a run, one of the two draws it, the other nothing.
+/// As project.comp has them.
 struct DrawCommand {
   GLuint count = 0, instances = 1, first_index = 0, base_vertex = 0, base_instance = 0;
 };
-struct Run {
-  DrawCommand far, near;
-};
-static_assert(sizeof(Run) == 40);
+using Run = std::array<DrawCommand, most_forms>;
+static_assert(sizeof(Run) == 60);
 
 /// Seconds since the last call, or since its making.
 class Stopwatch {
@@ -131,8 +129,11 @@ Status Renderer::set_transfer_function(const TransferFunction& function, double 
   const auto rows = static_cast<GLsizei>(table.rows);
   if (transfer_table_.name() == 0) {
     GLuint name = 0;
-    glCreateTextures(GL_TEXTURE_2D, 1, &name);
+    glCreateTextures(GL_TEXTURE_1D_ARRAY, 1, &name);
     transfer_table_ = Texture(name);
+    glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    glTextureParameteri(name, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTextureParameteri(name, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     glTextureStorage2D(name, 1, GL_RGBA32F, columns, rows);
     glCreateTextures(GL_TEXTURE_1D, 1, &name);
     peak_table_ = Texture(name);
@@ -341,7 +342,7 @@ void Renderer::clear_target() const {
 
 Status Renderer::prepare_runs(std::size_t count) {
   std::vector<Run> runs;
-  for_each_run(count, [&](std::size_t, std::size_t run) { runs.push_back({{static_cast<GLuint>(6 * run)}, {}}); });
+  for_each_run(count, [&](std::size_t, std::size_t run) { runs.push_back({DrawCommand{static_cast<GLuint>(6 * run)}}); });
   SPLATVOL_TRY(runs_.reserve(runs.size() * sizeof(Run)));
   runs_.write(runs.data(), runs.size() * sizeof(Run));
   return {};
@@ -371,12 +372,11 @@ void Renderer::draw_quads(const Order& order) const {
     glProgramUniform1ui(project, location::run, static_cast<GLuint>(run));
     dispatch(kernel_.project, first, count);
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_COMMAND_BARRIER_BIT);
-    const auto draw = [&](const Program& program, std::size_t offset) {
-      glUseProgram(program.name());
-      glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(run * sizeof(Run) + offset));
-    };
-    draw(kernel_.draw_far, offsetof(Run, far));
-    if (kernel_.draw_near.name() != 0) draw(kernel_.draw_near, offsetof(Run, near));
+    for (std::size_t form = 0; form < kernel_.forms.size(); ++form) {
+      glUseProgram(kernel_.forms[form].name());
+      const std::size_t command = run * sizeof(Run) + form * sizeof(DrawCommand);
+      glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(command));
+    }
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
   });
 }

@@ -22,6 +22,13 @@ std::uint32_t pack_direction(const vec3& direction) {
   return packed;
 }
 
+std::uint32_t pack_boundary(const dvec3& foot) {
+  std::uint32_t packed = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    packed |= (static_cast<std::uint32_t>(std::lround(128 * foot[axis])) & 0x3FFU) << 10 * axis;
+  return packed;
+}
+
 // Unpacks all points with `unpack`, then makes an element of the result of each.
 template <class Unpacked, class Unpack, class Make>
 Result<DecodedChunk> decode_each(std::uint32_t points, Unpack unpack, Make make) {
@@ -63,7 +70,7 @@ std::uint64_t largest_payload(ColumnKind kind, std::uint64_t points) {
     case ColumnKind::centroid:
       return sizeof(format::PositionHeader) + points * sizeof(dvec3);
     case ColumnKind::moments:
-      return sizeof(format::MomentsHeader) + points * 16;  // mass 2, deviations 6, orientation 8
+      return sizeof(format::MomentsHeader) + points * 23;  // mass 2, deviations 6, orientation 8, boundary 6, density 1
     case ColumnKind::value_moments:
       return sizeof(format::ValueMomentsHeader) + points * 11;  // mean 4, deviation 2, a byte each
     default:
@@ -127,7 +134,11 @@ MaterialShape compact(const format::SplatShape& shape) {
   }
   if (turned < 3) q = q * glm::dquat(0.0, turned == 0 ? 1.0 : 0.0, turned == 1 ? 1.0 : 0.0, turned == 2 ? 1.0 : 0.0);
   if (q.w < 0) q = -q;
-  return {static_cast<float>(shape.mass), vec3(shape.deviations), vec3(dvec3(q.x, q.y, q.z)), turned};
+  dvec3 boundary = shape.boundary;
+  for (std::uint32_t axis = 0; axis < 3; ++axis)
+    if (turned < 3 && axis != turned) boundary[static_cast<int>(axis)] *= -1;
+  return {static_cast<float>(shape.mass * shape.density), vec3(shape.deviations), vec3(dvec3(q.x, q.y, q.z)),
+          pack_boundary(boundary), turned};
 }
 
 MaterialValue compact(const format::SplatValue& value) {

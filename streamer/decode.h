@@ -17,12 +17,13 @@ namespace splatvol {
 
 /// A cluster's material in space: column `moments`.
 struct MaterialShape {
-  float mass;
+  float mass;                // times density
   vec3 deviations;           // descending
   vec3 orientation;          // as in MomentsSplat
+  std::uint32_t boundary;    // as in MomentsSplat
   std::uint32_t turned = 3;  // principal axis about which the file's orientation was turned by 180 degrees; 3: none
 };
-static_assert(sizeof(MaterialShape) == 32);
+static_assert(sizeof(MaterialShape) == 36);
 
 /// The values in it: column `value_moments`.
 struct MaterialValue {

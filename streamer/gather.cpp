@@ -62,7 +62,8 @@ struct MomentsRow {
             shape.orientation,
             value.mean,
             value.deviation,
-            correlations};
+            correlations,
+            shape.boundary};
   }
 };
 

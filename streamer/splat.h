@@ -29,14 +29,15 @@ static_assert(sizeof(OctantSplat) == 24);
 /// A splat of the kernel `moments`, as the renderer's buffers hold it.
 struct MomentsSplat {
   vec3 position;               // centroid relative to its batch's origin, world units
-  float mass;                  // volume of the material that has a value; 0 draws nothing
+  float mass;                  // volume of the material that has a value, times its density; 0 draws nothing
   vec3 deviations;             // along the principal axes, descending, world units
   vec3 orientation;            // x, y, z of the unit quaternion that turns x, y, z onto the principal axes; w >= 1/2
   float value;                 // mean, less the attribute's offset
   float value_deviation;       // standard deviation of the value
   std::uint32_t correlations;  // 4 signed bytes / 127: of the value with each principal axis; then the residual, [0, 1]
+  std::uint32_t boundary;      // 3 signed numbers of 10 bits / 128, lowest first: format::SplatShape::boundary
 };
-static_assert(sizeof(MomentsSplat) == 52);
+static_assert(sizeof(MomentsSplat) == 56);
 
 /// Bytes of a splat.
 [[nodiscard]] constexpr std::size_t splat_bytes(KernelKind kernel) {

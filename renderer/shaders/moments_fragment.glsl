@@ -1,12 +1,8 @@
-// What both fragment shaders of the kernel `moments` share.
+// What the fragment shaders of the kernel `moments` share.
 
-// Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
-vec4 transfer(float column, int row) {
-  float last = transfer_columns();
-  float place = clamp(column, 0.0, last);
-  float left = min(floor(place), last - 1.0);
-  vec4 a = texelFetch(transfer_table, ivec2(int(left), row), 0);
-  return mix(a, texelFetch(transfer_table, ivec2(int(left) + 1, row), 0), place - left);
+// The texture unit interpolates along the row; its weights have eight bits or more, which is 1/131072 of the domain.
+vec4 transfer(float column, float row) {
+  return textureLod(transfer_table, vec2((column + 0.5) / (transfer_columns() + 1.0), row), 0.0);
 }
 
 // 1 - exp(-depth) without cancellation: from its series at depth / 16, doubled four times by f(2 x) = f(x) (2 - f(x)).
@@ -23,4 +19,9 @@ float opacity(float depth) {
 float ray_length_squared() {
   vec2 tangent = (gl_FragCoord.xy - 0.5 * frame.image_size) * ((1.0 - frame.orthographic) / frame.focal);
   return 1.0 + dot(tangent, tangent);
+}
+
+// A polynomial of the second order.
+float at_s(vec2 s, float constant, vec2 slope, vec3 bend) {
+  return constant + s.x * (slope.x + bend.x * s.x + bend.y * s.y) + s.y * (slope.y + bend.z * s.y);
 }

@@ -34,7 +34,7 @@ void main() {
   float mean = form[5].w + dot(gradient, cross(d.xyz, n)) * r + along * half_chord * rest.y;
   float spread = sqrt(form[4].w + along * along / (half_axis * half_axis));
   float columns;
-  int row = transfer_row(spread, columns);
+  float row = transfer_row(spread, columns);
   vec4 material = transfer((mean - 0.5) * columns + 0.5 * transfer_columns(), row);
   float alpha = opacity(depth * material.a);
   float cosine = form[6].w > 0.0 ? min(abs(along) * form[6].w / (root * ray), 1.0) : 1.0;

@@ -22,6 +22,7 @@ const float low_pass = 0.1;         // variance that the raster adds, squared pi
 const float smallest_float = 1e-30;
 const float faintest_depth = 1e-5;  // optical depth of what is cut
 const float nearest = 1.05;         // closer to the eye's plane, in its reach towards it, an ellipsoid is near
+const float most_change = 0.2;      // of |d'|^2 within the outline, in terms of that in the middle, for the far form
 const float largest = 16.0;         // and so it is where it is longer than this, in distances of the centre (or half images)
 
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7f800000u) != 0x7f800000u; }
@@ -66,6 +67,9 @@ vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
   // The eye's plane cuts it: on the side where its section lies there is no tangent in front.
   return x * dot(l_z, l_z) > dot(l_x, l_z) * z ? vec2(k.y, 1e30) : vec2(-1e30, k.x);
 }
+
+// The coefficients of x^2, x y and y^2 in the product of two linear forms.
+vec3 product(vec2 a, vec2 b) { return vec3(a.x * b.x, a.x * b.y + a.y * b.x, a.y * b.y); }
 
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
@@ -186,7 +190,7 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   quad.centre = (middle + half_image) * focal;
   quad.axes = vec4(e_1, e_2) * focal;
   quad.reach = 1.0;
-  quad.near = near ? 1u : 0u;
+  quad.form = 2u;
   quad.near_form[0] = vec4(d_0, p.x);
   quad.near_form[1] = vec4(d_1, p.y);
   quad.near_form[2] = vec4(d_2, p.z);
@@ -199,28 +203,45 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   if (!is_finite(sum)) return false;  // so large or so near that single precision overflows
   if (near) return peak * strength / scale * longest > faintest_depth;
 
-  // Well in front of the eye 1 - b^2 = (1 - s^2) / g, where g = |d'|^2 / kappa is a square form of s.
+  // The eye's plane does not cut it: 1 - b^2 = (1 - s^2) / g, where g = |d'|^2 / kappa is a square form of s.
   float ray = orthographic ? 1.0 : length(vec3(middle, 1.0));
   float square = dot(d_0, d_0);
+  vec2 slope = 2.0 * vec2(dot(d_0, d_1), dot(d_0, d_2)) / square;  // of g / g(0)
+  vec3 bend = vec3(dot(d_1, d_1), 2.0 * dot(d_1, d_2), dot(d_2, d_2)) / square;
+  float change = length(slope) + bend.x + bend.z;
+  float g = square / kappa;
   float depth = strength * inversesqrt(kappa);
-  float least_g = (square - 2.0 * length(vec2(dot(d_0, d_1), dot(d_0, d_2)))) / kappa;  // on the ellipse
-  float longest_ray = orthographic ? 1.0 : ray + length(e_1) + length(e_2);
-  float brightest = peak * min(strength / scale * longest, depth * longest_ray * pow(max(least_g, 1e-10), -2.5));
+  float brightest = peak * min(strength / scale * longest, depth * ray * pow(g * max(1.0 - change, 0.1), -2.5));
   if (!(brightest > faintest_depth)) return false;
   quad.reach = sqrt(1.0 - sqrt(faintest_depth / brightest));
 
   float along = dot(gradient, d_0) * inversesqrt(square);
   float spread = sqrt(residual + along * along / (half_axis * half_axis));
   float columns;
-  int row = transfer_row(spread, columns);
+  float row = transfer_row(spread, columns);
+  float column = (mean - 0.5) * columns + 0.5 * transfer_columns();
   float cosine = gradient_length > 0.0 ? min(abs(along) * sqrt(square) / (scale * ray * gradient_length), 1.0) : 1.0;
-  vec3 g_0 = cross(gradient, d_0) * columns;
-  vec3 g_1 = cross(gradient, d_1) * columns;
-  vec3 g_2 = cross(gradient, d_2) * columns;
-  quad.far_form[0] = vec4(square, 2.0 * dot(d_0, d_1), 2.0 * dot(d_0, d_2), dot(d_1, d_1)) / kappa;
-  quad.far_form[1] = vec4(vec2(2.0 * dot(d_1, d_2), dot(d_2, d_2)) / kappa, depth, frame.ambient + frame.diffuse * cosine);
-  quad.far_form[2] = vec4(dot(n_0, g_0), dot(n_0, g_1) + dot(n_1, g_0), dot(n_0, g_2) + dot(n_2, g_0), dot(n_1, g_1)) / kappa;
-  quad.far_form[3] = vec4(vec2(dot(n_1, g_2) + dot(n_2, g_1), dot(n_2, g_2)) / kappa,
-                          (mean - 0.5) * columns + 0.5 * transfer_columns(), float(row));
+  float light = frame.ambient + frame.diffuse * cosine;
+  vec3 g_0 = cross(gradient, d_0) * columns / kappa;
+  vec3 g_1 = cross(gradient, d_1) * columns / kappa;
+  vec3 g_2 = cross(gradient, d_2) * columns / kappa;
+  float shift_0 = dot(n_0, g_0);
+  vec2 shift_slope = vec2(dot(n_0, g_1) + dot(n_1, g_0), dot(n_0, g_2) + dot(n_2, g_0));
+  vec3 shift_bend = vec3(dot(n_1, g_1), dot(n_1, g_2) + dot(n_2, g_1), dot(n_2, g_2));
+  quad.form = change > most_change ? 1u : 0u;
+  quad.middle_form[0] = vec4(g, g * slope, depth);
+  quad.middle_form[1] = vec4(g * bend, light);
+  quad.middle_form[2] = vec4(shift_0, shift_slope, row);
+  quad.middle_form[3] = vec4(shift_bend, column);
+
+  // The same expanded to the second order: depth goes with |d| g^(-5/2), the mean's distance from that of the centre with 1 / g.
+  vec2 ray_slope = orthographic ? vec2(0.0) : vec2(dot(middle, e_1), dot(middle, e_2)) / (ray * ray);
+  vec2 depth_slope = ray_slope - 2.5 * slope;
+  vec3 depth_bend = 4.375 * product(slope, slope) - 2.5 * (bend + product(ray_slope, slope));
+  depth *= ray * pow(g, -2.5);
+  quad.far_form[0] = vec4(depth, depth * depth_slope, 0.0);
+  quad.far_form[1] = vec4(depth * depth_bend, light);
+  quad.far_form[2] = vec4(column + shift_0 / g, (shift_slope - shift_0 * slope) / g, row);
+  quad.far_form[3] = vec4((shift_bend - product(shift_slope, slope) + shift_0 * (product(slope, slope) - bend)) / g, 0.0);
   return true;
 }

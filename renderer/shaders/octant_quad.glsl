@@ -10,6 +10,6 @@ struct Quad {
 
 layout(std430, binding = 4) restrict buffer QuadBlock { Quad quads[]; };
 
-bool is_near(Quad quad) { return false; }
+uint form_of(Quad quad) { return 0u; }
 
 Quad empty_quad() { return Quad(vec4(0.0), vec2(0.0), 0.0, 0u, 0u); }

@@ -1,4 +1,4 @@
-layout(binding = 0) uniform sampler2D transfer_table;  // one row: r, g, b, extinction
+layout(binding = 0) uniform sampler1DArray transfer_table;  // one row: r, g, b, extinction
 
 // Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
 vec4 transfer(float value) {

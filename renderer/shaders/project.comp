@@ -1,12 +1,13 @@
 // Projects a run of splats, in the order in which they are drawn.
 layout(local_size_x = 64) in;
 
-// How many indices to draw of a run, by the program for splats well in front of the eye and by that for any.
+// A run of quads is drawn by the last form that one of them needs: commands[f] is to have a count where a quad needs f, and
+// an instance where none needs a later one.
 struct DrawCommand {
   uint count, instances, first_index, base_vertex, base_instance;
 };
 struct Run {
-  DrawCommand far, near;
+  DrawCommand commands[3];
 };
 
 layout(std430, binding = 2) restrict readonly buffer OrderBlock { uint order[]; };
@@ -26,8 +27,8 @@ void main() {
   float distance_to_eye;
   if (!project(index, quad, distance_to_eye)) quad = empty_quad();
   quads[i] = quad;
-  if (is_near(quad)) {
-    runs[run].far.count = 0u;
-    runs[run].near.count = 6u * count;
-  }
+
+  uint form = form_of(quad);
+  if (form > 0u) runs[run].commands[form].count = 6u * count;
+  for (uint earlier = 0u; earlier < form; ++earlier) runs[run].commands[earlier].instances = 0u;
 }

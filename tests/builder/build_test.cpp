@@ -776,8 +776,9 @@ TEST(BuildIndex, EveryNodeTellsTheTruth) {
   const PointSet points = *gather_points(source, true, [](double) {});
   const auto resolutions = reduce_by_octree(points.keys, points.positions, points.cube, 8);
   const auto segments = find_segments(resolutions);
-  const auto materials =
-      merge_clusters(points.keys, points.positions, resolutions, {std::vector<SpatialMoments>(points.size()), {}, {}});
+  Material nothing;
+  nothing.moments.resize(points.size());
+  const auto materials = merge_clusters(points.keys, points.positions, resolutions, nothing);
   const format::NodeArrays tree =
       build_index({points.cube, points.keys, points.positions, segments, resolutions, materials, {}, {}}, 100);
 

@@ -24,8 +24,8 @@ TEST(Compact, KeepsThePrincipalAxesUpToTheSignsThatItNames) {
   std::array<int, 4> turned{};
   for (int trial = 0; trial < 2000; ++trial) {
     const glm::dquat q = random_rotation(random);
-    const MaterialShape shape = compact(format::SplatShape{2.5, dvec3(3, 2, 1), q});
-    EXPECT_EQ(shape.mass, 2.5f);
+    const MaterialShape shape = compact(format::SplatShape{2.5, dvec3(3, 2, 1), q, dvec3(1, -2, 3.5), 2});
+    EXPECT_EQ(shape.mass, 5.0f) << "times the density";
     EXPECT_EQ(shape.deviations, vec3(3, 2, 1));
     const dvec3 v(shape.orientation);
     ASSERT_LE(glm::dot(v, v), 0.75 + 1e-6) << "w >= 1/2";
@@ -36,6 +36,9 @@ TEST(Compact, KeepsThePrincipalAxesUpToTheSignsThatItNames) {
       const bool reversed = shape.turned < 3 && static_cast<std::uint32_t>(k) != shape.turned;
       // Single precision of components up to 1, through products of two.
       ASSERT_LT(glm::length(after[k] - (reversed ? -1.0 : 1.0) * before[k]), 1e-6) << "axis " << k;
+      // The foot on the boundary stays where it is.
+      const int code = static_cast<int>(shape.boundary << (22 - 10 * k)) >> 22;
+      ASSERT_EQ(code / 128.0, (reversed ? -1.0 : 1.0) * dvec3(1, -2, 3.5)[k]) << "axis " << k;
     }
   }
   for (const int count : turned) EXPECT_GT(count, 300) << "each of q's components is the largest now and then";
