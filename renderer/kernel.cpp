@@ -61,7 +61,7 @@ Result<Kernel> make_moments_kernel() {
                 .project = std::move(project),
                 .forms = std::move(forms),
                 .record_bytes = sizeof(Record<MomentsSplat>),
-                .quad_bytes = 272,
+                .quad_bytes = 352,
                 .table_columns = 513,
                 .table_rows = 64};
 }

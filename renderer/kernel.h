@@ -49,7 +49,7 @@ struct Record {
   Splat splat;
   std::uint32_t batch_index;
 };
-static_assert(sizeof(Record<OctantSplat>) == 28 && sizeof(Record<MomentsSplat>) == 56);
+static_assert(sizeof(Record<OctantSplat>) == 28 && sizeof(Record<MomentsSplat>) == 60);
 
 /// Needs a current context.
 [[nodiscard]] Result<Kernel> make_kernel(KernelKind kind);

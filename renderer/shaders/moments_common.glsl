@@ -1,7 +1,7 @@
 // What all stages of the kernel `moments` share.
-const int far_form_count = 4;
-const int middle_form_count = 4;
-const int near_form_count = 7;
+const int far_form_count = 5;
+const int middle_form_count = 7;
+const int near_form_count = 8;
 const float half_axis = 3.29089653;  // sqrt(12) 0.95: of an ellipsoid, in deviations
 
 // The transfer function averaged over normally distributed values: rows by their spread, columns by their mean as far as 4

@@ -4,9 +4,12 @@ flat in vec4 form[far_form_count];
 layout(location = 0) out vec4 pixel;
 
 void main() {
-  float q = max(1.0 - dot(s, s), 0.0);
-  float depth = at_s(s, form[0].x, form[0].yz, form[1].xyz) * q * q;
-  vec4 material = transfer(at_s(s, form[2].x, form[2].yz, form[3].xyz), form[2].w);
+  // The boundary cuts the chord at u, in its half lengths from its middle.
+  float w = max(1.0 - dot(s, s), 1e-12);
+  vec2 part = part_of_chord((form[4].x + dot(form[4].yz, s)) * inversesqrt(w));
+  float depth = at_s(s, form[0].x, form[0].yz, form[1].xyz) * w * w * part.x;
+  float column = at_s(s, form[2].x, form[2].yz, form[3].xyz) + form[4].w * sqrt(w) * part.y;
+  vec4 material = transfer(column, form[2].w);
   float alpha = opacity(depth * material.a);
   pixel = vec4(material.rgb * (alpha * form[1].w), alpha);
 }

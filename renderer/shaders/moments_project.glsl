@@ -1,6 +1,7 @@
-// The kernel `moments`: an ellipsoid of the material's covariance, whose density falls as (1 - rho^2)^(3/2); its integral
-// along a ray has a closed form (docs/design.md). In the frame in which the ellipsoid is the unit ball, a ray o' + s d'
-// has the squared distance b^2 = |o' x d'|^2 / |d'|^2 from its centre, and the integral is 3 pi / 8 (1 - b^2)^2 / |d'|.
+// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2); where the
+// material ends at a plane, half of a larger one (docs/design.md). x' = L^-1 x is the frame in which the ellipsoid is the
+// unit ball round the origin. A ray o' + s d' passes its centre at the squared distance b^2 = |o' x d'|^2 / |d'|^2 and
+// has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
 
 struct Splat {
   float x, y, z;  // relative to the batch's origin, world units
@@ -10,6 +11,7 @@ struct Splat {
   float value;
   float value_deviation;
   uint correlations;
+  int boundary;
   uint batch_index;
 };
 
@@ -19,29 +21,134 @@ layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extin
 
 const float pi = 3.14159265;
 const float low_pass = 0.1;         // variance that the raster adds, squared pixels
+const float faintest_depth = 1e-4;  // optical depth of what is cut
+const float widest_cut = 0.7;       // of the squared radius: so much is drawn of the faintest splat
+const float least_depth = 1e-7;     // what is fainter everywhere is left out
+const float nearest = 1.05;         // near is what the eye's plane almost cuts: in distances at which it touches
+const float largest = 8.0;          // and what reaches farther than so many pictures: clipping is not that exact
+const float most_change = 0.2;      // of |d'|^2 within the outline, for the far form
 const float smallest_float = 1e-30;
-const float faintest_depth = 1e-5;  // optical depth of what is cut
-const float nearest = 1.05;         // closer to the eye's plane, in its reach towards it, an ellipsoid is near
-const float most_change = 0.2;      // of |d'|^2 within the outline, in terms of that in the middle, for the far form
-const float largest = 16.0;         // and so it is where it is longer than this, in distances of the centre (or half images)
+
+/// The ellipsoid; lengths in pixels, as large as they are in the middle of what the eye can see of it.
+struct Body {
+  float pixel_size;    // world units
+  vec3 centre;         // view coordinates
+  vec3 l_x, l_y, l_z;  // rows of L
+  vec3 u, v, w;        // columns of L^-1
+  float volume;        // determinant of L
+  float longest;       // half axis, at least
+  bool near;           // the eye's plane cuts it, or almost
+  vec3 normal;         // of the boundary in the ball's frame, outwards; 0: there is none
+  float stretch;       // of the ball along the normal: sqrt(1 + stretch^2) as long as without a boundary
+};
+
+/// The value in the ball's frame, in units of the domain.
+struct Value {
+  float mean;      // in the centre
+  vec3 gradient;
+  float residual;  // variance that the linear field leaves
+  float slope;     // length of the gradient in view coordinates
+};
+
+/// Where it is on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
+struct Outline {
+  vec2 middle, e_1, e_2;
+  vec2 anchor;       // k of a point of the ellipsoid
+  float anchor_z;    // its depth
+  vec3 from_centre;  // its place in the ball
+};
+
+/// On the ray to s: d' = scale L^-1 d, n = o' x d' and o' . d', all linear in s.
+struct Rays {
+  float scale;
+  vec3 d_0, d_1, d_2;
+  vec3 n_0, n_1, n_2;
+  vec3 along;
+  float kappa;  // 1 - b^2 = (1 - s^2) kappa / |d'|^2, where not near
+};
 
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7f800000u) != 0x7f800000u; }
 bool is_finite(vec3 x) { return is_finite(x.x) && is_finite(x.y) && is_finite(x.z); }
+
+bool is_orthographic() { return frame.orthographic != 0.0; }
 
 vec3 place(uint index) {
   return origins[splats[index].batch_index].xyz + rotate_to_view(vec3(splats[index].x, splats[index].y, splats[index].z));
 }
 
-// The principal axes as columns, view coordinates.
-mat3 principal_axes(Splat splat) {
+// The view's axes as columns, in the principal frame.
+mat3 view_axes(Splat splat) {
   vec3 q = vec3(splat.orientation[0], splat.orientation[1], splat.orientation[2]);
   float w = sqrt(max(1.0 - dot(q, q), 0.0));
   vec3 x = vec3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.z * w), 2.0 * (q.x * q.z - q.y * w));
   vec3 y = vec3(2.0 * (q.x * q.y - q.z * w), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.x * w));
-  return mat3(rotate_to_view(x), rotate_to_view(y), rotate_to_view(cross(x, y)));
+  return transpose(mat3(rotate_to_view(x), rotate_to_view(y), rotate_to_view(cross(x, y))));
 }
 
-// Largest extinction of the values in [low, high], in domain units.
+// Foot of the perpendicular from the centroid on the boundary, in deviations along the principal axes.
+vec3 boundary_foot(Splat splat) {
+  return vec3(bitfieldExtract(splat.boundary, 0, 10), bitfieldExtract(splat.boundary, 10, 10), bitfieldExtract(splat.boundary, 20, 10)) / 128.0;
+}
+
+// False where none of it is in front of the eye.
+bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
+  mat3 axes = view_axes(splat);
+  vec3 deviations = vec3(splat.deviations[0], splat.deviations[1], splat.deviations[2]);
+  vec3 foot = boundary_foot(splat);
+  float reach_z = half_axis * length(axes[2] * deviations) * (1.0 + 1.1 * length(foot));
+  if (!(centre.z + reach_z > 0.0)) return false;
+  float middle_z = is_orthographic() ? 1.0 : max(centre.z, 0.5 * (centre.z + reach_z));
+  body.pixel_size = max(middle_z / frame.focal, smallest_float);
+  deviations /= body.pixel_size;
+  vec3 widened = sqrt(deviations * deviations + low_pass);
+  vec3 kept = deviations / widened;
+
+  vec4 correlations = unpackSnorm4x8(splat.correlations);
+  float value_deviation = splat.value_deviation * frame.inverse_domain;
+  vec3 gradient = half_axis * value_deviation * correlations.xyz * kept;
+  vec3 smoothed = correlations.xyz * correlations.xyz * (1.0 - kept * kept);
+  value.residual = value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
+  value.slope = length(gradient / (half_axis * widened));
+
+  // At a boundary the material is half of the ellipsoid round the foot that has the material and its reflection: stretched
+  // along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter does not move the plane.
+  body.normal = vec3(0.0);
+  body.stretch = 0.0;
+  if (splat.boundary != 0) {
+    vec3 across = foot / max(kept, 1e-3);
+    foot = across * (dot(foot, foot) / dot(across, across));
+    body.stretch = length(foot);
+    body.normal = foot / max(body.stretch, 1e-10);
+  }
+  float stretch = sqrt(1.0 + body.stretch * body.stretch);
+  vec3 half_axes = half_axis * widened;
+  body.centre = centre / body.pixel_size + transpose(axes) * (widened * foot);
+  value.mean = (splat.value - frame.value_low) * frame.inverse_domain + dot(gradient, foot) / half_axis;
+  value.gradient = gradient + (stretch - 1.0) * dot(body.normal, gradient) * body.normal;
+
+  body.l_x = axes[0] * half_axes;
+  body.l_y = axes[1] * half_axes;
+  body.l_z = axes[2] * half_axes;
+  body.u = axes[0] / half_axes;
+  body.v = axes[1] / half_axes;
+  body.w = axes[2] / half_axes;
+  vec3 stretched = (stretch - 1.0) * body.normal;
+  body.l_x += dot(body.normal, body.l_x) * stretched;
+  body.l_y += dot(body.normal, body.l_y) * stretched;
+  body.l_z += dot(body.normal, body.l_z) * stretched;
+  vec3 shrunk = (1.0 / stretch - 1.0) * body.normal;
+  body.u += dot(body.normal, body.u) * shrunk;
+  body.v += dot(body.normal, body.v) * shrunk;
+  body.w += dot(body.normal, body.w) * shrunk;
+  body.volume = half_axes.x * half_axes.y * half_axes.z * stretch;
+  body.longest = max(max(half_axes.x, half_axes.y), half_axes.z) * stretch;
+
+  reach_z = length(body.l_z);
+  body.near = body.centre.z < nearest * reach_z;
+  return body.centre.z + reach_z > 0.0;
+}
+
+// Largest extinction of the values in [low, high], in units of the domain.
 float peak_extinction(float low, float high) {
   int steps = textureSize(peak_table, 0);
   int first = min(int(clamp(low, 0.0, 1.0) * float(steps)), steps - 1);
@@ -68,180 +175,241 @@ vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
   return x * dot(l_z, l_z) > dot(l_x, l_z) * z ? vec2(k.y, 1e30) : vec2(-1e30, k.x);
 }
 
-// The coefficients of x^2, x y and y^2 in the product of two linear forms.
+// The bounding box, as far as it is in the picture.
+void make_box(Body body, vec2 half_image, out Outline outline) {
+  vec2 x, y;
+  if (is_orthographic()) {
+    x = body.centre.x + vec2(-1.0, 1.0) * length(body.l_x);
+    y = body.centre.y + vec2(-1.0, 1.0) * length(body.l_y);
+    outline.anchor = body.centre.xy;
+    outline.anchor_z = body.centre.z;
+    outline.from_centre = vec3(0.0);
+  } else {
+    x = tangents(body.centre.x, body.l_x, body.centre.z, body.l_z);
+    y = tangents(body.centre.y, body.l_y, body.centre.z, body.l_z);
+    float reach_z = length(body.l_z);
+    outline.from_centre = body.l_z / reach_z;
+    outline.anchor_z = body.centre.z + reach_z;
+    outline.anchor = (body.centre.xy + vec2(dot(body.l_x, body.l_z), dot(body.l_y, body.l_z)) / reach_z) / outline.anchor_z;
+  }
+  vec2 low = max(vec2(x.x, y.x), -half_image);
+  vec2 high = min(vec2(x.y, y.y), half_image);
+  outline.middle = 0.5 * (low + high);
+  outline.e_1 = vec2(0.5 * (high.x - low.x), 0.0);
+  outline.e_2 = vec2(0.0, 0.5 * (high.y - low.y));
+}
+
+// The ellipse. With x and y sheared so that the centre lies straight ahead, L L^T = (Q, q; q^T, r^2), its matrix is
+// (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of conjugate half axes bounds the same
+// area. Determinants come from cross products, which do not cancel.
+void make_ellipse(Body body, out Outline outline) {
+  bool orthographic = is_orthographic();
+  outline.anchor = orthographic ? body.centre.xy : body.centre.xy / body.centre.z;
+  outline.anchor_z = body.centre.z;
+  outline.from_centre = vec3(0.0);
+  vec3 x = orthographic ? body.l_x : body.l_x - outline.anchor.x * body.l_z;
+  vec3 y = orthographic ? body.l_y : body.l_y - outline.anchor.y * body.l_z;
+  vec2 q = orthographic ? vec2(0.0) : vec2(dot(x, body.l_z), dot(y, body.l_z));
+  float a = orthographic ? 1.0 : (body.centre.z - length(body.l_z)) * (body.centre.z + length(body.l_z));
+  vec3 minors = cross(x, y);
+  vec3 skew = q.x * y - q.y * x;
+  float xx = dot(x, x) + q.x * q.x / a;
+  float xy = dot(x, y) + q.x * q.y / a;
+  float determinant = dot(minors, minors) + dot(skew, skew) / a;
+  outline.e_1 = vec2(sqrt(xx / a), xy / sqrt(xx * a));
+  outline.e_2 = vec2(0.0, sqrt(determinant / (xx * a)));
+  outline.middle = outline.anchor - q / a;
+}
+
+// In terms of the anchor, from which the rays differ by little: o' x (the direction to it) does not cancel then.
+Rays make_rays(Body body, Outline outline) {
+  Rays rays;
+  vec2 shift = outline.middle - outline.anchor;
+  vec3 to_shift = shift.x * body.u + shift.y * body.v;
+  vec3 to_1 = outline.e_1.x * body.u + outline.e_1.y * body.v;
+  vec3 to_2 = outline.e_2.x * body.u + outline.e_2.y * body.v;
+  if (is_orthographic()) {
+    rays.scale = 1.0;
+    rays.d_0 = body.w;
+    rays.d_1 = vec3(0.0);
+    rays.d_2 = vec3(0.0);
+    rays.n_0 = cross(to_shift, body.w);
+    rays.n_1 = cross(to_1, body.w);
+    rays.n_2 = cross(to_2, body.w);
+    rays.along = vec3(dot(to_shift - body.centre.z * body.w, body.w), dot(to_1, body.w), dot(to_2, body.w));
+    rays.kappa = dot(body.w, body.w);
+  } else {
+    vec3 o = -(body.centre.x * body.u + body.centre.y * body.v + body.centre.z * body.w);
+    rays.scale = outline.anchor_z;
+    to_shift *= rays.scale;
+    rays.d_0 = outline.from_centre - o + to_shift;
+    rays.d_1 = to_1 * rays.scale;
+    rays.d_2 = to_2 * rays.scale;
+    rays.n_0 = cross(o, outline.from_centre + to_shift);
+    rays.n_1 = cross(o, rays.d_1);
+    rays.n_2 = cross(o, rays.d_2);
+    rays.along = vec3(dot(o, rays.d_0), dot(o, rays.d_1), dot(o, rays.d_2));
+    float aside = 1.0 - dot(o, to_shift);
+    rays.kappa = (dot(o, o) - 1.0) * (1.0 - dot(to_shift, to_shift)) + aside * aside;
+  }
+  return rays;
+}
+
+// strength: the optical depth where extinction, |d|, |d'| and 1 - b^2 are 1.
+void set_near_form(Body body, Value value, Rays rays, float strength, inout Quad quad) {
+  quad.near_form[0] = vec4(rays.d_0, rays.along.x);
+  quad.near_form[1] = vec4(rays.d_1, rays.along.y);
+  quad.near_form[2] = vec4(rays.d_2, rays.along.z);
+  quad.near_form[3] = vec4(rays.n_0, strength);
+  quad.near_form[4] = vec4(rays.n_1, value.residual);
+  quad.near_form[5] = vec4(rays.n_2, value.mean);
+  quad.near_form[6] = vec4(value.gradient, value.slope > 0.0 ? 1.0 / (rays.scale * value.slope) : 0.0);
+  quad.near_form[7] = vec4(body.normal, body.stretch);
+}
+
+// Coefficients of a polynomial of s: of 1; of x and y; of x^2, x y and y^2.
+struct Polynomial {
+  float constant;
+  vec2 slope;
+  vec3 bend;
+};
+
+Polynomial scaled(Polynomial p, float factor) { return Polynomial(p.constant * factor, p.slope * factor, p.bend * factor); }
+
+// Of the product of two linear forms without constants.
 vec3 product(vec2 a, vec2 b) { return vec3(a.x * b.x, a.x * b.y + a.y * b.x, a.y * b.y); }
+
+// Up to the second order.
+Polynomial product(Polynomial a, Polynomial b) {
+  return Polynomial(a.constant * b.constant, a.constant * b.slope + b.constant * a.slope,
+                    a.constant * b.bend + b.constant * a.bend + product(a.slope, b.slope));
+}
+
+// (1 + p)^exponent up to the second order, p without constant.
+Polynomial power(Polynomial p, float exponent) {
+  return Polynomial(1.0, exponent * p.slope, exponent * p.bend + 0.5 * exponent * (exponent - 1.0) * product(p.slope, p.slope));
+}
+
+// axis . (d' x n) = n . (axis x d')
+Polynomial chord_middle(vec3 axis, Rays rays) {
+  vec3 a_0 = cross(axis, rays.d_0), a_1 = cross(axis, rays.d_1), a_2 = cross(axis, rays.d_2);
+  return Polynomial(dot(rays.n_0, a_0), vec2(dot(rays.n_0, a_1) + dot(rays.n_1, a_0), dot(rays.n_0, a_2) + dot(rays.n_2, a_0)),
+                    vec3(dot(rays.n_1, a_1), dot(rays.n_1, a_2) + dot(rays.n_2, a_1), dot(rays.n_2, a_2)));
+}
+
+// The forms for an ellipse; false where it is too faint. `peak`: the largest extinction in it.
+bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float strength, float peak, inout Quad quad) {
+  // g = |d'|^2 / kappa, about its value in the middle; 1 - b^2 = (1 - s^2) / g.
+  float square = dot(rays.d_0, rays.d_0);
+  float g = square / rays.kappa;
+  Polynomial change = Polynomial(0.0, 2.0 * vec2(dot(rays.d_0, rays.d_1), dot(rays.d_0, rays.d_2)) / square,
+                                 vec3(dot(rays.d_1, rays.d_1), 2.0 * dot(rays.d_1, rays.d_2), dot(rays.d_2, rays.d_2)) / square);
+  float largest_change = length(change.slope) + change.bend.x + change.bend.z;
+  float ray = is_orthographic() ? 1.0 : length(vec3(outline.middle, 1.0));
+  float root_kappa = sqrt(rays.kappa);
+  float depth = strength / root_kappa;
+
+  // Where it is too faint it is cut; what is left takes over the light, so that none is lost.
+  float brightest = peak * min(strength / rays.scale * body.longest, depth * ray * pow(g * max(1.0 - largest_change, 0.1), -2.5));
+  if (!(brightest > least_depth)) return false;
+  float cut = min(sqrt(faintest_depth / brightest), widest_cut);
+  quad.reach = sqrt(1.0 - cut);
+  depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.584 + 0.506 * cut * sqrt(cut));  // a square's share of (1 - s^2)^2
+
+  float along = dot(value.gradient, rays.d_0);
+  float stretched = body.stretch * dot(body.normal, rays.d_0);
+  float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
+  float columns;
+  float row = transfer_row(spread, columns);
+  float column = (value.mean - 0.5) * columns + 0.5 * transfer_columns();
+  float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * ray * value.slope), 1.0) : 1.0;
+  float light = frame.ambient + frame.diffuse * cosine;
+  Polynomial shift = scaled(chord_middle(value.gradient, rays), columns / rays.kappa);
+
+  // The boundary cuts the chord at u = cutting / (sqrt(1 - s^2) |towards|), in half lengths from its middle.
+  bool bounded = body.stretch > 0.0;
+  Polynomial cutting = Polynomial(1e18, vec2(0.0), vec3(0.0));
+  if (bounded) cutting = scaled(chord_middle(body.normal, rays), -1.0 / root_kappa);
+  vec3 towards = vec3(dot(body.normal, rays.d_0), dot(body.normal, rays.d_1), dot(body.normal, rays.d_2));
+  vec3 column_along = vec3(along, dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2)) * (columns / root_kappa);
+
+  quad.form = largest_change > most_change ? 1u : 0u;
+  quad.middle_form[0] = vec4(g, g * change.slope, depth);
+  quad.middle_form[1] = vec4(g * change.bend, light);
+  quad.middle_form[2] = vec4(shift.constant, shift.slope, row);
+  quad.middle_form[3] = vec4(shift.bend, column);
+  quad.middle_form[4] = vec4(cutting.constant, cutting.slope, column_along.x);
+  quad.middle_form[5] = vec4(cutting.bend, column_along.y);
+  quad.middle_form[6] = vec4(towards, column_along.z);
+
+  // The same expanded to the second order; a boundary in the line of sight, to the first and no sharper than a pixel.
+  Polynomial ray_change = Polynomial(0.0, vec2(0.0), vec3(0.0));
+  if (!is_orthographic()) ray_change.slope = vec2(dot(outline.middle, outline.e_1), dot(outline.middle, outline.e_2)) / (ray * ray);
+  ray_change.constant = 1.0;
+  Polynomial far_depth = scaled(product(power(change, -2.5), ray_change), depth * ray * pow(g, -2.5));
+  Polynomial far_shift = scaled(product(power(change, -1.0), shift), 1.0 / g);
+  vec2 far_cutting = cutting.slope;
+  float across = 1.0;
+  if (bounded) {
+    vec2 by_pixel = vec2(0.0, cutting.slope.y / quad.axes.w);
+    by_pixel.x = (cutting.slope.x - by_pixel.y * quad.axes.y) / quad.axes.x;
+    across = max(abs(towards.x), 0.5 * length(by_pixel));
+    far_cutting -= cutting.constant * towards.x / (across * across) * towards.yz;
+  }
+  quad.far_form[0] = vec4(far_depth.constant, far_depth.slope, 0.0);
+  quad.far_form[1] = vec4(far_depth.bend, light);
+  quad.far_form[2] = vec4(column + far_shift.constant, far_shift.slope, row);
+  quad.far_form[3] = vec4(far_shift.bend, 0.0);
+  quad.far_form[4] = vec4(cutting.constant / across, far_cutting / across, column_along.x / g * (towards.x < 0.0 ? -1.0 : 1.0));
+  return true;
+}
+
+bool is_finite(Quad quad) {
+  float sum = 0.0;
+  for (int i = 0; i < near_form_count; ++i) sum += dot(abs(quad.near_form[i]), vec4(1.0));
+  return is_finite(sum);
+}
 
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
   Splat splat = splats[index];
   vec3 centre = place(index);
-  vec3 deviations = vec3(splat.deviations[0], splat.deviations[1], splat.deviations[2]);
-  bool orthographic = frame.orthographic != 0.0;
-  distance_to_eye = max(orthographic ? centre.z : length(centre), 0.0);
-  if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(deviations) ||
-      !is_finite(splat.value) || !is_finite(splat.value_deviation))
-    return false;
+  distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
+  if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(splat.value)) return false;
 
-  // From here on lengths are in pixels, as large as in the middle of what the eye can see of the splat.
-  mat3 axes = transpose(principal_axes(splat));  // columns: the view's axes in the principal frame
-  float reach_z = half_axis * length(axes[2] * deviations);
-  if (!(centre.z + reach_z > 0.0)) return false;
-  float pixel_size = (orthographic ? 1.0 : max(centre.z, 0.5 * (centre.z + reach_z))) / frame.focal;
-  pixel_size = max(pixel_size, smallest_float);
-  centre /= pixel_size;
-  deviations /= pixel_size;
-  vec3 widened = sqrt(deviations * deviations + low_pass);
-  vec3 half_axes = half_axis * widened;
-  vec3 l_x = axes[0] * half_axes;  // rows of L
-  vec3 l_y = axes[1] * half_axes;
-  vec3 l_z = axes[2] * half_axes;
-  vec3 u = axes[0] / half_axes;  // columns of L^-1
-  vec3 v = axes[1] / half_axes;
-  vec3 w = axes[2] / half_axes;
-  reach_z = length(l_z);
-  float longest = max(max(half_axes.x, half_axes.y), half_axes.z);
-  vec2 half_image = 0.5 * frame.image_size / (orthographic ? 1.0 : frame.focal);
-  bool near = centre.z < nearest * reach_z || longest > largest * (orthographic ? max(half_image.x, half_image.y) : centre.z);
+  Body body;
+  Value value;
+  if (!make_body(splat, centre, body, value)) return false;
+  float extent = length(value.gradient) + 4.0 * sqrt(value.residual);
+  float peak = peak_extinction(value.mean - extent, value.mean + extent);
+  if (!(peak > 0.0)) return false;
 
-  // The value's gradient in the frame of the ball, and the variance that it leaves; in units of the domain.
-  vec4 correlations = unpackSnorm4x8(splat.correlations);
-  vec3 kept = deviations / widened;
-  float value_deviation = splat.value_deviation * frame.inverse_domain;
-  vec3 gradient = half_axis * value_deviation * correlations.xyz * kept;
-  vec3 smoothed = correlations.xyz * correlations.xyz * (1.0 - kept * kept);
-  float residual = value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
-  float mean = (splat.value - frame.value_low) * frame.inverse_domain;
-  float extent = length(gradient) + 4.0 * sqrt(residual);
-  float peak = peak_extinction(mean - extent, mean + extent);
-
-  // Where it is on the screen: k = middle + e_1 s.x + e_2 s.y, tangents (perspective) or pixels (orthographic).
-  // `anchor` is a point k of the ellipsoid, at depth anchor_z and from_centre of the ball.
-  vec2 anchor = orthographic ? centre.xy : centre.xy / centre.z;
-  float anchor_z = centre.z;
-  vec3 from_centre = vec3(0.0);
-  vec2 middle, e_1, e_2;
-  if (near) {
-    vec2 x = orthographic ? centre.x + vec2(-1.0, 1.0) * length(l_x) : tangents(centre.x, l_x, centre.z, l_z);
-    vec2 y = orthographic ? centre.y + vec2(-1.0, 1.0) * length(l_y) : tangents(centre.y, l_y, centre.z, l_z);
-    vec2 low = max(vec2(x.x, y.x), -half_image);
-    vec2 high = min(vec2(x.y, y.y), half_image);
-    if (!all(lessThan(low, high))) return false;
-    middle = 0.5 * (low + high);
-    e_1 = vec2(0.5 * (high.x - low.x), 0.0);
-    e_2 = vec2(0.0, 0.5 * (high.y - low.y));
-    if (!orthographic) {
-      from_centre = l_z / reach_z;
-      anchor_z = centre.z + reach_z;
-      anchor = (centre.xy + vec2(dot(l_x, from_centre), dot(l_y, from_centre))) / anchor_z;
-    }
-  } else {
-    // The outline is an ellipse. With x and y sheared so that the centre lies straight ahead, L L^T = (Q, q; q^T, r^2), its
-    // matrix is (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any of its pairs of conjugate half
-    // axes bounds the same area; determinants come from cross products, which do not cancel.
-    vec3 sheared_x = orthographic ? l_x : l_x - anchor.x * l_z;
-    vec3 sheared_y = orthographic ? l_y : l_y - anchor.y * l_z;
-    float a = orthographic ? 1.0 : (centre.z - reach_z) * (centre.z + reach_z);
-    vec2 q = orthographic ? vec2(0.0) : vec2(dot(sheared_x, l_z), dot(sheared_y, l_z));
-    vec3 minors = cross(sheared_x, sheared_y);
-    vec3 skew = q.x * sheared_y - q.y * sheared_x;
-    float xx = dot(sheared_x, sheared_x) + q.x * q.x / a;
-    float xy = dot(sheared_x, sheared_y) + q.x * q.y / a;
-    float determinant = dot(minors, minors) + dot(skew, skew) / a;
-    e_1 = vec2(sqrt(xx / a), xy / sqrt(xx * a));
-    e_2 = vec2(0.0, sqrt(determinant / (xx * a)));
-    middle = anchor - q / a;
-    vec2 reach = vec2(e_1.x, abs(e_1.y) + e_2.y);
-    if (!(all(lessThan(middle - reach, half_image)) && all(greaterThan(middle + reach, -half_image)))) return false;
+  float focal = is_orthographic() ? 1.0 : frame.focal;
+  vec2 half_image = 0.5 * frame.image_size / focal;
+  Outline outline;
+  vec2 reach;
+  if (!body.near) {
+    make_ellipse(body, outline);
+    reach = vec2(outline.e_1.x, abs(outline.e_1.y) + outline.e_2.y);
+    body.near = any(greaterThan(reach, 2.0 * largest * half_image));
   }
-
-  // On the ray to s, as quantities linear in s: d' = scale L^-1 d, n = o' x d', p = o' . d'. In terms of the anchor, from
-  // which the rays differ by little: o' x (direction to it) does not cancel then.
-  vec2 shift = middle - anchor;
-  vec3 o = -(centre.x * u + centre.y * v + centre.z * w);
-  vec3 d_0 = w, d_1 = vec3(0.0), d_2 = vec3(0.0), n_0 = vec3(0.0), n_1, n_2, p;
-  float scale = 1.0;
-  float kappa = dot(w, w);
-  if (orthographic) {
-    vec3 o_shift = shift.x * u + shift.y * v;
-    vec3 o_1 = e_1.x * u + e_1.y * v;
-    vec3 o_2 = e_2.y * v;
-    n_0 = cross(o_shift, w);
-    n_1 = cross(o_1, w);
-    n_2 = cross(o_2, w);
-    p = vec3(dot(o_shift - centre.z * w, w), dot(o_1, w), dot(o_2, w));
-  } else {
-    scale = anchor_z;  // so that d' ends at the anchor's depth
-    vec3 d_shift = scale * (shift.x * u + shift.y * v);
-    d_0 = from_centre - o + d_shift;
-    d_1 = scale * (e_1.x * u + e_1.y * v);
-    d_2 = scale * (e_2.y * v);
-    n_0 = cross(o, from_centre + d_shift);
-    n_1 = cross(o, d_1);
-    n_2 = cross(o, d_2);
-    p = vec3(dot(o, d_0), dot(o, d_1), dot(o, d_2));
-    float aside = 1.0 - dot(o, d_shift);
-    kappa = (dot(o, o) - 1.0) * (1.0 - dot(d_shift, d_shift)) + aside * aside;  // of use only where not near
+  if (body.near) {
+    make_box(body, half_image, outline);
+    reach = vec2(outline.e_1.x, outline.e_2.y);  // not positive where it is empty
   }
+  if (!(all(lessThan(outline.middle - reach, half_image)) && all(greaterThan(outline.middle + reach, -half_image)))) return false;
+  if (!all(greaterThan(reach, vec2(0.0)))) return false;
 
-  // Optical depth where extinction, |d'| and 1 - b^2 are 1.
-  float strength = min(splat.mass / pixel_size / pixel_size / half_axes.x / half_axes.y / half_axes.z * (3.0 / pi) * scale, 1e18);
-  float gradient_length = length(gradient / half_axes);
-  float focal = orthographic ? 1.0 : frame.focal;
-  quad.centre = (middle + half_image) * focal;
-  quad.axes = vec4(e_1, e_2) * focal;
+  Rays rays = make_rays(body, outline);
+  float share = body.stretch > 0.0 ? 2.0 : 1.0;
+  float strength = splat.mass / (body.pixel_size * body.pixel_size) * (share * 3.0 / pi) / body.volume * rays.scale;
+  strength = min(strength, 1e18);
+  quad.centre = (outline.middle + half_image) * focal;
+  quad.axes = vec4(outline.e_1, outline.e_2) * focal;
   quad.reach = 1.0;
   quad.form = 2u;
-  quad.near_form[0] = vec4(d_0, p.x);
-  quad.near_form[1] = vec4(d_1, p.y);
-  quad.near_form[2] = vec4(d_2, p.z);
-  quad.near_form[3] = vec4(n_0, strength);
-  quad.near_form[4] = vec4(n_1, residual);
-  quad.near_form[5] = vec4(n_2, mean);
-  quad.near_form[6] = vec4(gradient, gradient_length > 0.0 ? 1.0 / (scale * gradient_length) : 0.0);
-  float sum = 0.0;
-  for (int i = 0; i < near_form_count; ++i) sum += dot(abs(quad.near_form[i]), vec4(1.0));
-  if (!is_finite(sum)) return false;  // so large or so near that single precision overflows
-  if (near) return peak * strength / scale * longest > faintest_depth;
-
-  // The eye's plane does not cut it: 1 - b^2 = (1 - s^2) / g, where g = |d'|^2 / kappa is a square form of s.
-  float ray = orthographic ? 1.0 : length(vec3(middle, 1.0));
-  float square = dot(d_0, d_0);
-  vec2 slope = 2.0 * vec2(dot(d_0, d_1), dot(d_0, d_2)) / square;  // of g / g(0)
-  vec3 bend = vec3(dot(d_1, d_1), 2.0 * dot(d_1, d_2), dot(d_2, d_2)) / square;
-  float change = length(slope) + bend.x + bend.z;
-  float g = square / kappa;
-  float depth = strength * inversesqrt(kappa);
-  float brightest = peak * min(strength / scale * longest, depth * ray * pow(g * max(1.0 - change, 0.1), -2.5));
-  if (!(brightest > faintest_depth)) return false;
-  quad.reach = sqrt(1.0 - sqrt(faintest_depth / brightest));
-
-  float along = dot(gradient, d_0) * inversesqrt(square);
-  float spread = sqrt(residual + along * along / (half_axis * half_axis));
-  float columns;
-  float row = transfer_row(spread, columns);
-  float column = (mean - 0.5) * columns + 0.5 * transfer_columns();
-  float cosine = gradient_length > 0.0 ? min(abs(along) * sqrt(square) / (scale * ray * gradient_length), 1.0) : 1.0;
-  float light = frame.ambient + frame.diffuse * cosine;
-  vec3 g_0 = cross(gradient, d_0) * columns / kappa;
-  vec3 g_1 = cross(gradient, d_1) * columns / kappa;
-  vec3 g_2 = cross(gradient, d_2) * columns / kappa;
-  float shift_0 = dot(n_0, g_0);
-  vec2 shift_slope = vec2(dot(n_0, g_1) + dot(n_1, g_0), dot(n_0, g_2) + dot(n_2, g_0));
-  vec3 shift_bend = vec3(dot(n_1, g_1), dot(n_1, g_2) + dot(n_2, g_1), dot(n_2, g_2));
-  quad.form = change > most_change ? 1u : 0u;
-  quad.middle_form[0] = vec4(g, g * slope, depth);
-  quad.middle_form[1] = vec4(g * bend, light);
-  quad.middle_form[2] = vec4(shift_0, shift_slope, row);
-  quad.middle_form[3] = vec4(shift_bend, column);
-
-  // The same expanded to the second order: depth goes with |d| g^(-5/2), the mean's distance from that of the centre with 1 / g.
-  vec2 ray_slope = orthographic ? vec2(0.0) : vec2(dot(middle, e_1), dot(middle, e_2)) / (ray * ray);
-  vec2 depth_slope = ray_slope - 2.5 * slope;
-  vec3 depth_bend = 4.375 * product(slope, slope) - 2.5 * (bend + product(ray_slope, slope));
-  depth *= ray * pow(g, -2.5);
-  quad.far_form[0] = vec4(depth, depth * depth_slope, 0.0);
-  quad.far_form[1] = vec4(depth * depth_bend, light);
-  quad.far_form[2] = vec4(column + shift_0 / g, (shift_slope - shift_0 * slope) / g, row);
-  quad.far_form[3] = vec4((shift_bend - product(shift_slope, slope) + shift_0 * (product(slope, slope) - bend)) / g, 0.0);
-  return true;
+  set_near_form(body, value, rays, strength, quad);
+  if (!is_finite(quad)) return false;  // so large or so near that single precision overflows
+  if (body.near) return peak * strength / rays.scale * body.longest > least_depth;
+  return set_ellipse_forms(body, value, outline, rays, strength, peak, quad);
 }
