@@ -1,7 +1,9 @@
 // Frames of random splats: what drawing and sorting cost, by number and size of the splats on the screen.
 #include <benchmark/benchmark.h>
 
+#include <cmath>
 #include <random>
+#include <type_traits>
 
 #include "renderer/context.h"
 #include "renderer/renderer.h"
@@ -11,14 +13,21 @@ namespace {
 
 constexpr int image_size = 512;
 
-std::vector<OctantSplat> random_splats(std::size_t count, float size) {
+template <class Splat>
+std::vector<Splat> random_splats(std::size_t count, float size) {
   std::mt19937 generator(1);
   std::uniform_real_distribution<float> coordinate(-1, 1);
-  std::vector<OctantSplat> splats(count);
-  for (OctantSplat& splat : splats) {
+  std::vector<Splat> splats(count);
+  for (Splat& splat : splats) {
     splat.position = {coordinate(generator), coordinate(generator), coordinate(generator)};
     splat.value = 0.5F + 0.5F * coordinate(generator);
-    splat.size = size;
+    if constexpr (std::is_same_v<Splat, OctantSplat>) {
+      splat.size = size;
+    } else {
+      splat.mass = size * size * size;
+      splat.deviations = vec3(size / std::sqrt(12.0F));
+      splat.value_deviation = 0.1F;
+    }
   }
   return splats;
 }
@@ -30,20 +39,24 @@ View orbit(double angle) {
   return make_view(camera, image_size, image_size).value();
 }
 
-/// Arguments: splats, size on the screen in tenths of a pixel (standard deviation), exact sort or none, moving camera.
+/// Arguments: splats, size on the screen in tenths of a pixel (edge of the cell that one stands for), way of sorting,
+/// moving camera.
+template <class Splat>
 void frame(benchmark::State& state) {
   static const std::unique_ptr<HeadlessContext> context = HeadlessContext::create().value();
-  const auto renderer = Renderer::create().value();
+  const auto renderer =
+      Renderer::create(std::is_same_v<Splat, OctantSplat> ? KernelKind::octant : KernelKind::moments).value();
   TransferFunction function;
   function.colors = {{0, {1, 0, 0}}, {1, {0, 0, 1}}};
   function.densities = {{0, 0.5}, {1, 5}};
   const double pixel = 5 / orbit(0).focal;
-  const auto splats = random_splats(state.range(0), static_cast<float>(state.range(1) * 0.1 / 0.4 * pixel));
-  const SplatBatch batch{dvec3(0), splats};
-  if (!renderer->set_transfer_function(function) || !renderer->set_splats({&batch, 1}))
+  const auto splats = random_splats<Splat>(static_cast<std::size_t>(state.range(0)),
+                                           static_cast<float>(static_cast<double>(state.range(1)) * 0.1 * pixel));
+  const SplatBatch batch{dvec3(0), 0, splats.size()};
+  if (!renderer->set_transfer_function(function) || !renderer->set_splats(std::span(splats), {&batch, 1}))
     return state.SkipWithError("setup");
 
-  const SortMode sort = state.range(2) != 0 ? SortMode::exact : SortMode::none;
+  const auto sort = static_cast<SortMode>(state.range(2));
   const bool moving = state.range(3) != 0;
   FrameTimes sum;
   double angle = 0;
@@ -63,13 +76,18 @@ void frame(benchmark::State& state) {
   state.counters["draw_ms"] = mean(sum.draw);
 }
 
-BENCHMARK(frame)
-    ->ArgNames({"splats", "sigma_dpx", "exact", "moving"})
-    ->ArgsProduct({{100'000, 1'000'000}, {5}, {0, 1}, {0, 1}})
-    ->ArgsProduct({{100'000}, {40}, {0, 1}, {0}})
-    ->Unit(benchmark::kMillisecond)
-    ->MeasureProcessCPUTime()
-    ->UseRealTime();
+void arguments(benchmark::internal::Benchmark* benchmark) {
+  constexpr auto none = static_cast<int>(SortMode::none), axis = static_cast<int>(SortMode::axis),
+                 exact = static_cast<int>(SortMode::exact);
+  benchmark->ArgNames({"splats", "size_dpx", "sort", "moving"})
+      ->ArgsProduct({{100'000, 1'000'000}, {12}, {none, axis, exact}, {0, 1}})
+      ->ArgsProduct({{100'000}, {100}, {none, exact}, {0}})
+      ->Unit(benchmark::kMillisecond)
+      ->MeasureProcessCPUTime()
+      ->UseRealTime();
+}
+BENCHMARK(frame<OctantSplat>)->Apply(arguments);
+BENCHMARK(frame<MomentsSplat>)->Apply(arguments);
 
 }  // namespace
 }  // namespace splatvol

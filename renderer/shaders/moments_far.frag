@@ -1,14 +1,14 @@
-// The ellipsoid is so far away that polynomials of s will do.
+// The ellipsoid is so far away, or the projection orthographic, that polynomials of s will do.
 noperspective in vec2 s;
 flat in vec4 form[far_form_count];
 layout(location = 0) out vec4 pixel;
 
 void main() {
-  // The boundary cuts the chord at u, in its half lengths from its middle.
   float w = max(1.0 - dot(s, s), 1e-12);
-  vec2 part = part_of_chord((form[4].x + dot(form[4].yz, s)) * inversesqrt(w));
+  float inverse_root = inversesqrt(w);
+  vec2 part = part_of_chord((form[4].x + dot(form[4].yz, s)) * inverse_root);
   float depth = at_s(s, form[0].x, form[0].yz, form[1].xyz) * w * w * part.x;
-  float column = at_s(s, form[2].x, form[2].yz, form[3].xyz) + form[4].w * sqrt(w) * part.y;
+  float column = at_s(s, form[2].x, form[2].yz, form[3].xyz) + form[4].w * w * inverse_root * part.y;
   vec4 material = transfer(column, form[2].w);
   float alpha = opacity(depth * material.a);
   pixel = vec4(material.rgb * (alpha * form[1].w), alpha);

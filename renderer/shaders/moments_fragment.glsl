@@ -26,11 +26,12 @@ float at_s(vec2 s, float constant, vec2 slope, vec3 bend) {
   return constant + s.x * (slope.x + bend.x * s.x + bend.y * s.y) + s.y * (slope.y + bend.z * s.y);
 }
 
-// Of the integral of (1 - u^2)^(3/2) from -1 to 1 the share up to u, and the mean of u there: polynomials within 1e-4 and,
-// weighted with the share, 1e-3.
+// Of the integral of (1 - u^2)^(3/2) along a chord, from -1 to 1, the share up to u, and the mean of u there: polynomials
+// within 1e-4 and, weighted with the share, 1e-3.
 vec2 part_of_chord(float u) {
   u = clamp(u, -1.0, 1.0);
   float square = u * u;
-  return vec2(0.5 + u * (0.84812573 - square * (0.41694202 - square * (0.04308751 + square * 0.02572878))),
+  float odd = u * (0.84812573 - square * (0.41694202 - square * (0.04308751 + square * 0.02572878)));
+  return vec2(max(0.5 + odd, 0.0),
               -(1.0 - u) * (1.0 - u) * (0.34125103 + u * (0.10559957 - u * (0.03936548 + u * 0.0791528))));
 }

@@ -26,10 +26,10 @@ const float widest_cut = 0.7;       // of the squared radius: so much is drawn o
 const float least_depth = 1e-7;     // what is fainter everywhere is left out
 const float nearest = 1.05;         // near is what the eye's plane almost cuts: in distances at which it touches
 const float largest = 8.0;          // and what reaches farther than so many pictures: clipping is not that exact
-const float most_change = 0.2;      // of |d'|^2 within the outline, for the far form
+const float most_change = 0.3;      // of |d'|^2 within the outline, for the far form
 const float smallest_float = 1e-30;
 
-/// The ellipsoid; lengths in pixels, as large as they are in the middle of what the eye can see of it.
+// The ellipsoid; lengths in pixels, as large as they are in the middle of what the eye can see of it.
 struct Body {
   float pixel_size;    // world units
   vec3 centre;         // view coordinates
@@ -42,7 +42,7 @@ struct Body {
   float stretch;       // of the ball along the normal: sqrt(1 + stretch^2) as long as without a boundary
 };
 
-/// The value in the ball's frame, in units of the domain.
+// The value in the ball's frame, in units of the domain.
 struct Value {
   float mean;      // in the centre
   vec3 gradient;
@@ -50,7 +50,7 @@ struct Value {
   float slope;     // length of the gradient in view coordinates
 };
 
-/// Where it is on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
+// Where it is on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
 struct Outline {
   vec2 middle, e_1, e_2;
   vec2 anchor;       // k of a point of the ellipsoid
@@ -58,7 +58,7 @@ struct Outline {
   vec3 from_centre;  // its place in the ball
 };
 
-/// On the ray to s: d' = scale L^-1 d, n = o' x d' and o' . d', all linear in s.
+// On the ray to s: d' = scale L^-1 d, n = o' x d' and o' . d', all linear in s.
 struct Rays {
   float scale;
   vec3 d_0, d_1, d_2;
@@ -305,7 +305,15 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   Polynomial change = Polynomial(0.0, 2.0 * vec2(dot(rays.d_0, rays.d_1), dot(rays.d_0, rays.d_2)) / square,
                                  vec3(dot(rays.d_1, rays.d_1), 2.0 * dot(rays.d_1, rays.d_2), dot(rays.d_2, rays.d_2)) / square);
   float largest_change = length(change.slope) + change.bend.x + change.bend.z;
-  float ray = is_orthographic() ? 1.0 : length(vec3(outline.middle, 1.0));
+
+  // |d|^2, likewise.
+  float ray = 1.0;
+  Polynomial ray_change = Polynomial(0.0, vec2(0.0), vec3(0.0));
+  if (!is_orthographic()) {
+    ray = length(vec3(outline.middle, 1.0));
+    ray_change.slope = 2.0 * vec2(dot(outline.middle, outline.e_1), dot(outline.middle, outline.e_2)) / (ray * ray);
+    ray_change.bend = vec3(dot(outline.e_1, outline.e_1), 2.0 * dot(outline.e_1, outline.e_2), dot(outline.e_2, outline.e_2)) / (ray * ray);
+  }
   float root_kappa = sqrt(rays.kappa);
   float depth = strength / root_kappa;
 
@@ -314,7 +322,7 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   if (!(brightest > least_depth)) return false;
   float cut = min(sqrt(faintest_depth / brightest), widest_cut);
   quad.reach = sqrt(1.0 - cut);
-  depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.584 + 0.506 * cut * sqrt(cut));  // a square's share of (1 - s^2)^2
+  depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.5935 + cut * (0.0813 + cut * 0.4829));  // of a square's (1 - s^2)^2
 
   float along = dot(value.gradient, rays.d_0);
   float stretched = body.stretch * dot(body.normal, rays.d_0);
@@ -333,7 +341,7 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   vec3 towards = vec3(dot(body.normal, rays.d_0), dot(body.normal, rays.d_1), dot(body.normal, rays.d_2));
   vec3 column_along = vec3(along, dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2)) * (columns / root_kappa);
 
-  quad.form = largest_change > most_change ? 1u : 0u;
+  quad.form = max(largest_change, length(ray_change.slope) + ray_change.bend.x + ray_change.bend.z) > most_change ? 1u : 0u;
   quad.middle_form[0] = vec4(g, g * change.slope, depth);
   quad.middle_form[1] = vec4(g * change.bend, light);
   quad.middle_form[2] = vec4(shift.constant, shift.slope, row);
@@ -343,10 +351,7 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   quad.middle_form[6] = vec4(towards, column_along.z);
 
   // The same expanded to the second order; a boundary in the line of sight, to the first and no sharper than a pixel.
-  Polynomial ray_change = Polynomial(0.0, vec2(0.0), vec3(0.0));
-  if (!is_orthographic()) ray_change.slope = vec2(dot(outline.middle, outline.e_1), dot(outline.middle, outline.e_2)) / (ray * ray);
-  ray_change.constant = 1.0;
-  Polynomial far_depth = scaled(product(power(change, -2.5), ray_change), depth * ray * pow(g, -2.5));
+  Polynomial far_depth = scaled(product(power(change, -2.5), power(ray_change, 0.5)), depth * ray * pow(g, -2.5));
   Polynomial far_shift = scaled(product(power(change, -1.0), shift), 1.0 / g);
   vec2 far_cutting = cutting.slope;
   float across = 1.0;

@@ -305,7 +305,7 @@ class HostileSmallFile : public testing::Test {
   Dissected parts_;
 };
 
-constexpr std::size_t few_megabytes = 5u << 20;  // the shapes of the largest group take 4
+constexpr std::size_t few_megabytes = 7u << 20;  // the shapes of the largest group take 6
 
 TEST_F(HostileSmallFile, HasAboutAKilobyte) {
   EXPECT_LE(file_.size(), 1500u);

@@ -32,6 +32,7 @@ struct Cluster {
   double value_deviation = 0;
   dvec3 correlation{0};
   double residual = 0;
+  dvec3 boundary{0};  // foot of the perpendicular from the centroid, in deviations along the principal axes
 };
 
 MomentsSplat pack(const Cluster& cluster, dvec3 origin = dvec3(0)) {
@@ -41,18 +42,25 @@ MomentsSplat pack(const Cluster& cluster, dvec3 origin = dvec3(0)) {
     if (const dquat turned = cluster.orientation * turn; std::abs(turned.w) > std::abs(q.w)) q = turned;
   if (q.w < 0) q = -q;
   dvec3 correlation = cluster.correlation;
+  dvec3 boundary = cluster.boundary;
   const dmat3 turned = glm::mat3_cast(q);
   const dmat3 given = glm::mat3_cast(cluster.orientation);
-  for (int k = 0; k < 3; ++k) correlation[k] *= glm::dot(turned[k], given[k]) < 0 ? -1 : 1;
+  for (int k = 0; k < 3; ++k) {
+    const double sign = glm::dot(turned[k], given[k]) < 0 ? -1 : 1;
+    correlation[k] *= sign;
+    boundary[k] *= sign;
+  }
 
   const auto code = [](double x) { return static_cast<std::uint32_t>(std::lround(127 * x)) & 0xffU; };
+  const auto wide_code = [](double x) { return static_cast<std::uint32_t>(std::lround(128 * x)) & 0x3ffU; };
   return {vec3(cluster.position - origin),
           static_cast<float>(cluster.mass),
           vec3(cluster.deviations),
           vec3(q.x, q.y, q.z),
           static_cast<float>(cluster.value),
           static_cast<float>(cluster.value_deviation),
-          code(correlation.x) | code(correlation.y) << 8 | code(correlation.z) << 16 | code(cluster.residual) << 24};
+          code(correlation.x) | code(correlation.y) << 8 | code(correlation.z) << 16 | code(cluster.residual) << 24,
+          wide_code(boundary.x) | wide_code(boundary.y) << 10 | wide_code(boundary.z) << 20};
 }
 
 /// White, extinction `slope` times the value from 0 to 1000.
@@ -111,26 +119,44 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
   const dmat3 axes = to_view * glm::mat3_cast(dquat(std::sqrt(1 - glm::dot(q, q)), q.x, q.y, q.z));
   const dvec3 deviations(splat.deviations);
   const dvec3 depth_axis(axes[0].z, axes[1].z, axes[2].z);
-  const double reach = half_axis * glm::length(depth_axis * deviations);
+  const auto wide_code = [&](int k) { return (static_cast<std::int32_t>(splat.boundary << (22 - 10 * k)) >> 22) / 128.0; };
+  dvec3 foot(wide_code(0), wide_code(1), wide_code(2));
+  const double reach = half_axis * glm::length(depth_axis * deviations) * (1 + 1.1 * glm::length(foot));
   if (centre.z + reach <= 0) return dvec4(0);
   const double pixel = (view.orthographic ? 1 : std::max(centre.z, (centre.z + reach) / 2)) / view.focal;
   const dvec3 widened = glm::sqrt(deviations * deviations + 0.1 * pixel * pixel);
   const dvec3 half_axes = half_axis * widened;
+  const dvec3 kept = deviations / widened;
+
+  // At a boundary, half of the ellipsoid that has the material and its reflection, round the foot in the plane.
+  const bool bounded = foot != dvec3(0);
+  if (bounded) {
+    const dvec3 across = foot / glm::max(kept, 1e-3);
+    foot = across * (glm::dot(foot, foot) / glm::dot(across, across));
+  }
+  const double stretch = std::sqrt(1 + glm::dot(foot, foot));
+  const auto to_ball = [&](dvec3 x) { return bounded ? x + (1 / stretch - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x; };
 
   const double x = (pixel_x - 0.5 * view.width) / view.focal;
   const double y = (pixel_y - 0.5 * view.height) / view.focal;
   const dvec3 eye = view.orthographic ? dvec3(x, y, 0) : dvec3(0);
   const dvec3 direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(x, y, 1);
-  const dvec3 o = glm::transpose(axes) * (eye - centre) / half_axes;
-  const dvec3 d = glm::transpose(axes) * direction / half_axes;
+  const dvec3 from_centroid = glm::transpose(axes) * (eye - centre) / half_axes;
+  const dvec3 along_ray = glm::transpose(axes) * direction / half_axes;
+  const dvec3 o = to_ball(from_centroid - foot / half_axis);
+  const dvec3 d = to_ball(along_ray);
   const double dd = glm::dot(d, d);
   const dvec3 n = glm::cross(o, d);
   const double inside = 1 - glm::dot(n, n) / dd;
   if (inside <= 0) return dvec4(0);
   const double middle = -glm::dot(o, d) / dd;
   const double half = std::sqrt(inside / dd);
-  const double begin = std::max(middle - half, 0.0);
-  const double end = middle + half;
+  double begin = std::max(middle - half, 0.0);
+  double end = middle + half;
+  if (const double towards = glm::dot(foot, along_ray); bounded) {
+    const double cut = (glm::dot(foot, foot) / half_axis - glm::dot(foot, from_centroid)) / towards;
+    (towards < 0 ? begin : end) = towards < 0 ? std::max(begin, cut) : std::min(end, cut);
+  }
   if (end <= begin) return dvec4(0);
 
   // Substituted so that the ends, where the density has a root of the distance, do not spoil the sum.
@@ -146,17 +172,17 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
     moment += density * s;
   }
   integral *= std::pow(inside, 1.5) * (end - begin) / steps * glm::length(direction);
-  const double depth = splat.mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z * integral;
+  const double mass = (bounded ? 2 : 1) * static_cast<double>(splat.mass);
+  const double depth = mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z / stretch * integral;
   const double at = integral > 0 ? moment * (end - begin) / steps * std::pow(inside, 1.5) * glm::length(direction) / integral : begin;
 
   const auto code = [&](int k) { return static_cast<std::int8_t>(splat.correlations >> (8 * k)) / 127.0; };
   const dvec3 correlation(code(0), code(1), code(2));
-  const dvec3 kept = deviations / widened;
   const dvec3 gradient = half_axis * static_cast<double>(splat.value_deviation) * correlation * kept;
   const dvec3 smoothed = correlation * correlation * (1.0 - kept * kept);
-  const double along = glm::dot(gradient, d) / std::sqrt(dd) / half_axis;
+  const double along = glm::dot(gradient, along_ray) / glm::length(along_ray) / half_axis;
   const double spread = std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) + along * along);
-  const double mean = splat.value + glm::dot(gradient, o + at * d);
+  const double mean = splat.value + glm::dot(gradient, from_centroid + at * along_ray);
 
   dvec4 sum(0);
   double weight = 0;
@@ -172,7 +198,7 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
   if (sum.a <= 0) return dvec4(0);
   const dvec3 world_gradient = gradient / half_axes;
   const double slope = glm::length(world_gradient);
-  const double cosine = slope > 0 ? std::abs(glm::dot(gradient, d)) / slope / glm::length(direction) : 1;
+  const double cosine = slope > 0 ? std::abs(glm::dot(gradient, along_ray)) / slope / glm::length(direction) : 1;
   const double light = lighting ? lighting->ambient + lighting->diffuse * cosine : 1;
   const double alpha = -std::expm1(-depth * sum.a / weight);
   return {light * alpha * dvec3(sum) / sum.a, alpha};
@@ -295,9 +321,12 @@ TEST_F(MomentsTest, RoundSplatHasItsClosedForm) {
     for (int x = 0; x < 65; ++x) {
       const double square = (x - 32) * (x - 32) / (a * a);
       const double depth = square < 1 ? extinction * mass * 3 / (pi * a * a) * (1 - square) * (1 - square) : 0;
-      // Absolute: what is cut; relative: single precision.
-      EXPECT_NEAR(image.at(x, 32).a, -std::expm1(-depth), 1.1e-5 + 1e-5 * depth) << x;
-      EXPECT_NEAR(image.at(32, x).g, -std::expm1(-depth), 1.1e-5 + 1e-5 * depth) << x;
+      // What is fainter than 1e-4 is cut, and its light given to the rest.
+      EXPECT_NEAR(image.at(x, 32).a, -std::expm1(-depth), 1.1e-4 + 1e-4 * depth) << x;
+      EXPECT_NEAR(image.at(32, x).g, -std::expm1(-depth), 1.1e-4 + 1e-4 * depth) << x;
+    }
+    if (extinction < 0.01) {
+      EXPECT_NEAR(total_alpha(image) / (extinction * mass), 1, 0.04);  // a cut falls between pixels
     }
   }
 }
@@ -327,6 +356,13 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
       {"behind the eye, reaching before it", {.position = {1, 0, 0.5}, .deviations = {1, 0.2, 0.1}, .orientation = oblique}},
       {"wall", {.position = {3, 2, -1}, .deviations = {20, 15, 0.01}, .orientation = glm::angleAxis(0.2, dvec3(1, 0, 0))}},
       {"wall beside the eye", {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"bounded", {.position = {0.1, -0.2, -5}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {0.5, -0.8, 1}}},
+      {"bounded, nearer", {.position = {0.1, -0.2, -2.5}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {0.5, -0.8, 1}}},
+      {"bounded, nearly cut by the eye's plane", {.position = {0.1, -0.2, -1.4}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {-0.5, 0.8, 1}}},
+      {"bounded pancake", {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 1e-8}, .orientation = oblique, .boundary = {1.3, 0, 0}}},
+      {"bounded pancake, face", {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 0.05}, .orientation = oblique, .boundary = {0, 0, 1.6}}},
+      {"bounded, the eye inside", {.position = {0.1, 0.1, 0.1}, .deviations = {0.3, 0.2, 0.2}, .orientation = oblique, .boundary = {0.3, 1, 0.4}}},
+      {"bounded, the eye beyond", {.position = {0.1, 0.1, -0.5}, .deviations = {0.3, 0.2, 0.2}, .boundary = {0, 0, 1.5}}},
       {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
   };
   for (const Case& c : cases) {
@@ -431,23 +467,50 @@ TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
 }
 
 TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
-  // Faint points at random places; what they hide together is extinction times mass times pixels for a world area.
+  // Faint points at random places, some with a boundary; what they hide together is extinction times mass times pixels
+  // for a world area.
   std::mt19937 generator(8);
   std::uniform_real_distribution<double> coordinate(-1, 1);
-  for (const double deviation : {0.0, 1e-6, 0.03, 0.1, 0.3}) {
+  for (const double deviation : {0.0, 1e-6, 0.03, 0.1, 0.3, -0.001, -0.1, -0.3}) {
     for (const View& view : {perspective_view(256, 256), orthographic_view(256, 256, 256)}) {
       const double depth = 100;
       const double scale = view.orthographic ? 1 : view.focal / depth;  // pixels for a world unit
       const double mass = 0.05 / scale / scale;
       std::vector<Cluster> points;
       for (int i = 0; i < 4000; ++i)
-        points.push_back({.position = {100 / scale * coordinate(generator), 100 / scale * coordinate(generator), -depth}, .mass = mass, .deviations = dvec3(deviation / scale)});
+        points.push_back({.position = {100 / scale * coordinate(generator), 100 / scale * coordinate(generator), -depth}, .mass = mass, .deviations = dvec3(std::abs(deviation) / scale), .boundary = deviation < 0 ? dvec3(0.5, -0.8, 0.4) : dvec3(0)});
       const Image image = picture(points, view, uniform(1));
       // Overlaps and the curve of 1 - exp(-t) take 1 %; off the axis, the ray is longer than its depth by 1 %, as is the
       // distance, whose square counts.
       EXPECT_NEAR(total_alpha(image) / (4000 * 0.05), 1, 0.04) << deviation << " " << view.orthographic;
     }
   }
+}
+
+TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
+  // The material on the left, seen from the front: a sharp edge through the middle of the picture, and no less light.
+  const View view = orthographic_view(65);
+  const Cluster half{.position = {-6, 0, -100}, .mass = 1000, .deviations = dvec3(8), .boundary = {0.75, 0, 0}};
+  const Image image = picture({half}, view, uniform(1e-3));
+  double right = 0;
+  for (int y = 0; y < 65; ++y)
+    for (int x = 33; x < 65; ++x) right += image.at(x, y).a;
+  EXPECT_EQ(right, 0);
+  EXPECT_GT(image.at(31, 32).a, 0.5 * image.at(24, 32).a);
+  // The pixels whose centres lie on the edge are bright or dark as a whole.
+  EXPECT_NEAR(total_alpha(image), 1, 0.03);
+
+  // With its reflection it makes the whole: symmetric, and again with nothing lost.
+  Cluster other = half;
+  other.position.x = 6;
+  other.boundary.x = -0.75;
+  const Image whole = picture({half, other}, view, uniform(1e-3));
+  for (int y = 0; y < 65; ++y)
+    for (int x = 0; x < 32; ++x) ASSERT_NEAR(whole.at(x, y).a, whole.at(64 - x, y).a, 1e-5);
+  EXPECT_NEAR(total_alpha(whole), 2, 0.02);
+  // Face on it is thinner towards the edge, but as much in all.
+  const Cluster facing{.position = {0, 0, -100}, .mass = 1000, .deviations = dvec3(8), .boundary = {0, 0, 0.75}};
+  EXPECT_NEAR(total_alpha(picture({facing}, view, uniform(1e-3))), 1, 0.01);
 }
 
 TEST_F(MomentsTest, OrderChangesColoursOnly) {
