@@ -21,7 +21,7 @@ layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extin
 
 const float pi = 3.14159265;
 const float low_pass = 0.1;         // variance that the raster adds, squared pixels
-const float faintest_depth = 1e-4;  // optical depth of what is cut
+const float faintest_depth = 3e-4;  // optical depth of what is cut
 const float widest_cut = 0.7;       // of the squared radius: so much is drawn of the faintest splat
 const float least_depth = 1e-7;     // what is fainter everywhere is left out
 const float nearest = 1.05;         // near is what the eye's plane almost cuts: in distances at which it touches
