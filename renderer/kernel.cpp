@@ -16,8 +16,8 @@ Result<Program> build_compute(std::string_view name, std::string_view common, st
 }
 
 Result<Kernel> make_octant_kernel() {
-  SPLATVOL_TRY_ASSIGN(key, build_compute("octant's keys", octant_transfer_glsl, octant_quad_glsl, octant_project_glsl,
-                                         key_comp));
+  SPLATVOL_TRY_ASSIGN(
+      key, build_compute("octant's keys", octant_transfer_glsl, octant_quad_glsl, octant_project_glsl, key_comp));
   SPLATVOL_TRY_ASSIGN(project, build_compute("octant's projection", octant_transfer_glsl, octant_quad_glsl,
                                              octant_project_glsl, project_comp));
   SPLATVOL_TRY_ASSIGN(form,
@@ -36,8 +36,8 @@ Result<Kernel> make_octant_kernel() {
 }
 
 Result<Kernel> make_moments_kernel() {
-  SPLATVOL_TRY_ASSIGN(key, build_compute("moments' keys", moments_common_glsl, moments_quad_glsl, moments_project_glsl,
-                                         key_comp));
+  SPLATVOL_TRY_ASSIGN(
+      key, build_compute("moments' keys", moments_common_glsl, moments_quad_glsl, moments_project_glsl, key_comp));
   SPLATVOL_TRY_ASSIGN(project, build_compute("moments' projection", moments_common_glsl, moments_quad_glsl,
                                              moments_project_glsl, project_comp));
   struct Form {
@@ -50,10 +50,10 @@ Result<Kernel> make_moments_kernel() {
   std::vector<Program> forms;
   for (const auto& [defines, fragment] : sources) {
     SPLATVOL_TRY_ASSIGN(
-        form, build_program(
-                  "moments' quads",
-                  {{GL_VERTEX_SHADER, {frame_glsl, moments_common_glsl, moments_quad_glsl, defines, moments_vert}},
-                   {GL_FRAGMENT_SHADER, {frame_glsl, moments_common_glsl, moments_fragment_glsl, fragment}}}));
+        form,
+        build_program("moments' quads",
+                      {{GL_VERTEX_SHADER, {frame_glsl, moments_common_glsl, moments_quad_glsl, defines, moments_vert}},
+                       {GL_FRAGMENT_SHADER, {frame_glsl, moments_common_glsl, moments_fragment_glsl, fragment}}}));
     forms.push_back(std::move(form));
   }
   return Kernel{.kind = KernelKind::moments,

@@ -9,19 +9,18 @@
 namespace splatvol {
 
 /// How a kind of splat gets onto the screen: `project` turns splats into quads in drawing order, once for each splat
-/// and not for each corner; one of `forms` rasterises a run of them; `key` gives sorting
-/// what it needs.
+/// and not for each corner; one of `forms` rasterises a run of them; `key` gives sorting what it needs.
 ///
-/// A kernel is, in GLSL, a struct Quad with empty_quad() and form_of(), functions project() and place(), a vertex and a fragment
-/// shader; and the layouts below.
+/// A kernel is, in GLSL, a struct Quad with empty_quad() and form_of(), functions project() and place(), a vertex and a
+/// fragment shader; and the layouts below.
 struct Kernel {
   KernelKind kind;
   Program key;
   Program project;
   std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
-  std::size_t record_bytes;   // of a splat, in its buffer
-  std::size_t quad_bytes;     // of Quad, as std430 lays it out
-  std::size_t table_columns;  // of the transfer function
+  std::size_t record_bytes;    // of a splat, in its buffer
+  std::size_t quad_bytes;      // of Quad, as std430 lays it out
+  std::size_t table_columns;   // of the transfer function
   std::size_t table_rows;
 };
 

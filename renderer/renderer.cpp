@@ -278,9 +278,8 @@ Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort,
       const dvec3 forward = view.forward;
       const dvec3 size = glm::abs(forward);
       const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-      SPLATVOL_TRY_ASSIGN(order, order_along(axis, times));
+      SPLATVOL_TRY_ASSIGN(order, order_along(axis, view, times));
       order.from_end = forward[axis] < 0;
-      SPLATVOL_TRY(upload_frame(view));
       return order;
     }
     case SortMode::exact:
@@ -295,18 +294,19 @@ Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort,
   return fail(ErrorCode::invalid_argument, "no such sorting");
 }
 
-Result<Renderer::Order> Renderer::order_along(int axis, FrameTimes& times) {
+Result<Renderer::Order> Renderer::order_along(int axis, const View& view, FrameTimes& times) {
   std::optional<Buffer>& order = axis_orders_[axis];
   if (!order) {
     // As an eye in the middle of the batches would see them.
-    View view{};
-    view.orthographic = true;
-    for (const dvec3& origin : batch_origins_) view.eye += origin / static_cast<double>(batch_origins_.size());
-    view.forward[axis] = 1;
-    SPLATVOL_TRY(upload_frame(view));
+    View along_axis{};
+    along_axis.orthographic = true;
+    for (const dvec3& origin : batch_origins_) along_axis.eye += origin / static_cast<double>(batch_origins_.size());
+    along_axis.forward[axis] = 1;
+    SPLATVOL_TRY(upload_frame(along_axis));
     Buffer sorted("order along an axis");
     SPLATVOL_TRY(sort_keys(true, sorted, times));
     order = std::move(sorted);
+    SPLATVOL_TRY(upload_frame(view));
   }
   return Order{&*order, splat_count_};
 }
@@ -342,7 +342,8 @@ void Renderer::clear_target() const {
 
 Status Renderer::prepare_runs(std::size_t count) {
   std::vector<Run> runs;
-  for_each_run(count, [&](std::size_t, std::size_t run) { runs.push_back({DrawCommand{static_cast<GLuint>(6 * run)}}); });
+  for_each_run(count,
+               [&](std::size_t, std::size_t run) { runs.push_back({DrawCommand{static_cast<GLuint>(6 * run)}}); });
   SPLATVOL_TRY(runs_.reserve(runs.size() * sizeof(Run)));
   runs_.write(runs.data(), runs.size() * sizeof(Run));
   return {};
@@ -399,7 +400,8 @@ Result<Image> Renderer::read_image() const {
 
 std::uint64_t Renderer::gpu_bytes() const {
   std::uint64_t bytes = static_cast<std::uint64_t>(width_) * height_ * sizeof(vec4);
-  if (transfer_table_.name() != 0) bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
+  if (transfer_table_.name() != 0)
+    bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
   for (const std::optional<Buffer>& order : axis_orders_)
     if (order) bytes += order->bytes();
   for (const Buffer* buffer : {&splats_, &frame_, &origins_, &keys_, &order_, &runs_, &quads_, &quad_indices_})

@@ -40,9 +40,9 @@ class Renderer {
   /// Needs a current OpenGL 4.5 context; fails with ErrorCode::device where there is an older one, or none.
   [[nodiscard]] static Result<std::unique_ptr<Renderer>> create(KernelKind kind);
 
-  /// Colour and extinction of the splats. Fails where the function
-  /// has no control points or an empty domain. Call it before the first draw. `value_offset` is what the splats' values
-  /// have to be added to: only the difference to the function's domain is taken to single precision.
+  /// Colour and extinction of the splats; `moments` averages them over each splat's values (transfer_table.h). Fails
+  /// where the function has no control points or an empty domain. Call it before the first draw. `value_offset` is what
+  /// the splats' values have to be added to: only the difference to the function's domain is taken to single precision.
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, double value_offset = 0);
 
   /// A light at the eye, or none: colours as they are.
@@ -57,7 +57,8 @@ class Renderer {
   [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
 
   /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
-  /// allows. A splat draws nothing if its value is NaN, its extinction 0, or its centre not in front of the eye.
+  /// allows. A splat draws nothing if its value is NaN or its extinction 0; `octant`, if its centre is not in
+  /// front of the eye.
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort);
 
   /// The picture of the last draw; fails before the first.
@@ -74,14 +75,14 @@ class Renderer {
   [[nodiscard]] Status prepare_quads();
   [[nodiscard]] Status prepare_target(const View& view);
   [[nodiscard]] Status upload_frame(const View& view);
-  /// A drawing order: places of splats in their buffer, to be taken from the beginning or from the end.
+  /// Places of splats in their buffer, in drawing order from the beginning or from the end.
   struct Order {
     Buffer* places;  // null: as the splats lie
     std::size_t count;
     bool from_end = false;
   };
   [[nodiscard]] Result<Order> prepare_order(const View& view, SortMode sort, FrameTimes& times);
-  [[nodiscard]] Result<Order> order_along(int axis, FrameTimes& times);
+  [[nodiscard]] Result<Order> order_along(int axis, const View& view, FrameTimes& times);
   [[nodiscard]] Result<std::size_t> sort_keys(bool by_depth, Buffer& order, FrameTimes& times);
   [[nodiscard]] Status prepare_runs(std::size_t count);
   void clear_target() const;

@@ -26,8 +26,8 @@ float at_s(vec2 s, float constant, vec2 slope, vec3 bend) {
   return constant + s.x * (slope.x + bend.x * s.x + bend.y * s.y) + s.y * (slope.y + bend.z * s.y);
 }
 
-// Of the integral of (1 - u^2)^(3/2) along a chord, from -1 to 1, the share up to u, and the mean of u there: polynomials
-// within 1e-4 and, weighted with the share, 1e-3.
+// Of the integral of (1 - u^2)^(3/2) along a chord, from -1 to 1, the share up to u, and the mean of u there:
+// polynomials within 1e-4 and, weighted with the share, 1e-3.
 vec2 part_of_chord(float u) {
   u = clamp(u, -1.0, 1.0);
   float square = u * u;

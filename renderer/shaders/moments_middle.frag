@@ -9,7 +9,8 @@ void main() {
 
   // Where the boundary cuts the chord; which side of it counts.
   float towards = form[6].x + dot(form[6].yz, s);
-  vec2 part = part_of_chord(at_s(s, form[4].x, form[4].yz, form[5].xyz) * inversesqrt(max(w * towards * towards, 1e-24)));
+  vec2 part =
+      part_of_chord(at_s(s, form[4].x, form[4].yz, form[5].xyz) * inversesqrt(max(w * towards * towards, 1e-24)));
 
   // The value in the middle of the chord, and along it; in columns.
   float along = (form[4].w + form[5].w * s.x + form[6].w * s.y) * sqrt(w) * part.y;

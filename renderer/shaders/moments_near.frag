@@ -5,7 +5,8 @@ layout(location = 0) out vec4 pixel;
 
 const float pi = 3.14159265;
 
-// The integrals of (1 - u^2)^(3/2) and of u times that from u to 1. Near 1, where the difference would cancel, a series.
+// The integrals of (1 - u^2)^(3/2) and of u times that from u to 1. Near 1, where the difference would cancel, a
+// series.
 vec2 rest_of_chord(float u) {
   float x = 1.0 - u;
   float w = max(x * (1.0 + u), 0.0);
@@ -30,9 +31,13 @@ void main() {
   float end = 1.0;
   if (form[7].w > 0.0) {
     float towards = dot(normal, d.xyz) * root;
-    float cut = -dot(normal, middle) / (half_chord * (towards < 0.0 ? min(towards, -1e-12) : max(towards, 1e-12)) + 0.0);
-    if (towards < 0.0) begin = max(begin, min(cut, 1.0));
-    else end = clamp(cut, begin, 1.0);
+    float cut =
+        -dot(normal, middle) / (max(half_chord, 1e-20) * (towards < 0.0 ? min(towards, -1e-12) : max(towards, 1e-12)));
+    if (towards < 0.0) {
+      begin = max(begin, min(cut, 1.0));
+    } else {
+      end = clamp(cut, begin, 1.0);
+    }
   }
   vec2 part = rest_of_chord(begin) - rest_of_chord(end);
   part = vec2(max(part.x, 0.0), part.y / max(part.x, 1e-10));

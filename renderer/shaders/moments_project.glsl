@@ -1,7 +1,7 @@
-// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2); where the
-// material ends at a plane, half of a larger one (docs/design.md). x' = L^-1 x is the frame in which the ellipsoid is the
-// unit ball round the origin. A ray o' + s d' passes its centre at the squared distance b^2 = |o' x d'|^2 / |d'|^2 and
-// has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
+// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2); where
+// the material ends at a plane, half of a larger one (docs/design.md). x' = L^-1 x is the frame in which the ellipsoid
+// is the unit ball round the origin. A ray o' + s d' passes its centre at the squared distance b^2 = |o' x d'|^2 /
+// |d'|^2 and has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
 
 struct Splat {
   float x, y, z;  // relative to the batch's origin, world units
@@ -44,7 +44,7 @@ struct Body {
 
 // The value in the ball's frame, in units of the domain.
 struct Value {
-  float mean;      // in the centre
+  float mean;  // in the centre
   vec3 gradient;
   float residual;  // variance that the linear field leaves
   float slope;     // length of the gradient in view coordinates
@@ -73,7 +73,8 @@ bool is_finite(vec3 x) { return is_finite(x.x) && is_finite(x.y) && is_finite(x.
 bool is_orthographic() { return frame.orthographic != 0.0; }
 
 vec3 place(uint index) {
-  return origins[splats[index].batch_index].xyz + rotate_to_view(vec3(splats[index].x, splats[index].y, splats[index].z));
+  return origins[splats[index].batch_index].xyz +
+         rotate_to_view(vec3(splats[index].x, splats[index].y, splats[index].z));
 }
 
 // The view's axes as columns, in the principal frame.
@@ -87,7 +88,9 @@ mat3 view_axes(Splat splat) {
 
 // Foot of the perpendicular from the centroid on the boundary, in deviations along the principal axes.
 vec3 boundary_foot(Splat splat) {
-  return vec3(bitfieldExtract(splat.boundary, 0, 10), bitfieldExtract(splat.boundary, 10, 10), bitfieldExtract(splat.boundary, 20, 10)) / 128.0;
+  return vec3(bitfieldExtract(splat.boundary, 0, 10), bitfieldExtract(splat.boundary, 10, 10),
+              bitfieldExtract(splat.boundary, 20, 10)) /
+         128.0;
 }
 
 // False where none of it is in front of the eye.
@@ -107,11 +110,13 @@ bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
   float value_deviation = splat.value_deviation * frame.inverse_domain;
   vec3 gradient = half_axis * value_deviation * correlations.xyz * kept;
   vec3 smoothed = correlations.xyz * correlations.xyz * (1.0 - kept * kept);
-  value.residual = value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
+  value.residual =
+      value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
   value.slope = length(gradient / (half_axis * widened));
 
-  // At a boundary the material is half of the ellipsoid round the foot that has the material and its reflection: stretched
-  // along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter does not move the plane.
+  // At a boundary the material is half of the ellipsoid round the foot that has the material and its reflection:
+  // stretched along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter does not
+  // move the plane.
   body.normal = vec3(0.0);
   body.stretch = 0.0;
   if (splat.boundary != 0) {
@@ -157,8 +162,8 @@ float peak_extinction(float low, float high) {
   return max(texelFetch(peak_table, first >> level, level).r, texelFetch(peak_table, end >> level, level).r);
 }
 
-// The tangents k of x = k z to the part in front of the eye of an ellipsoid; -1e30 or 1e30 where it has none on that side.
-// x: its centre and the row of L; likewise z.
+// The tangents k of x = k z to the part in front of the eye of an ellipsoid; -1e30 or 1e30 where it has none on that
+// side. x: its centre and the row of L; likewise z.
 vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
   // Roots of a k^2 - 2 b k + c.
   float a = z * z - dot(l_z, l_z);
@@ -190,7 +195,8 @@ void make_box(Body body, vec2 half_image, out Outline outline) {
     float reach_z = length(body.l_z);
     outline.from_centre = body.l_z / reach_z;
     outline.anchor_z = body.centre.z + reach_z;
-    outline.anchor = (body.centre.xy + vec2(dot(body.l_x, body.l_z), dot(body.l_y, body.l_z)) / reach_z) / outline.anchor_z;
+    outline.anchor =
+        (body.centre.xy + vec2(dot(body.l_x, body.l_z), dot(body.l_y, body.l_z)) / reach_z) / outline.anchor_z;
   }
   vec2 low = max(vec2(x.x, y.x), -half_image);
   vec2 high = min(vec2(x.y, y.y), half_image);
@@ -200,8 +206,8 @@ void make_box(Body body, vec2 half_image, out Outline outline) {
 }
 
 // The ellipse. With x and y sheared so that the centre lies straight ahead, L L^T = (Q, q; q^T, r^2), its matrix is
-// (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of conjugate half axes bounds the same
-// area. Determinants come from cross products, which do not cancel.
+// (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of conjugate half axes bounds the
+// same area. Determinants come from cross products, which do not cancel.
 void make_ellipse(Body body, out Outline outline) {
   bool orthographic = is_orthographic();
   outline.anchor = orthographic ? body.centre.xy : body.centre.xy / body.centre.z;
@@ -274,7 +280,9 @@ struct Polynomial {
   vec3 bend;
 };
 
-Polynomial scaled(Polynomial p, float factor) { return Polynomial(p.constant * factor, p.slope * factor, p.bend * factor); }
+Polynomial scaled(Polynomial p, float factor) {
+  return Polynomial(p.constant * factor, p.slope * factor, p.bend * factor);
+}
 
 // Of the product of two linear forms without constants.
 vec3 product(vec2 a, vec2 b) { return vec3(a.x * b.x, a.x * b.y + a.y * b.x, a.y * b.y); }
@@ -287,85 +295,117 @@ Polynomial product(Polynomial a, Polynomial b) {
 
 // (1 + p)^exponent up to the second order, p without constant.
 Polynomial power(Polynomial p, float exponent) {
-  return Polynomial(1.0, exponent * p.slope, exponent * p.bend + 0.5 * exponent * (exponent - 1.0) * product(p.slope, p.slope));
+  return Polynomial(1.0, exponent * p.slope,
+                    exponent * p.bend + 0.5 * exponent * (exponent - 1.0) * product(p.slope, p.slope));
 }
 
 // axis . (d' x n) = n . (axis x d')
 Polynomial chord_middle(vec3 axis, Rays rays) {
   vec3 a_0 = cross(axis, rays.d_0), a_1 = cross(axis, rays.d_1), a_2 = cross(axis, rays.d_2);
-  return Polynomial(dot(rays.n_0, a_0), vec2(dot(rays.n_0, a_1) + dot(rays.n_1, a_0), dot(rays.n_0, a_2) + dot(rays.n_2, a_0)),
+  return Polynomial(dot(rays.n_0, a_0),
+                    vec2(dot(rays.n_0, a_1) + dot(rays.n_1, a_0), dot(rays.n_0, a_2) + dot(rays.n_2, a_0)),
                     vec3(dot(rays.n_1, a_1), dot(rays.n_1, a_2) + dot(rays.n_2, a_1), dot(rays.n_2, a_2)));
 }
 
-// The forms for an ellipse; false where it is too faint. `peak`: the largest extinction in it.
-bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float strength, float peak, inout Quad quad) {
-  // g = |d'|^2 / kappa, about its value in the middle; 1 - b^2 = (1 - s^2) / g.
+// What the forms for an ellipse are made of. g = |d'|^2 / kappa: 1 - b^2 = (1 - s^2) / g.
+struct Terms {
+  float g, ray;                     // g and |d| in the middle
+  Polynomial g_change, ray_change;  // of g and |d|^2, about and in terms of their values in the middle
+  float depth;                      // optical depth where extinction, |d|, g and 1 - s^2 are 1
+  float light, row, column;         // factor on the colour; where the transfer function is looked up for the mean
+  Polynomial shift;                 // times 1 / g: from `column` to the middle of the chord
+  vec3 along;                       // linear in s; times sqrt(1 - s^2) / g: from there to the end of the chord
+  Polynomial cutting;  // the boundary is at cutting / (sqrt(1 - s^2) |towards|), in half chords from its middle
+  vec3 towards;        // linear in s; positive where the chord ends at the boundary
+};
+
+Terms make_terms(Body body, Value value, Outline outline, Rays rays, float strength) {
+  Terms terms;
   float square = dot(rays.d_0, rays.d_0);
-  float g = square / rays.kappa;
-  Polynomial change = Polynomial(0.0, 2.0 * vec2(dot(rays.d_0, rays.d_1), dot(rays.d_0, rays.d_2)) / square,
-                                 vec3(dot(rays.d_1, rays.d_1), 2.0 * dot(rays.d_1, rays.d_2), dot(rays.d_2, rays.d_2)) / square);
-  float largest_change = length(change.slope) + change.bend.x + change.bend.z;
-
-  // |d|^2, likewise.
-  float ray = 1.0;
-  Polynomial ray_change = Polynomial(0.0, vec2(0.0), vec3(0.0));
-  if (!is_orthographic()) {
-    ray = length(vec3(outline.middle, 1.0));
-    ray_change.slope = 2.0 * vec2(dot(outline.middle, outline.e_1), dot(outline.middle, outline.e_2)) / (ray * ray);
-    ray_change.bend = vec3(dot(outline.e_1, outline.e_1), 2.0 * dot(outline.e_1, outline.e_2), dot(outline.e_2, outline.e_2)) / (ray * ray);
-  }
   float root_kappa = sqrt(rays.kappa);
-  float depth = strength / root_kappa;
+  terms.g = square / rays.kappa;
+  terms.g_change =
+      Polynomial(0.0, 2.0 * vec2(dot(rays.d_0, rays.d_1), dot(rays.d_0, rays.d_2)) / square,
+                 vec3(dot(rays.d_1, rays.d_1), 2.0 * dot(rays.d_1, rays.d_2), dot(rays.d_2, rays.d_2)) / square);
+  terms.ray = 1.0;
+  terms.ray_change = Polynomial(0.0, vec2(0.0), vec3(0.0));
+  if (!is_orthographic()) {
+    vec2 e_1 = outline.e_1, e_2 = outline.e_2;
+    terms.ray = length(vec3(outline.middle, 1.0));
+    terms.ray_change = scaled(Polynomial(0.0, 2.0 * vec2(dot(outline.middle, e_1), dot(outline.middle, e_2)),
+                                         vec3(dot(e_1, e_1), 2.0 * dot(e_1, e_2), dot(e_2, e_2))),
+                              1.0 / (terms.ray * terms.ray));
+  }
+  terms.depth = strength / root_kappa;
 
-  // Where it is too faint it is cut; what is left takes over the light, so that none is lost.
-  float brightest = peak * min(strength / rays.scale * body.longest, depth * ray * pow(g * max(1.0 - largest_change, 0.1), -2.5));
+  // Spread and light as in the middle.
+  terms.along = vec3(dot(value.gradient, rays.d_0), dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2));
+  float along = terms.along.x;
+  float stretched = body.stretch * dot(body.normal, rays.d_0);
+  float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
+  float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0) : 1.0;
+  terms.light = frame.ambient + frame.diffuse * cosine;
+  float columns;
+  terms.row = transfer_row(spread, columns);
+  terms.column = (value.mean - 0.5) * columns + 0.5 * transfer_columns();
+  terms.shift = scaled(chord_middle(value.gradient, rays), columns / rays.kappa);
+  terms.along *= columns / root_kappa;
+
+  // No boundary: one far beyond the end.
+  terms.cutting = Polynomial(1e18, vec2(0.0), vec3(0.0));
+  if (body.stretch > 0.0) terms.cutting = scaled(chord_middle(body.normal, rays), -1.0 / root_kappa);
+  terms.towards = vec3(dot(body.normal, rays.d_0), dot(body.normal, rays.d_1), dot(body.normal, rays.d_2));
+  return terms;
+}
+
+void set_middle_form(Terms terms, inout Quad quad) {
+  quad.middle_form[0] = vec4(terms.g, terms.g * terms.g_change.slope, terms.depth);
+  quad.middle_form[1] = vec4(terms.g * terms.g_change.bend, terms.light);
+  quad.middle_form[2] = vec4(terms.shift.constant, terms.shift.slope, terms.row);
+  quad.middle_form[3] = vec4(terms.shift.bend, terms.column);
+  quad.middle_form[4] = vec4(terms.cutting.constant, terms.cutting.slope, terms.along.x);
+  quad.middle_form[5] = vec4(terms.cutting.bend, terms.along.y);
+  quad.middle_form[6] = vec4(terms.towards, terms.along.z);
+}
+
+// The same expanded to the second order: depth goes with |d| g^(-5/2). A boundary, to the first, and no sharper than a
+// pixel where it is in the line of sight.
+void set_far_form(Terms terms, inout Quad quad) {
+  Polynomial depth = scaled(product(power(terms.g_change, -2.5), power(terms.ray_change, 0.5)),
+                            terms.depth * terms.ray * pow(terms.g, -2.5));
+  Polynomial shift = scaled(product(power(terms.g_change, -1.0), terms.shift), 1.0 / terms.g);
+  vec2 by_pixel = vec2(0.0, terms.cutting.slope.y / quad.axes.w);
+  by_pixel.x = (terms.cutting.slope.x - by_pixel.y * quad.axes.y) / quad.axes.x;
+  float towards = max(max(abs(terms.towards.x), 0.5 * length(by_pixel)), 1e-6);
+  vec2 cutting =
+      terms.cutting.slope - terms.cutting.constant * terms.towards.x / (towards * towards) * terms.towards.yz;
+  quad.far_form[0] = vec4(depth.constant, depth.slope, 0.0);
+  quad.far_form[1] = vec4(depth.bend, terms.light);
+  quad.far_form[2] = vec4(terms.column + shift.constant, shift.slope, terms.row);
+  quad.far_form[3] = vec4(shift.bend, 0.0);
+  quad.far_form[4] = vec4(vec3(terms.cutting.constant, cutting) / towards,
+                          terms.along.x / terms.g * (terms.towards.x < 0.0 ? -1.0 : 1.0));
+}
+
+// The largest change within the outline, about.
+float size(Polynomial change) { return length(change.slope) + change.bend.x + change.bend.z; }
+
+// The forms for an ellipse; false where it is too faint. `peak`: the largest extinction in it.
+bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float strength, float peak,
+                       inout Quad quad) {
+  Terms terms = make_terms(body, value, outline, rays, strength);
+
+  // Where it is too faint it is cut, and what is left takes over the light: of (1 - s^2)^2 the square keeps so much.
+  float least_g = terms.g * max(1.0 - size(terms.g_change), 0.1);
+  float brightest = peak * min(strength / rays.scale * body.longest, terms.depth * terms.ray * pow(least_g, -2.5));
   if (!(brightest > least_depth)) return false;
   float cut = min(sqrt(faintest_depth / brightest), widest_cut);
   quad.reach = sqrt(1.0 - cut);
-  depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.5935 + cut * (0.0813 + cut * 0.4829));  // of a square's (1 - s^2)^2
+  terms.depth /= 1.0 - cut * cut * cut * sqrt(cut) * (0.5935 + cut * (0.0813 + cut * 0.4829));
 
-  float along = dot(value.gradient, rays.d_0);
-  float stretched = body.stretch * dot(body.normal, rays.d_0);
-  float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
-  float columns;
-  float row = transfer_row(spread, columns);
-  float column = (value.mean - 0.5) * columns + 0.5 * transfer_columns();
-  float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * ray * value.slope), 1.0) : 1.0;
-  float light = frame.ambient + frame.diffuse * cosine;
-  Polynomial shift = scaled(chord_middle(value.gradient, rays), columns / rays.kappa);
-
-  // The boundary cuts the chord at u = cutting / (sqrt(1 - s^2) |towards|), in half lengths from its middle.
-  bool bounded = body.stretch > 0.0;
-  Polynomial cutting = Polynomial(1e18, vec2(0.0), vec3(0.0));
-  if (bounded) cutting = scaled(chord_middle(body.normal, rays), -1.0 / root_kappa);
-  vec3 towards = vec3(dot(body.normal, rays.d_0), dot(body.normal, rays.d_1), dot(body.normal, rays.d_2));
-  vec3 column_along = vec3(along, dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2)) * (columns / root_kappa);
-
-  quad.form = max(largest_change, length(ray_change.slope) + ray_change.bend.x + ray_change.bend.z) > most_change ? 1u : 0u;
-  quad.middle_form[0] = vec4(g, g * change.slope, depth);
-  quad.middle_form[1] = vec4(g * change.bend, light);
-  quad.middle_form[2] = vec4(shift.constant, shift.slope, row);
-  quad.middle_form[3] = vec4(shift.bend, column);
-  quad.middle_form[4] = vec4(cutting.constant, cutting.slope, column_along.x);
-  quad.middle_form[5] = vec4(cutting.bend, column_along.y);
-  quad.middle_form[6] = vec4(towards, column_along.z);
-
-  // The same expanded to the second order; a boundary in the line of sight, to the first and no sharper than a pixel.
-  Polynomial far_depth = scaled(product(power(change, -2.5), power(ray_change, 0.5)), depth * ray * pow(g, -2.5));
-  Polynomial far_shift = scaled(product(power(change, -1.0), shift), 1.0 / g);
-  vec2 far_cutting = cutting.slope;
-  float across = 1.0;
-  if (bounded) {
-    vec2 by_pixel = vec2(0.0, cutting.slope.y / quad.axes.w);
-    by_pixel.x = (cutting.slope.x - by_pixel.y * quad.axes.y) / quad.axes.x;
-    across = max(abs(towards.x), 0.5 * length(by_pixel));
-    far_cutting -= cutting.constant * towards.x / (across * across) * towards.yz;
-  }
-  quad.far_form[0] = vec4(far_depth.constant, far_depth.slope, 0.0);
-  quad.far_form[1] = vec4(far_depth.bend, light);
-  quad.far_form[2] = vec4(column + far_shift.constant, far_shift.slope, row);
-  quad.far_form[3] = vec4(far_shift.bend, 0.0);
-  quad.far_form[4] = vec4(cutting.constant / across, far_cutting / across, column_along.x / g * (towards.x < 0.0 ? -1.0 : 1.0));
+  quad.form = max(size(terms.g_change), size(terms.ray_change)) > most_change ? 1u : 0u;
+  set_middle_form(terms, quad);
+  set_far_form(terms, quad);
   return true;
 }
 
@@ -402,7 +442,8 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
     make_box(body, half_image, outline);
     reach = vec2(outline.e_1.x, outline.e_2.y);  // not positive where it is empty
   }
-  if (!(all(lessThan(outline.middle - reach, half_image)) && all(greaterThan(outline.middle + reach, -half_image)))) return false;
+  if (!(all(lessThan(outline.middle - reach, half_image)) && all(greaterThan(outline.middle + reach, -half_image))))
+    return false;
   if (!all(greaterThan(reach, vec2(0.0)))) return false;
 
   Rays rays = make_rays(body, outline);

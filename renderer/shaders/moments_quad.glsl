@@ -1,5 +1,5 @@
-// A splat of the kernel `moments` on the screen: a parallelogram, in which s runs from -1 to 1 along both axes, and what
-// its fragments need, in three forms; the later ones serve every splat that an earlier one does.
+// A splat of the kernel `moments` on the screen: a parallelogram, in which s runs from -1 to 1 along both axes, and
+// what its fragments need, in three forms; the later ones serve every splat that an earlier one does.
 struct Quad {
   vec4 far_form[far_form_count];        // of moments_far.frag
   vec4 middle_form[middle_form_count];  // of moments_middle.frag

@@ -22,9 +22,7 @@ const float smallest_float = 1.17549435e-38;
 bool is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
 
 // 1 - exp(-depth), by its series where the subtraction would cancel.
-float opacity(float depth) {
-  return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth);
-}
+float opacity(float depth) { return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth); }
 
 vec3 place(uint index) {
   OctantSplat splat = splats[index];

@@ -119,7 +119,9 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
   const dmat3 axes = to_view * glm::mat3_cast(dquat(std::sqrt(1 - glm::dot(q, q)), q.x, q.y, q.z));
   const dvec3 deviations(splat.deviations);
   const dvec3 depth_axis(axes[0].z, axes[1].z, axes[2].z);
-  const auto wide_code = [&](int k) { return (static_cast<std::int32_t>(splat.boundary << (22 - 10 * k)) >> 22) / 128.0; };
+  const auto wide_code = [&](int k) {
+    return (static_cast<std::int32_t>(splat.boundary << (22 - 10 * k)) >> 22) / 128.0;
+  };
   dvec3 foot(wide_code(0), wide_code(1), wide_code(2));
   const double reach = half_axis * glm::length(depth_axis * deviations) * (1 + 1.1 * glm::length(foot));
   if (centre.z + reach <= 0) return dvec4(0);
@@ -135,7 +137,9 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
     foot = across * (glm::dot(foot, foot) / glm::dot(across, across));
   }
   const double stretch = std::sqrt(1 + glm::dot(foot, foot));
-  const auto to_ball = [&](dvec3 x) { return bounded ? x + (1 / stretch - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x; };
+  const auto to_ball = [&](dvec3 x) {
+    return bounded ? x + (1 / stretch - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x;
+  };
 
   const double x = (pixel_x - 0.5 * view.width) / view.focal;
   const double y = (pixel_y - 0.5 * view.height) / view.focal;
@@ -174,14 +178,17 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
   integral *= std::pow(inside, 1.5) * (end - begin) / steps * glm::length(direction);
   const double mass = (bounded ? 2 : 1) * static_cast<double>(splat.mass);
   const double depth = mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z / stretch * integral;
-  const double at = integral > 0 ? moment * (end - begin) / steps * std::pow(inside, 1.5) * glm::length(direction) / integral : begin;
+  const double at =
+      integral > 0 ? moment * (end - begin) / steps * std::pow(inside, 1.5) * glm::length(direction) / integral : begin;
 
   const auto code = [&](int k) { return static_cast<std::int8_t>(splat.correlations >> (8 * k)) / 127.0; };
   const dvec3 correlation(code(0), code(1), code(2));
   const dvec3 gradient = half_axis * static_cast<double>(splat.value_deviation) * correlation * kept;
   const dvec3 smoothed = correlation * correlation * (1.0 - kept * kept);
   const double along = glm::dot(gradient, along_ray) / glm::length(along_ray) / half_axis;
-  const double spread = std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) + along * along);
+  const double spread =
+      std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) +
+                along * along);
   const double mean = splat.value + glm::dot(gradient, from_centroid + at * along_ray);
 
   dvec4 sum(0);
@@ -343,7 +350,10 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
       {"off centre", {.position = {2.2, 2.1, -6}, .deviations = {0.5, 0.2, 0.1}, .orientation = oblique}},
       {"needle", {.position = {0, 0, -4}, .deviations = {0.6, 1e-4, 1e-5}, .orientation = oblique}},
       {"needle of ratio 1e8", {.position = {0.1, 0, -4}, .deviations = {1, 1e-8, 1e-8}, .orientation = oblique}},
-      {"needle at the eye", {.position = {0.1, 0.1, -3}, .deviations = {0.8, 1e-8, 1e-8}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"needle at the eye",
+       {.position = {0.1, 0.1, -3},
+        .deviations = {0.8, 1e-8, 1e-8},
+        .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
       {"pancake", {.position = {0, 0, -4}, .deviations = {1, 0.8, 1e-8}, .orientation = oblique}},
       {"pancake face on", {.position = {0, 0, -4}, .deviations = {0.5, 0.3, 1e-8}}},
       {"pancake edge on", {.position = {0.01, 0.02, -4}, .deviations = {0.5, 0.5, 1e-8}, .orientation = edge_on}},
@@ -353,16 +363,35 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
       {"eye in the centre", {.deviations = {0.3, 0.2, 0.1}, .orientation = oblique}},
       {"eye inside, before the centre", {.position = {0.1, -0.2, 0.5}, .deviations = {0.5, 0.3, 0.2}}},
       {"beside the eye", {.position = {2, 0.3, -0.3}, .deviations = {0.6, 0.5, 0.4}, .orientation = oblique}},
-      {"behind the eye, reaching before it", {.position = {1, 0, 0.5}, .deviations = {1, 0.2, 0.1}, .orientation = oblique}},
-      {"wall", {.position = {3, 2, -1}, .deviations = {20, 15, 0.01}, .orientation = glm::angleAxis(0.2, dvec3(1, 0, 0))}},
-      {"wall beside the eye", {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
-      {"bounded", {.position = {0.1, -0.2, -5}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {0.5, -0.8, 1}}},
-      {"bounded, nearer", {.position = {0.1, -0.2, -2.5}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {0.5, -0.8, 1}}},
-      {"bounded, nearly cut by the eye's plane", {.position = {0.1, -0.2, -1.4}, .deviations = {0.4, 0.3, 0.2}, .orientation = oblique, .boundary = {-0.5, 0.8, 1}}},
-      {"bounded pancake", {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 1e-8}, .orientation = oblique, .boundary = {1.3, 0, 0}}},
-      {"bounded pancake, face", {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 0.05}, .orientation = oblique, .boundary = {0, 0, 1.6}}},
-      {"bounded, the eye inside", {.position = {0.1, 0.1, 0.1}, .deviations = {0.3, 0.2, 0.2}, .orientation = oblique, .boundary = {0.3, 1, 0.4}}},
-      {"bounded, the eye beyond", {.position = {0.1, 0.1, -0.5}, .deviations = {0.3, 0.2, 0.2}, .boundary = {0, 0, 1.5}}},
+      {"behind the eye, reaching before it",
+       {.position = {1, 0, 0.5}, .deviations = {1, 0.2, 0.1}, .orientation = oblique}},
+      {"wall",
+       {.position = {3, 2, -1}, .deviations = {20, 15, 0.01}, .orientation = glm::angleAxis(0.2, dvec3(1, 0, 0))}},
+      {"wall beside the eye",
+       {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"bounded",
+       {.position = {0.1, -0.2, -5},
+        .deviations = {0.4, 0.3, 0.2},
+        .orientation = oblique,
+        .boundary = {0.5, -0.8, 1}}},
+      {"bounded, nearer",
+       {.position = {0.1, -0.2, -2.5},
+        .deviations = {0.4, 0.3, 0.2},
+        .orientation = oblique,
+        .boundary = {0.5, -0.8, 1}}},
+      {"bounded, nearly cut by the eye's plane",
+       {.position = {0.1, -0.2, -1.4},
+        .deviations = {0.4, 0.3, 0.2},
+        .orientation = oblique,
+        .boundary = {-0.5, 0.8, 1}}},
+      {"bounded pancake",
+       {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 1e-8}, .orientation = oblique, .boundary = {1.3, 0, 0}}},
+      {"bounded pancake, face",
+       {.position = {0, 0, -4}, .deviations = {0.6, 0.5, 0.05}, .orientation = oblique, .boundary = {0, 0, 1.6}}},
+      {"bounded, the eye inside",
+       {.position = {0.1, 0.1, 0.1}, .deviations = {0.3, 0.2, 0.2}, .orientation = oblique, .boundary = {0.3, 1, 0.4}}},
+      {"bounded, the eye beyond",
+       {.position = {0.1, 0.1, -0.5}, .deviations = {0.3, 0.2, 0.2}, .boundary = {0, 0, 1.5}}},
       {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
   };
   for (const Case& c : cases) {
@@ -375,13 +404,19 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
       expect_sane(image);
       // Single precision, at an outline that may be steep over a pixel.
       EXPECT_LT(largest_difference(image, expected), 1e-3) << c.name << (view.orthographic ? " orthographic" : "");
-      EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05) << c.name << (view.orthographic ? " orthographic" : "");
+      EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05)
+          << c.name << (view.orthographic ? " orthographic" : "");
     }
   }
 }
 
 TEST_F(MomentsTest, ValuesVaryWithinASplat) {
-  const Cluster base{.deviations = {0.5, 0.3, 0.2}, .orientation = oblique, .value = 0.45, .value_deviation = 0.2, .correlation = {0.7, -0.4, 0.5}, .residual = 0.3};
+  const Cluster base{.deviations = {0.5, 0.3, 0.2},
+                     .orientation = oblique,
+                     .value = 0.45,
+                     .value_deviation = 0.2,
+                     .correlation = {0.7, -0.4, 0.5},
+                     .residual = 0.3};
   for (const dvec3 position : {dvec3(0.3, 0.1, -5), dvec3(0.2, 0.1, -2), dvec3(0.1, 0.1, -0.6), dvec3(0.05, 0, 0.1)}) {
     for (const double value_deviation : {0.0, 0.02, 0.2, 3.0}) {
       Cluster cluster = base;
@@ -392,8 +427,8 @@ TEST_F(MomentsTest, ValuesVaryWithinASplat) {
           renderer_->set_lighting(lighting);
           const Image image = picture({cluster}, view, lively(2));
           expect_sane(image);
-          // The table's rows are 5 % apart. Light and spread are the same all over a splat that the eye's plane does not
-          // cut, though one at depth 2 reaches through two thirds of the way to the eye.
+          // The table's rows are 5 % apart. Light and spread are the same all over a splat that the eye's plane does
+          // not cut, though one at depth 2 reaches through two thirds of the way to the eye.
           const double bound = !view.orthographic && position.z == -2 ? 4e-2 : 4e-3;
           EXPECT_LT(rmse(image, evaluate(cluster, view, lively(2), lighting)), bound)
               << position.z << " " << value_deviation << " " << view.orthographic << " " << lighting.has_value();
@@ -478,10 +513,14 @@ TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
       const double mass = 0.05 / scale / scale;
       std::vector<Cluster> points;
       for (int i = 0; i < 4000; ++i)
-        points.push_back({.position = {100 / scale * coordinate(generator), 100 / scale * coordinate(generator), -depth}, .mass = mass, .deviations = dvec3(std::abs(deviation) / scale), .boundary = deviation < 0 ? dvec3(0.5, -0.8, 0.4) : dvec3(0)});
+        points.push_back(
+            {.position = {100 / scale * coordinate(generator), 100 / scale * coordinate(generator), -depth},
+             .mass = mass,
+             .deviations = dvec3(std::abs(deviation) / scale),
+             .boundary = deviation < 0 ? dvec3(0.5, -0.8, 0.4) : dvec3(0)});
       const Image image = picture(points, view, uniform(1));
-      // Overlaps and the curve of 1 - exp(-t) take 1 %; off the axis, the ray is longer than its depth by 1 %, as is the
-      // distance, whose square counts.
+      // Overlaps and the curve of 1 - exp(-t) take 1 %; off the axis, the ray is longer than its depth by 1 %, as is
+      // the distance, whose square counts.
       EXPECT_NEAR(total_alpha(image) / (4000 * 0.05), 1, 0.04) << deviation << " " << view.orthographic;
     }
   }
@@ -605,7 +644,12 @@ TEST_F(MomentsTest, PictureMovesWithTheScene) {
 
 TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
   // Through a flat oblique splat, near its centre, from 3 before it to 1 behind: other forms take over on the way.
-  const Cluster cluster{.deviations = {0.5, 0.3, 0.1}, .orientation = oblique, .value = 0.5, .value_deviation = 0.1, .correlation = {0.6, 0.5, -0.4}, .residual = 0.4};
+  const Cluster cluster{.deviations = {0.5, 0.3, 0.1},
+                        .orientation = oblique,
+                        .value = 0.5,
+                        .value_deviation = 0.1,
+                        .correlation = {0.6, 0.5, -0.4},
+                        .residual = 0.4};
   Image last;
   for (int step = 0; step <= 400; ++step) {
     const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * step}), lively(0.1));
@@ -623,7 +667,13 @@ TEST_F(MomentsTest, LightFollowsTheGradient) {
   const View view = orthographic_view(9, 9, 9);
   const TransferFunction function = uniform(10);
   for (const double angle : {0.0, 0.4, 1.0, 1.5}) {
-    const Cluster cluster{.position = {0, 0, -10}, .mass = 100, .deviations = dvec3(1), .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)), .value = 500, .value_deviation = 1, .correlation = {0, 0, 1}};
+    const Cluster cluster{.position = {0, 0, -10},
+                          .mass = 100,
+                          .deviations = dvec3(1),
+                          .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)),
+                          .value = 500,
+                          .value_deviation = 1,
+                          .correlation = {0, 0, 1}};
     renderer_->set_lighting(Lighting{0.25, 0.5});
     const Image lit = picture({cluster}, view, function);
     EXPECT_NEAR(lit.at(4, 4).r, 0.25 + 0.5 * std::cos(angle), 1e-3);
@@ -646,7 +696,8 @@ TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
   function.colors = {{0, {1, 0, 0}}, {1, {0, 1, 0}}};
   function.densities = {{0, 0}, {1, 1}};
   ASSERT_TRUE(renderer_->set_transfer_function(function, 1000));
-  const MomentsSplat splat = pack({.position = {0, 0, -10}, .mass = 50, .deviations = dvec3(3), .value_deviation = 10, .residual = 1});
+  const MomentsSplat splat =
+      pack({.position = {0, 0, -10}, .mass = 50, .deviations = dvec3(3), .value_deviation = 10, .residual = 1});
   const SplatBatch batch{dvec3(0), 0, 1};
   ASSERT_TRUE(renderer_->set_splats(std::span(&splat, 1), {&batch, 1}));
   const Image image = redraw(orthographic_view(9, 9, 9));
@@ -665,11 +716,25 @@ TEST_F(MomentsTest, HardCasesStaySane) {
     for (const double deviation : numbers)
       for (const double z : {-1e30, -1e10, -1.0, -1e-10, -1e-38, 0.0, 1e-3, 1.0, nan})
         for (const double thin : {1.0, 1e-8, 0.0})
-          clusters.push_back({.position = {0, 1e-3 * z, z}, .mass = mass, .deviations = {deviation, deviation, deviation * thin}, .orientation = oblique, .value = 0.5, .value_deviation = 0.3, .correlation = {0.6, 0.6, 0.5}, .residual = 0.2});
+          clusters.push_back({.position = {0, 1e-3 * z, z},
+                              .mass = mass,
+                              .deviations = {deviation, deviation, deviation * thin},
+                              .orientation = oblique,
+                              .value = 0.5,
+                              .value_deviation = 0.3,
+                              .correlation = {0.6, 0.6, 0.5},
+                              .residual = 0.2,
+                              .boundary = thin == 1 ? dvec3(0) : dvec3(1, -2, thin)});
   for (const double value : numbers)
     for (const double value_deviation : numbers)
       for (const double z : {-5.0, -0.1})
-        clusters.push_back({.position = {0, 0, z}, .mass = 0.1, .deviations = dvec3(0.3), .value = value, .value_deviation = value_deviation, .correlation = {1, 1, 1}, .residual = 1});
+        clusters.push_back({.position = {0, 0, z},
+                            .mass = 0.1,
+                            .deviations = dvec3(0.3),
+                            .value = value,
+                            .value_deviation = value_deviation,
+                            .correlation = {1, 1, 1},
+                            .residual = 1});
   for (const double extinction : {1e-30, 1.0, 1e30}) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
       // All of them, then each alone: one that is opaque would hide another's fault.
@@ -680,7 +745,10 @@ TEST_F(MomentsTest, HardCasesStaySane) {
         const SplatBatch batch{dvec3(0), i, 1};
         ASSERT_TRUE(renderer_->set_splats(splats, {&batch, 1}));
         expect_sane(redraw(view, SortMode::none));
-        if (HasFailure()) FAIL() << i << ": mass " << clusters[i].mass << ", deviations " << clusters[i].deviations.x << " " << clusters[i].deviations.z << ", z " << clusters[i].position.z << " value " << clusters[i].value << " " << clusters[i].value_deviation << " extinction " << extinction << " " << view.orthographic;
+        if (HasFailure())
+          FAIL() << i << ": mass " << clusters[i].mass << ", deviations " << clusters[i].deviations.x << " "
+                 << clusters[i].deviations.z << ", z " << clusters[i].position.z << " value " << clusters[i].value
+                 << " " << clusters[i].value_deviation << " extinction " << extinction << " " << view.orthographic;
       }
     }
   }
@@ -715,7 +783,8 @@ TEST_F(MomentsTest, RefusesSplatsOfTheOtherKernel) {
   EXPECT_THAT(other->set_splats(moments, {&batch, 1}).error().message, HasSubstr("moments"));
   EXPECT_GT(other->max_splats(), renderer_->max_splats());
 
-  for (const SplatBatch& beyond : {SplatBatch{dvec3(0), 0, 4}, SplatBatch{dvec3(0), 3, 1}, SplatBatch{dvec3(0), ~0ULL, 2}})
+  for (const SplatBatch& beyond :
+       {SplatBatch{dvec3(0), 0, 4}, SplatBatch{dvec3(0), 3, 1}, SplatBatch{dvec3(0), ~0ULL, 2}})
     EXPECT_EQ(renderer_->set_splats(moments, {&beyond, 1}).error().code, ErrorCode::invalid_argument);
   EXPECT_EQ(renderer_->splat_count(), 0U);
 }

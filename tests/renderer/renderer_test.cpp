@@ -478,6 +478,43 @@ TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
   EXPECT_LE(compare_images(near_zero, redraw(view))->max, 1e-4);
 }
 
+TEST_F(RendererTest, LightFollowsTheGradient) {
+  // Gradients at angles to the line of sight, along which the light comes.
+  const auto packed = [](double angle) {
+    const auto x = static_cast<std::uint32_t>(std::lround(127 * std::sin(angle))) & 0xffU;
+    const auto z = static_cast<std::uint32_t>(std::lround(127 * std::cos(angle))) & 0xffU;
+    return x | z << 16;
+  };
+  for (const View& view : {orthographic_view(9, 9), perspective_view(9, 9)}) {
+    for (const double angle : {0.0, 0.5, 1.2, 2.0, 3.1}) {
+      renderer_->set_lighting(Lighting{0.25, 0.5});
+      const std::vector<Splat> splats{{{0, 0, -1}, 0, 20, packed(angle)}};
+      EXPECT_NEAR(picture(splats, view, four_colors(1)).at(4, 4).r, 0.25 + 0.5 * std::abs(std::cos(angle)), 5e-3);
+      EXPECT_NEAR(redraw(view).at(4, 4).a, 1, 1e-4);
+      // No gradient: full light. No lighting: the colour as it is.
+      EXPECT_NEAR(picture({{{0, 0, -1}, 0, 20}}, view, four_colors(1)).at(4, 4).r, 0.75, 1e-4);
+      renderer_->set_lighting({});
+      EXPECT_NEAR(picture(splats, view, four_colors(1)).at(4, 4).r, 1, 1e-4);
+    }
+  }
+}
+
+TEST_F(RendererTest, AxisOrderIsExactAlongTheAxis) {
+  std::vector<Splat> splats;
+  for (int i = 0; i < 60; ++i) splats.push_back({{0, 0, -10 - (i * 37) % 60}, static_cast<float>(i % 4), 15});
+  View view = orthographic_view(64, 64);
+  const Image front = picture(splats, view, four_colors(0.02));
+  EXPECT_LT(rmse(redraw(view, SortMode::axis), front), 1e-6);
+  EXPECT_GT(rmse(redraw(view, SortMode::none), front), 1e-2);
+
+  view.eye = {0, 0, -100};
+  view.forward = {0, 0, 1};
+  view.right = {-1, 0, 0};
+  const Image back = redraw(view);
+  EXPECT_GT(rmse(back, front), 1e-2);
+  EXPECT_LT(rmse(redraw(view, SortMode::axis), back), 1e-6);
+}
+
 TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
   for (const SortMode sort : {SortMode::none, SortMode::exact}) {
