@@ -19,8 +19,8 @@ EXTRAS = {
     "pictures": ["numpy", "OpenEXR", "PIL"],
 }
 FULL = {
-    "tolerances": [0, 0.5, 1, 2, 3, 5, 10, 20],
-    "resolutions": 3,
+    "tolerances": [0, 0.5, 1, 2, 3, 5, 10, 20, 40],
+    "resolutions": 6,
     "turns": 3,
     "frames": 5,
     "builds": 3,
