@@ -149,16 +149,7 @@ TEST(Lighting, AnySizeOfWorldAndValue) {
 TEST(Lighting, FlatCellsAddNothing) {
   const dvec3 gradient(0.3, 0.5, -0.2);
   Mesh mesh = make_box(2, [&](dvec3 p) { return glm::dot(gradient, p); });
-  std::mt19937 random(3);
-  std::uniform_int_distribution<std::uint32_t> plane(0, 8);
-  std::uniform_int_distribution<std::uint32_t> any(0, 26);
-  for (int i = 0; i < 200; ++i) {
-    mesh.tetrahedra.push_back({plane(random), plane(random), plane(random), plane(random)});  // all in x = 0
-    const std::uint32_t a = any(random);
-    const std::uint32_t b = any(random);
-    mesh.tetrahedra.push_back({a, b, b, a});
-    mesh.tetrahedra.push_back({a, a, a, a});
-  }
+  add_flat_cells(mesh);
   const Scene scene = lit_scene();
   for_each_ray(scene, render(mesh, scene).image, [&](const WorldRay& ray, const vec4& pixel) {
     expect_alpha(pixel.a, 2, box_length(ray), exact);

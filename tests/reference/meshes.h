@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <random>
 
 #include "reference/cell.h"
 #include "reference/reference.h"
@@ -162,6 +163,20 @@ inline double box_length(const WorldRay& ray) {
 inline void expect_alpha(double alpha, double extinction, double length, double tolerance) {
   const double expected = -std::expm1(-extinction * length);
   EXPECT_NEAR(alpha, expected, tolerance * expected + 1e-12);
+}
+
+/// Adds cells without volume to a mesh of make_box(2, ...): in its face x = 0, and with corners given twice.
+inline void add_flat_cells(Mesh& mesh) {
+  std::mt19937 random(3);
+  std::uniform_int_distribution<std::uint32_t> plane(0, 8);
+  std::uniform_int_distribution<std::uint32_t> any(0, 26);
+  for (int i = 0; i < 200; ++i) {
+    mesh.tetrahedra.push_back({plane(random), plane(random), plane(random), plane(random)});  // all in x = 0
+    const std::uint32_t a = any(random);
+    const std::uint32_t b = any(random);
+    mesh.tetrahedra.push_back({a, b, b, a});
+    mesh.tetrahedra.push_back({a, a, a, a});
+  }
 }
 
 }  // namespace splatvol

@@ -58,16 +58,7 @@ TEST(Reference, InvertedCellsCountLikeOthers) {
 
 TEST(Reference, FlatCellsAddNothing) {
   Mesh mesh = make_box(2, constant);
-  std::mt19937 random(3);
-  std::uniform_int_distribution<std::uint32_t> plane(0, 8);
-  std::uniform_int_distribution<std::uint32_t> any(0, 26);
-  for (int i = 0; i < 200; ++i) {
-    mesh.tetrahedra.push_back({plane(random), plane(random), plane(random), plane(random)});  // all in x = 0
-    const std::uint32_t a = any(random);
-    const std::uint32_t b = any(random);
-    mesh.tetrahedra.push_back({a, b, b, a});
-    mesh.tetrahedra.push_back({a, a, a, a});
-  }
+  add_flat_cells(mesh);
   expect_box(mesh, box_scene(2), 2);
 }
 

@@ -10,6 +10,7 @@
 #include <numeric>
 #include <random>
 
+#include "base/splat_kernel.h"
 #include "renderer/renderer.h"
 #include "shared_context.h"
 
@@ -112,7 +113,7 @@ View orthographic_view(double world_height, int width = 65, int height = 65, dve
 /// The definition of a splat (docs/design.md) for one pixel ray, its integrals by quadrature in double precision.
 dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, double pixel_y,
                const TransferFunction& function, const std::optional<Lighting>& lighting) {
-  constexpr double half_axis = 0.95 * 3.4641016151377544;
+  constexpr double half_axis = moments_half_width;  // the shaders repeat it
   const dvec3 centre = view.to_view(dvec3(splat.position));
   const dvec3 q(splat.orientation);
   const dmat3 to_view = glm::transpose(dmat3(view.right, view.up, view.forward));
