@@ -1,0 +1,88 @@
+#include "base/temp_file.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+
+namespace splatvol {
+namespace {
+
+tl::unexpected<Error> fail_errno(const std::string& folder, const char* action) {
+  return fail(ErrorCode::io, "{}: cannot {} a temporary file: {}", folder, action, std::strerror(errno));
+}
+
+// Not every file system makes files without a name: there, a name that is gone at once.
+int open_unnamed(const std::string& folder) {
+  const int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  if (descriptor >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return descriptor;
+  std::string path = folder + "/splatvol-XXXXXX";
+  const int named = ::mkostemp(path.data(), O_CLOEXEC);
+  if (named >= 0) ::unlink(path.c_str());
+  return named;
+}
+
+}  // namespace
+
+Result<TempFile> TempFile::create(const std::string& folder) {
+  const int descriptor = open_unnamed(folder);
+  if (descriptor < 0) return fail_errno(folder, "create");
+  return TempFile(descriptor, folder);
+}
+
+TempFile::TempFile(TempFile&& other) noexcept
+    : descriptor_(std::exchange(other.descriptor_, -1)), folder_(std::move(other.folder_)), size_(other.size_) {}
+
+TempFile& TempFile::operator=(TempFile&& other) noexcept {
+  std::swap(descriptor_, other.descriptor_);
+  std::swap(folder_, other.folder_);
+  std::swap(size_, other.size_);
+  return *this;
+}
+
+TempFile::~TempFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+Status TempFile::append(std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(size_));
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return fail_errno(folder_, "write");
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+    size_ += static_cast<std::uint64_t>(put);
+  }
+  return {};
+}
+
+Status TempFile::read(std::uint64_t offset, std::span<std::byte> out) const {
+  if (offset > size_ || out.size() > size_ - offset)
+    return fail(ErrorCode::invalid_argument, "{}: {} bytes at {} are past the end of a temporary file ({} bytes)",
+                folder_, out.size(), offset, size_);
+  while (!out.empty()) {
+    const ssize_t got = ::pread(descriptor_, out.data(), out.size(), static_cast<off_t>(offset));
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return fail_errno(folder_, "read");
+    out = out.subspan(static_cast<std::size_t>(got));
+    offset += static_cast<std::uint64_t>(got);
+  }
+  return {};
+}
+
+void TempFile::release(std::uint64_t offset, std::uint64_t bytes) {
+  // Only room is lost where this fails.
+  (void)!::fallocate(descriptor_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
+                     static_cast<off_t>(bytes));
+}
+
+Result<std::uint64_t> free_disk_bytes(const std::string& folder) {
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(folder, error);
+  if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
+  return space.available;
+}
+
+}  // namespace splatvol
