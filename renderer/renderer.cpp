@@ -89,14 +89,15 @@ Result<std::unique_ptr<Renderer>> Renderer::create(KernelKind kind) {
     return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
                 epoxy_gl_version() / 10, epoxy_gl_version() % 10);
   SPLATVOL_TRY_ASSIGN(kernel, make_kernel(kind));
-  std::unique_ptr<Renderer> renderer(new Renderer(std::move(kernel)));
+  SPLATVOL_TRY_ASSIGN(upsampler, Upsampler::create());
+  std::unique_ptr<Renderer> renderer(new Renderer(std::move(kernel), std::move(upsampler)));
   SPLATVOL_TRY(renderer->prepare_quads());
   SPLATVOL_TRY(renderer->frame_.reserve(sizeof(FrameBlock)));
   SPLATVOL_TRY(check_gl("setting up the renderer"));
   return renderer;
 }
 
-Renderer::Renderer(Kernel kernel) : kernel_(std::move(kernel)) {}
+Renderer::Renderer(Kernel kernel, Upsampler upsampler) : kernel_(std::move(kernel)), upsampler_(std::move(upsampler)) {}
 
 Status Renderer::prepare_quads() {
   // The same two triangles for every quad. Indices, so that each corner is computed once; and no instances, which
@@ -191,10 +192,26 @@ Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batche
   return {};
 }
 
-Result<FrameTimes> Renderer::draw(const View& view, SortMode sort) {
+Result<FrameTimes> Renderer::draw(const View& view, SortMode sort, int sample_spacing) {
   if (transfer_table_.name() == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
-  SPLATVOL_TRY(prepare_target(view));
-  clear_target();
+  if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
+    return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
+                max_sample_spacing);
+  SPLATVOL_TRY(picture_.resize(view.width, view.height));
+  if (sample_spacing == 1) return draw_samples(view, sort, picture_);
+
+  const View sampled = sampled_view(view, sample_spacing);
+  SPLATVOL_TRY(samples_.resize(sampled.width, sampled.height));
+  SPLATVOL_TRY_ASSIGN(times, draw_samples(sampled, sort, samples_));
+  Stopwatch stopwatch;
+  SPLATVOL_TRY(upsampler_.run(samples_, sample_spacing, picture_));
+  glFinish();
+  times.draw += stopwatch.lap();
+  return times;
+}
+
+Result<FrameTimes> Renderer::draw_samples(const View& view, SortMode sort, const Target& target) {
+  target.clear();
   FrameTimes times;
   if (splat_count_ == 0) return times;
 
@@ -205,42 +222,12 @@ Result<FrameTimes> Renderer::draw(const View& view, SortMode sort) {
 
   stopwatch.lap();
   SPLATVOL_TRY(prepare_runs(order.count));
+  target.use();
   draw_quads(order);
   glFinish();
   times.draw = stopwatch.lap();
   SPLATVOL_TRY(check_gl("drawing"));
   return times;
-}
-
-Status Renderer::prepare_target(const View& view) {
-  if (view.width == width_ && view.height == height_) return {};
-  GLint largest = 0;
-  std::array<GLint, 2> largest_viewport{};
-  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest);
-  glGetIntegerv(GL_MAX_VIEWPORT_DIMS, largest_viewport.data());
-
-  // A quad holds its pixels as 16-bit numbers.
-  const int limit = std::min({largest, largest_viewport[0], largest_viewport[1], 65535});
-  if (view.width < 1 || view.height < 1 || view.width > limit || view.height > limit)
-    return fail(ErrorCode::invalid_argument, "image: {} x {} pixels, but this device draws 1 to {} each way",
-                view.width, view.height, limit);
-
-  width_ = height_ = 0;
-  framebuffer_ = {};
-  color_ = {};
-  GLuint name = 0;
-  glCreateTextures(GL_TEXTURE_2D, 1, &name);
-  color_ = Texture(name);
-  glTextureStorage2D(name, 1, GL_RGBA32F, view.width, view.height);
-  glCreateFramebuffers(1, &name);
-  framebuffer_ = Framebuffer(name);
-  glNamedFramebufferTexture(name, GL_COLOR_ATTACHMENT0, color_.name(), 0);
-  SPLATVOL_TRY(check_gl("making the picture's memory"));
-  if (glCheckNamedFramebufferStatus(name, GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE)
-    return fail(ErrorCode::device, "this device does not draw into 32-bit float pictures");
-  width_ = view.width;
-  height_ = view.height;
-  return {};
 }
 
 Status Renderer::upload_frame(const View& view) {
@@ -333,13 +320,6 @@ Result<std::size_t> Renderer::sort_keys(bool by_depth, Buffer& order, FrameTimes
   return places.size();
 }
 
-void Renderer::clear_target() const {
-  constexpr std::array<GLfloat, 4> transparent_black{};
-  glDisable(GL_SCISSOR_TEST);
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glClearNamedFramebufferfv(framebuffer_.name(), GL_COLOR, 0, transparent_black.data());
-}
-
 Status Renderer::prepare_runs(std::size_t count) {
   std::vector<Run> runs;
   for_each_run(count,
@@ -350,11 +330,6 @@ Status Renderer::prepare_runs(std::size_t count) {
 }
 
 void Renderer::draw_quads(const Order& order) const {
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.name());
-  glViewport(0, 0, width_, height_);
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_STENCIL_TEST);
-  glDisable(GL_CULL_FACE);
   glEnable(GL_BLEND);
   glBlendEquation(GL_FUNC_ADD);
   glBlendFunc(GL_ONE, GL_ONE_MINUS_SRC_ALPHA);  // premultiplied over
@@ -383,23 +358,25 @@ void Renderer::draw_quads(const Order& order) const {
 }
 
 Result<Image> Renderer::read_image() const {
-  if (width_ == 0) return fail(ErrorCode::invalid_argument, "no picture has been drawn");
-  std::vector<vec4> rows(static_cast<std::size_t>(width_) * height_);
+  const int width = picture_.width(), height = picture_.height();
+  if (width == 0) return fail(ErrorCode::invalid_argument, "no picture has been drawn");
+  std::vector<vec4> rows(static_cast<std::size_t>(width) * height);
   glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
   glPixelStorei(GL_PACK_ROW_LENGTH, 0);
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
-  glGetTextureImage(color_.name(), 0, GL_RGBA, GL_FLOAT, static_cast<GLsizei>(rows.size() * sizeof(vec4)), rows.data());
+  glGetTextureImage(picture_.texture(), 0, GL_RGBA, GL_FLOAT, static_cast<GLsizei>(rows.size() * sizeof(vec4)),
+                    rows.data());
   SPLATVOL_TRY(check_gl("reading the picture"));
 
   // OpenGL's row 0 is the lowest.
-  for (int y = 0; y < height_ / 2; ++y)
-    std::swap_ranges(rows.begin() + std::ptrdiff_t{y} * width_, rows.begin() + std::ptrdiff_t{y + 1} * width_,
-                     rows.begin() + std::ptrdiff_t{height_ - 1 - y} * width_);
-  return Image{width_, height_, std::move(rows)};
+  for (int y = 0; y < height / 2; ++y)
+    std::swap_ranges(rows.begin() + std::ptrdiff_t{y} * width, rows.begin() + std::ptrdiff_t{y + 1} * width,
+                     rows.begin() + std::ptrdiff_t{height - 1 - y} * width);
+  return Image{width, height, std::move(rows)};
 }
 
 std::uint64_t Renderer::gpu_bytes() const {
-  std::uint64_t bytes = static_cast<std::uint64_t>(width_) * height_ * sizeof(vec4);
+  std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes();
   if (transfer_table_.name() != 0)
     bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
   for (const std::optional<Buffer>& order : axis_orders_)

@@ -12,6 +12,8 @@
 #include "renderer/gl_objects.h"
 #include "renderer/kernel.h"
 #include "renderer/sort.h"
+#include "renderer/target.h"
+#include "renderer/upsampler.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/splat.h"
@@ -23,6 +25,8 @@ enum class SortMode {
   axis,   // back to front along the world's axis nearest to the line of sight; sorted once, whatever the views
   exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
 };
+
+inline constexpr int max_sample_spacing = 64;
 
 /// Where a frame's time went, in seconds, each part waited for.
 struct FrameTimes {
@@ -59,7 +63,10 @@ class Renderer {
   /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
   /// allows. A splat draws nothing if its value is NaN or its extinction 0; `octant`, if its centre is not in
   /// front of the eye.
-  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort);
+  ///
+  /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing; what lies between is interpolated.
+  /// Large splats hide nothing from wide samples, and take their time by the sample.
+  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing = 1);
 
   /// The picture of the last draw; fails before the first.
   [[nodiscard]] Result<Image> read_image() const;
@@ -71,9 +78,9 @@ class Renderer {
   [[nodiscard]] std::uint64_t gpu_bytes() const;
 
  private:
-  explicit Renderer(Kernel kernel);
+  Renderer(Kernel kernel, Upsampler upsampler);
   [[nodiscard]] Status prepare_quads();
-  [[nodiscard]] Status prepare_target(const View& view);
+  [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
   [[nodiscard]] Status upload_frame(const View& view);
   /// Places of splats in their buffer, in drawing order from the beginning or from the end.
   struct Order {
@@ -85,10 +92,10 @@ class Renderer {
   [[nodiscard]] Result<Order> order_along(int axis, const View& view, FrameTimes& times);
   [[nodiscard]] Result<std::size_t> sort_keys(bool by_depth, Buffer& order, FrameTimes& times);
   [[nodiscard]] Status prepare_runs(std::size_t count);
-  void clear_target() const;
   void draw_quads(const Order& order) const;
 
   Kernel kernel_;
+  Upsampler upsampler_;
   KeySorter sorter_;
 
   // Resident until replaced.
@@ -114,10 +121,8 @@ class Renderer {
   Buffer quad_indices_{"indices of quads"};
   VertexArray vertex_array_;
 
-  Texture color_;
-  Framebuffer framebuffer_;
-  int width_ = 0;
-  int height_ = 0;
+  Target picture_;
+  Target samples_;  // where they are farther apart than pixels
 };
 
 }  // namespace splatvol

@@ -25,6 +25,7 @@ struct Options {
   std::string memory = "512M";
   std::string sort = "exact";
   std::string kernel = "moments";
+  std::string sampling = "auto";
   DetailOptions detail;
   int repeat = 1;
 };
@@ -43,6 +44,7 @@ struct Drawing {
   std::unique_ptr<Renderer> renderer;
   DetailOptions detail;
   const FrameSplats* frame = nullptr;
+  int sample_spacing = 1;  // of the last frame
   std::uint64_t uploaded_serial = 0;
 };
 
@@ -69,6 +71,14 @@ KernelKind kernel_of(const Options& options) {
 SortMode sort_of(const Options& options) {
   if (options.sort == "none") return SortMode::none;
   return options.sort == "axis" ? SortMode::axis : SortMode::exact;
+}
+
+// Pixels between samples: a twelfth of what a splat may cover loses next to nothing (docs/accuracy.md).
+int sample_spacing(const Options& options, const View& view, const FrameSplats& frame) {
+  if (options.sampling != "auto") return std::atoi(options.sampling.c_str());
+  if (frame.detail.resolution) return 1;
+  const double covered = frame.detail.tolerance_percent / 100 * std::min(view.width, view.height);
+  return std::clamp(static_cast<int>(std::min(covered, 1e6) / 12), 1, 6);
 }
 
 Result<Drawing> prepare(const Options& options, const Scene& scene) {
@@ -101,7 +111,8 @@ Status draw_frame(const Options& options, const Scene& scene, const View& view, 
   if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
   drawing.uploaded_serial = frame->serial;
   const double draw_start = seconds_now();
-  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options)));
+  drawing.sample_spacing = sample_spacing(options, view, *frame);
+  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
 
   timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
   timings.sort.push_back(times.sort);
@@ -137,6 +148,7 @@ Provenance provenance_of(const Options& options, const Scene& scene, const Drawi
                            {"attribute", scene.attribute},
                            {"kernel", options.kernel},
                            {"sort", options.sort},
+                           {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
                            {"renderer", drawing.context->description()}};
   if (frame.detail.resolution)
@@ -166,6 +178,7 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                  {"lighting", lighting_of(scene)},
                                  {"tolerance", options.detail.tolerance_percent},
                                  {"effective_tolerance", frame.detail.tolerance_percent},
+                                 {"sample_spacing", drawing.sample_spacing},
                                  {"splats", frame.splats},
                                  {"nodes", frame.nodes},
                                  {"resolution_histogram", frame.nodes_by_resolution},
@@ -282,6 +295,15 @@ int main(int argc, char** argv) {
                  "sorted once "
                  "for all views; exact: for each view")
       ->check(CLI::IsMember({"none", "axis", "exact"}))
+      ->capture_default_str();
+  app.add_option(
+         "--sampling", options.sampling,
+         "Pixels from one sample of the picture to the next, between which it is interpolated: 1 to 64, or auto: "
+         "a twelfth of what the tolerance lets a splat cover, at most 6; 1 with --resolution")
+      ->type_name("PIXELS")
+      ->check([](const std::string& text) {
+        return text == "auto" ? std::string() : CLI::Range(1, max_sample_spacing)(text);
+      })
       ->capture_default_str();
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; detail is lost where it would need more")

@@ -21,12 +21,13 @@ EXTRAS = {
 FULL = {
     "tolerances": [0, 0.5, 1, 2, 3, 5, 10, 20, 40],
     "resolutions": 6,
+    "samplings": ["auto", "4"],
     "turns": 3,
     "frames": 5,
     "builds": 3,
     "parts": PARTS,
 }
-QUICK = {"tolerances": [0, 1, 5], "resolutions": 1, "turns": 1, "frames": 3, "builds": 1, "parts": []}
+QUICK = {"tolerances": [0, 1, 5], "resolutions": 1, "samplings": ["auto"], "turns": 1, "frames": 3, "builds": 1, "parts": []}
 
 
 def words(text):
@@ -75,6 +76,7 @@ def parser():
     run.add_argument("--kernels", type=words, default=["octant", "moments"], help="default: octant,moments")
     run.add_argument("--tolerances", type=numbers, help="per cent, comma-separated")
     run.add_argument("--sorts", type=words, default=["none", "axis", "exact"], help="default: none,axis,exact")
+    run.add_argument("--samplings", type=words, help="of svrender; auto is always among them (default: auto,4)")
     run.add_argument("--turns", type=count, help=f"turns that every setting and peer gets (default: {FULL['turns']})")
     run.add_argument("--frames", type=count, help=f"frames in a turn (default: {FULL['frames']})")
     run.add_argument(
@@ -107,9 +109,10 @@ def is_there(extra, packages):
 def plan_of(options):
     """What to measure; kept in run.json."""
     plan = dict(QUICK if options.quick else FULL)
-    named = {name: getattr(options, name) for name in ("tolerances", "turns", "frames", "parts")}
+    named = {name: getattr(options, name) for name in ("tolerances", "samplings", "turns", "frames", "parts")}
     plan |= {name: value for name, value in named.items() if value is not None}
     plan["tolerances"] = sorted({0, *plan["tolerances"]})
+    plan["samplings"] = list(dict.fromkeys(["auto", *plan["samplings"]]))
     plan["pictured_tolerances"] = [t for t in plan["tolerances"] if t in (0, 1, 5)]
     plan["kernels"], plan["sorts"] = options.kernels, options.sorts
     plan["kernel"] = "moments" if "moments" in options.kernels else options.kernels[-1]

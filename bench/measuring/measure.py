@@ -18,7 +18,7 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity kernel tolerance resolution sort points splats nodes bytes_read file_bytes "
+    "part view mesh connectivity kernel tolerance resolution sort sampling sample_spacing points splats nodes bytes_read file_bytes "
     "first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s rmse psnr max light flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
@@ -37,6 +37,7 @@ class Setting:
     tolerance: float = 0
     resolution: int | None = None
     sort: str = "exact"
+    sampling: str = "auto"
 
     def detail(self):
         if self.resolution is None:
@@ -44,7 +45,7 @@ class Setting:
         return {"resolution": self.resolution}
 
     def row(self):
-        return {"kernel": self.kernel, "sort": self.sort, **self.detail()}
+        return {"kernel": self.kernel, "sort": self.sort, "sampling": self.sampling, **self.detail()}
 
     def arguments(self):
         return [word for name, value in self.row().items() for word in (f"--{name}", value)]
@@ -178,7 +179,7 @@ class Splats(Contender):
     def first_picture(self, exr):
         stats = self.draw(exr, 1)
         self.renderer = stats["renderer"]
-        return {name: stats[name] for name in ("splats", "nodes", "bytes_read", "file_bytes")}
+        return {name: stats[name] for name in ("sample_spacing", "splats", "nodes", "bytes_read", "file_bytes")}
 
     def turn(self, frames):
         stats = self.draw(self.bench.work / "turn.exr", frames)
@@ -211,15 +212,19 @@ def take_turns(bench, part, points, contenders):
 
 
 def settings(plan, kernel, finest):
-    """Tolerances; the resolutions below the finest; the other ways to sort, with all points."""
-    yield from (Setting(kernel, tolerance) for tolerance in plan["tolerances"])
-    yield from (Setting(kernel, resolution=r) for r in range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1))
+    """Tolerances, and the resolutions below the finest, each with every sampling; the other ways to sort, with all
+    points."""
+    resolutions = range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1)
+    for sampling in plan["samplings"]:
+        yield from (Setting(kernel, tolerance, sampling=sampling) for tolerance in plan["tolerances"])
+        yield from (Setting(kernel, resolution=r, sampling=sampling) for r in resolutions)
     yield from (Setting(kernel, 0, sort=sort) for sort in plan["sorts"] if sort != "exact")
 
 
 def picture_label(plan, setting):
     """The page shows these settings."""
-    shown = setting.resolution is None and setting.sort == "exact" and setting.tolerance in plan["pictured_tolerances"]
+    usual = setting.sort == "exact" and setting.sampling == "auto"
+    shown = usual and setting.resolution is None and setting.tolerance in plan["pictured_tolerances"]
     return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
 
 

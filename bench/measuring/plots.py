@@ -9,9 +9,9 @@ PEER_MARKS = {"projected-tets": ("*", "#222222", 15), "ray-cast": ("D", "#8a2be2
 
 
 def _splats(panel, rows, x, y, color, kernel):
-    by_tolerance = sorted(
-        (row for row in rows if row.tolerance is not None and row.sort == "exact"), key=lambda row: row.tolerance
-    )
+    usual = [row for row in rows if row.sort == "exact" and row.sampling == "auto"]
+    sampled = [row for row in rows if row.sampling == "4"]
+    by_tolerance = sorted((row for row in usual if row.tolerance is not None), key=lambda row: row.tolerance)
     panel.plot(
         [x(row) for row in by_tolerance],
         [row[y] for row in by_tolerance],
@@ -21,7 +21,7 @@ def _splats(panel, rows, x, y, color, kernel):
         linewidth=1.5,
         label=f"{kernel}, by tolerance",
     )
-    by_resolution = [row for row in rows if row.resolution is not None]
+    by_resolution = [row for row in usual if row.resolution is not None]
     panel.plot(
         [x(row) for row in by_resolution],
         [row[y] for row in by_resolution],
@@ -31,6 +31,15 @@ def _splats(panel, rows, x, y, color, kernel):
         markerfacecolor="none",
         label=f"{kernel}, fixed resolutions",
     )
+    if sampled:
+        panel.plot(
+            [x(row) for row in sampled],
+            [row[y] for row in sampled],
+            "x",
+            color=color,
+            markersize=5,
+            label=f"{kernel}, samples 4 pixels apart",
+        )
     for row in by_tolerance:
         if row.tolerance in (0, 1, 5, 20):
             panel.annotate(

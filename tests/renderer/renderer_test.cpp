@@ -134,8 +134,8 @@ class RendererTest : public ::testing::Test {
   }
 
   /// Draws what is resident.
-  Image redraw(const View& view, SortMode sort = SortMode::exact) {
-    const auto times = renderer_->draw(view, sort);
+  Image redraw(const View& view, SortMode sort = SortMode::exact, int sample_spacing = 1) {
+    const auto times = renderer_->draw(view, sort, sample_spacing);
     EXPECT_TRUE(times) << times.error().message;
     auto image = renderer_->read_image();
     EXPECT_TRUE(image) << image.error().message;
@@ -559,6 +559,40 @@ TEST_F(RendererTest, SizesChangeBetweenDraws) {
   EXPECT_EQ(redraw(orthographic_view(1, 1)).pixels.size(), 1U);
 }
 
+// A Gaussian whose deviation is 5 samples is smooth to them, but for the step of 1/90 where it is cut.
+TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
+  for (const int spacing : {2, 3, 4, 8}) {
+    const auto size = static_cast<float>(12.5 * spacing);
+    for (const View& view : {orthographic_view(256, 177), perspective_view(129, 256, dvec3(0, 0, 90))}) {
+      const Image exact = picture({{{1, 2, -10}, 3, size}, {{-9, 5, -20}, 1, size}}, view, four_colors(0.01));
+      const Image sampled = redraw(view, SortMode::exact, spacing);
+      expect_sane(sampled);
+      float largest = 0, brightest = 0;
+      for (std::size_t i = 0; i < exact.pixels.size(); ++i) {
+        const vec4 difference = glm::abs(exact.pixels[i] - sampled.pixels[i]);
+        largest = std::max({largest, difference.r, difference.g, difference.b, difference.a});
+        brightest = std::max(brightest, exact.pixels[i].a);
+      }
+      EXPECT_LT(largest, brightest / 150) << spacing;
+      EXPECT_GT(largest, 0) << spacing;
+      EXPECT_NEAR(total_alpha(sampled) / total_alpha(exact), 1, 1e-3) << spacing;
+    }
+  }
+}
+
+TEST_F(RendererTest, SamplesHaveTheMiddleOfThePicture) {
+  for (const auto& [width, height, spacing] :
+       {std::tuple{64, 64, 4}, {65, 63, 4}, {33, 50, 7}, {7, 3, 5}, {1, 1, 64}}) {
+    const View view = orthographic_view(width, height);
+    (void)picture({{{0, 0, -10}, 3, 40}}, view, four_colors(0.02));
+    const Image image = redraw(view, SortMode::exact, spacing);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        ASSERT_NEAR(image.at(x, y).a, image.at(width - 1 - x, height - 1 - y).a, 1e-5) << width << " " << spacing;
+    EXPECT_GT(image.at(width / 2, height / 2).a, 0.1);
+  }
+}
+
 TEST_F(RendererTest, RefusesWhatItCannotDraw) {
   const View view = orthographic_view(8, 8);
   EXPECT_THAT(renderer_->draw(view, SortMode::none).error().message, HasSubstr("transfer function"));
@@ -573,6 +607,8 @@ TEST_F(RendererTest, RefusesWhatItCannotDraw) {
     ASSERT_FALSE(times);
     EXPECT_EQ(times.error().code, ErrorCode::invalid_argument);
   }
+  for (const int spacing : {-1, 0, max_sample_spacing + 1})
+    EXPECT_FALSE(renderer_->draw(view, SortMode::none, spacing));
   EXPECT_TRUE(renderer_->draw(view, SortMode::none));
 }
 

@@ -283,6 +283,19 @@ TEST_F(RealData, MomentsAreAsExactAsTheirPrototype) {
   }
 }
 
+TEST_F(RealData, TheSamplingOfATolerancesSplatsLosesNextToNothing) {
+  for (const std::string name : {"bluntfin", "post", "wing"}) {
+    expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    for (const std::string tolerance : {"5", "10", "20"}) {
+      const json stats = render(path("volume.svol"), name, "--tolerance " + tolerance);
+      EXPECT_GT(stats["sample_spacing"], 1) << name;
+      const double sampled = against_truth(name, path("picture.exr")).rmse;
+      (void)render(path("volume.svol"), name, "--sampling 1 --tolerance " + tolerance);
+      EXPECT_LT(sampled, 1.1 * against_truth(name, path("picture.exr")).rmse) << name << " " << tolerance;
+    }
+  }
+}
+
 TEST_F(RealData, WithoutTheirConnectivityPointsStillShow) {
   for (const std::string connectivity : {"delaunay", "none"}) {
     expect_success("svbuild " + mesh("bluntfin") + " --connectivity " + connectivity + " -o " + path("volume.svol"));

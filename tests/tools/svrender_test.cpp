@@ -121,6 +121,12 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
+  EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
+  EXPECT_EQ(statistics("").at("sample_spacing"), 1);
+  EXPECT_EQ(statistics("--tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
+  EXPECT_EQ(statistics("--tolerance 1e30").at("sample_spacing"), 6);
+  EXPECT_EQ(statistics("--tolerance 50 --sampling 1").at("sample_spacing"), 1);
+  EXPECT_EQ(statistics("--resolution 0").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("").at("kernel"), "moments");
   EXPECT_EQ(statistics("--kernel octant").at("kernel"), "octant");
 

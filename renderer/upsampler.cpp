@@ -1,0 +1,39 @@
+#include "renderer/upsampler.h"
+
+#include "renderer/shaders.h"
+
+namespace splatvol {
+
+View sampled_view(View view, int spacing) {
+  if (spacing == 1) return view;
+  view.width = sample_count(view.width, spacing);
+  view.height = sample_count(view.height, spacing);
+  view.focal /= spacing;
+  return view;
+}
+
+Result<Upsampler> Upsampler::create() {
+  SPLATVOL_TRY_ASSIGN(program,
+                      build_program("interpolation between samples", {{GL_VERTEX_SHADER, {shaders::upsample_vert}},
+                                                                      {GL_FRAGMENT_SHADER, {shaders::upsample_frag}}}));
+  return Upsampler(std::move(program));
+}
+
+Status Upsampler::run(const Target& samples, int spacing, const Target& picture) {
+  SPLATVOL_TRY(rows_.resize(samples.width(), picture.height()));
+  glUseProgram(program_.name());
+  pass(samples, 1, spacing, rows_);
+  pass(rows_, 0, spacing, picture);
+  return check_gl("interpolating between samples");
+}
+
+void Upsampler::pass(const Target& from, int axis, int spacing, const Target& to) const {
+  to.use();
+  glBindTextureUnit(2, from.texture());
+  glUniform1i(0, axis);
+  glUniform1f(1, static_cast<GLfloat>(spacing));
+  glUniform1f(2, 0.5F * static_cast<GLfloat>(axis == 0 ? to.width() : to.height()));
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+}  // namespace splatvol
