@@ -20,6 +20,16 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
 }
 
+std::string folder_of(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path();
+  return folder.empty() ? "." : folder;
+}
+
+std::string unpredictable_name(const std::string& path) {
+  std::random_device random;
+  return fmt::format("{}.{:08x}{:08x}", path, random(), random());
+}
+
 class FileSource final : public ByteSource {
  public:
   FileSource(int descriptor, std::uint64_t size, std::string path)
@@ -106,12 +116,13 @@ Result<AtomicFile> AtomicFile::create(const std::string& target) {
   const std::string path =
       std::filesystem::is_symlink(target, error) ? std::filesystem::weakly_canonical(target, error).string() : target;
 
-  // An unpredictable name that does not exist yet, with the permissions that the user's umask allows.
-  std::random_device random;
+  const int descriptor = ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
+  if (descriptor >= 0) return AtomicFile(descriptor, path, "");
+  if (errno != EOPNOTSUPP && errno != EISDIR) return fail_errno(path, "cannot create");
   for (;;) {
-    std::string temporary = fmt::format("{}.{:08x}{:08x}", path, random(), random());
-    const int descriptor = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (descriptor >= 0) return AtomicFile(descriptor, path, std::move(temporary));
+    std::string temporary = unpredictable_name(path);
+    const int named = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (named >= 0) return AtomicFile(named, path, std::move(temporary));
     if (errno != EEXIST) return fail_errno(path, "cannot create");
   }
 }
@@ -128,7 +139,7 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
 AtomicFile::~AtomicFile() {
   if (descriptor_ < 0) return;
   ::close(descriptor_);
-  ::unlink(temporary_path_.c_str());
+  if (!temporary_path_.empty()) ::unlink(temporary_path_.c_str());
 }
 
 Status AtomicFile::append(std::span<const std::byte> bytes) {
@@ -148,14 +159,26 @@ Status AtomicFile::write_at(std::uint64_t offset, std::span<const std::byte> byt
   return {};
 }
 
+std::string AtomicFile::path_to_write() const {
+  return temporary_path_.empty() ? fmt::format("/proc/self/fd/{}", descriptor_) : temporary_path_;
+}
+
 Status AtomicFile::commit() {
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
+  // A link cannot replace a file; a name of its own can be renamed over it.
+  const std::string self = path_to_write();
+  while (temporary_path_.empty()) {
+    std::string name = unpredictable_name(path_);
+    if (::linkat(AT_FDCWD, self.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) == 0)
+      temporary_path_ = std::move(name);
+    else if (errno != EEXIST)
+      return fail_errno(path_, "cannot name");
+  }
   if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) return fail_errno(path_, "cannot rename to");
   ::close(std::exchange(descriptor_, -1));
 
   // The rename itself lasts through a power cut only when the folder is synced too.
-  const auto folder = std::filesystem::path(path_).parent_path();
-  const int directory = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const int directory = ::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (directory < 0) return fail_errno(path_, "cannot sync the folder of");
   const int synced = ::fsync(directory);
   ::close(directory);

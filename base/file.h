@@ -37,8 +37,9 @@ class ByteSource {
 
 /// A file that gets its name only when it is complete.
 ///
-/// Bytes go to a temporary name in the same folder; `commit` syncs it to the disk and renames it over `path`. Destroyed
-/// without commit, it removes the temporary file and leaves whatever stood at `path` untouched. Not thread-safe.
+/// Bytes go to a file without a name in the same folder, which the system takes back however the process ends (where
+/// the file system cannot make one, to a temporary name, which the destructor removes); `commit` syncs it to the disk
+/// and puts it in the place of `path`. Without commit, whatever stood at `path` is untouched. Not thread-safe.
 class AtomicFile {
  public:
   /// Fails where the folder cannot be written to, or where `target` is something else than a regular file. A link is
@@ -60,8 +61,8 @@ class AtomicFile {
   /// Place of the next `append`, bytes from the start.
   [[nodiscard]] std::uint64_t position() const { return end_; }
 
-  /// Where the bytes are until `commit`; for libraries that write by name.
-  [[nodiscard]] const std::string& temporary_path() const { return temporary_path_; }
+  /// Where libraries that write by name reach the bytes until `commit`, in this process.
+  [[nodiscard]] std::string path_to_write() const;
 
   [[nodiscard]] Status commit();
 
@@ -70,7 +71,7 @@ class AtomicFile {
 
   int descriptor_;
   std::string path_;
-  std::string temporary_path_;
+  std::string temporary_path_;  // empty: none
   std::uint64_t end_ = 0;
 };
 

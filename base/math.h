@@ -7,6 +7,7 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
+#include <limits>
 
 namespace splatvol {
 
@@ -20,6 +21,17 @@ using glm::vec4;
 struct Cube {
   dvec3 origin{0};  // the corner with the lowest coordinates
   double edge = 0;
+};
+
+/// An axis-parallel box in world units; empty at first.
+struct Box {
+  dvec3 low{std::numeric_limits<double>::infinity()};
+  dvec3 high{-std::numeric_limits<double>::infinity()};
+
+  void include(const Box& other) {
+    low = glm::min(low, other.low);
+    high = glm::max(high, other.high);
+  }
 };
 
 }  // namespace splatvol

@@ -1,0 +1,60 @@
+#include "base/memory_limit.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <string_view>
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t no_limit = std::numeric_limits<std::uint64_t>::max();
+
+std::uint64_t machine_bytes(const std::string& root) {
+  std::ifstream file(root + "/proc/meminfo");
+  std::string word;
+  std::uint64_t kibibytes = 0;
+  while (file >> word)
+    if (word == "MemTotal:" && file >> kibibytes) return kibibytes << 10;
+  return static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+}
+
+/// The least number in files called `name` from `folder` / `group` up to `folder`. In a container the group's path may
+/// be the host's, of which only the end, or nothing, is there.
+std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path group, const char* name) {
+  std::uint64_t least = no_limit;
+  for (group = group.relative_path();; group = group.parent_path()) {
+    std::uint64_t bytes = 0;
+    if (std::ifstream(folder / group / name) >> bytes) least = std::min(least, bytes);  // "max" is no number
+    if (group.empty()) return least;
+  }
+}
+
+/// Whether "memory" is among names with commas between them.
+bool names_memory(const std::string& controllers) {
+  return ("," + controllers + ",").find(",memory,") != std::string::npos;
+}
+
+}  // namespace
+
+std::uint64_t memory_limit(const std::string& root) {
+  std::uint64_t limit = machine_bytes(root);
+  const std::string groups = root + "/sys/fs/cgroup";
+  std::ifstream file(root + "/proc/self/cgroup");
+  for (std::string line; std::getline(file, line);) {  // hierarchy:controllers:group
+    const std::size_t first = line.find(':'), second = line.find(':', first + 1);
+    if (first == std::string::npos || second == std::string::npos) continue;
+    const std::string controllers = line.substr(first + 1, second - first - 1), group = line.substr(second + 1);
+    if (controllers.empty())
+      for (const std::string& folder : {groups, groups + "/unified"})
+        limit = std::min(limit, least_of_groups(folder, group, "memory.max"));
+    if (names_memory(controllers))
+      limit = std::min(limit, least_of_groups(groups + "/memory", group, "memory.limit_in_bytes"));
+  }
+  return limit;
+}
+
+}  // namespace splatvol

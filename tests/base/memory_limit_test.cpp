@@ -1,0 +1,75 @@
+#include "base/memory_limit.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t gibibyte = std::uint64_t{1} << 30;
+
+/// A machine of 8 GiB, as far as /proc and /sys say.
+class MemoryLimit : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    root_ = ::testing::TempDir() + "splatvol_memory_" + ::testing::UnitTest::GetInstance()->current_test_info()->name();
+    std::filesystem::remove_all(root_);
+    write("/proc/meminfo", "MemTotal:        8388608 kB\nMemFree:         1000 kB\n");
+  }
+  void TearDown() override { std::filesystem::remove_all(root_); }
+
+  void write(const std::string& path, const std::string& text) const {
+    std::filesystem::create_directories(std::filesystem::path(root_ + path).parent_path());
+    std::ofstream(root_ + path) << text;
+  }
+
+  std::string root_;
+};
+
+TEST_F(MemoryLimit, IsTheMachinesMemoryWithoutGroups) {
+  EXPECT_EQ(memory_limit(root_), 8 * gibibyte);
+  write("/proc/self/cgroup", "0::/user/session\nnonsense\n:\n");
+  EXPECT_EQ(memory_limit(root_), 8 * gibibyte);
+  write("/sys/fs/cgroup/user/session/memory.max", "max\n");
+  EXPECT_EQ(memory_limit(root_), 8 * gibibyte);
+}
+
+TEST_F(MemoryLimit, IsTheLeastOfTheGroupsAbove) {
+  write("/proc/self/cgroup", "0::/user/session/job\n");
+  write("/sys/fs/cgroup/user/session/job/memory.max", "max\n");
+  write("/sys/fs/cgroup/user/session/memory.max", "2147483648\n");
+  write("/sys/fs/cgroup/user/memory.max", "3221225472\n");
+  write("/sys/fs/cgroup/other/memory.max", "4096\n");
+  EXPECT_EQ(memory_limit(root_), 2 * gibibyte);
+  write("/sys/fs/cgroup/user/session/job/memory.max", "1073741824\n");
+  EXPECT_EQ(memory_limit(root_), gibibyte);
+}
+
+TEST_F(MemoryLimit, KnowsTheFirstVersionOfGroups) {
+  write("/proc/self/cgroup", "9:name=systemd:/\n4:cpuset,memory:/job\n1:cpu:/small\n0::/job\n");
+  write("/sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712\n");
+  write("/sys/fs/cgroup/memory/small/memory.limit_in_bytes", "4096\n");
+  EXPECT_EQ(memory_limit(root_), 8 * gibibyte) << "what stands for no limit is above the machine's memory";
+  write("/sys/fs/cgroup/memory/job/memory.limit_in_bytes", "3221225472\n");
+  EXPECT_EQ(memory_limit(root_), 3 * gibibyte);
+  write("/sys/fs/cgroup/unified/job/memory.max", "1073741824\n");
+  EXPECT_EQ(memory_limit(root_), gibibyte) << "both versions at once";
+}
+
+TEST_F(MemoryLimit, AContainerSeesItsOwnGroupAsTheRoot) {
+  write("/proc/self/cgroup", "4:memory:/docker/0123456789abcdef\n");
+  write("/sys/fs/cgroup/memory/memory.limit_in_bytes", "1073741824\n");
+  EXPECT_EQ(memory_limit(root_), gibibyte);
+}
+
+TEST(MemoryLimitHere, IsNoMoreThanTheMachineHas) {
+  const auto pages = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES));
+  EXPECT_LE(memory_limit(), pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)) + gibibyte / 1024);
+  EXPECT_GT(memory_limit(), 16u << 20);
+}
+
+}  // namespace
+}  // namespace splatvol
