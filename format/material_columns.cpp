@@ -18,11 +18,19 @@ namespace {
 constexpr unsigned codes_per_octave = 128;
 constexpr unsigned largest_log_code = 65535;
 
-std::uint16_t log_code(double number, double scale) {
-  if (!(number > 0)) return 0;
-  const double code = std::round(largest_log_code + codes_per_octave * (std::log2(number) - std::log2(scale)));
-  return static_cast<std::uint16_t>(std::clamp(code, 1.0, double{largest_log_code}));
-}
+class LogEncoder {
+ public:
+  explicit LogEncoder(double scale) : log_scale_(std::log2(scale)) {}
+
+  std::uint16_t operator()(double number) const {
+    if (!(number > 0)) return 0;
+    const double code = std::round(largest_log_code + codes_per_octave * (std::log2(number) - log_scale_));
+    return static_cast<std::uint16_t>(std::clamp(code, 1.0, double{largest_log_code}));
+  }
+
+ private:
+  double log_scale_;
+};
 
 class LogCodes {
  public:
@@ -137,6 +145,7 @@ std::int16_t boundary_code(double foot) {
 }
 
 std::uint8_t density_code(double density) {
+  if (density == 1) return density_one;  // as most are where none were fitted
   return static_cast<std::uint8_t>(
       std::clamp<long>(density_one + std::lround(densities_per_octave * std::log2(density)), 0, 255));
 }
@@ -257,10 +266,11 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
   // Splats of one form have masses in proportion to the product of their deviations: what is left varies little.
   std::array<std::vector<std::uint16_t>, 4> codes;  // mass, deviations
   for (auto& plane : codes) plane.resize(shapes.size());
+  const LogEncoder mass_code(header.mass_scale), deviation_code(header.deviation_scale);
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    unsigned mass = log_code(shapes[i].mass, header.mass_scale);
+    unsigned mass = mass_code(shapes[i].mass);
     for (std::size_t k = 0; k < 3; ++k)
-      mass -= codes[1 + k][i] = log_code(shapes[i].deviations[static_cast<int>(k)], header.deviation_scale);
+      mass -= codes[1 + k][i] = deviation_code(shapes[i].deviations[static_cast<int>(k)]);
     codes[0][i] = static_cast<std::uint16_t>(mass);
   }
 
@@ -291,8 +301,9 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
   Bytes payload;
   append_record(payload, header);
   append_planes<std::uint32_t>(payload, cells, header.width);
-  append_plane_of<std::uint16_t>(
-      payload, present, [&](const SplatValue& value) { return log_code(value.deviation, header.deviation_scale); });
+  const LogEncoder deviation_code(header.deviation_scale);
+  append_plane_of<std::uint16_t>(payload, present,
+                                 [&](const SplatValue& value) { return deviation_code(value.deviation); });
   for (int k = 0; k < 3; ++k)
     append_plane_of<std::int8_t>(payload, present,
                                  [k](const SplatValue& value) { return signed_code(value.correlation[k]); });

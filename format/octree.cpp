@@ -58,141 +58,6 @@ class StructureReader {
   bool ok_ = true;
 };
 
-// Cuts the tree: walks it depth first, keeps with each node the forest of its children until that is too large for one
-// page, then turns the heaviest children's forests into pages of their own.
-class IndexPacker {
- public:
-  IndexPacker(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit)
-      : tree_(tree), emit_(emit), subtree_ends_(tree.size()), links_(tree.size(), no_link) {}
-
-  Result<PackedIndexPage> run() {
-    if (!arrays_match()) return fail(ErrorCode::invalid_argument, "index: arrays of different lengths");
-    SPLATVOL_TRY(walk(0));
-    if (next_ != tree_.size()) return fail(ErrorCode::invalid_argument, "index: nodes without a parent");
-    return pack_page({0});
-  }
-
- private:
-  static constexpr std::uint32_t no_link = ~std::uint32_t{0};
-
-  bool arrays_match() const {
-    const std::size_t nodes = tree_.size();
-    const NodeShape& shape = tree_.shape;
-    return nodes > 0 && nodes < no_link && tree_.first_resolutions.size() == nodes &&
-           tree_.counts.size() == nodes * shape.resolutions &&
-           tree_.size_codes.size() == nodes * shape.size_bounds * shape.resolutions &&
-           tree_.summaries.size() == nodes * shape.attributes;
-  }
-
-  // Returns how many nodes of the next subtree stay on the page of its root.
-  Result<std::uint32_t> walk(std::size_t depth) {
-    if (next_ >= tree_.size()) return fail(ErrorCode::invalid_argument, "index: a node lacks children");
-    if (depth > max_node_depth) return fail(ErrorCode::invalid_argument, "index: deeper than {}", max_node_depth);
-    const std::size_t node = next_++;
-    std::uint32_t weight = 1;
-    std::vector<std::pair<std::uint32_t, std::size_t>> children;  // weight, node
-    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i) {
-      const std::size_t child = next_;
-      SPLATVOL_TRY_ASSIGN(child_weight, walk(depth + 1));
-      children.emplace_back(child_weight, child);
-      weight += child_weight;
-    }
-    subtree_ends_[node] = next_;
-
-    std::ranges::stable_sort(children, std::greater<>(), &std::pair<std::uint32_t, std::size_t>::first);
-    const std::uint32_t target = depth == 0 ? target_root_nodes(tree_.shape) : target_page_nodes;
-    for (const auto& [child_weight, child] : children) {
-      if (weight <= target || child_weight == 1) break;
-      SPLATVOL_TRY(page_out(child));
-      weight -= child_weight - 1;
-    }
-    return weight;
-  }
-
-  void append_children(std::vector<std::size_t>& order, std::size_t node) const {
-    std::size_t child = node + 1;
-    for (int i = 0; i < std::popcount(tree_.child_masks[node]); ++i, child = subtree_ends_[child])
-      order.push_back(child);
-  }
-
-  Status page_out(std::size_t node) {
-    std::vector<std::size_t> forest;
-    append_children(forest, node);
-    SPLATVOL_TRY_ASSIGN(page, pack_page(std::move(forest)));
-    page.ref.offset = offset_;
-    offset_ += page.bytes.size();
-    links_[node] = static_cast<std::uint32_t>(refs_.size());
-    refs_.push_back(page.ref);
-    return emit_(page);
-  }
-
-  // The forest with the given roots, down to leaves and linked nodes.
-  Result<PackedIndexPage> pack_page(std::vector<std::size_t> order) const {
-    for (std::size_t i = 0; i < order.size(); ++i) {
-      const std::size_t node = order[i];
-      if (links_[node] == no_link) append_children(order, node);
-    }
-    std::vector<Bytes> raw(1 + tree_.shape.attributes);
-    for (const std::size_t node : order) append_node(raw[0], node);
-    for (std::size_t a = 0; a < tree_.shape.attributes; ++a) raw[1 + a] = summary_block(order, a);
-
-    Bytes table, blocks;
-    append_record(table, static_cast<std::uint32_t>(order.size()));
-    append_record(table, std::uint32_t{0});
-    std::uint64_t front_bytes = 0;
-    for (const Bytes& block : raw) {
-      const Bytes packed = pack(block);
-      append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()),
-                                      static_cast<std::uint32_t>(block.size()), hash_bytes(packed)});
-      blocks.insert(blocks.end(), packed.begin(), packed.end());
-      if (front_bytes == 0) front_bytes = packed.size();
-    }
-    PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
-    page.bytes.insert(page.bytes.end(), blocks.begin(), blocks.end());
-    if (page.bytes.size() > std::numeric_limits<std::uint32_t>::max())
-      return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", tree_.shape.attributes);
-    page.ref.front_bytes = static_cast<std::uint32_t>(table.size() + front_bytes);
-    page.ref.page_bytes = static_cast<std::uint32_t>(page.bytes.size());
-    return page;
-  }
-
-  void append_node(Bytes& block, std::size_t node) const {
-    const bool linked = links_[node] != no_link;
-    block.push_back(static_cast<std::byte>(tree_.child_masks[node]));
-    block.push_back(static_cast<std::byte>(linked ? 1 : 0));
-    block.push_back(static_cast<std::byte>(tree_.first_resolutions[node]));
-    for (const std::uint64_t count : tree_.counts_of(node)) append_varint(block, count);
-    for (std::size_t bound = 0; bound < tree_.shape.size_bounds; ++bound)
-      for (std::size_t r = tree_.first_resolutions[node]; r < tree_.shape.resolutions; ++r)
-        block.push_back(static_cast<std::byte>(tree_.size_code_at(node, bound, r)));
-    if (linked) append_record(block, refs_[links_[node]]);
-  }
-
-  Bytes summary_block(const std::vector<std::size_t>& order, std::size_t attribute) const {
-    std::vector<float> mins, maxs;
-    std::vector<std::uint64_t> masks;
-    for (const std::size_t node : order) {
-      const ValueSummary& summary = tree_.summaries[node * tree_.shape.attributes + attribute];
-      mins.push_back(summary.min);
-      maxs.push_back(summary.max);
-      masks.push_back(summary.occupancy);
-    }
-    Bytes block;
-    for (const float value : mins) append_record(block, value);
-    for (const float value : maxs) append_record(block, value);
-    for (const std::uint64_t mask : masks) append_record(block, mask);
-    return block;
-  }
-
-  const NodeArrays& tree_;
-  const std::function<Status(const PackedIndexPage&)>& emit_;
-  std::size_t next_ = 0;
-  std::uint64_t offset_ = 0;
-  std::vector<std::size_t> subtree_ends_;  // [node]: the node after its subtree
-  std::vector<std::uint32_t> links_;       // [node]: index into refs_
-  std::vector<IndexPageRef> refs_;
-};
-
 // Most bytes that a node's structure can take.
 std::uint64_t max_structure_bytes(const NodeShape& shape) {
   return 3 + (10 + shape.size_bounds) * shape.resolutions + sizeof(IndexPageRef);
@@ -313,8 +178,114 @@ std::uint64_t IndexPage::memory_bytes() const {
          nodes.summaries.size() * sizeof(ValueSummary) + pages.size() * sizeof(IndexPageRef);
 }
 
-Result<PackedIndexPage> pack_index(const NodeArrays& tree, const std::function<Status(const PackedIndexPage&)>& emit) {
-  return IndexPacker(tree, emit).run();
+Status IndexPacker::begin_node(unsigned octant) {
+  if (root_) return fail(ErrorCode::invalid_argument, "index: nodes without a parent");
+  if (open_.size() > max_node_depth) return fail(ErrorCode::invalid_argument, "index: deeper than {}", max_node_depth);
+  if (!open_.empty()) {
+    std::uint8_t& mask = open_.back().child_mask;
+    if (octant > 7 || mask >> octant != 0) return fail(ErrorCode::invalid_argument, "index: children out of order");
+    mask = static_cast<std::uint8_t>(mask | 1u << octant);
+  }
+  open_.emplace_back();
+  ++held_nodes_;
+  return {};
+}
+
+Status IndexPacker::end_node(NodeRecord record) {
+  if (open_.empty()) return fail(ErrorCode::invalid_argument, "index: no node to leave");
+  if (record.counts.size() != shape_.resolutions || record.first_resolution >= shape_.resolutions ||
+      record.size_codes.size() != shape_.size_bounds * shape_.resolutions ||
+      record.summaries.size() != shape_.attributes)
+    return fail(ErrorCode::invalid_argument, "index: a node of another shape");
+  Node node = std::move(open_.back());
+  open_.pop_back();
+  node.record = std::move(record);
+  for (const Node& child : node.children) node.weight += child.weight;
+  SPLATVOL_TRY(page_out_children(node, open_.empty() ? target_root_nodes(shape_) : target_page_nodes));
+  if (open_.empty())
+    root_ = std::move(node);
+  else
+    open_.back().children.push_back(std::move(node));
+  return {};
+}
+
+Result<PackedIndexPage> IndexPacker::finish() {
+  if (!root_) return fail(ErrorCode::invalid_argument, "index: without a root");
+  return pack_page({&*root_});
+}
+
+std::uint64_t IndexPacker::memory_bytes() const {
+  return held_nodes_ * (sizeof(Node) + shape_.resolutions * (sizeof(std::uint64_t) + shape_.size_bounds) +
+                        shape_.attributes * sizeof(ValueSummary));
+}
+
+// The heaviest children's forests become pages of their own until the rest has no more nodes than wanted.
+Status IndexPacker::page_out_children(Node& node, std::uint32_t target) {
+  std::vector<Node*> children;
+  for (Node& child : node.children) children.push_back(&child);
+  std::ranges::stable_sort(children, std::greater<>(), &Node::weight);
+  for (Node* child : children) {
+    if (node.weight <= target || child->weight == 1) break;
+    node.weight -= child->weight - 1;
+    SPLATVOL_TRY(page_out(*child));
+  }
+  return {};
+}
+
+Status IndexPacker::page_out(Node& node) {
+  std::vector<const Node*> forest;
+  for (const Node& child : node.children) forest.push_back(&child);
+  SPLATVOL_TRY_ASSIGN(page, pack_page(std::move(forest)));
+  page.ref.offset = offset_;
+  offset_ += page.bytes.size();
+  node.link = page.ref;
+  node.children = std::vector<Node>();
+  held_nodes_ -= std::exchange(node.weight, 1) - 1;
+  return emit_(page);
+}
+
+// The forest with the given roots, down to leaves and linked nodes.
+Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) const {
+  for (std::size_t i = 0; i < order.size(); ++i)
+    for (const Node& child : order[i]->children) order.push_back(&child);
+  std::vector<Bytes> raw(1 + shape_.attributes);
+  for (const Node* node : order) append_node(raw[0], *node);
+  for (std::size_t a = 0; a < shape_.attributes; ++a) {
+    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].min);
+    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].max);
+    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].occupancy);
+  }
+
+  Bytes table, blocks;
+  append_record(table, static_cast<std::uint32_t>(order.size()));
+  append_record(table, std::uint32_t{0});
+  std::uint64_t front_bytes = 0;
+  for (const Bytes& block : raw) {
+    const Bytes packed = pack(block);
+    append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(block.size()),
+                                    hash_bytes(packed)});
+    blocks.insert(blocks.end(), packed.begin(), packed.end());
+    if (front_bytes == 0) front_bytes = packed.size();
+  }
+  PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
+  page.bytes.insert(page.bytes.end(), blocks.begin(), blocks.end());
+  if (page.bytes.size() > std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", shape_.attributes);
+  page.ref.front_bytes = static_cast<std::uint32_t>(table.size() + front_bytes);
+  page.ref.page_bytes = static_cast<std::uint32_t>(page.bytes.size());
+  return page;
+}
+
+void IndexPacker::append_node(Bytes& block, const Node& node) const {
+  const NodeRecord& record = node.record;
+  block.push_back(static_cast<std::byte>(node.child_mask));
+  block.push_back(static_cast<std::byte>(node.link ? 1 : 0));
+  block.push_back(static_cast<std::byte>(record.first_resolution));
+  for (const std::uint64_t count : record.counts) append_varint(block, count);
+  for (std::size_t bound = 0; bound < shape_.size_bounds; ++bound)
+    for (std::size_t r = record.first_resolution; r < shape_.resolutions; ++r)
+      block.push_back(static_cast<std::byte>(record.size_codes[bound * shape_.resolutions + r]));
+  if (node.link) append_record(block, *node.link);
 }
 
 Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front, NodeShape shape,

@@ -5,11 +5,14 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
+#include "base/temp_file.h"
 #include "format/codec.h"
 #include "format/columns.h"
 #include "format/layout.h"
@@ -33,15 +36,14 @@ struct NodeShape {
   return code > 0 && size_bound(code, edge) < size ? static_cast<std::uint8_t>(code - 1) : code;
 }
 
-/// Nodes in memory, as arrays over the nodes. In a whole tree they stand in depth-first order, children in octant
-/// order; in a page in breadth-first order.
+/// Nodes in memory, as arrays over the nodes: of a page, in breadth-first order.
 struct NodeArrays {
   NodeShape shape;
   std::vector<std::uint8_t> child_masks;
   std::vector<std::uint8_t> first_resolutions;
   std::vector<std::uint64_t> counts;     // [node][segment]
   std::vector<std::uint8_t> size_codes;  // [node][bound][resolution]; below first_resolution not stored, 0
-  std::vector<ValueSummary> summaries;   // [node][attribute]; in a page: [node], of the attribute that was asked for
+  std::vector<ValueSummary> summaries;   // [node]: of the attribute that was asked for
 
   [[nodiscard]] std::size_t size() const { return child_masks.size(); }
   [[nodiscard]] std::span<const std::uint64_t> counts_of(std::size_t node) const {
@@ -72,11 +74,65 @@ struct PackedIndexPage {
   Bytes bytes;
 };
 
-/// Cuts a whole tree into pages and hands them to `emit` in file order: children's pages before their parents', offsets
-/// filled in from 0; returns the root page, which is not emitted and kept small. Fails where the arrays are no tree in
-/// depth-first order, or one deeper than max_node_depth.
-[[nodiscard]] Result<PackedIndexPage> pack_index(const NodeArrays& tree,
-                                                 const std::function<Status(const PackedIndexPage&)>& emit);
+/// A whole index, ready to be written.
+struct PackedIndex {
+  NodeShape shape;
+  PackedIndexPage root;
+  TempFile pages;  // the others, in file order
+};
+
+/// What a node says of itself; which children it has follows from those that it gets.
+struct NodeRecord {
+  std::uint8_t first_resolution = 0;
+  std::vector<std::uint64_t> counts;     // [segment]
+  std::vector<std::uint8_t> size_codes;  // [bound][resolution]; below first_resolution not stored
+  std::vector<ValueSummary> summaries;   // [attribute]
+};
+
+/// Cuts a tree into pages while it is walked depth first: begin_node where a node is entered, end_node where it is
+/// left. Holds the path to the open node and what hangs on it that is in no page yet: some hundred nodes for each
+/// level, however many the tree has. After a failure only destruction is allowed.
+class IndexPacker {
+ public:
+  /// Gets the pages in file order: children's before their parents', offsets filled in from 0.
+  using Emit = std::function<Status(const PackedIndexPage&)>;
+
+  IndexPacker(NodeShape shape, Emit emit) : shape_(shape), emit_(std::move(emit)) {}
+
+  /// Enters the root, whose octant means nothing, or a child of the node entered last and not left. Fails where octants
+  /// do not rise from one child to the next, below max_node_depth, and behind the root.
+  [[nodiscard]] Status begin_node(unsigned octant);
+
+  /// Leaves the node. Fails where the record is of another shape, and with what `emit` fails.
+  [[nodiscard]] Status end_node(NodeRecord record);
+
+  /// The root page, which is not emitted and kept small. Requires that the root was left.
+  [[nodiscard]] Result<PackedIndexPage> finish();
+
+  /// Bytes held.
+  [[nodiscard]] std::uint64_t memory_bytes() const;
+
+ private:
+  struct Node {
+    NodeRecord record;
+    std::uint8_t child_mask = 0;
+    std::uint32_t weight = 1;          // of its subtree, the nodes that are in no page yet
+    std::optional<IndexPageRef> link;  // where the children are that are no longer here
+    std::vector<Node> children;
+  };
+
+  [[nodiscard]] Status page_out_children(Node& node, std::uint32_t target);
+  [[nodiscard]] Status page_out(Node& node);
+  [[nodiscard]] Result<PackedIndexPage> pack_page(std::vector<const Node*> order) const;
+  void append_node(Bytes& block, const Node& node) const;
+
+  NodeShape shape_;
+  Emit emit_;
+  std::uint64_t offset_ = 0;
+  std::uint64_t held_nodes_ = 0;
+  std::vector<Node> open_;  // from the root down
+  std::optional<Node> root_;
+};
 
 /// Bytes at the start of a page that a reference's hash covers.
 [[nodiscard]] constexpr std::uint64_t index_table_bytes(std::size_t attributes) {

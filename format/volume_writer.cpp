@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::uint64_t section_count = 7;
 constexpr std::uint64_t front_bytes = sizeof(Superblock) + section_count * sizeof(SectionEntry);
+constexpr std::uint64_t copied_at_once = 1u << 20;
 constexpr std::uint64_t directory_page_target_bytes = 8u << 10;  // a quarter of the shortest first read
 
 // Pages of about 8 KiB; larger ones where the references to so many pages would crowd the preamble: page 0 and the
@@ -26,40 +27,52 @@ Bytes pack_metadata(const Bytes& raw) {
   return raw.size() <= max_metadata_bytes(packed.size()) ? packed : raw;
 }
 
+// Block by block; each gives its room back.
+Status move_bytes(TempFile& from, AtomicFile& to) {
+  Bytes block(std::min(from.size(), copied_at_once));
+  for (std::uint64_t offset = 0; offset < from.size(); offset += block.size()) {
+    block.resize(std::min<std::uint64_t>(block.size(), from.size() - offset));
+    SPLATVOL_TRY(from.read(offset, block));
+    SPLATVOL_TRY(to.append(block));
+    from.release(offset, block.size());
+  }
+  return {};
+}
+
 }  // namespace
 
-VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info)
-    : file_(std::move(file)), info_(std::move(info)), rows_(info_) {}
+VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail)
+    : file_(std::move(file)),
+      info_(std::move(info)),
+      rows_(info_),
+      index_(std::move(index)),
+      directory_tail_(std::move(directory_tail)) {}
 
-Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info,
-                                                           const NodeArrays& tree) {
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info, PackedIndex index,
+                                                           const std::string& temporary_folder) {
   SPLATVOL_TRY(metadata_to_json(info));
-  if (tree.shape.resolutions != info.resolutions() || tree.shape.size_bounds != info.size_bounds.size() ||
-      tree.shape.attributes != info.attributes.size())
+  if (index.shape.resolutions != info.resolutions() || index.shape.size_bounds != info.size_bounds.size() ||
+      index.shape.attributes != info.attributes.size())
     return fail(ErrorCode::invalid_argument, "the index is of another shape than the metadata");
   info.rows_per_directory_page = choose_rows_per_page(info, RowLayout(info));
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
-  std::unique_ptr<VolumeWriter> writer(new VolumeWriter(std::move(file), std::move(info)));
-  SPLATVOL_TRY(writer->pack_front(tree));
+  SPLATVOL_TRY_ASSIGN(directory_tail, TempFile::create(temporary_folder));
+  std::unique_ptr<VolumeWriter> writer(
+      new VolumeWriter(std::move(file), std::move(info), std::move(index), std::move(directory_tail)));
+  SPLATVOL_TRY(writer->reserve_front());
   return writer;
 }
 
-Status VolumeWriter::pack_front(const NodeArrays& tree) {
+Status VolumeWriter::reserve_front() {
   SPLATVOL_TRY_ASSIGN(json, metadata_to_json(info_));
   const auto json_bytes = std::as_bytes(std::span(json));
   metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
   metadata_ = pack_metadata(metadata_raw_);
 
-  SPLATVOL_TRY_ASSIGN(root, pack_index(tree, [this](const PackedIndexPage& page) -> Status {
-                        index_pages_.insert(index_pages_.end(), page.bytes.begin(), page.bytes.end());
-                        return {};
-                      }));
-  index_root_ = std::move(root);
-
   page_count_ = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
   const std::uint64_t root_bytes =
       sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
-  rows_offset_ = front_bytes + metadata_.size() + index_root_.bytes.size() + root_bytes;
+  rows_offset_ = front_bytes + metadata_.size() + index_.root.bytes.size() + root_bytes;
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 info_.attributes.size());
@@ -74,27 +87,44 @@ std::uint64_t VolumeWriter::directory_page_bytes(std::uint64_t page) const {
 }
 
 Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
-  if (next_row_ >= rows_.row_count() || chunks.size() != rows_.columns_of_row(next_row_).size())
-    return fail(ErrorCode::invalid_argument, "row {} has {} chunks", next_row_, chunks.size());
-  if (directory_page_.empty()) append_record(directory_page_, file_.position());
+  std::vector<ChunkEntry> entries;
+  Bytes bytes;
   for (const PackedChunk& chunk : chunks) {
-    append_record(directory_page_, chunk.entry);
-    SPLATVOL_TRY(file_.append(chunk.bytes));
+    entries.push_back(chunk.entry);
+    bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
   }
+  return append_row(entries, bytes);
+}
+
+Status VolumeWriter::append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes) {
+  if (next_row_ >= rows_.row_count() || entries.size() != rows_.columns_of_row(next_row_).size())
+    return fail(ErrorCode::invalid_argument, "row {} has {} chunks", next_row_, entries.size());
+  std::uint64_t packed_bytes = 0;
+  for (const ChunkEntry& entry : entries) packed_bytes += entry.packed_bytes;
+  if (packed_bytes != bytes.size())
+    return fail(ErrorCode::invalid_argument, "row {} has {} bytes for chunks of {}", next_row_, bytes.size(),
+                packed_bytes);
+
+  if (directory_page_.empty()) append_record(directory_page_, file_.position());
+  for (const ChunkEntry& entry : entries) append_record(directory_page_, entry);
+  SPLATVOL_TRY(file_.append(bytes));
   const std::size_t resolution = rows_.resolution_of_row(next_row_);
   ++next_row_;
   const bool last = next_row_ == rows_.row_count();
-  if (last || next_row_ % info_.rows_per_directory_page == 0) close_directory_page();
+  if (last || next_row_ % info_.rows_per_directory_page == 0) SPLATVOL_TRY(close_directory_page());
   if (last || rows_.resolution_of_row(next_row_) != resolution) resolution_ends_.push_back(file_.position());
   return {};
 }
 
-void VolumeWriter::close_directory_page() {
+Status VolumeWriter::close_directory_page() {
   const bool head = directory_refs_.empty();
   directory_refs_.push_back({directory_tail_.size(), directory_page_.size(), hash_bytes(directory_page_)});
-  Bytes& target = head ? directory_head_ : directory_tail_;
-  target.insert(target.end(), directory_page_.begin(), directory_page_.end());
+  if (head)
+    directory_head_ = directory_page_;
+  else
+    SPLATVOL_TRY(directory_tail_.append(directory_page_));
   directory_page_.clear();
+  return {};
 }
 
 void VolumeWriter::add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
@@ -128,16 +158,16 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   const Bytes histogram_packed = pack(histogram_raw);
   SPLATVOL_TRY(file_.append(histogram_packed));
   const std::uint64_t index_offset = file_.position();
-  SPLATVOL_TRY(file_.append(index_pages_));
+  SPLATVOL_TRY(move_bytes(index_.pages, file_));
   const std::uint64_t directory_offset = file_.position();
-  SPLATVOL_TRY(file_.append(directory_tail_));
+  SPLATVOL_TRY(move_bytes(directory_tail_, file_));
   const std::uint64_t footer_offset = file_.position();
   file_bytes_ = footer_offset + sizeof(Footer);
 
   // The preamble's parts, now that every offset is known.
   const std::uint64_t metadata_offset = front_bytes;
   const std::uint64_t index_root_offset = metadata_offset + metadata_.size();
-  const std::uint64_t directory_root_offset = index_root_offset + index_root_.bytes.size();
+  const std::uint64_t directory_root_offset = index_root_offset + index_.root.bytes.size();
   const std::uint64_t head_offset =
       directory_root_offset + sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef);
   for (std::size_t page = 0; page < directory_refs_.size(); ++page)
@@ -152,8 +182,8 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   };
   add_section(SectionKind::metadata, true, metadata_offset, metadata_, metadata_raw_.size(),
               codec_of(metadata_raw_, metadata_));
-  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_root_.bytes.size(),
-                       index_root_.ref.front_bytes, index_root_.ref.hash, Codec::extent, 0});
+  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_.root.bytes.size(),
+                       index_.root.ref.front_bytes, index_.root.ref.hash, Codec::extent, 0});
   add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(),
               Codec::raw);
   add_extent(SectionKind::rows, rows_offset_, rows_end - rows_offset_);
@@ -183,7 +213,7 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
 
   front.insert(front.end(), metadata_.begin(), metadata_.end());
-  front.insert(front.end(), index_root_.bytes.begin(), index_root_.bytes.end());
+  front.insert(front.end(), index_.root.bytes.begin(), index_.root.bytes.end());
   front.insert(front.end(), directory_root.begin(), directory_root.end());
   SPLATVOL_TRY(file_.write_at(0, front));
   return file_.commit();

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "base/temp_file.h"
 #include "format/columns.h"
 #include "format/layout.h"
 #include "format/octree.h"
@@ -18,18 +19,22 @@ namespace splatvol::format {
 /// Counts of values in each of the 64 bins, for each attribute.
 using Histograms = std::vector<std::array<std::uint64_t, 64>>;
 
-/// A file in the making. Rows are appended in row order; nothing stands under the final name before `finish`.
-/// Not thread-safe; packing the chunks beforehand may be spread over threads.
+/// A file in the making. Rows are appended in row order; nothing stands under the final name before `finish`. Holds
+/// some MiB, however many rows there are. Not thread-safe; packing the chunks beforehand may be spread over threads.
 class VolumeWriter {
  public:
-  /// Cuts the index and reserves the preamble. Fails where the file cannot be created, where `info` breaks a rule of
-  /// the specification or does not fit `tree`, or where metadata, root index page and directory root alone pass 1 MiB
-  /// (thousands of attributes). Chooses info.rows_per_directory_page.
+  /// Reserves the preamble. Fails where the file cannot be created, or a temporary one in `temporary_folder`, where
+  /// `info` breaks a rule of the specification or does not fit `index`, or where metadata, root index page and
+  /// directory root alone pass 1 MiB (thousands of attributes). Chooses info.rows_per_directory_page.
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(const std::string& path, VolumeInfo info,
-                                                                    const NodeArrays& tree);
+                                                                    PackedIndex index,
+                                                                    const std::string& temporary_folder);
 
   /// Appends the next row: one chunk for each of its columns, in order.
   [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
+
+  /// The same of chunks whose bytes lie side by side.
+  [[nodiscard]] Status append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes);
 
   /// Writes what follows the rows, then the preamble, and gives the file its name. Requires all rows.
   [[nodiscard]] Status finish(const Histograms& histograms);
@@ -40,10 +45,10 @@ class VolumeWriter {
   [[nodiscard]] std::uint64_t file_bytes() const { return file_bytes_; }
 
  private:
-  VolumeWriter(AtomicFile file, VolumeInfo info);
-  [[nodiscard]] Status pack_front(const NodeArrays& tree);
+  VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
+  [[nodiscard]] Status reserve_front();
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t page) const;
-  void close_directory_page();
+  [[nodiscard]] Status close_directory_page();
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
@@ -58,11 +63,10 @@ class VolumeWriter {
   std::uint64_t file_bytes_ = 0;
   Bytes metadata_raw_;
   Bytes metadata_;
-  PackedIndexPage index_root_;
-  Bytes index_pages_;
+  PackedIndex index_;
   Bytes directory_page_;                          // the one being filled
   Bytes directory_head_;                          // page 0, kept for the preamble
-  Bytes directory_tail_;                          // the other pages
+  TempFile directory_tail_;                       // the other pages
   std::vector<DirectoryPageRef> directory_refs_;  // offsets of the tail's pages from its start until `finish`
   std::vector<std::uint64_t> resolution_ends_;    // where each resolution's rows end
   std::vector<SectionEntry> sections_;

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <random>
 
+#include "tests/support/packed_tree.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -67,15 +69,17 @@ struct PackedTree {
   PackedIndexPage root;
   Bytes section;
   std::vector<IndexPageRef> pages;
+  std::uint32_t largest_page = 0;
 };
 
 Result<PackedTree> pack_tree(const NodeArrays& tree) {
   PackedTree packed;
-  auto root = pack_index(tree, [&](const PackedIndexPage& page) -> Status {
+  auto root = test::pack_tree(tree, [&](const PackedIndexPage& page) -> Status {
     EXPECT_EQ(page.ref.offset, packed.section.size());
     EXPECT_EQ(page.ref.page_bytes, page.bytes.size());
     packed.section.insert(packed.section.end(), page.bytes.begin(), page.bytes.end());
     packed.pages.push_back(page.ref);
+    packed.largest_page = std::max(packed.largest_page, read_record<std::uint32_t>(page.bytes, 0));
     return {};
   });
   if (!root) return tl::unexpected(root.error());
@@ -83,70 +87,13 @@ Result<PackedTree> pack_tree(const NodeArrays& tree) {
   return packed;
 }
 
-// Reads a packed tree as a reader does, and lists its nodes depth first.
-class TreeReader {
- public:
-  TreeReader(const PackedTree& packed, NodeShape shape) : packed_(packed) { tree_.shape = shape; }
-
-  NodeArrays read() {
-    const auto root = open(packed_.root.ref, packed_.root.bytes, 1, packed_.section.size());
-    add(root, 0);
-    return std::move(tree_);
-  }
-  std::size_t largest_page() const { return largest_page_; }
-
- private:
-  using Pages = std::vector<IndexPage>;  // one for each attribute, and one where there is none
-
-  Pages open(const IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes,
-             std::uint64_t links_end) {
-    Pages pages;
-    const auto front = bytes.first(ref.front_bytes);
-    for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
-      auto page = unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test");
-      EXPECT_TRUE(page) << page.error().message;
-      if (a < tree_.shape.attributes) {
-        const auto [offset, block] = find_summary_block(front, a, tree_.shape);
-        EXPECT_TRUE(unpack_summaries(block, bytes.subspan(offset, block.packed_bytes), "test", *page));
-      }
-      pages.push_back(std::move(*page));
-    }
-    largest_page_ = std::max(largest_page_, pages[0].nodes.size());
-    return pages;
-  }
-
-  void add(const Pages& pages, std::uint32_t node) {
-    const IndexPage& page = pages[0];
-    const NodeArrays& nodes = page.nodes;
-    const std::size_t codes = tree_.shape.size_bounds * tree_.shape.resolutions;
-    tree_.child_masks.push_back(nodes.child_masks[node]);
-    tree_.first_resolutions.push_back(nodes.first_resolutions[node]);
-    for (const std::uint64_t count : nodes.counts_of(node)) tree_.counts.push_back(count);
-    for (std::size_t i = 0; i < codes; ++i) tree_.size_codes.push_back(nodes.size_codes[node * codes + i]);
-    for (std::size_t a = 0; a < tree_.shape.attributes; ++a) tree_.summaries.push_back(pages[a].nodes.summaries[node]);
-
-    const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));
-    if (page.links[node] == IndexPage::no_node) {
-      for (std::uint32_t c = 0; c < children; ++c) add(pages, page.first_children[node] + c);
-      return;
-    }
-    const IndexPageRef& ref = page.pages[page.links[node]];
-    const Pages linked =
-        open(ref, std::span(packed_.section).subspan(ref.offset, ref.page_bytes), children, ref.offset);
-    for (std::uint32_t c = 0; c < children; ++c) add(linked, c);
-  }
-
-  const PackedTree& packed_;
-  NodeArrays tree_;
-  std::size_t largest_page_ = 0;
-};
-
 // Packs, reads back and compares; returns the packed form.
 PackedTree expect_comes_back(const NodeArrays& tree) {
   const PackedTree packed = pack_tree(tree).value();
-  TreeReader reader(packed, tree.shape);
-  const NodeArrays back = reader.read();
-  EXPECT_LE(reader.largest_page(), 300u);
+  const auto read = test::read_tree(packed.root, packed.section, tree.shape);
+  EXPECT_TRUE(read) << read.error().message;
+  const NodeArrays back = read.value_or(NodeArrays{});
+  EXPECT_LE(packed.largest_page, 300u);
   EXPECT_EQ(back.child_masks, tree.child_masks);
   EXPECT_EQ(back.first_resolutions, tree.first_resolutions);
   EXPECT_EQ(back.counts, tree.counts);
@@ -251,13 +198,91 @@ TEST(Index, AFailingSinkStopsIt) {
   maker.add_full(4);
   const NodeArrays tree = maker.take();
   int pages = 0;
-  const auto packed = pack_index(tree, [&](const PackedIndexPage&) -> Status {
+  const auto packed = test::pack_tree(tree, [&](const PackedIndexPage&) -> Status {
     if (++pages == 3) return fail(ErrorCode::io, "the disk is full");
     return {};
   });
   ASSERT_FALSE(packed);
   EXPECT_EQ(packed.error().message, "the disk is full");
   EXPECT_EQ(pages, 3);
+}
+
+NodeRecord record_of(const NodeShape& shape, std::uint8_t number) {
+  return {0, std::vector<std::uint64_t>(shape.resolutions, number),
+          std::vector<std::uint8_t>(shape.size_bounds * shape.resolutions, number),
+          std::vector<ValueSummary>(shape.attributes)};
+}
+
+TEST(IndexPacker, RefusesWhatIsNoWalk) {
+  const NodeShape shape{3, 1, 1};
+  const auto emit = [](const PackedIndexPage&) -> Status { return {}; };
+  const auto refuses = [&](auto walk) {
+    IndexPacker packer(shape, emit);
+    const Status status = walk(packer);
+    if (!status) {
+      EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
+    }
+    return !status;
+  };
+  const auto leaf = [&](IndexPacker& packer, unsigned octant) -> Status {
+    SPLATVOL_TRY(packer.begin_node(octant));
+    return packer.end_node(record_of(shape, 1));
+  };
+  const auto parent_of = [&](std::vector<unsigned> octants) {
+    return [&, octants](IndexPacker& packer) -> Status {
+      SPLATVOL_TRY(packer.begin_node(0));
+      for (const unsigned octant : octants) SPLATVOL_TRY(leaf(packer, octant));
+      SPLATVOL_TRY(packer.end_node(record_of(shape, 1)));
+      return packer.finish().map([](const PackedIndexPage&) {});
+    };
+  };
+  EXPECT_FALSE(refuses(parent_of({0, 3, 7})));
+  EXPECT_TRUE(refuses(parent_of({3, 0})));
+  EXPECT_TRUE(refuses(parent_of({3, 3})));
+  EXPECT_TRUE(refuses(parent_of({8})));
+  EXPECT_TRUE(refuses([&](IndexPacker& packer) { return packer.end_node(record_of(shape, 1)); }));
+  EXPECT_TRUE(refuses([&](IndexPacker& packer) { return packer.finish().map([](const PackedIndexPage&) {}); }));
+  EXPECT_TRUE(refuses([&](IndexPacker& packer) -> Status {
+    SPLATVOL_TRY(packer.begin_node(0));
+    return packer.finish().map([](const PackedIndexPage&) {});
+  }));
+  EXPECT_TRUE(refuses([&](IndexPacker& packer) -> Status {
+    SPLATVOL_TRY(leaf(packer, 0));
+    return leaf(packer, 1);
+  }));
+  for (const NodeShape other : {NodeShape{2, 1, 1}, NodeShape{3, 2, 1}, NodeShape{3, 1, 0}})
+    EXPECT_TRUE(refuses([&](IndexPacker& packer) -> Status {
+      SPLATVOL_TRY(packer.begin_node(0));
+      return packer.end_node(record_of(other, 1));
+    }));
+}
+
+// 1.3 million nodes, and again under a chain that takes them down to the deepest cell: what is held is bounded by the
+// path's forests, each of at most 8 children with at most 256 nodes.
+TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
+  const NodeShape shape{4, 2, 1};
+  for (const std::size_t chain : {0, 35}) {
+    std::uint64_t paged = 0, nodes = 0, most_bytes = 0;
+    IndexPacker packer(shape, [&](const PackedIndexPage& page) -> Status {
+      paged += read_record<std::uint32_t>(page.bytes, 0);
+      return {};
+    });
+    const auto add = [&](const auto& self, std::size_t depth, unsigned octant) -> void {
+      ASSERT_TRUE(packer.begin_node(octant));
+      ++nodes;
+      most_bytes = std::max(most_bytes, packer.memory_bytes());
+      const unsigned children = depth < chain ? 1 : depth < chain + 6 ? 8 : depth < chain + 7 ? 4 : 0;
+      for (unsigned child = 0; child < children; ++child) self(self, depth + 1, child);
+      ASSERT_TRUE(packer.end_node(record_of(shape, static_cast<std::uint8_t>(nodes % 200))));
+    };
+    add(add, 0, 0);
+    const auto root = packer.finish();
+    ASSERT_TRUE(root);
+    paged += read_record<std::uint32_t>(root->bytes, 0);
+    EXPECT_GT(nodes, 1'300'000u);
+    EXPECT_EQ(paged, nodes);
+    EXPECT_LE(most_bytes, 8u * 8u * 256u * 256u);  // eight levels that branch, 256 bytes a node
+  }
 }
 
 // An octree over points crowded as in a boundary layer, with six resolutions of which each keeps a third.

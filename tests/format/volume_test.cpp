@@ -10,11 +10,13 @@
 #include <random>
 
 #include "base/file.h"
+#include "tests/format/allocation_counter.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol::format {
 namespace {
 
+using test::create_writer;
 using test::make_test_volume;
 using test::random_points;
 using test::test_volume_bytes;
@@ -402,7 +404,7 @@ TEST(Writer, ABillionPointsOfManyAttributesFit) {
     volume.info.points_per_chunk = 4096;
     std::uint64_t points = 1'000'000'000;
     for (std::size_t r = volume.info.resolutions(); r-- > 0; points /= 3) volume.info.resolution_counts[r] = points;
-    const auto writer = VolumeWriter::create(folder.file("large.svol"), volume.info, volume.tree);
+    const auto writer = create_writer(volume, folder.file("large.svol"));
     EXPECT_TRUE(writer) << writer.error().message;
   }
   EXPECT_EQ(folder.files(), 0u);
@@ -419,7 +421,7 @@ TEST(Writer, TooManyAttributesAreRefusedAndLeaveNothingBehind) {
   }
   volume.tree.shape.attributes = 20000;
   volume.tree.summaries.assign(volume.tree.size() * 20000, ValueSummary{});
-  const auto writer = VolumeWriter::create(folder.file("many.svol"), volume.info, volume.tree);
+  const auto writer = create_writer(volume, folder.file("many.svol"));
   ASSERT_FALSE(writer);
   EXPECT_EQ(writer.error().code, ErrorCode::unsupported);
   EXPECT_THAT(writer.error().message, HasSubstr("20000 attributes"));
@@ -430,9 +432,9 @@ TEST(Writer, AbandonedItLeavesNothingBehind) {
   const Folder folder;
   const TestVolume volume = small_volume(100, 1);
   {
-    const auto writer = VolumeWriter::create(folder.file("half.svol"), volume.info, volume.tree);
+    const auto writer = create_writer(volume, folder.file("half.svol"));
     ASSERT_TRUE(writer);
-    EXPECT_EQ(folder.files(), 1u);
+    EXPECT_EQ(folder.files(), 0u);
     EXPECT_FALSE((*writer)->finish({{}}));  // rows are lacking
   }
   EXPECT_EQ(folder.files(), 0u);
@@ -444,7 +446,7 @@ TEST(Writer, RefusesWhatDoesNotFit) {
   const auto refuses = [&](auto change) {
     TestVolume volume = good;
     change(volume);
-    const auto writer = VolumeWriter::create(folder.file("bad.svol"), volume.info, volume.tree);
+    const auto writer = create_writer(volume, folder.file("bad.svol"));
     return !writer && writer.error().code == ErrorCode::invalid_argument;
   };
   EXPECT_FALSE(refuses([](TestVolume&) {}));
@@ -455,16 +457,66 @@ TEST(Writer, RefusesWhatDoesNotFit) {
   EXPECT_TRUE(refuses([](TestVolume& v) { v.tree.counts.pop_back(); }));
   EXPECT_EQ(folder.files(), 0u);
 
-  const auto writer = VolumeWriter::create(folder.file("bad.svol"), good.info, good.tree);
+  const auto writer = create_writer(good, folder.file("bad.svol"));
   ASSERT_TRUE(writer);
   EXPECT_FALSE((*writer)->append_row({}));
+}
+
+TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
+  const Folder folder;
+  const TestVolume volume = small_volume(500, 2);
+  const Bytes expected = test_volume_bytes(volume);
+  const auto file = open_bytes(expected);
+  const auto writer = create_writer(volume, folder.file("rows.svol"));
+  ASSERT_TRUE(writer);
+  for (std::uint64_t row = 0; row < file->rows().row_count(); ++row) {
+    const DirectoryPage page = file->read_directory_page(file->directory_page_of_row(row)).value();
+    std::vector<ChunkEntry> entries;
+    Bytes bytes;
+    for (const int column : file->rows().columns_of_row(row)) {
+      const ChunkPlace& place = file->find_chunk(page, row, column);
+      entries.push_back(place.entry);
+      const auto chunk = std::span(expected).subspan(place.offset, place.entry.packed_bytes);
+      bytes.insert(bytes.end(), chunk.begin(), chunk.end());
+    }
+    EXPECT_FALSE((*writer)->append_row(entries, std::span(bytes).first(bytes.size() - 1)));
+    EXPECT_FALSE((*writer)->append_row(std::span(entries).first(entries.size() - 1), bytes));
+    ASSERT_TRUE((*writer)->append_row(entries, bytes));
+  }
+  ASSERT_TRUE((*writer)->finish(file->read_histograms().value()));
+  const std::string text = read_text_file(folder.file("rows.svol")).value();
+  EXPECT_TRUE(std::ranges::equal(std::as_bytes(std::span(text)), expected));
+}
+
+// 19 MB of directory and 32 MB of index pages; what is counted is the directory root, and the 1 MiB of a copy.
+TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
+  const Folder folder;
+  VolumeInfo info;
+  info.points_per_chunk = 64;
+  info.resolution_counts = {300'000 * 64};
+  info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
+  info.cube = {dvec3(0), 1};
+  auto pages = TempFile::create(folder.file(""));
+  ASSERT_TRUE(pages);
+  for (int i = 0; i < 32; ++i) ASSERT_TRUE(pages->append(Bytes(1u << 20)));
+  PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(*pages)};
+  const std::array<ChunkEntry, 2> entries = {{{1, 1, 1, 0, 0, 0}, {2, 1, 1, 0, 0, 0}}};
+  const Bytes bytes(2);
+
+  test::start_counting_allocations();
+  const auto writer = VolumeWriter::create(folder.file("rows.svol"), info, std::move(index), folder.file(""));
+  ASSERT_TRUE(writer) << writer.error().message;
+  for (std::uint64_t row = 0; row < 300'000; ++row) ASSERT_TRUE((*writer)->append_row(entries, bytes));
+  ASSERT_TRUE((*writer)->finish({}));
+  EXPECT_LT(test::most_bytes_allocated(), 4u << 20);
+  EXPECT_GT((*writer)->file_bytes(), (32u << 20) + 300'000 * (64 + 2));
 }
 
 TEST(Writer, AFolderThatIsNotThereIsNamed) {
   const Folder folder;
   const TestVolume volume = small_volume(5, 1);
   const std::string path = folder.file("absent/file.svol");
-  EXPECT_THAT(VolumeWriter::create(path, volume.info, volume.tree).error().message, HasSubstr(path));
+  EXPECT_THAT(create_writer(volume, path).error().message, HasSubstr(path));
 }
 
 }  // namespace

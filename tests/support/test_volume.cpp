@@ -11,7 +11,6 @@
 #include <tuple>
 
 #include "base/file.h"
-#include "format/volume_writer.h"
 
 namespace splatvol::test {
 namespace {
@@ -523,8 +522,13 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   return volume;
 }
 
+Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume, const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(index, pack_tree(volume.tree));
+  return format::VolumeWriter::create(path, volume.info, std::move(index), std::filesystem::temp_directory_path());
+}
+
 Status write_test_volume(const TestVolume& volume, const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(path, volume.info, volume.tree));
+  SPLATVOL_TRY_ASSIGN(writer, create_writer(volume, path));
   for (std::uint64_t row = 0; row < writer->rows().row_count(); ++row)
     SPLATVOL_TRY(writer->append_row(pack_row(volume, writer->rows(), row)));
   return writer->finish(histograms_of(volume));

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,8 @@
 #include "base/math.h"
 #include "format/octree.h"
 #include "format/volume_info.h"
+#include "format/volume_writer.h"
+#include "tests/support/packed_tree.h"
 
 namespace splatvol::test {
 
@@ -38,7 +41,7 @@ struct Parcel {
 /// Everything that a file holds, in file order, and the clusters that it only implies.
 struct TestVolume {
   format::VolumeInfo info;
-  format::NodeArrays tree;                                  // depth-first
+  Tree tree;
   std::vector<CellPath> cells;                              // [node]: the node's cell
   std::vector<CellPath> point_cells;                        // [point]: 42 octants
   std::vector<dvec3> positions;                             // [point], file order
@@ -80,6 +83,10 @@ struct TestVolume {
 [[nodiscard]] TestVolume make_test_volume(const std::vector<dvec3>& positions,
                                           const std::vector<std::vector<double>>& values,
                                           const TestVolumeOptions& options = {});
+
+/// A writer of the volume, with its index and before its first row.
+[[nodiscard]] Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume,
+                                                                          const std::string& path);
 
 /// Writes the volume to `path` through format::VolumeWriter.
 [[nodiscard]] Status write_test_volume(const TestVolume& volume, const std::string& path);
