@@ -1,12 +1,18 @@
 #include "builder/source.h"
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
+#include <filesystem>
 #include <optional>
+#include <set>
 #include <span>
 #include <string_view>
 
 #include "base/file.h"
+#include "builder/generator.h"
+#include "builder/npy_header.h"
+#include "builder/npy_source.h"
 #include "builder/vtk_reader.h"
 #include "builder/vtk_source.h"
 
@@ -15,7 +21,7 @@ namespace {
 
 /// What the first bytes of a file say that it is.
 struct FileHeader {
-  enum class Format { vtk_xml, vtk_legacy, other };
+  enum class Format { vtk_xml, vtk_legacy, npy, other };
   Format format = Format::other;
   std::string type;  // of an XML file: "UnstructuredGrid", ...
   int major = 0;
@@ -61,6 +67,10 @@ Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(text))));
 
   FileHeader header;
+  if (text.starts_with(npy_magic) || path.ends_with(".npy")) {
+    header.format = FileHeader::Format::npy;
+    return header;
+  }
   constexpr std::string_view legacy_start = "# vtk DataFile Version ";
   if (text.starts_with(legacy_start)) {
     header.format = FileHeader::Format::vtk_legacy;
@@ -106,6 +116,8 @@ Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) 
 
 Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   SPLATVOL_TRY_ASSIGN(header, read_header(path));
+  if (header.format == FileHeader::Format::npy)
+    return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
   if (header.format == FileHeader::Format::other)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
@@ -132,6 +144,68 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   return {};
 }
 
+/// "piece2" comes before "piece10".
+bool name_before(std::string_view a, std::string_view b) {
+  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  while (!a.empty() && !b.empty()) {
+    std::string_view part_a = a.substr(0, 1), part_b = b.substr(0, 1);
+    if (is_digit(a[0]) && is_digit(b[0])) {
+      part_a = a.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(a, is_digit) - a.begin()));
+      part_b = b.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(b, is_digit) - b.begin()));
+    }
+    a.remove_prefix(part_a.size());
+    b.remove_prefix(part_b.size());
+    // Of numbers without leading zeros, the longer is the larger.
+    part_a.remove_prefix(std::min(part_a.find_first_not_of('0'), part_a.size() - 1));
+    part_b.remove_prefix(std::min(part_b.find_first_not_of('0'), part_b.size() - 1));
+    if (part_a.size() != part_b.size()) return part_a.size() < part_b.size();
+    if (part_a != part_b) return part_a < part_b;
+  }
+  return a.size() < b.size();
+}
+
+/// The VTK and .npy files in a folder, by their extensions.
+Result<std::vector<std::string>> list_folder(const std::string& folder) {
+  std::error_code error;
+  std::vector<std::string> names;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename();
+    if ((has_vtk_extension(name) || name.ends_with(".npy")) && !name.starts_with('.')) names.push_back(name);
+  }
+  if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
+  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without VTK or .npy files", folder);
+  // Names that differ in leading zeros only are told apart by their bytes.
+  std::ranges::sort(names, [](const std::string& a, const std::string& b) {
+    return name_before(a, b) || (!name_before(b, a) && a < b);
+  });
+  std::vector<std::string> paths;
+  for (const std::string& name : names) paths.push_back((std::filesystem::path(folder) / name).string());
+  return paths;
+}
+
+/// The files named, and those in the folders named.
+Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
+  std::vector<std::string> paths;
+  for (const std::string& input : inputs) {
+    std::error_code error;
+    if (!std::filesystem::is_directory(input, error)) {
+      paths.push_back(input);
+      continue;
+    }
+    SPLATVOL_TRY_ASSIGN(files, list_folder(input));
+    paths.insert(paths.end(), files.begin(), files.end());
+  }
+  return paths;
+}
+
+/// A folder may hold a .pvtu and the pieces that it names.
+void drop_repeated(std::vector<VtkFile>& files) {
+  std::set<std::string> seen;
+  std::erase_if(files, [&](const VtkFile& file) {
+    return !seen.insert(std::filesystem::path(file.path).lexically_normal().string()).second;
+  });
+}
+
 }  // namespace
 
 CellCensus& CellCensus::operator+=(const CellCensus& other) {
@@ -146,20 +220,30 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   return *this;
 }
 
-Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& paths,
-                                            const std::vector<std::string>& selection) {
+Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  const auto generated = std::ranges::find_if(inputs, is_generated);
+  if (generated != inputs.end() && inputs.size() > 1)
+    return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
+  if (generated != inputs.end()) return open_generated(*generated, options);
+
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
+  if (!options.columns.empty())
+    return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
-    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], selection);
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection);
     return fail(ErrorCode::invalid_argument,
-                "{}: not a VTK file; a PLOT3D grid needs its solution as the second of two files", paths[0]);
+                "{}: neither a VTK nor a .npy file; a PLOT3D grid needs its solution as the second of two files",
+                paths[0]);
   }
 
   std::vector<VtkFile> files;
   for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
+  if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  return open_vtk_files(std::move(files), selection);
+  return open_vtk_files(std::move(files), options.selection);
 }
 
 }  // namespace splatvol

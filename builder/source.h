@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,9 @@ struct CellCensus {
 
   CellCensus& operator+=(const CellCensus& other);
 };
+
+/// Most points in a piece of an input that is not partitioned by itself.
+inline constexpr std::size_t max_piece_points = std::size_t{1} << 18;
 
 /// A part of the input, small enough to hold.
 struct Piece {
@@ -49,19 +53,40 @@ class Source {
 
   /// The next piece, in an order that does not depend on threads; an empty pointer after the last.
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
+
+  /// The smallest box round all points whose coordinates are finite, by a pass of its own that is much cheaper than
+  /// next() over all pieces; nothing where there is no such pass, or no such point. Does not move next().
+  [[nodiscard]] virtual Result<std::optional<Box>> bounds() { return std::optional<Box>(); }
+
+  /// Points in all; nothing where only reading tells.
+  [[nodiscard]] virtual std::optional<std::uint64_t> point_count() const { return std::nullopt; }
+
+  /// Whether a piece may have tetrahedra.
+  [[nodiscard]] virtual bool may_have_cells() const { return true; }
+
+  /// Whether single precision holds every coordinate and value exactly.
+  [[nodiscard]] virtual bool single_precision() const { return false; }
+};
+
+struct SourceOptions {
+  std::vector<std::string> selection;  // attributes to read; empty: all point data
+  std::vector<std::string> columns;    // names of the columns of .npy files; empty: theirs, or the default
 };
 
 /// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are
-/// pieces of one data set; or a PLOT3D grid and its solution as two paths in this order.
+/// pieces of one data set; .npy files, several of which are one point set (builder/npy_source.h); a PLOT3D grid and its
+/// solution as two paths in this order; or "gen:..." for one that is made up (builder/generator.h). A folder stands for
+/// the VTK and .npy files in it by their extensions, in the order of their names, numbers in these by size; pieces that
+/// a .pvtu names are read once.
 ///
 /// Cells become tetrahedra (builder/tetrahedra.h). Hidden cells and ghost copies are left out, with the points that
 /// only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN;
 /// positions that are not finite stay, but no tetrahedron uses them.
 ///
-/// `selection` names the attributes to read; empty: all point data. Fails where a file is missing, damaged, of a kind
-/// or version that cannot be read right, has no point data, or lacks a selected attribute (the message lists those
-/// that are there). Safe on untrusted files as far as VTK's readers are.
-[[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& paths,
-                                                          const std::vector<std::string>& selection);
+/// Fails where a file is missing, damaged, of a kind or version that cannot be read right, has no point data, or lacks
+/// a selected attribute (the message lists those that are there), and where columns are named of files that have none.
+/// Safe on untrusted files as far as VTK's readers are.
+[[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
+                                                          const SourceOptions& options);
 
 }  // namespace splatvol

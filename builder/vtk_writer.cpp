@@ -49,7 +49,7 @@ Status write_vtu(const std::string& path, std::span<const dvec3> points,
   const auto grid = make_grid(points, tetrahedra, arrays);
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
   const vtkNew<vtkXMLUnstructuredGridWriter> writer;
-  writer->SetFileName(file.temporary_path().c_str());
+  writer->SetFileName(file.path_to_write().c_str());
   writer->SetHeaderTypeToUInt64();
   writer->SetInputData(grid);
   if (!writer->Write()) return fail(ErrorCode::io, "{}: VTK's writer failed", path);

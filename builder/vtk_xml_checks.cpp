@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/memory_limit.h"
 #include "builder/vtk_compression.h"
 #include "builder/vtk_messages.h"
 
@@ -44,6 +45,27 @@ Status check_names(const std::string& path, vtkXMLDataElement& element) {
   const auto twice = std::ranges::adjacent_find(names);
   if (twice == names.end()) return {};
   return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path, element.GetName(), *twice);
+}
+
+/// What a file says it has is read whole. About 400 bytes a cell were measured, of tetrahedra, and some for each point.
+Status check_memory(const std::string& path, vtkXMLDataElement& root) {
+  constexpr double cell_bytes = 400, point_bytes = 300;
+  double cells = 0, points = 0;
+  const auto add = [&](auto&& self, vtkXMLDataElement& element) -> void {
+    double number = 0;
+    if (element.GetScalarAttribute("NumberOfCells", number)) cells += number;
+    if (element.GetScalarAttribute("NumberOfPoints", number)) points += number;
+    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) self(self, *element.GetNestedElement(i));
+  };
+  add(add, root);
+  const double needed = cells * cell_bytes + points * point_bytes;
+  const auto limit = static_cast<double>(memory_limit());
+  if (!(needed > limit)) return {};
+  return fail(
+      ErrorCode::out_of_budget,
+      "{}: {:.3g} cells and {:.3g} points in one file take about {:.3g} GB of memory, and there are {:.3g}: write "
+      "them as pieces, each a file of its own",
+      path, cells, points, needed / 1e9, limit / 1e9);
 }
 
 /// Checks the header of every compressed array of an XML file.
@@ -105,6 +127,7 @@ Status check_xml(const std::string& path) {
   if (!root) return fail(ErrorCode::invalid_data, "{}: not XML", path);
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
+  SPLATVOL_TRY(check_memory(path, *root));
   if (!root->GetAttribute("compressor")) return {};
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   return CompressedArrays(*file, *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition())).check(*root);

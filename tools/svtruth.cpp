@@ -45,7 +45,7 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
 }
 
 Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {attribute}));
+  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {{attribute}, {}}));
   ProgressBar bar("read");
   Mesh mesh;
   for (std::size_t read = 1;; ++read) {

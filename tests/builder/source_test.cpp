@@ -41,7 +41,7 @@ struct Input {
 };
 
 Result<Input> read_all(const std::vector<std::string>& paths, const std::vector<std::string>& selection = {}) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, selection));
+  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {selection, {}}));
   Input input;
   input.attributes = source->attributes();
   for (;;) {
@@ -410,7 +410,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
 
 TEST_F(SourceTest, BadInputIsOneClearLine) {
   EXPECT_THAT(error_of({folder_ + "none.vtu"}), AllOf(StartsWith(folder_ + "none.vtu"), HasSubstr("No such file")));
-  EXPECT_THAT(error_of({folder_}), HasSubstr("not a regular file"));
+  EXPECT_THAT(error_of({folder_}), HasSubstr("a folder without VTK or .npy files"));
   EXPECT_THAT(error_of({write("text.vtu", "This is no mesh.\n")}), HasSubstr("not a VTK file"));
   EXPECT_THAT(error_of({write("empty.vtu", "")}), HasSubstr("not a VTK file"));
   EXPECT_THAT(error_of({write("text.vtk", "This is no mesh.\n")}), HasSubstr("not a VTK file"));
@@ -436,6 +436,15 @@ TEST_F(SourceTest, BadInputIsOneClearLine) {
   mesh.point_data.back() = {"U", 2, std::vector<double>(16)};
   mesh.point_data.push_back({"U[0]", 1, std::vector<double>(8)});
   EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("two attributes are called \"U[0]\""));
+}
+
+TEST_F(SourceTest, MoreInOneFileThanMemoryHoldsIsRefusedBeforeItIsRead) {
+  std::string text = hexahedron_mesh().file();
+  const std::string small = "NumberOfCells=\"1\"";
+  ASSERT_NE(text.find(small), std::string::npos);
+  text.replace(text.find(small), small.size(), "NumberOfCells=\"400000000000\"");
+  EXPECT_THAT(error_of({write("large.vtu", text)}),
+              AllOf(StartsWith(folder_ + "large.vtu"), HasSubstr("4e+11 cells"), HasSubstr("as pieces")));
 }
 
 TEST_F(SourceTest, EveryTruncationOfATextFileIsRefused) {

@@ -104,6 +104,39 @@ TEST_F(Programs, BuildRefusesBadInput) {
   expect_success("svbuild " + path("mesh.vtu") + to);
 }
 
+TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {
+  write("volume.svol", "old");
+  for (const std::string seconds : {"0.2", "0.7", "1.5"}) {
+    const std::string command = "timeout -s KILL " + seconds + " " SPLATVOL_BIN "/svbuild gen:points:count=5e6 " +
+                                "--memory 64M --connectivity none -o " + path("volume.svol");
+    const int status = std::system(command.c_str());
+    EXPECT_NE(status, 0) << "it was done before it was killed";
+    EXPECT_EQ(*read_text_file(path("volume.svol")), "old");
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()), 1);
+  }
+}
+
+TEST_F(Programs, MemoryDoesNotChangeTheResult) {
+  for (const std::string input :
+       {"gen:points:count=3e4,distribution=vortex --connectivity none",
+        "gen:points:count=1.5e6,distribution=half-tiny,type=float32", "gen:mesh:cells=3e5,pieces=5"}) {
+    expect_success("svbuild " + input + " --memory 1G -o " + path("one.svol"));
+    expect_success("svbuild " + input + " --memory 300M --threads 1 -o " + path("two.svol"));
+    EXPECT_EQ(std::system(("cmp " + path("one.svol") + " " + path("two.svol")).c_str()), 0) << input;
+    expect_success("svinfo --verify " + path("two.svol"));
+  }
+}
+
+TEST_F(Programs, HardDistributionsAreBuiltWhole) {
+  for (const std::string distribution : {"half-tiny", "equal", "two-clusters", "line", "layer"}) {
+    const Outcome outcome =
+        run("svbuild gen:points:count=1100000,distribution=" + distribution + " --json -o " + path("hard.svol"));
+    ASSERT_EQ(outcome.code, 0) << distribution << outcome.err;
+    EXPECT_EQ(json::parse(outcome.out)["points"], 1'100'000) << distribution;
+    expect_success("svinfo --verify " + path("hard.svol"));
+  }
+}
+
 TEST_F(Programs, FilesOfTheNextFormatAreRefusedOrReadRight) {
   write("mesh.vtu", small_mesh(small_data, "9.0"));
   expect_refused("svbuild " + path("mesh.vtu") + " -o " + path("out.svol"), "mesh.vtu", "out");

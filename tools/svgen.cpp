@@ -1,0 +1,180 @@
+// svgen: point sets and meshes of any size, made up, to try splatvol and other programs on.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <filesystem>
+#include <functional>
+#include <random>
+#include <span>
+#include <utility>
+
+#include "base/file.h"
+#include "builder/generator.h"
+#include "builder/vtk_writer.h"
+#include "tools/tool.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+static_assert(std::endian::native == std::endian::little);
+
+struct Options {
+  std::string output;
+  std::string count;
+  std::string cells;
+  std::string pieces;
+  std::string distribution = "uniform";
+  std::uint64_t seed = 1;
+  bool float32 = false;
+};
+
+/// Calls `use` with each piece and its number.
+Status for_each_piece(Source& source, const std::function<Status(const Piece&, std::size_t)>& use) {
+  ProgressBar bar("generate");
+  for (std::size_t i = 0;; ++i) {
+    bar.update(static_cast<double>(i) / static_cast<double>(source.piece_count()));
+    SPLATVOL_TRY_ASSIGN(piece, source.next());
+    if (!piece) return {};
+    SPLATVOL_TRY(use(*piece, i));
+  }
+}
+
+/// The header of an array of rows of x, y, z and a value, in .npy version 1.0; padded, so that the numbers are aligned.
+std::string npy_header(std::uint64_t rows, bool float32) {
+  std::string text =
+      fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}, 4), }}", float32 ? "<f4" : "<f8", rows);
+  text.resize(128 - 10 - 1, ' ');
+  text += '\n';
+  return std::string("\x93NUMPY\1\0", 8) + static_cast<char>(text.size()) + '\0' + text;
+}
+
+template <class T>
+Status append_rows(const Piece& piece, AtomicFile& file) {
+  std::vector<T> rows(4 * piece.points.size());
+  for (std::size_t i = 0; i < piece.points.size(); ++i) {
+    for (int axis = 0; axis < 3; ++axis)
+      rows[4 * i + static_cast<std::size_t>(axis)] = static_cast<T>(piece.points[i][axis]);
+    rows[4 * i + 3] = static_cast<T>(piece.values[0][i]);
+  }
+  return file.append(std::as_bytes(std::span(rows)));
+}
+
+Status write_points(const Options& options) {
+  PointRecipe recipe;
+  SPLATVOL_TRY_ASSIGN(count, parse_count(options.count));
+  recipe.count = count;
+  recipe.seed = options.seed;
+  recipe.single_precision = options.float32;
+  recipe.distribution = static_cast<Distribution>(std::ranges::find(distribution_names(), options.distribution) -
+                                                  distribution_names().begin());
+
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output));
+  const std::string header = npy_header(count, options.float32);
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
+  const auto source = generate_points(recipe);
+  SPLATVOL_TRY(for_each_piece(*source, [&](const Piece& piece, std::size_t) {
+    return options.float32 ? append_rows<float>(piece, file) : append_rows<double>(piece, file);
+  }));
+  return file.commit();
+}
+
+/// A folder that gets its name only when it is complete; without commit, it goes as it came.
+class AtomicFolder {
+ public:
+  /// Fails where there is something of that name other than an empty folder, or it cannot be made.
+  static Result<AtomicFolder> create(const std::string& path) {
+    std::error_code error;
+    if (fs::exists(path, error) && !(fs::is_directory(path, error) && fs::is_empty(path, error)))
+      return fail(ErrorCode::io, "{}: is there already, and no empty folder", path);
+    const fs::path target = fs::path(path).has_filename() ? fs::path(path) : fs::path(path).parent_path();
+    std::random_device random;
+    const fs::path temporary = fmt::format("{}.{:08x}{:08x}", target.string(), random(), random());
+    if (!fs::create_directory(temporary, error)) return fail(ErrorCode::io, "{}: {}", path, error.message());
+    return AtomicFolder(target, temporary);
+  }
+  AtomicFolder(AtomicFolder&& other) noexcept
+      : target_(std::move(other.target_)), temporary_(std::exchange(other.temporary_, {})) {}
+  AtomicFolder& operator=(AtomicFolder&&) = delete;
+  ~AtomicFolder() {
+    std::error_code error;
+    if (!temporary_.empty()) fs::remove_all(temporary_, error);
+  }
+
+  /// Where a file of it is until commit.
+  [[nodiscard]] std::string file(const std::string& name) const { return (temporary_ / name).string(); }
+
+  Status commit() {
+    std::error_code error;
+    fs::rename(temporary_, target_, error);
+    if (error) return fail(ErrorCode::io, "{}: {}", target_.string(), error.message());
+    temporary_.clear();
+    return {};
+  }
+
+ private:
+  AtomicFolder(fs::path target, fs::path temporary) : target_(std::move(target)), temporary_(std::move(temporary)) {}
+
+  fs::path target_;
+  fs::path temporary_;
+};
+
+Status write_mesh(const Options& options) {
+  MeshRecipe recipe;
+  SPLATVOL_TRY_ASSIGN(cells, parse_count(options.cells));
+  recipe.cells = cells;
+  if (!options.pieces.empty()) {
+    SPLATVOL_TRY_ASSIGN(pieces, parse_count(options.pieces));
+    recipe.pieces = pieces;
+  }
+  SPLATVOL_TRY_ASSIGN(source, generate_mesh(recipe));
+  SPLATVOL_TRY_ASSIGN(folder, AtomicFolder::create(options.output));
+
+  std::string index =
+      "<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n<PUnstructuredGrid "
+      "GhostLevel=\"0\">\n<PPointData><PDataArray type=\"Float32\" Name=\"value\"/></PPointData>\n<PPoints><PDataArray "
+      "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/></PPoints>\n";
+  SPLATVOL_TRY(for_each_piece(*source, [&](const Piece& piece, std::size_t i) {
+    const std::string name = fmt::format("piece{}.vtu", i);
+    index += fmt::format("<Piece Source=\"{}\"/>\n", name);
+    const std::array<PointArray, 1> arrays = {
+        PointArray{"value", 1, std::vector<float>(piece.values[0].begin(), piece.values[0].end())}};
+    return write_vtu(folder.file(name), piece.points, piece.tetrahedra, arrays);
+  }));
+  SPLATVOL_TRY(write_text_file(folder.file("mesh.pvtu"), index + "</PUnstructuredGrid>\n</VTKFile>\n"));
+  return folder.commit();
+}
+
+std::string check_count(const std::string& text) {
+  const auto count = parse_count(text);
+  return count ? std::string() : count.error().message;
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  CLI::App app(
+      "Makes point sets and meshes of any size with an analytic field, \"value\". The same without a file: "
+      "svbuild gen:points:count=1e8,distribution=vortex,seed=1,type=float32 or gen:mesh:cells=1e8,pieces=64",
+      "svgen");
+  Options options;
+  app.require_subcommand(1);
+
+  auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
+  points->add_option("-o,--output", options.output, "The file to write (.npy)")->required()->check(check_not_empty);
+  points->add_option("--count", options.count, "How many, such as 1e8")->required()->check(check_count);
+  points->add_option("--distribution", options.distribution, "Where they are; vortex is fine where the field varies")
+      ->check(CLI::IsMember(distribution_names()))
+      ->capture_default_str();
+  points->add_option("--seed", options.seed, "Another gives other points")->capture_default_str();
+  points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
+
+  auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
+  mesh->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
+  mesh->add_option("--cells", options.cells, "About how many tetrahedra, such as 1e8")->required()->check(check_count);
+  mesh->add_option("--pieces", options.pieces, "In how many files (default: some 1.5 million tetrahedra in each)")
+      ->check(check_count);
+  return run_tool(app, argc, argv, [&] { return *points ? write_points(options) : write_mesh(options); });
+}
