@@ -4,7 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -58,74 +58,108 @@ Ellipsoid make_ellipsoid(const PlacedShape& splat) {
   return std::isfinite(ellipsoid.peak) ? ellipsoid : Ellipsoid{};
 }
 
-double density_at(const Ellipsoid& ellipsoid, dvec3 point) {
-  const dvec3 place = ellipsoid.to_ball * (point - ellipsoid.centre);
-  const double rest = 1 - glm::dot(place, place);
-  return rest > 0 && glm::dot(place, ellipsoid.outward) <= 0 ? ellipsoid.peak * rest * std::sqrt(rest) : 0;
-}
+// Places in a splat's material, at the crossings of a lattice: origin + x step[0] + y step[1] + z step[2], where x, y
+// and z run over offsets(side).
+struct Lattice {
+  dvec3 origin;
+  dmat3 step;
+  int side;                       // 1, 2 or 3 places along each axis
+  std::array<float, 28> weights;  // 1, or 0 for places outside of the material; and behind the last
+  dvec3 reach;                    // half extents of the box round it
+};
 
-struct Box {
-  dvec3 low{std::numeric_limits<double>::infinity()};
-  dvec3 high{-std::numeric_limits<double>::infinity()};
+// The offsets of all places, padded to whole vectors.
+struct Offsets {
+  std::size_t count;  // a multiple of 4
+  std::array<float, 28> x{}, y{}, z{};
 
-  void include(const Box& other) {
-    low = glm::min(low, other.low);
-    high = glm::max(high, other.high);
-  }
-  [[nodiscard]] bool meets(const Box& other) const {
-    return glm::all(glm::lessThanEqual(low, other.high)) && glm::all(glm::lessThanEqual(other.low, high));
-  }
-  [[nodiscard]] bool holds(dvec3 point) const {
-    return glm::all(glm::lessThanEqual(low, point)) && glm::all(glm::lessThanEqual(point, high));
+  explicit Offsets(int side) : count(static_cast<std::size_t>(side * side * side + 3) / 4 * 4) {
+    for (int i = 0; i < side * side * side; ++i) {
+      const auto offset = [&](int k) { return static_cast<float>(k) - 0.5F * static_cast<float>(side - 1); };
+      const auto place = static_cast<std::size_t>(i);
+      x[place] = offset(i % side);
+      y[place] = offset(i / side % side);
+      z[place] = offset(i / side / side);
+    }
   }
 };
 
-constexpr std::size_t max_samples = 64;  // as many as a mask has bits
+const std::array<Offsets, 4> offsets = {Offsets(0), Offsets(1), Offsets(2), Offsets(3)};
+
+// The sum of an ellipsoid's density over a lattice. Single precision where nothing cancels any more: in the ball.
+double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
+  const dvec3 middle = ellipsoid.to_ball * (lattice.origin - ellipsoid.centre);
+  const dmat3 step = ellipsoid.to_ball * lattice.step;
+  const double reach = 0.5 * (lattice.side - 1) * (glm::length(step[0]) + glm::length(step[1]) + glm::length(step[2]));
+  const double nearest = glm::length(middle) - reach;
+  if (!(nearest < 1)) return 0;
+
+  const vec3 m(middle), u(step[0]), v(step[1]), w(step[2]), outward(ellipsoid.outward);
+  const Offsets& at = offsets[static_cast<std::size_t>(lattice.side)];
+  std::array<float, 28> densities;
+  for (std::size_t i = 0; i < at.count; ++i) {
+    const float x = m.x + at.x[i] * u.x + at.y[i] * v.x + at.z[i] * w.x;
+    const float y = m.y + at.x[i] * u.y + at.y[i] * v.y + at.z[i] * w.y;
+    const float z = m.z + at.x[i] * u.z + at.y[i] * v.z + at.z[i] * w.z;
+    const float rest = std::max(1.0F - (x * x + y * y + z * z), 0.0F);
+    const float inside = x * outward.x + y * outward.y + z * outward.z <= 0 ? lattice.weights[i] : 0.0F;
+    densities[i] = inside * rest * std::sqrt(rest);
+  }
+  std::array<float, 4> sums{};
+  for (std::size_t i = 0; i < at.count; i += 4)
+    for (std::size_t k = 0; k < 4; ++k) sums[k] += densities[i + k];
+  return ellipsoid.peak * static_cast<double>((sums[0] + sums[1]) + (sums[2] + sums[3]));
+}
+
+struct Bounds {
+  dvec3 low{std::numeric_limits<double>::infinity()};
+  dvec3 high{-std::numeric_limits<double>::infinity()};
+
+  void include(const Bounds& other) {
+    low = glm::min(low, other.low);
+    high = glm::max(high, other.high);
+  }
+  [[nodiscard]] bool meets(const Bounds& other) const {
+    return glm::all(glm::lessThanEqual(low, other.high)) && glm::all(glm::lessThanEqual(other.low, high));
+  }
+};
 
 // Boxes round `fan` boxes each of the level below, the lowest round ellipsoids of about one size: a large one among
 // small ones would make all the boxes above it large.
 class BoxTree {
  public:
   BoxTree(std::span<const Ellipsoid> ellipsoids, std::vector<std::uint32_t> members) : members_(std::move(members)) {
-    std::vector<Box> level;
+    std::vector<Bounds> level;
     for (const std::uint32_t i : members_)
       level.push_back({ellipsoids[i].centre - ellipsoids[i].reach, ellipsoids[i].centre + ellipsoids[i].reach});
     levels_.push_back(std::move(level));
     while (levels_.back().size() > 1) {
-      const std::vector<Box>& below = levels_.back();
-      std::vector<Box> above((below.size() + fan - 1) / fan);
+      const std::vector<Bounds>& below = levels_.back();
+      std::vector<Bounds> above((below.size() + fan - 1) / fan);
       for (std::size_t i = 0; i < below.size(); ++i) above[i / fan].include(below[i]);
       levels_.push_back(std::move(above));
     }
   }
 
-  // Calls visit(i, mask) for every ellipsoid whose box holds any of the points; bit k of the mask is set where it holds
-  // points[k]. Requires 1 to max_samples points, and `bounds` round them.
+  // Calls visit(i) for every ellipsoid whose box meets these.
   template <class Visit>
-  void for_each(std::span<const dvec3> points, const Box& bounds, const Visit& visit) const {
-    descend(levels_.size() - 1, 0, points, bounds, ~std::uint64_t{0} >> (max_samples - points.size()), visit);
+  void for_each(const Bounds& bounds, const Visit& visit) const {
+    descend(levels_.size() - 1, 0, bounds, visit);
   }
 
  private:
   static constexpr std::size_t fan = 4;
 
   template <class Visit>
-  void descend(std::size_t level, std::size_t i, std::span<const dvec3> points, const Box& bounds, std::uint64_t mask,
-               const Visit& visit) const {
-    const Box& box = levels_[level][i];
-    if (!box.meets(bounds)) return;
-    std::uint64_t inside = 0;
-    for (; mask != 0; mask &= mask - 1)
-      if (const int k = std::countr_zero(mask); box.holds(points[static_cast<std::size_t>(k)]))
-        inside |= std::uint64_t{1} << k;
-    if (inside == 0) return;
-    if (level == 0) return visit(members_[i], inside);
+  void descend(std::size_t level, std::size_t i, const Bounds& bounds, const Visit& visit) const {
+    if (!levels_[level][i].meets(bounds)) return;
+    if (level == 0) return visit(members_[i]);
     const std::size_t end = std::min((i + 1) * fan, levels_[level - 1].size());
-    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, points, bounds, inside, visit);
+    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, bounds, visit);
   }
 
   std::vector<std::uint32_t> members_;
-  std::vector<std::vector<Box>> levels_;
+  std::vector<std::vector<Bounds>> levels_;
 };
 
 std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
@@ -142,18 +176,22 @@ std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
   return trees;
 }
 
-// Places in a splat's material, in deviations: a cell with this covariance, cut in three each way.
-void append_samples(const PlacedShape& splat, int steps, std::vector<dvec3>& samples) {
+// Of a cell with the splat's covariance, cut in so many each way.
+Lattice make_lattice(const PlacedShape& splat, int side) {
   const dmat3 axes = glm::mat3_cast(splat.shape.orientation);
   const double distance_2 = glm::dot(splat.shape.boundary, splat.shape.boundary);
-  const double step = 2 * std::numbers::sqrt3 / steps;
-  for (int z = 0; z < steps; ++z)
-    for (int y = 0; y < steps; ++y)
-      for (int x = 0; x < steps; ++x) {
-        const dvec3 place = step * (dvec3(x, y, z) - 0.5 * (steps - 1));
-        if (distance_2 > 0 && glm::dot(place, splat.shape.boundary) > distance_2) continue;
-        samples.push_back(splat.centroid + axes * (splat.shape.deviations * place));
-      }
+  const double step = 2 * std::numbers::sqrt3 / side;  // deviations
+  Lattice lattice{splat.centroid, axes, side, {}, dvec3(0)};
+  for (int k = 0; k < 3; ++k) {
+    lattice.step[k] *= step * splat.shape.deviations[k];
+    lattice.reach += 0.5 * (side - 1) * glm::abs(lattice.step[k]);
+  }
+  const Offsets& at = offsets[static_cast<std::size_t>(side)];
+  for (std::size_t i = 0; i < static_cast<std::size_t>(side * side * side); ++i) {
+    const dvec3 place = step * dvec3(at.x[i], at.y[i], at.z[i]);
+    lattice.weights[i] = distance_2 > 0 && glm::dot(place, splat.shape.boundary) > distance_2 ? 0.0F : 1.0F;
+  }
+  return lattice;
 }
 
 // What a splat sees of another's density.
@@ -192,38 +230,45 @@ class DensityFit {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
     blocks_.resize((splats_.size() + block_size - 1) / block_size);
     tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) {
-      std::vector<dvec3> samples;
+      std::vector<Lattice> lattices;
       Block& block = blocks_[b];
       for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
-        if (ellipsoids_[i].peak > 0) append_views(i, trees, samples, block.views);
+        if (ellipsoids_[i].peak > 0) append_views(i, trees, lattices, block.views);
         block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
       }
     });
   }
 
-  void append_views(std::size_t i, std::span<const BoxTree> trees, std::vector<dvec3>& samples,
+  void append_views(std::size_t i, std::span<const BoxTree> trees, std::vector<Lattice>& lattices,
                     std::vector<View>& views) const {
-    samples.clear();
-    find_samples(i, samples);
-    if (samples.empty()) return;
-    Box bounds;
-    for (const dvec3& sample : samples) bounds.include({sample, sample});
+    lattices.clear();
+    find_lattices(i, lattices);
+    Bounds bounds;
+    double samples = 0;
+    for (const Lattice& lattice : lattices) {
+      bounds.include({lattice.origin - lattice.reach, lattice.origin + lattice.reach});
+      for (const float weight : lattice.weights) samples += static_cast<double>(weight);
+    }
+    if (samples == 0) return;
     for (const BoxTree& tree : trees)
-      tree.for_each(samples, bounds, [&](std::uint32_t j, std::uint64_t mask) {
+      tree.for_each(bounds, [&](std::uint32_t j) {
         double seen = 0;
-        for (; mask != 0; mask &= mask - 1)
-          seen += density_at(ellipsoids_[j], samples[static_cast<std::size_t>(std::countr_zero(mask))]);
-        if (seen > 0) views.push_back({j, static_cast<float>(seen / static_cast<double>(samples.size()))});
+        for (const Lattice& lattice : lattices) seen += density_over(ellipsoids_[j], lattice);
+        if (seen > 0) views.push_back({j, static_cast<float>(seen / samples)});
       });
   }
 
-  // Where a splat looks.
-  void find_samples(std::size_t i, std::vector<dvec3>& samples) const {
-    if (parts_.empty()) return append_samples(splats_[i], 3, samples);
+  // Where a splat looks: 27 places in it, or up to 64 in its parts.
+  void find_lattices(std::size_t i, std::vector<Lattice>& lattices) const {
+    if (parts_.empty()) {
+      lattices.push_back(make_lattice(splats_[i], 3));
+      return;
+    }
+    constexpr std::uint64_t most_parts = 64;
     const std::uint64_t count = begins_[i + 1] - begins_[i];
-    const std::uint64_t step = (count + max_samples - 1) / max_samples;
+    const std::uint64_t step = (count + most_parts - 1) / most_parts;
     for (std::uint64_t part = begins_[i]; part < begins_[i + 1]; part += step)
-      if (parts_[part].shape.mass > 0) append_samples(parts_[part], count <= 8 ? 2 : 1, samples);
+      if (parts_[part].shape.mass > 0) lattices.push_back(make_lattice(parts_[part], count <= 8 ? 2 : 1));
   }
 
   void improve(std::size_t b, const std::vector<float>& densities, std::vector<float>& next) const {

@@ -21,7 +21,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// A box round points; none at first.
-struct Box {
+struct Bounds {
   dvec3 low{infinity}, high{-infinity};
 
   void add(const dvec3& p) {
@@ -45,7 +45,7 @@ class PointTree {
   }
 
   [[nodiscard]] std::span<const std::uint32_t> points() const { return points_; }
-  [[nodiscard]] const Box& box() const { return boxes_[0]; }
+  [[nodiscard]] const Bounds& box() const { return boxes_[0]; }
 
   /// Calls visit(point) for the points of all boxes that wanted(box) is true of, roughly from near to far.
   template <class Wanted, class Visit>
@@ -64,7 +64,7 @@ class PointTree {
   };
 
   void build(const Node& node) {
-    Box& box = boxes_[node.number];
+    Bounds& box = boxes_[node.number];
     for (std::size_t i = node.begin; i < node.end; ++i) box.add(positions_[points_[i]]);
     if (node.level == levels_) return;
     const dvec3 extent = box.high - box.low;
@@ -99,7 +99,7 @@ class PointTree {
   std::span<const dvec3> positions_;
   std::vector<std::uint32_t> points_;
   int levels_ = 0;
-  std::vector<Box> boxes_;
+  std::vector<Bounds> boxes_;
 };
 
 double quantile(std::vector<double>& items, double share) {
@@ -116,14 +116,14 @@ double farthest_squared(const ConvexCell& cell) {
 
 /// The Voronoi cell of a point, relative to it. A point of the tree can matter only if it is nearer to a vertex than
 /// the cell's own point is; long rows of points in boundary layers are passed over by whole boxes.
-void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uint32_t point, const Box& domain,
+void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uint32_t point, const Bounds& domain,
                ConvexCell& cell) {
   const dvec3 center = positions[point];
   cell.reset(domain.low - center, domain.high - center);
   double reach = infinity;  // twice the distance of the farthest vertex, squared
-  const auto wanted = [&](const Box& box) {
+  const auto wanted = [&](const Bounds& box) {
     if (box.squared_distance(center) >= reach) return false;
-    const Box local{box.low - center, box.high - center};
+    const Bounds local{box.low - center, box.high - center};
     return std::ranges::any_of(cell.vertices(),
                                [&](const dvec3& v) { return local.squared_distance(v) < glm::dot(v, v); });
   };
@@ -137,7 +137,7 @@ void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uin
 
 /// The same once its neighbours are known.
 void rebuild_cell(std::span<const dvec3> positions, std::uint32_t point, std::span<const std::uint32_t> neighbours,
-                  const Box& domain, ConvexCell& cell) {
+                  const Bounds& domain, ConvexCell& cell) {
   const dvec3 center = positions[point];
   cell.reset(domain.low - center, domain.high - center);
   for (const std::uint32_t other : neighbours) {
@@ -228,7 +228,7 @@ Result<ScatteredEstimate> ScatteredEstimate::create(std::span<const dvec3> posit
   const auto points = tree.points();
 
   // So far out that vertices on it are out of proportion.
-  Box domain = tree.box();
+  Bounds domain = tree.box();
   const dvec3 extent = domain.high - domain.low;
   const double margin = extent == dvec3(0) ? 0.5 : 4 * glm::length(extent);
   domain.low -= margin;

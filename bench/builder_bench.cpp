@@ -1,0 +1,62 @@
+// Material of scattered points: time a point, by what estimates it.
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+#include <random>
+
+#include "builder/block_estimate.h"
+#include "builder/scattered.h"
+
+namespace splatvol {
+namespace {
+
+// `count` random points of a cube of edge 1.
+std::vector<dvec3> random_points(std::size_t count) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> unit;
+  std::vector<dvec3> points(count);
+  for (dvec3& p : points) p = {unit(random), unit(random), unit(random)};
+  return points;
+}
+
+std::vector<double> values_at(std::span<const dvec3> points) {
+  std::vector<double> values;
+  for (const dvec3& p : points) values.push_back(std::sin(3 * p.x) + p.y * p.z);
+  return values;
+}
+
+// 10^7 points by the block of so many; blocks differ, so that no branch is learnt by heart.
+void block_estimate(benchmark::State& state) {
+  const auto block = static_cast<std::size_t>(state.range(0));
+  constexpr std::size_t total = 10'000'000;
+  const auto points = random_points(total);
+  const auto values = values_at(points);
+  BlockEstimate estimate;
+  BlockMaterial material;
+  for (auto run : state)
+    for (std::size_t begin = 0; begin + block <= total; begin += block) {
+      const std::span<const double> part = std::span(values).subspan(begin, block);
+      estimate.estimate(std::span(points).subspan(begin, block), {&part, 1}, {dvec3(0), dvec3(1)}, material);
+      benchmark::DoNotOptimize(material.moments.data());
+    }
+  state.counters["points"] =
+      benchmark::Counter(static_cast<double>(total / block * block), benchmark::Counter::kIsIterationInvariantRate);
+}
+BENCHMARK(block_estimate)->Arg(64)->Arg(512)->Arg(4096)->Unit(benchmark::kMillisecond);
+
+void voronoi_cells(benchmark::State& state) {
+  const auto points = random_points(20'000);
+  const auto values = values_at(points);
+  for (auto run : state) {
+    const auto estimate = ScatteredEstimate::create(points);
+    benchmark::DoNotOptimize(estimate->values(values).data());
+  }
+  state.counters["points"] =
+      benchmark::Counter(static_cast<double>(points.size()), benchmark::Counter::kIsIterationInvariantRate);
+}
+BENCHMARK(voronoi_cells)->MeasureProcessCPUTime()->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace splatvol
+
+BENCHMARK_MAIN();
