@@ -158,6 +158,7 @@ double squared_length(const dvec3& v) { return glm::dot(v, v); }
 
 // The sum of the largest group of planes that turn the same way. Groups grow round the largest planes.
 BoundaryPlane largest_group(std::vector<BoundaryPlane>& planes) {
+  if (planes.size() < 2) return planes.empty() ? BoundaryPlane{} : planes[0];
   std::ranges::stable_sort(planes, std::greater<>(), [](const BoundaryPlane& p) { return squared_length(p.area); });
   std::vector<BoundaryPlane> groups;
   for (const BoundaryPlane& plane : planes) {
@@ -248,6 +249,7 @@ BoundaryPlane merge_planes(std::span<const BoundaryPlane> members, std::span<con
 }
 
 dvec3 boundary_foot(const BoundaryPlane& plane, const SpatialMoments& moments, const format::SplatShape& shape) {
+  if (plane.area == dvec3(0)) return dvec3(0);
   const double area = glm::length(plane.area);
   if (!(area > 0)) return dvec3(0);
   const dvec3 outwards = plane.area / area;

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/error.h"
-#include "builder/point_set.h"
+#include "builder/point_stream.h"
 #include "builder/scattered.h"
 #include "builder/source.h"
 
@@ -16,7 +16,9 @@ namespace splatvol {
 struct BuildOptions {
   std::uint32_t leaf_points = 8;                        // N of the reduction's octree; at least 8 (see build_volume)
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
-  std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points
+  std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
+  std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
+  std::string temp_folder;                              // for what does not fit; empty: where the output goes
   Connectivity connectivity = Connectivity::automatic;  // all but mesh and automatic leave out cells that there are
   std::vector<std::string> inputs;                      // names for the provenance
   std::string builder = "splatvol";                     // name and version of the program

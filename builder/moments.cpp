@@ -230,9 +230,15 @@ format::SplatShape shape_of(const SpatialMoments& moments) {
   const double scale = std::max({covariance.xx, covariance.yy, covariance.zz});
   if (!(moments.mass > 0) || !(scale >= std::numeric_limits<double>::min())) return {.mass = moments.mass};
 
-  const Decomposition axes = diagonalize(1 / scale * covariance);
+  const bool along_axes = covariance.xy == 0 && covariance.xz == 0 && covariance.yz == 0;
+  const SymmetricMatrix scaled = 1 / scale * covariance;
+  const Decomposition axes =
+      along_axes ? Decomposition{{scaled.xx, scaled.yy, scaled.zz}, dmat3(1)} : diagonalize(scaled);
+  // Descending and stable. The library's stable sort allocates.
   std::array<int, 3> order = {0, 1, 2};
-  std::ranges::stable_sort(order, std::greater<>(), [&](int k) { return axes.values[static_cast<std::size_t>(k)]; });
+  for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
+    if (axes.values[static_cast<std::size_t>(order[b])] > axes.values[static_cast<std::size_t>(order[a])])
+      std::swap(order[a], order[b]);
   format::SplatShape shape{.mass = moments.mass};
   dmat3 sorted;
   for (int k = 0; k < 3; ++k) {

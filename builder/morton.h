@@ -58,6 +58,14 @@ inline constexpr int max_morton_depth = 42;
   return max_morton_depth;
 }
 
+/// Depth of the octree leaf that begins with `first`, where cells with more than some number of points are split: the
+/// last key before it shares a cell of depth `shared_before` with it (-1: there is none before), and `beyond` is the
+/// key that makes one too many from `first` on (null: there are not so many).
+[[nodiscard]] inline int leaf_depth(int shared_before, const MortonKey& first, const MortonKey* beyond) {
+  const int shared = beyond ? std::max(shared_before, common_depth(first, *beyond)) : shared_before;
+  return std::min(shared + 1, max_morton_depth);
+}
+
 /// Octant that the cell at depth + 1 takes within the cell at `depth` < max_morton_depth.
 [[nodiscard]] inline unsigned octant_at(const MortonKey& key, int depth) {
   const std::uint64_t half = depth < 21 ? key.high : key.low;

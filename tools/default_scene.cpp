@@ -71,10 +71,6 @@ std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& 
   return visible.size() < fewest_visible ? samples.positions : visible;
 }
 
-struct Box {
-  dvec3 low, high;
-};
-
 Box bounds(const std::vector<dvec3>& points) {
   Box box{points[0], points[0]};
   for (const dvec3& p : points) box = {glm::min(box.low, p), glm::max(box.high, p)};

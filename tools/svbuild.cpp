@@ -1,12 +1,14 @@
 // svbuild: a mesh or a point set in, a .svol file out.
 #include <fmt/ranges.h>
 #include <tbb/global_control.h>
+#include <tbb/scalable_allocator.h>
 
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/memory_limit.h"
 #include "builder/build.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -21,6 +23,9 @@ struct Options {
   std::string reduction = "octree";
   std::uint32_t leaf = 8;
   std::string connectivity = "auto";
+  std::string memory;
+  std::string temp_folder;
+  std::vector<std::string> columns;
   unsigned threads = 0;
   bool json = false;
 };
@@ -95,11 +100,19 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, options.attributes));
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns}));
   BuildOptions build_options;
   build_options.leaf_points = options.leaf;
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
+  build_options.memory = memory_limit() / 4;
+  if (!options.memory.empty()) {
+    SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
+    build_options.memory = memory;
+  }
+  build_options.temp_folder = options.temp_folder;
+  // The allocator keeps what was freed for the next who asks; this makes it give back what is more.
+  scalable_allocation_mode(TBBMALLOC_SET_SOFT_HEAP_LIMIT, static_cast<std::intptr_t>(build_options.memory / 2));
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
 
@@ -124,7 +137,10 @@ Status build(const Options& options) {
 int main(int argc, char** argv) {
   splatvol::Options options;
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
-  app.add_option("inputs", options.inputs, "Meshes (.vtu, .pvtu, .vtk), or a PLOT3D grid and its solution")
+  app.add_option(
+         "inputs", options.inputs,
+         "Meshes (.vtu, .pvtu, .vtk, ...), folders of them, points (.npy), a PLOT3D grid and its solution, or what "
+         "svgen would make (gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write")
@@ -146,6 +162,22 @@ int main(int argc, char** argv) {
                  "none (an estimate from the points alone)")
       ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none"}))
       ->capture_default_str();
+  app.add_option("--columns", options.columns,
+                 "Names of the columns of .npy files, commas between: x, y and z are the position, _ is left out "
+                 "(default: x,y,z,value)")
+      ->delimiter(',')
+      ->type_name("NAME,...");
+  app.add_option("--memory", options.memory,
+                 "Bytes to hold, such as 2G, beside a piece of the input (default: a quarter of what there is); the "
+                 "result is the same")
+      ->type_name("SIZE")
+      ->check([](const std::string& text) {
+        const auto bytes = splatvol::parse_bytes(text);
+        return bytes ? std::string() : bytes.error().message;
+      });
+  app.add_option("--temp", options.temp_folder, "Folder for what does not fit (default: where the output goes)")
+      ->type_name("DIR")
+      ->check(CLI::ExistingDirectory);
   app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
   app.add_flag("--json", options.json, "Print the result as JSON");
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::build(options); });

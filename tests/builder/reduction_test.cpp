@@ -1,4 +1,4 @@
-#include "builder/reduction.h"
+#include "tests/support/whole_reduction.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,13 @@
 #include <map>
 #include <numeric>
 #include <random>
-#include <set>
+
+#include "builder/batches.h"
+#include "builder/cascade.h"
+#include "builder/cell_reduction.h"
+#include "tests/builder/piece_source.h"
+#include "tests/builder/random_material.h"
+#include "tests/support/whole_material.h"
 
 namespace splatvol {
 namespace {
@@ -49,20 +55,12 @@ std::map<std::string, std::vector<dvec3>> hard_cases() {
   cases["two clusters"] = random_points(2000);
   for (std::size_t i = 0; i < 2000; ++i) cases["two clusters"][i] *= 1e-12;
   cases["two clusters"].emplace_back(1, 1, 1);
-  return cases;
-}
-
-// The definition, recursively: split while a cell holds more than N members.
-void split(const std::vector<MortonKey>& keys, const std::vector<std::uint64_t>& members, int depth, std::uint32_t n,
-           std::map<std::uint64_t, std::pair<int, std::size_t>>& leaves) {
-  if (members.size() <= n || depth == max_morton_depth) {
-    for (const std::uint64_t m : members) leaves[m] = {depth, members.size()};
-    return;
+  cases["half in 1e-9 of the volume"] = random_points(4000);
+  for (std::size_t i = 0; i < 2000; ++i) {
+    dvec3& p = cases["half in 1e-9 of the volume"][i];
+    p = dvec3(0.7, 0.3, 0.6) + 1e-3 * p;
   }
-  std::array<std::vector<std::uint64_t>, 8> octants;
-  for (const std::uint64_t m : members) octants[octant_at(keys[m], depth)].push_back(m);
-  for (const auto& octant : octants)
-    if (!octant.empty()) split(keys, octant, depth + 1, n, leaves);
+  return cases;
 }
 
 TEST(MortonKey, OrdersByInterleavedBitsOfFortyTwoLevels) {
@@ -90,71 +88,33 @@ TEST(MortonKey, BordersOfTheCubeAreInside) {
   EXPECT_EQ(finest_cell({0, 0, 0}, unit_cube)[0], 0u);
 }
 
-TEST(FindLeaves, AgreesWithRecursiveSplitting) {
-  for (const auto& [name, positions] : hard_cases())
-    for (const std::uint32_t n : {1u, 8u, 25u}) {
-      const Sorted sorted = sort_points(positions);
-      Resolution resolution;
-      resolution.members.resize(sorted.keys.size());
-      std::iota(resolution.members.begin(), resolution.members.end(), 0u);
-      find_leaves(sorted.keys, n, resolution);
-      std::map<std::uint64_t, std::pair<int, std::size_t>> leaves;
-      split(sorted.keys, resolution.members, 0, n, leaves);
-      for (std::size_t m = 0; m < resolution.size(); ++m) {
-        ASSERT_EQ(resolution.depths[m], leaves[m].first) << name << ", N = " << n << ", member " << m;
-        ASSERT_EQ(resolution.counts[m], std::min<std::size_t>(leaves[m].second, 255)) << name;
-      }
-    }
-}
-
-TEST(ReduceByOctree, KeepsTheNearestToEachLeafsCentreAndNestsClusters) {
+TEST(LeafDepth, IsThatOfTheDefinition) {
   for (const auto& [name, positions] : hard_cases()) {
     const Sorted sorted = sort_points(positions);
-    const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
-    ASSERT_EQ(resolutions.back().size(), positions.size());
-    EXPECT_LE(resolutions.front().size(), 512u) << name;
-    for (std::size_t r = 0; r + 1 < resolutions.size(); ++r) {
-      const Resolution &coarse = resolutions[r], &fine = resolutions[r + 1];
-      const std::set<std::uint64_t> kept(coarse.members.begin(), coarse.members.end());
-      std::map<std::uint64_t, std::pair<int, std::size_t>> leaves;
-      // Exactly one of each leaf of the finer resolution is kept, and none of its members is nearer to the centre.
-      for (std::size_t begin = 0; begin < fine.size();) {
-        const dvec3 center = cell_center(sorted.positions[fine.members[begin]], unit_cube, fine.depths[begin]);
-        std::size_t end = begin;
-        double nearest = 10, of_kept = 10;
-        int kept_here = 0;
-        while (end < fine.size() &&
-               common_depth(sorted.keys[fine.members[begin]], sorted.keys[fine.members[end]]) >= fine.depths[begin]) {
-          const double distance = glm::length(sorted.positions[fine.members[end]] - center);
-          nearest = std::min(nearest, distance);
-          if (kept.contains(fine.members[end])) of_kept = distance, ++kept_here;
-          ++end;
-        }
-        ASSERT_EQ(kept_here, 1) << name;
-        ASSERT_LE(of_kept, nearest * (1 + 1e-9)) << name;
-        begin = end;
-      }
-      // A leaf of the coarser octree never lies inside a leaf of the finer one, so clusters nest.
-      std::map<std::uint64_t, std::uint8_t> fine_depth;
-      for (std::size_t m = 0; m < fine.size(); ++m) fine_depth[fine.members[m]] = fine.depths[m];
-      for (std::size_t m = 0; m < coarse.size(); ++m)
-        ASSERT_LE(coarse.depths[m], fine_depth[coarse.members[m]]) << name;
-    }
+    const std::vector<MortonKey>& keys = sorted.keys;
+    for (const std::size_t n : {1, 8, 25, 512, 100'000})
+      test::visit_octree(keys, n, [&](std::size_t begin, std::size_t, int depth, bool leaf) {
+        if (!leaf) return;
+        const int shared = begin == 0 ? -1 : common_depth(keys[begin - 1], keys[begin]);
+        const MortonKey* beyond = begin + n < keys.size() ? &keys[begin + n] : nullptr;
+        ASSERT_EQ(leaf_depth(shared, keys[begin], beyond), depth) << name << ", N = " << n << ", point " << begin;
+      });
   }
 }
 
-TEST(LeafBegins, LeafKeepsTheMemberOfItsNumber) {
+// A leaf of the coarser octree never lies inside a leaf of the finer one.
+TEST(ReduceByOctree, ClustersNest) {
   for (const auto& [name, positions] : hard_cases()) {
     const Sorted sorted = sort_points(positions);
-    const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+    const auto resolutions = test::reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+    EXPECT_LE(resolutions.front().size(), coarsest_target) << name;
     for (std::size_t r = 0; r + 1 < resolutions.size(); ++r) {
-      const auto begins = leaf_begins(sorted.keys, resolutions[r + 1]);
-      const auto& fine = resolutions[r + 1].members;
-      ASSERT_EQ(begins.size(), resolutions[r].size() + 1) << name;
-      ASSERT_EQ(begins.back(), fine.size()) << name;
-      for (std::size_t k = 0; k + 1 < begins.size(); ++k) {
-        ASSERT_LE(fine[begins[k]], resolutions[r].members[k]) << name;
-        ASSERT_GE(fine[begins[k + 1] - 1], resolutions[r].members[k]) << name;
+      const test::Resolution &coarse = resolutions[r], &fine = resolutions[r + 1];
+      ASSERT_EQ(fine.begins.size(), coarse.size() + 1);
+      for (std::size_t k = 0; k < coarse.size(); ++k) {
+        ASSERT_LE(fine.members[fine.begins[k]], coarse.members[k]) << name;
+        ASSERT_GE(fine.members[fine.begins[k + 1] - 1], coarse.members[k]) << name;
+        ASSERT_LE(coarse.depths[k], fine.depths[fine.begins[k]]) << name;
       }
     }
   }
@@ -162,19 +122,292 @@ TEST(LeafBegins, LeafKeepsTheMemberOfItsNumber) {
 
 TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
   const Sorted sorted = sort_points(random_points(100'000));
-  const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
+  const auto resolutions = test::reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
   const double share = static_cast<double>(resolutions[resolutions.size() - 2].size()) / 100'000;
   EXPECT_GT(share, 0.2);
   EXPECT_LT(share, 0.45);
 }
 
-TEST(FindSegments, NamesTheCoarsestResolutionOfEachPoint) {
-  const Sorted sorted = sort_points(random_points(3000));
-  const auto resolutions = reduce_by_octree(sorted.keys, sorted.positions, unit_cube, 8);
-  const auto segments = find_segments(resolutions);
-  for (std::size_t r = 0; r < resolutions.size(); ++r)
-    EXPECT_EQ(std::ranges::count_if(segments, [r](std::uint8_t s) { return s <= r; }),
-              static_cast<long>(resolutions[r].size()));
+// What the cells of a stream and the cascade make of points with random material. Points are named by their place in
+// Morton order, which is also their value.
+struct Streamed {
+  struct Step {
+    std::vector<std::uint64_t> members;
+    std::vector<std::uint64_t> first_parts;  // [member]; empty at step 0
+    std::vector<SplatRow> splats;            // [member]
+    test::Material material;                 // empty at step 0
+  };
+
+  Cube cube;
+  PointBatch points;
+  std::vector<PointCell> cells;  // begin and end counted from the first point of all
+  std::vector<Step> steps = std::vector<Step>(1);
+  std::vector<std::vector<std::size_t>> ends;  // [point]: steps that are its last
+  std::vector<std::uint64_t> counts;           // [step]
+
+  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t cell_points) {
+    ends.resize(positions.size());
+    attribute_.min = 0;
+    attribute_.max = static_cast<double>(positions.size());
+    test::PieceSource source({test::scattered(std::move(positions))});
+    PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
+    cube = stream.summary().cube;
+    Batches batches(stream, cell_points);
+    EXPECT_TRUE(batches.hold_all([&](PointBatch& all) -> Status {
+      test::randomize_material(all);
+      std::iota(all.values[0].begin(), all.values[0].end(), 0.0);
+      points = all;
+      return {};
+    }));
+    Cascade cascade(cube, leaf_points, {0},
+                    {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
+                       add_splat(step, member, first_part);
+                     },
+                     [this](std::size_t step, Member&& member) { ends[id(member)].push_back(step); }});
+    const double offset = 0;
+    const ReductionSettings settings{
+        cube, leaf_points, points.size() > coarsest_target, true, std::span(&attribute_, 1), std::span(&offset, 1)};
+    while (auto batch = *batches.next())
+      for (const PointCell& cell : batch->cells) {
+        EXPECT_EQ(batch->first + cell.begin, steps[0].splats.size());
+        cells.push_back({batch->first + cell.begin, batch->first + cell.end, cell.depth, cell.leaf, cell.continued});
+        take_cell(cell.continued, reduce_cell(*batch, cell, settings), cascade);
+      }
+    cascade.finish();
+    counts = cascade.counts();
+    counts.insert(counts.begin(), steps[0].splats.size());
+    for (std::uint64_t i = 0; i < points.size(); ++i) steps[0].members.push_back(i);
+  }
+
+ private:
+  static std::uint64_t id(const Member& member) { return static_cast<std::uint64_t>(member.values[0].value); }
+
+  void take_cell(bool continued, ReducedCell&& reduced, Cascade& cascade) {
+    steps[0].splats.insert(steps[0].splats.end(), reduced.splats.begin(), reduced.splats.end());
+    for (const float i : reduced.finest.values[0]) ends[static_cast<std::size_t>(i)].push_back(0);
+    for (std::size_t m = 0; m < reduced.members.size(); ++m) {
+      Member& member = reduced.members[m];
+      if (continued) {
+        ends[id(member)].push_back(0);
+        cascade.add_to_last(member, reduced.parts[m]);
+      } else {
+        cascade.push(std::move(member), reduced.parts[m]);
+      }
+    }
+  }
+
+  void add_splat(std::size_t step, const Member& member, std::uint64_t first_part) {
+    EXPECT_EQ(member.splats.size(), step + 1);
+    EXPECT_EQ(member.value_rows.size(), step + 1);
+    EXPECT_EQ(member.point.position, points.positions[id(member)]);
+    steps.resize(std::max(steps.size(), step + 1));
+    Step& at = steps[step];
+    at.members.push_back(id(member));
+    at.first_parts.push_back(first_part);
+    at.splats.push_back(member.splats[step]);
+    at.material.moments.push_back(member.moments);
+    at.material.planes.push_back(member.plane);
+    at.material.value_moments.resize(1);
+    at.material.value_moments[0].push_back(member.values[0].moments);
+  }
+
+  format::Attribute attribute_;
+};
+
+// Sums of the same numbers in perhaps another order.
+constexpr double rounding = 1e-12;
+
+void expect_near(const dvec3& a, const dvec3& b, double scale) {
+  ASSERT_LE(glm::length(a - b), rounding * scale) << glm::length(b);
+}
+
+void expect_same(const SpatialMoments& a, const SpatialMoments& b) {
+  ASSERT_LE(std::abs(a.mass - b.mass), rounding * b.mass);
+  const SymmetricMatrix &s = a.covariance, &t = b.covariance;
+  const double square = t.xx + t.yy + t.zz;
+  expect_near(a.centroid, b.centroid, std::sqrt(square) + glm::length(b.centroid));
+  expect_near({s.xx, s.yy, s.zz}, {t.xx, t.yy, t.zz}, square);
+  expect_near({s.xy, s.xz, s.yz}, {t.xy, t.xz, t.yz}, square);
+}
+
+void expect_same(const ValueMoments& a, const ValueMoments& b, const SpatialMoments& all) {
+  ASSERT_LE(std::abs(a.mass - b.mass), rounding * b.mass);
+  ASSERT_EQ(a.min, b.min);
+  ASSERT_EQ(a.max, b.max);
+  const SymmetricMatrix& s = all.covariance;
+  const double size = std::sqrt(s.xx + s.yy + s.zz) + glm::length(all.centroid);
+  expect_near(a.centroid, b.centroid, size);
+  ASSERT_LE(std::abs(a.mean - b.mean), rounding);  // values are up to 1
+  ASSERT_LE(std::abs(a.variance - b.variance), rounding);
+  expect_near(a.covariance, b.covariance, size);
+}
+
+void expect_same(const BoundaryPlane& a, const BoundaryPlane& b) {
+  expect_near(a.area, b.area, glm::length(b.area));
+  ASSERT_LE(std::abs(a.offset - b.offset), rounding * (std::abs(b.offset) + glm::length(b.area)));
+}
+
+// The cells are those of the octree, and what is too much for one follows in parts.
+void expect_cells_of_definition(std::span<const PointCell> cells, std::span<const MortonKey> keys,
+                                std::size_t cell_points) {
+  std::size_t c = 0;
+  std::uint64_t leaf = 0;
+  test::visit_octree(keys, cell_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
+    if (!is_leaf || testing::Test::HasFatalFailure()) return;
+    for (std::size_t at = begin; at < end && c < cells.size(); ++c) {
+      const PointCell& cell = cells[c];
+      ASSERT_EQ(cell.begin, at);
+      ASSERT_GT(cell.end, at);
+      ASSERT_LE(cell.end, std::min(at + cell_points, end));
+      ASSERT_EQ(cell.depth, depth);
+      ASSERT_EQ(cell.leaf, leaf);
+      ASSERT_EQ(cell.continued, at > begin);
+      at = cell.end;
+    }
+    ++leaf;
+  });
+  EXPECT_EQ(c, cells.size());
+  EXPECT_EQ(cells.back().end, keys.size());
+}
+
+void expect_same_step(const Streamed& streamed, std::size_t step, const test::Resolution& resolution,
+                      const test::Material& material) {
+  const Streamed::Step& at = streamed.steps[step];
+  ASSERT_EQ(at.members, resolution.members);
+  ASSERT_EQ(streamed.counts[step], resolution.size());
+  const std::vector<SplatRow> splats = test::splats_of(streamed.points.positions, resolution, material);
+  for (std::size_t m = 0; m < resolution.size(); ++m) {
+    ASSERT_EQ(at.splats[m].number, m);
+    ASSERT_EQ(at.splats[m].depth, resolution.depths[m]);
+    ASSERT_EQ(at.splats[m].count, resolution.counts[m]) << m;
+    ASSERT_LE(std::abs(at.splats[m].shape.mass - splats[m].shape.mass), rounding * splats[m].shape.mass);
+    expect_near(at.splats[m].centroid, splats[m].centroid, 1);
+    expect_near(at.splats[m].shape.boundary, splats[m].shape.boundary, 1e4);  // 1e-4 is the thinnest axis
+    if (step == 0) continue;
+    expect_same(at.material.moments[m], material.moments[m]);
+    expect_same(at.material.value_moments[0][m], material.value_moments[0][m], material.moments[m]);
+    // What of many planes is the largest group depends on which are merged first.
+    const bool in_parts = at.splats[m].depth == max_morton_depth || resolution.size() == 1;
+    if (!in_parts) expect_same(at.material.planes[m], material.planes[m]);
+  }
+}
+
+void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) {
+  const PointBatch& points = streamed.points;
+  const auto resolutions = test::reduce_by_octree(points.keys, points.positions, streamed.cube, leaf_points);
+  const auto materials = test::merge_clusters(points.positions, resolutions, test::material_of(points));
+  const auto segments = test::find_segments(resolutions);
+  const std::size_t last = resolutions.size() - 1;
+  ASSERT_EQ(streamed.steps.size(), resolutions.size());
+  ASSERT_EQ(streamed.counts.size(), resolutions.size());
+  for (std::size_t i = 0; i < points.size(); ++i)
+    ASSERT_EQ(streamed.ends[i], std::vector<std::size_t>{last - segments[i]}) << "point " << i;
+  for (std::size_t step = 0; step <= last; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step));
+    const test::Resolution& resolution = resolutions[last - step];
+    expect_same_step(streamed, step, resolution, materials[last - step]);
+    if (step == 0) continue;
+    const std::vector<std::uint64_t>& begins = resolutions[last - step + 1].begins;
+    ASSERT_TRUE(std::equal(begins.begin(), begins.end() - 1, streamed.steps[step].first_parts.begin()));
+  }
+}
+
+void expect_batches_of_definition(const std::vector<dvec3>& positions) {
+  for (const std::size_t cell_points : {8, 100, 512, 30'000}) {
+    SCOPED_TRACE("at most " + std::to_string(cell_points));
+    test::PieceSource source({test::scattered(positions)});
+    PointStream stream = *PointStream::create(source, false, 1 << 24, testing::TempDir(), [](double) {});
+    Batches batches(stream, cell_points);
+    std::vector<MortonKey> keys;
+    std::vector<PointCell> cells;
+    while (auto batch = *batches.next()) {
+      ASSERT_EQ(batch->first, keys.size());
+      keys.insert(keys.end(), batch->keys.begin(), batch->keys.end());
+      for (const PointCell& cell : batch->cells)
+        cells.push_back({batch->first + cell.begin, batch->first + cell.end, cell.depth, cell.leaf, cell.continued});
+    }
+    ASSERT_EQ(keys.size(), positions.size());
+    expect_cells_of_definition(cells, keys, cell_points);
+  }
+}
+
+// Clusters of all sizes, some of coincident points, so that batches end anywhere in the octree.
+TEST(Batches, CellsAreThoseOfTheDefinition) {
+  std::mt19937_64 random(9);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  const auto place = [&] { return dvec3(uniform(random), uniform(random), uniform(random)); };
+  for (int round = 0; round < 4; ++round) {
+    SCOPED_TRACE("round " + std::to_string(round));
+    std::vector<dvec3> positions = {{0, 0, 0}, {1, 1, 1}};
+    while (positions.size() < 300'000) {
+      const dvec3 corner = 0.5 * place();
+      const double size = uniform(random) < 0.05 ? 0 : 0.5 * std::pow(10.0, -9 * uniform(random));
+      const auto count = static_cast<std::size_t>(std::pow(10.0, 4.5 * uniform(random)));
+      for (std::size_t i = 0; i < count; ++i) positions.push_back(corner + size * place());
+    }
+    expect_batches_of_definition(positions);
+    if (HasFatalFailure()) return;
+  }
+}
+
+// A batch of 2^16 points or a few more ends with the first octant of a cell that must be split for what follows.
+TEST(Batches, MayEndWithAFewPointsOfALargeCell) {
+  std::vector<dvec3> positions = random_points(65'530, [](double x) { return 0.49 * x; });
+  for (const auto& [count, low] : {std::pair{10, 0.5}, {20'000, 0.75}})
+    for (const dvec3& p : random_points(static_cast<std::size_t>(count), [low](double x) { return low + 0.25 * x; }))
+      positions.push_back(p);
+  positions.insert(positions.end(), {{0, 0, 0}, {1, 1, 1}});
+  expect_batches_of_definition(positions);
+}
+
+TEST(Cascade, GivesTheReductionOfTheDefinition) {
+  for (const auto& [name, positions] : hard_cases())
+    for (const auto& [leaf_points, cell_points] :
+         {std::pair{8u, 8u}, {8u, 300u}, {8u, 512u}, {20u, 20u}, {20u, 10'000u}, {600u, 600u}}) {
+      SCOPED_TRACE(name + ", " + std::to_string(leaf_points) + " and " + std::to_string(cell_points));
+      const Streamed streamed(positions, leaf_points, cell_points);
+      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
+      // The first part of a cell decides for all: the same only where all points are in one place and the count is
+      // full.
+      const bool in_parts = std::ranges::any_of(streamed.cells, &PointCell::continued);
+      if (!in_parts || (name == "all equal" && cell_points > 255)) expect_same_reduction(streamed, leaf_points);
+      if (HasFatalFailure()) return;
+    }
+}
+
+// Thousands of points in one finest cell, coincident or not, that are more than a cell may hold.
+TEST(Cascade, CellsInPartsKeepAllPointsAndTheirMass) {
+  for (const double apart : {0.0, 0x1p-50})
+    for (const std::size_t cell_points : {300, 512, 2999, 3000, 3001}) {
+      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(cell_points));
+      std::vector<dvec3> positions = random_points(1000);
+      positions.insert(positions.end(), {{0, 0, 0}, {1, 1, 1}});
+      for (int i = 0; i < 3000; ++i) positions.emplace_back(0.25 + apart * (i % 256), 0.25, 0.25);
+      const Streamed streamed(positions, 8, cell_points);
+      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
+
+      ASSERT_GE(streamed.steps.size(), 2u);
+      for (const auto& ends : streamed.ends) ASSERT_EQ(ends.size(), 1u);
+      std::size_t in_one_cell = 0;
+      for (std::size_t i = 0; i < positions.size(); ++i) {
+        if (glm::length(streamed.points.positions[i] - 0.25) > 1e-9) continue;
+        ++in_one_cell;
+        EXPECT_EQ(streamed.steps[0].splats[i].count, 255);
+        EXPECT_EQ(streamed.steps[0].splats[i].depth, max_morton_depth);
+      }
+      ASSERT_EQ(in_one_cell, 3000u);
+      const auto mass = [](const auto& moments) {
+        return std::accumulate(moments.begin(), moments.end(), 0.0,
+                               [](double sum, const auto& moment) { return sum + moment.mass; });
+      };
+      for (std::size_t step = 1; step < streamed.steps.size(); ++step) {
+        EXPECT_EQ(streamed.steps[step].members.size(), streamed.counts[step]);
+        for (std::size_t m = 0; m < streamed.counts[step]; ++m) EXPECT_EQ(streamed.steps[step].splats[m].number, m);
+        const test::Material& material = streamed.steps[step].material;
+        EXPECT_NEAR(mass(material.moments) / mass(streamed.points.moments), 1, rounding);
+        EXPECT_NEAR(mass(material.value_moments[0]) / mass(streamed.points.value_moments[0]), 1, rounding);
+      }
+    }
 }
 
 }  // namespace

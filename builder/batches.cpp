@@ -1,0 +1,170 @@
+#include "builder/batches.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+constexpr std::size_t batch_points = std::size_t{1} << 15;
+
+// Of the cells whose material is estimated by itself: the more, the less there is of borders.
+constexpr std::size_t block_points = 4096;
+
+// Calls visit(a, b) for each pair of arrays over the points.
+template <class A, class B, class Visit>
+void for_each_array(A& a, B& b, const Visit& visit) {
+  visit(a.keys, b.keys);
+  visit(a.positions, b.positions);
+  visit(a.moments, b.moments);
+  visit(a.planes, b.planes);
+  for (std::size_t i = 0; i < a.values.size(); ++i) {
+    visit(a.values[i], b.values[i]);
+    visit(a.value_moments[i], b.value_moments[i]);
+    visit(a.gradients[i], b.gradients[i]);
+  }
+}
+
+PointBatch empty_batch(std::size_t attributes) {
+  PointBatch batch;
+  batch.values.resize(attributes);
+  batch.value_moments.resize(attributes);
+  batch.gradients.resize(attributes);
+  return batch;
+}
+
+void resize_material(PointBatch& batch) {
+  batch.moments.resize(batch.size());
+  for (auto& moments : batch.value_moments) moments.resize(batch.size());
+  for (auto& gradients : batch.gradients) gradients.resize(batch.size());
+}
+
+struct Estimator {
+  BlockEstimate blocks;
+  BlockMaterial result;
+};
+
+Box cell_box(const dvec3& position, const Cube& cube, int depth) {
+  const dvec3 center = cell_center(position, cube, depth);
+  const double half = std::ldexp(cube.edge, -depth - 1);
+  return {center - half, center + half};
+}
+
+void estimate_block(const Box& box, const Cube& cube, const PointCell& block, PointBatch& batch, Estimator& estimator) {
+  const std::size_t count = block.end - block.begin;
+  const auto positions = std::span<const dvec3>(batch.positions).subspan(block.begin, count);
+  Box bounds = cell_box(positions[0], cube, block.depth);
+  bounds = {glm::max(bounds.low, box.low), glm::min(bounds.high, box.high)};
+  // Rounding may have put points a little outside.
+  for (const dvec3& p : positions) bounds.include({p, p});
+  std::vector<std::span<const double>> values;
+  for (const auto& all : batch.values) values.push_back(std::span(all).subspan(block.begin, count));
+  estimator.blocks.estimate(positions, values, bounds, estimator.result);
+  const auto put = [&](const auto& items, auto& all) {
+    std::ranges::copy(items, all.begin() + static_cast<std::ptrdiff_t>(block.begin));
+  };
+  put(estimator.result.moments, batch.moments);
+  for (std::size_t a = 0; a < values.size(); ++a) {
+    put(estimator.result.value_moments[a], batch.value_moments[a]);
+    put(estimator.result.gradients[a], batch.gradients[a]);
+  }
+}
+
+}  // namespace
+
+Batches::Batches(PointStream& stream, std::uint64_t cell_points)
+    : stream_(stream),
+      box_(stream.summary().box),
+      cube_(stream.summary().cube),
+      cell_points_(cell_points),
+      held_(empty_batch(stream.summary().attributes.size())) {}
+
+Status Batches::hold_all(const std::function<Status(PointBatch&)>& work) {
+  while (!ended_) SPLATVOL_TRY(fill(held_.size() + 1));
+  return work(held_);
+}
+
+Status Batches::fill(std::size_t points) {
+  while (!ended_ && held_.size() - begin_ < points) {
+    SPLATVOL_TRY_ASSIGN(more, stream_.next(held_));
+    ended_ = !more;
+  }
+  return {};
+}
+
+// The largest cell that begins with a held point and has at most so many; or so many of one key. Requires that more
+// are held, or all.
+PointCell Batches::cell_at(std::size_t begin, std::size_t most) const {
+  const std::vector<MortonKey>& keys = held_.keys;
+  const std::size_t end = keys.size();
+  const MortonKey& first = keys[begin];
+  const int shared = begin > 0 ? common_depth(keys[begin - 1], first) : -1;
+  const int depth = leaf_depth(shared, first, begin + most < end ? &keys[begin + most] : nullptr);
+  const auto within = std::span(keys).subspan(begin, std::min(most, end - begin));
+  const auto past =
+      std::ranges::partition_point(within, [&](const MortonKey& key) { return common_depth(first, key) >= depth; });
+  return {begin, begin + static_cast<std::size_t>(past - within.begin()), depth, 0,
+          begin > 0 && keys[begin - 1] == first};
+}
+
+PointBatch Batches::take(std::size_t end) const {
+  PointBatch batch = empty_batch(held_.values.size());
+  for_each_array(held_, batch, [&](const auto& from, auto& to) {
+    if (from.size() >= end)
+      to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
+  });
+  if (begin_ > 0) batch.before = held_.positions[begin_ - 1];
+  if (end < held_.size()) batch.behind = held_.positions[end];
+  return batch;
+}
+
+// A cell that goes on has its first part's material only: its points are all in one place.
+void Batches::estimate(PointBatch& batch) const {
+  const std::vector<PointCell>& blocks = batch.blocks;
+  if (blocks.empty()) return;
+  resize_material(batch);
+  tbb::enumerable_thread_specific<Estimator> estimators;
+  tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimators.local());
+  });
+}
+
+Result<std::optional<PointBatch>> Batches::next() {
+  const std::size_t most = std::max(block_points, cell_points_);
+  SPLATVOL_TRY(fill(batch_points + most + 1));
+  if (begin_ == held_.size()) return std::optional<PointBatch>();
+  std::vector<PointCell> blocks, cells;
+  std::size_t end = begin_;
+  while (end < held_.size() && end - begin_ < batch_points) {
+    blocks.push_back(cell_at(end, most));
+    end = blocks.back().end;
+  }
+  for (std::size_t at = begin_; at < end; at = cells.back().end) {
+    cells.push_back(cell_at(at, cell_points_));
+    if (!cells.back().continued) ++leaves_;
+    cells.back().leaf = leaves_ - 1;
+  }
+
+  PointBatch batch = take(end);
+  for (auto* list : {&blocks, &cells})
+    for (PointCell& cell : *list) cell.begin -= begin_, cell.end -= begin_;
+  if (estimates_) batch.blocks = std::move(blocks);
+  batch.cells = std::move(cells);
+  batch.first = given_;
+  given_ += batch.size();
+
+  begin_ = end;
+  if (begin_ > batch_points / 2) {
+    for_each_array(held_, held_, [&](auto& items, auto&) {
+      items.erase(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(std::min(begin_ - 1, items.size())));
+    });
+    begin_ = 1;
+  }
+  return std::optional(std::move(batch));
+}
+
+}  // namespace splatvol

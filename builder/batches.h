@@ -1,0 +1,53 @@
+// Batches of whole cells from a stream of points.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+
+#include "builder/block_estimate.h"
+#include "builder/cell_reduction.h"
+#include "builder/point_stream.h"
+
+namespace splatvol {
+
+/// Cuts a stream of points into the cells of the index's octree, and gives them out in batches.
+class Batches {
+ public:
+  /// `cell_points`: most in a cell, at least 255, as far as leaves count; points of one key come in several parts where
+  /// there are more. The stream must outlive this.
+  Batches(PointStream& stream, std::uint64_t cell_points);
+
+  /// Takes in all points that are left; `work` may then fill in their material.
+  [[nodiscard]] Status hold_all(const std::function<Status(PointBatch&)>& work);
+
+  /// Points in all; before the last is held, those that were sorted, some of which may be merged yet.
+  [[nodiscard]] std::uint64_t count() const { return ended_ ? given_ + held_.size() - begin_ : stream_.count(); }
+
+  /// From now on points come with the blocks in which `estimate` is to find their material.
+  void estimate_material() { estimates_ = true; }
+
+  /// The next points; none after the last.
+  [[nodiscard]] Result<std::optional<PointBatch>> next();
+
+  /// Fills in the material of a batch that has blocks. Thread-safe, also beside next().
+  void estimate(PointBatch& batch) const;
+
+ private:
+  [[nodiscard]] Status fill(std::size_t points);
+  [[nodiscard]] PointCell cell_at(std::size_t begin, std::size_t most) const;
+  [[nodiscard]] PointBatch take(std::size_t end) const;
+
+  PointStream& stream_;
+  Box box_;    // round the points
+  Cube cube_;  // of the octree
+  std::size_t cell_points_;
+  bool estimates_ = false;
+  PointBatch held_;
+  std::size_t begin_ = 0;  // of the points that have not been given out; the one before is held as well
+  bool ended_ = false;
+  std::uint64_t given_ = 0;   // points
+  std::uint64_t leaves_ = 0;  // cells that have begun
+};
+
+}  // namespace splatvol

@@ -1,0 +1,118 @@
+// The reduction of all resolutions in one pass over the points in Morton order: the direct octree of Meredith and Ma
+// (2001), section 2.2.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "builder/boundary.h"
+#include "builder/moments.h"
+#include "builder/morton.h"
+#include "builder/splat_rows.h"
+
+namespace splatvol {
+
+/// Resolutions are counted from the finest here, in steps: step 0 has all points. How many there are shows at the end.
+inline constexpr std::size_t max_steps = 64;
+
+/// No further reduction of so few points.
+inline constexpr std::uint64_t coarsest_target = 512;
+
+/// An attribute of a member.
+struct MemberValue {
+  float value = 0;       // of the point, as the file stores it
+  vec3 gradient{0};      // unit vector, or 0
+  ValueMoments moments;  // of the cluster
+};
+
+/// A point that stays for a coarser step, with the material of its cluster there.
+struct Member {
+  MortonKey key;
+  std::uint64_t leaf = 0;  // of the index, by number
+  PlacedPoint point;
+  SpatialMoments moments;  // about the point
+  BoundaryPlane plane;
+  std::vector<MemberValue> values;   // [attribute]
+  std::vector<SplatRow> splats;      // [step], up to the present one
+  std::vector<ValueRow> value_rows;  // [step * attributes + attribute]
+};
+
+/// Adds the splats of the member's next step, made from its moments. `offsets`: of the attributes.
+void add_splat(Member& member, std::span<const double> offsets);
+
+/// What of a leaf goes on: the point nearest to the leaf's centre (ties: the earlier). `position(i)` gives the places
+/// of `count` points.
+template <class Position>
+std::size_t nearest_to_center(const Cube& cube, int depth, std::size_t count, const Position& position) {
+  const dvec3 center = cell_center(position(0), cube, depth);
+  std::size_t nearest = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < count; ++i) {
+    const dvec3 offset = (position(i) - center) / cube.edge;
+    const double distance = glm::dot(offset, offset);
+    if (distance < least) nearest = i, least = distance;
+  }
+  return nearest;
+}
+
+/// All steps but the finest. A step holds only members whose leaf is not whole yet.
+class Cascade {
+ public:
+  /// What becomes of splats and points.
+  struct Sink {
+    /// The next splat of a step, in Morton order, with its leaf's depth and count, and the number of the first splat
+    /// of the finer step that it is made of.
+    std::function<void(std::size_t step, const Member& member, std::uint64_t first_part)> splat;
+    /// A point that no coarser step has; within a step's own in Morton order.
+    std::function<void(std::size_t step, Member&& member)> point;
+  };
+
+  Cascade(const Cube& cube, std::uint32_t leaf_points, std::vector<double> offsets, Sink sink)
+      : cube_(cube),
+        leaf_points_(leaf_points),
+        offsets_(std::move(offsets)),
+        sink_(std::move(sink)),
+        steps_(max_steps) {}
+
+  /// The next member of step 1, its splats made; `parts` splats of the finest step are in it.
+  void push(Member&& member, std::uint64_t parts) { push(1, std::move(member), parts); }
+
+  /// Adds the material of another member to the last that was pushed; both are at the same place.
+  void add_to_last(const Member& other, std::uint64_t parts);
+
+  /// After the last member.
+  void finish();
+
+  /// Number of the first index leaf that can still get something.
+  [[nodiscard]] std::uint64_t first_open_leaf() const;
+
+  /// Members of each step from 1 on.
+  [[nodiscard]] std::vector<std::uint64_t> counts() const;
+
+ private:
+  struct Step {
+    std::deque<Member> members;       // of leaves that are not whole yet
+    std::deque<std::uint64_t> parts;  // [member]: splats of the finer step that it is made of
+    std::uint64_t count = 0;          // members, those that are gone included
+    std::uint64_t next_part = 0;      // number of the first part of the first member
+    std::optional<MortonKey> before;  // last key of the leaves that are done
+    [[nodiscard]] bool reduces() const { return count > coarsest_target; }
+  };
+
+  void push(std::size_t step, Member&& member, std::uint64_t parts);
+  void close_leaves(std::size_t step, bool at_end);
+  void close_leaf(std::size_t step, std::size_t size, int depth);
+
+  Cube cube_;
+  std::uint32_t leaf_points_;
+  std::vector<double> offsets_;
+  Sink sink_;
+  std::vector<Step> steps_;  // step 0 is not used
+};
+
+}  // namespace splatvol

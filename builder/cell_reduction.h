@@ -1,0 +1,77 @@
+// The finest step of the reduction, cell by cell: what takes most of a build's time, and needs no order.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "builder/cascade.h"
+#include "builder/index_stream.h"
+
+namespace splatvol {
+
+/// A cell of the index's octree: a leaf, or a part of one that has more points than can be held at once, all of one
+/// key.
+struct PointCell {
+  std::size_t begin, end;  // points of the batch
+  int depth;
+  std::uint64_t leaf;  // of the index, by number
+  bool continued;      // not its first part
+};
+
+/// Points that follow each other in Morton order, as whole cells. Arrays over the points; those of the material are
+/// empty as long as it is not known.
+struct PointBatch {
+  std::uint64_t first = 0;  // number of the first point
+  std::vector<MortonKey> keys;
+  std::vector<dvec3> positions;
+  std::vector<std::vector<double>> values;  // [attribute]; NaN: missing
+  std::vector<SpatialMoments> moments;
+  std::vector<std::vector<ValueMoments>> value_moments;  // [attribute]
+  std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none
+  std::vector<BoundaryPlane> planes;                     // empty where there are none
+  std::vector<PointCell> cells;
+  std::vector<PointCell> blocks;        // of cells, where material is to be estimated; else none
+  std::optional<dvec3> before, behind;  // places of the neighbours in Morton order
+
+  [[nodiscard]] std::size_t size() const { return positions.size(); }
+};
+
+/// A leaf of the index while it is filled: counts and splats by steps from the finest resolution on, as far as there
+/// are any.
+struct OpenLeaf {
+  MortonKey key;  // of any point in it
+  int depth = 0;
+  std::vector<std::uint64_t> counts;            // [step]: points that no coarser resolution has
+  std::vector<SplatBounds> splats;              // [step]
+  std::vector<format::ValueSummary> summaries;  // [attribute]
+
+  [[nodiscard]] SplatBounds& splats_at(std::size_t step);
+  void count(std::size_t step, std::uint64_t points = 1);
+  void include(const OpenLeaf& other);
+};
+
+/// What a cell comes to.
+struct ReducedCell {
+  std::vector<SplatRow> splats;      // of all points, where they are wanted
+  SplatRows finest;                  // points that no coarser resolution has
+  std::vector<Member> members;       // the others, their second splat made
+  std::vector<std::uint64_t> parts;  // [member]: points of its cluster
+  OpenLeaf leaf;
+};
+
+struct ReductionSettings {
+  Cube cube;
+  std::uint32_t leaf_points;  // most in a leaf, from 8 up
+  bool reduces;               // false: all points stay
+  bool wants_splats;          // in ReducedCell
+  std::span<const format::Attribute> attributes;
+  std::span<const double> offsets;  // of the attributes
+};
+
+/// Reduces one cell. Thread-safe.
+[[nodiscard]] ReducedCell reduce_cell(const PointBatch& batch, const PointCell& cell,
+                                      const ReductionSettings& settings);
+
+}  // namespace splatvol

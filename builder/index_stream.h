@@ -1,0 +1,66 @@
+// The octree of indices over the points (spec/svol-1.md, section 6), made leaf by leaf.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "builder/morton.h"
+#include "builder/splat_rows.h"
+#include "format/octree.h"
+
+namespace splatvol {
+
+/// What a cell says of the splats of one resolution whose points lie in it. Splats, and the cells that make up a larger
+/// one, may be added in any order.
+struct SplatBounds {
+  std::uint8_t least_depth = 255;  // of the leaves of the octree over the resolution; 255: no splat
+  std::uint8_t octant_code = 255;  // size code of the largest octant splat
+  double width = 0;                // of the widest moments splat
+  Box box;                         // round all moments splats
+
+  /// Adds a splat, of both kernels; `moments` are what it was made from.
+  void include(const SplatRow& splat, const SpatialMoments& moments);
+
+  void include(const SplatBounds& other);
+};
+
+/// A leaf of the index, ready to be taken in.
+struct IndexLeaf {
+  MortonKey key;  // of any place in it
+  int depth = 0;
+  std::vector<std::uint64_t> counts;            // [segment]: points
+  std::vector<SplatBounds> splats;              // [resolution]
+  std::vector<format::ValueSummary> summaries;  // [attribute]: of the points and their material
+};
+
+/// Grows the index over its leaves, given in Morton order. A node's first_resolution is the coarsest whose clusters all
+/// lie on one side of its border: the clusters of resolution r are the leaves of the octree over resolution r + 1.
+/// Holds the path to the last leaf and what IndexPacker does. After a failure only destruction is allowed.
+class IndexStream {
+ public:
+  /// As many segments as resolutions; two arrays of size codes ("octant", "moments").
+  [[nodiscard]] static format::NodeShape shape(std::size_t resolutions, std::size_t attributes) {
+    return {resolutions, 2, attributes};
+  }
+
+  /// `emit` as for IndexPacker.
+  IndexStream(const Cube& cube, std::size_t resolutions, std::size_t attributes, format::IndexPacker::Emit emit)
+      : cube_(cube), shape_(shape(resolutions, attributes)), packer_(shape_, std::move(emit)) {}
+
+  /// Fails where the leaf is of another shape, or does not lie behind the last one, and with what `emit` fails.
+  [[nodiscard]] Status add(IndexLeaf leaf);
+
+  /// The root page. Requires a leaf.
+  [[nodiscard]] Result<format::PackedIndexPage> finish();
+
+ private:
+  [[nodiscard]] Status close_node();
+
+  Cube cube_;
+  format::NodeShape shape_;
+  format::IndexPacker packer_;
+  std::vector<IndexLeaf> open_;  // [depth]: the path to the last leaf, with what was closed below
+};
+
+}  // namespace splatvol

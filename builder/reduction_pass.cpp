@@ -1,0 +1,99 @@
+#include "builder/reduction_pass.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace splatvol {
+
+ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows,
+                             std::function<Status(const OpenLeaf&)> leaves)
+    : settings_(settings),
+      rows_(rows),
+      leaves_(std::move(leaves)),
+      cascade_(settings.cube, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
+               {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
+                  rows_.add_splat(step, member.splats[step], first_part);
+                  leaf(member.leaf).splats_at(step).include(member.splats[step], member.moments);
+                },
+                [this](std::size_t step, Member&& member) {
+                  leaf(member.leaf).count(step);
+                  rows_.add_point(step, member);
+                }}),
+      histograms_(settings.attributes.size()),
+      missing_(settings.attributes.size()) {
+  for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
+}
+
+std::vector<ReducedCell> ReductionPass::reduce(const PointBatch& batch) const {
+  std::vector<ReducedCell> reduced(batch.cells.size(), ReducedCell{{}, SplatRows(0), {}, {}, {}});
+  tbb::parallel_for(std::size_t{0}, batch.cells.size(),
+                    [&](std::size_t c) { reduced[c] = reduce_cell(batch, batch.cells[c], settings_); });
+  return reduced;
+}
+
+Status ReductionPass::take(const PointBatch& batch, std::vector<ReducedCell>&& reduced) {
+  for (std::size_t c = 0; c < reduced.size(); ++c) take_cell(batch.cells[c], std::move(reduced[c]));
+  points_ += batch.size();
+  SPLATVOL_TRY(rows_.pack());
+  const std::uint64_t last = first_leaf_ + open_leaves_.size();
+  return close_leaves(std::min(cascade_.first_open_leaf(), last > 0 ? last - 1 : 0));  // the last may be continued
+}
+
+void ReductionPass::take_cell(const PointCell& cell, ReducedCell&& reduced) {
+  for (const SplatRow& splat : reduced.splats) rows_.add_splat(0, splat, 0);
+  for (std::size_t a = 0; a < missing_.size(); ++a) {
+    for (const float value : reduced.finest.values[a]) count_value(a, value);
+    for (const Member& member : reduced.members) count_value(a, member.values[a].value);
+  }
+  rows_.add_finest(reduced.finest);
+  if (cell.continued) {
+    leaf(cell.leaf).include(reduced.leaf);
+    take_continuation(std::move(reduced));
+    return;
+  }
+  open_leaves_.push_back(std::move(reduced.leaf));
+  for (std::size_t m = 0; m < reduced.members.size(); ++m)
+    cascade_.push(std::move(reduced.members[m]), reduced.parts[m]);
+}
+
+// Only the first part of a cell that is not whole gives a member; those of the others add their material to it.
+void ReductionPass::take_continuation(ReducedCell&& reduced) {
+  for (std::size_t m = 0; m < reduced.members.size(); ++m) {
+    Member& member = reduced.members[m];
+    cascade_.add_to_last(member, reduced.parts[m]);
+    member.splats.pop_back();
+    leaf(member.leaf).count(0);
+    rows_.add_point(0, member);
+  }
+}
+
+void ReductionPass::count_value(std::size_t attribute, float value) {
+  if (std::isnan(value))
+    ++missing_[attribute];
+  else
+    ++histograms_[attribute][static_cast<std::size_t>(bins_[attribute].bin(static_cast<double>(value)))];
+}
+
+Status ReductionPass::close_leaves(std::uint64_t end) {
+  for (; first_leaf_ < end; ++first_leaf_) {
+    SPLATVOL_TRY(leaves_(open_leaves_.front()));
+    open_leaves_.pop_front();
+  }
+  return {};
+}
+
+Status ReductionPass::finish() {
+  cascade_.finish();
+  return close_leaves(first_leaf_ + open_leaves_.size());
+}
+
+std::vector<std::uint64_t> ReductionPass::counts() const {
+  std::vector<std::uint64_t> counts = cascade_.counts();
+  counts.insert(counts.begin(), points_);
+  return counts;
+}
+
+}  // namespace splatvol

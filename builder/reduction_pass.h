@@ -1,0 +1,59 @@
+// One pass over the points in Morton order that gives everything the file holds.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <vector>
+
+#include "builder/cascade.h"
+#include "builder/cell_reduction.h"
+#include "builder/index_stream.h"
+#include "builder/row_streams.h"
+#include "format/volume_writer.h"
+
+namespace splatvol {
+
+/// Takes batches, fills rows and index leaves. Nothing in it grows with the number of points but the splats of the
+/// steps whose densities are fitted.
+class ReductionPass {
+ public:
+  /// `leaves` gets the index's leaves in Morton order, counts and splats by steps. References must outlive this.
+  ReductionPass(const ReductionSettings& settings, RowStreams& rows, std::function<Status(const OpenLeaf&)> leaves);
+  ReductionPass(const ReductionPass&) = delete;
+  ReductionPass& operator=(const ReductionPass&) = delete;
+
+  /// Reduces the cells of a batch. Thread-safe, also beside take().
+  [[nodiscard]] std::vector<ReducedCell> reduce(const PointBatch& batch) const;
+
+  /// The next points, and what their cells come to.
+  [[nodiscard]] Status take(const PointBatch& batch, std::vector<ReducedCell>&& reduced);
+
+  /// After the last.
+  [[nodiscard]] Status finish();
+
+  /// Points of each step, from the finest on.
+  [[nodiscard]] std::vector<std::uint64_t> counts() const;
+  [[nodiscard]] const format::Histograms& histograms() const { return histograms_; }
+  [[nodiscard]] const std::vector<std::uint64_t>& missing() const { return missing_; }  // [attribute]
+
+ private:
+  void take_cell(const PointCell& cell, ReducedCell&& reduced);
+  void take_continuation(ReducedCell&& reduced);
+  void count_value(std::size_t attribute, float value);
+  [[nodiscard]] Status close_leaves(std::uint64_t end);
+  OpenLeaf& leaf(std::uint64_t number) { return open_leaves_[number - first_leaf_]; }
+
+  const ReductionSettings& settings_;
+  RowStreams& rows_;
+  std::function<Status(const OpenLeaf&)> leaves_;
+  Cascade cascade_;
+  std::uint64_t points_ = 0;
+  std::deque<OpenLeaf> open_leaves_;
+  std::uint64_t first_leaf_ = 0;  // number of the first open one
+  std::vector<format::ValueBins> bins_;
+  format::Histograms histograms_;
+  std::vector<std::uint64_t> missing_;
+};
+
+}  // namespace splatvol

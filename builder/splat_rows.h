@@ -1,0 +1,77 @@
+// Points and splats as the file stores them, and their packing into chunks.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/math.h"
+#include "builder/boundary.h"
+#include "builder/moments.h"
+#include "format/columns.h"
+#include "format/volume_info.h"
+
+namespace splatvol {
+
+/// A point's place, and by how much the file may move it (world units).
+struct PlacedPoint {
+  dvec3 position{0};
+  double error = 0;
+};
+
+/// A splat at one resolution, but for its values.
+struct SplatRow {
+  dvec3 centroid{0};
+  double error = 0;  // of the centroid
+  format::SplatShape shape;
+  std::uint64_t number = 0;  // among the splats of its resolution, in Morton order
+  std::uint8_t depth = 0;    // of its leaf in the octree over its resolution
+  std::uint8_t count = 0;    // points in that leaf, at most 255
+};
+
+/// An attribute's values in it, less the attribute's offset.
+struct ValueRow {
+  format::SplatValue value;
+  float min, max;  // of the material; min > max where it has no value
+};
+
+/// Rows that follow each other in the file: points of one segment, and their splats at one resolution. All arrays are
+/// of one length, but that points, values and gradients are empty where the resolution is not the segment's own.
+struct SplatRows {
+  std::vector<SplatRow> splats;
+  std::vector<std::vector<ValueRow>> value_rows;  // [attribute]
+  std::vector<PlacedPoint> points;
+  std::vector<std::vector<float>> values;    // [attribute], less its offset; NaN: missing
+  std::vector<std::vector<vec3>> gradients;  // [attribute]: unit vectors, 0 for none
+
+  explicit SplatRows(std::size_t attributes) : value_rows(attributes), values(attributes), gradients(attributes) {}
+  [[nodiscard]] std::size_t size() const { return splats.size(); }
+
+  /// Appends rows from `begin` to `end` of another.
+  void append(const SplatRows& other, std::size_t begin, std::size_t end);
+};
+
+/// The splat of `moments`, cut at `plane`, about a point at `position`. `point_error`: of the position, for a splat
+/// without extent. Depth, count and number are left 0.
+[[nodiscard]] SplatRow make_splat_row(const dvec3& position, double point_error, const SpatialMoments& moments,
+                                      const BoundaryPlane& plane);
+
+/// What `shape` of all material holds of an attribute with this offset.
+[[nodiscard]] ValueRow make_value_row(const ValueMoments& moments, const format::SplatShape& shape, double offset);
+
+/// What share of a splat's smallest deviation its centroid, and its point's position, may move by.
+inline constexpr double error_per_deviation = 1.0 / 64;
+
+/// The smallest deviation that is not 0, what is too thin for rounding; 0 for no material.
+[[nodiscard]] double shortest_deviation(const format::SplatShape& shape);
+
+/// Bounds what values the material takes whose least is `low` and whose largest `high`, stored values; none where
+/// low > high.
+[[nodiscard]] format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins);
+
+/// A chunk for each of `columns`. Thread-safe.
+[[nodiscard]] std::vector<format::PackedChunk> pack_rows(const SplatRows& rows,
+                                                         const std::vector<format::Column>& columns,
+                                                         const std::vector<format::Attribute>& attributes);
+
+}  // namespace splatvol

@@ -1,0 +1,41 @@
+// The material of points and of the clusters that coarser resolutions draw in their place, all in memory: an oracle.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "builder/boundary.h"
+#include "builder/cell_reduction.h"
+#include "builder/moments.h"
+#include "builder/splat_rows.h"
+#include "tests/support/whole_reduction.h"
+
+namespace splatvol::test {
+
+/// What the points of a resolution stand for: a part of the volume each, and the values in it.
+struct Material {
+  std::vector<SpatialMoments> moments;                   // [member]
+  std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][member]
+  std::vector<BoundaryPlane> planes;                     // [member]; empty where the material has no known boundary
+
+  [[nodiscard]] BoundaryPlane plane(std::size_t member) const {
+    return planes.empty() ? BoundaryPlane{} : planes[member];
+  }
+};
+
+[[nodiscard]] Material material_of(const PointBatch& points);
+
+/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer one.
+/// `finest` is of all points. Resolutions from coarse to fine, as the result.
+[[nodiscard]] std::vector<Material> merge_clusters(std::span<const dvec3> positions,
+                                                   std::span<const Resolution> resolutions, Material finest);
+
+/// A resolution's splats: centroid, shape, number and octant. Densities are 1.
+[[nodiscard]] std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
+                                              const Material& material);
+
+/// Fits the densities of all resolutions' splats, each to the next finer one. From coarse to fine, as the resolutions.
+void fit_all_densities(std::span<const Resolution> resolutions, std::span<std::vector<SplatRow>> splats);
+
+}  // namespace splatvol::test
