@@ -317,7 +317,8 @@ def building(results):
         "## Building",
         "",
         *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
-            mesh included; for scattered points with `--connectivity`, which leaves the mesh's cells aside."""),
+            mesh included; for scattered points with `--connectivity`, which leaves the mesh's cells aside.
+            Larger inputs are in [scale.md](scale.md)."""),
         *table(columns, results.builds),
     ]
 
