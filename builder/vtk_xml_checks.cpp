@@ -47,25 +47,21 @@ Status check_names(const std::string& path, vtkXMLDataElement& element) {
   return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path, element.GetName(), *twice);
 }
 
-/// What a file says it has is read whole. About 400 bytes a cell were measured, of tetrahedra, and some for each point.
-Status check_memory(const std::string& path, vtkXMLDataElement& root) {
+/// A piece of a file is read whole. About 400 bytes a cell were measured, of tetrahedra, and some for each point.
+Status check_memory(const std::string& path, vtkXMLDataElement& element) {
   constexpr double cell_bytes = 400, point_bytes = 300;
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+    SPLATVOL_TRY(check_memory(path, *element.GetNestedElement(i)));
   double cells = 0, points = 0;
-  const auto add = [&](auto&& self, vtkXMLDataElement& element) -> void {
-    double number = 0;
-    if (element.GetScalarAttribute("NumberOfCells", number)) cells += number;
-    if (element.GetScalarAttribute("NumberOfPoints", number)) points += number;
-    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) self(self, *element.GetNestedElement(i));
-  };
-  add(add, root);
+  element.GetScalarAttribute("NumberOfCells", cells);
+  element.GetScalarAttribute("NumberOfPoints", points);
   const double needed = cells * cell_bytes + points * point_bytes;
   const auto limit = static_cast<double>(memory_limit());
   if (!(needed > limit)) return {};
-  return fail(
-      ErrorCode::out_of_budget,
-      "{}: {:.3g} cells and {:.3g} points in one file take about {:.3g} GB of memory, and there are {:.3g}: write "
-      "them as pieces, each a file of its own",
-      path, cells, points, needed / 1e9, limit / 1e9);
+  return fail(ErrorCode::out_of_budget,
+              "{}: {:.3g} cells and {:.3g} points in one piece take about {:.3g} GB of memory, and there are {:.3g}: "
+              "write them as several pieces",
+              path, cells, points, needed / 1e9, limit / 1e9);
 }
 
 /// Checks the header of every compressed array of an XML file.
