@@ -8,8 +8,8 @@
 namespace splatvol {
 
 /// Checks the elements of the file at `path`: arrays of known types, no two of one name beside each other, and sound
-/// headers of all compressed ones (builder/vtk_compression.h), no piece with more cells and points than memory holds. Safe on
-/// untrusted files.
+/// headers of all compressed ones (builder/vtk_compression.h), no piece with more cells and points than memory holds.
+/// Safe on untrusted files.
 [[nodiscard]] Status check_xml(const std::string& path);
 
 }  // namespace splatvol

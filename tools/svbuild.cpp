@@ -39,13 +39,15 @@ Connectivity connectivity_of(const std::string& name) {
 // One bar at a time: a new stage replaces the last one's.
 class StageBar {
  public:
+  explicit StageBar(std::uint64_t points) : points_(points) {}
   void update(const char* stage, double fraction) {
-    if (stage_ != stage) bar_ = std::make_unique<ProgressBar>(stage_ = stage);
+    if (stage_ != stage) bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
     bar_->update(fraction);
   }
   void clear() { bar_.reset(); }
 
  private:
+  std::uint64_t points_;
   std::string stage_;
   std::unique_ptr<ProgressBar> bar_;
 };
@@ -116,7 +118,7 @@ Status build(const Options& options) {
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
 
-  StageBar bar;
+  StageBar bar(source->point_count().value_or(0));
   auto report = build_volume(*source, options.output, build_options,
                              [&](const char* stage, double fraction) { bar.update(stage, fraction); });
   bar.clear();

@@ -73,8 +73,11 @@ double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-ProgressBar::ProgressBar(std::string stage)
-    : stage_(std::move(stage)), visible_(::isatty(STDERR_FILENO) == 1), start_(seconds_now()) {}
+ProgressBar::ProgressBar(std::string stage, std::uint64_t points)
+    : stage_(std::move(stage)),
+      points_(static_cast<double>(points)),
+      visible_(::isatty(STDERR_FILENO) == 1),
+      start_(seconds_now()) {}
 
 ProgressBar::~ProgressBar() {
   if (visible_) fmt::print(stderr, "\r\033[K");
@@ -89,6 +92,8 @@ void ProgressBar::update(double fraction) {
   const double left = fraction > 0 ? (now - start_) * (1 - fraction) / fraction : 0;
   fmt::print(stderr, "\r\033[K{:<10} [{:=>{}}{:>{}}] {:3.0f} %  {:.0f} s left", stage_, "", filled, "", width - filled,
              fraction * 100, left);
+  if (points_ > 0 && now > start_)
+    fmt::print(stderr, "  {:.2f} M points/s", 1e-6 * fraction * points_ / (now - start_));
   std::fflush(stderr);
 }
 

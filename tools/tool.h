@@ -26,7 +26,8 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
 /// A bar on stderr with the time left; prints nothing unless stderr is a terminal.
 class ProgressBar {
  public:
-  explicit ProgressBar(std::string stage);
+  /// `points`: how many the stage has before it, for a rate; 0: not known.
+  explicit ProgressBar(std::string stage, std::uint64_t points = 0);
   ~ProgressBar();
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
@@ -36,6 +37,7 @@ class ProgressBar {
 
  private:
   std::string stage_;
+  double points_;
   bool visible_;
   double start_;
   double last_drawn_ = 0;
