@@ -185,12 +185,13 @@ Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, const
   return pass.finish();
 }
 
-Result<format::PackedIndex> pack_index(LeafSpool& leaves, const Cube& cube, std::size_t resolutions,
-                                       std::size_t attributes, const std::string& folder) {
+Result<format::PackedIndex> pack_index(LeafSpool& leaves, const ReductionPass& pass, const Cube& cube,
+                                       std::size_t resolutions, std::size_t attributes, const std::string& folder) {
   SPLATVOL_TRY_ASSIGN(pages, TempFile::create(folder));
   IndexStream index(cube, resolutions, attributes,
                     [&](const format::PackedIndexPage& page) { return pages.append(page.bytes); });
-  SPLATVOL_TRY(leaves.read(resolutions, [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
+  SPLATVOL_TRY(
+      leaves.read(resolutions, pass.late_leaves(), [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
   SPLATVOL_TRY_ASSIGN(root, index.finish());
   return format::PackedIndex{IndexStream::shape(resolutions, attributes), std::move(root), std::move(pages)};
 }
@@ -245,7 +246,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   progress("fitting densities", 0);
   SPLATVOL_TRY(rows.finish(counts.size()));
   progress("indexing", 0);
-  SPLATVOL_TRY_ASSIGN(index, pack_index(leaves, input.cube, counts.size(), input.attributes.size(), folder));
+  SPLATVOL_TRY_ASSIGN(index, pack_index(leaves, pass, input.cube, counts.size(), input.attributes.size(), folder));
 
   info.resolution_counts.assign(counts.rbegin(), counts.rend());
   for (std::size_t a = 0; a < input.attributes.size(); ++a) info.attributes[a].missing = pass.missing()[a];

@@ -188,9 +188,13 @@ void OpenLeaf::count(std::size_t step, std::uint64_t points) {
   counts[step] += points;
 }
 
-void OpenLeaf::include(const OpenLeaf& other) {
+void OpenLeaf::include_late(const OpenLeaf& other) {
   for (std::size_t s = 0; s < other.counts.size(); ++s) count(s, other.counts[s]);
   for (std::size_t s = 0; s < other.splats.size(); ++s) splats_at(s).include(other.splats[s]);
+}
+
+void OpenLeaf::include(const OpenLeaf& other) {
+  include_late(other);
   for (std::size_t a = 0; a < summaries.size(); ++a) summaries[a].include(other.summaries[a]);
 }
 

@@ -49,7 +49,8 @@ struct OpenLeaf {
 
   [[nodiscard]] SplatBounds& splats_at(std::size_t step);
   void count(std::size_t step, std::uint64_t points = 1);
-  void include(const OpenLeaf& other);
+  void include(const OpenLeaf& other);       // another part of it
+  void include_late(const OpenLeaf& other);  // counts and splats only
 };
 
 /// What a cell comes to.

@@ -78,22 +78,26 @@ Status LeafSpool::flush() {
   return {};
 }
 
-Status LeafSpool::read(std::size_t resolutions, const std::function<Status(IndexLeaf)>& visit) {
+Status LeafSpool::read(std::size_t resolutions, const std::map<std::uint64_t, OpenLeaf>& late,
+                       const std::function<Status(IndexLeaf)>& visit) {
   SPLATVOL_TRY(flush());
   Reader reader(file_);
-  for (; count_ > 0; --count_) {
+  for (std::uint64_t number = 0; number < count_; ++number) {
     LeafHead head;
     SPLATVOL_TRY(reader.read(std::span(&head, 1)));
-    IndexLeaf leaf{head.key, static_cast<int>(head.depth), {}, {}, {}};
+    OpenLeaf leaf{head.key, static_cast<int>(head.depth), {}, {}, {}};
     SPLATVOL_TRY(reader.read(leaf.counts, head.counts));
     SPLATVOL_TRY(reader.read(leaf.splats, head.splats));
     SPLATVOL_TRY(reader.read(leaf.summaries, head.summaries));
+    if (const auto rest = late.find(number); rest != late.end()) leaf.include_late(rest->second);
     leaf.counts.resize(resolutions);
     leaf.splats.resize(resolutions);
     std::ranges::reverse(leaf.counts);
     std::ranges::reverse(leaf.splats);
-    SPLATVOL_TRY(visit(std::move(leaf)));
+    SPLATVOL_TRY(
+        visit({leaf.key, leaf.depth, std::move(leaf.counts), std::move(leaf.splats), std::move(leaf.summaries)}));
   }
+  count_ = 0;
   return {};
 }
 

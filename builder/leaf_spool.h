@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 
 #include "base/temp_file.h"
 #include "builder/cell_reduction.h"
@@ -19,8 +20,10 @@ class LeafSpool {
 
   [[nodiscard]] Status append(const OpenLeaf& leaf);
 
-  /// Calls visit(leaf) for each, in order; their disk space is given back. `resolutions`: how many there are.
-  [[nodiscard]] Status read(std::size_t resolutions, const std::function<Status(IndexLeaf)>& visit);
+  /// Calls visit(leaf) for each, in order, with what came late for it, by its number; their disk space is given back.
+  /// `resolutions`: how many there are.
+  [[nodiscard]] Status read(std::size_t resolutions, const std::map<std::uint64_t, OpenLeaf>& late,
+                            const std::function<Status(IndexLeaf)>& visit);
 
  private:
   [[nodiscard]] Status flush();

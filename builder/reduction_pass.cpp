@@ -7,6 +7,11 @@
 #include <utility>
 
 namespace splatvol {
+namespace {
+
+constexpr std::uint64_t most_open_leaves = std::uint64_t{1} << 14;
+
+}  // namespace
 
 ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows,
                              std::function<Status(const OpenLeaf&)> leaves)
@@ -38,8 +43,14 @@ Status ReductionPass::take(const PointBatch& batch, std::vector<ReducedCell>&& r
   for (std::size_t c = 0; c < reduced.size(); ++c) take_cell(batch.cells[c], std::move(reduced[c]));
   points_ += batch.size();
   SPLATVOL_TRY(rows_.pack());
-  const std::uint64_t last = first_leaf_ + open_leaves_.size();
-  return close_leaves(std::min(cascade_.first_open_leaf(), last > 0 ? last - 1 : 0));  // the last may be continued
+  const std::uint64_t end = first_leaf_ + open_leaves_.size();
+  const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
+  const std::uint64_t too_old = end > most_open_leaves ? end - most_open_leaves : 0;
+  return close_leaves(std::min(std::max(cascade_.first_open_leaf(), too_old), before_last));
+}
+
+OpenLeaf& ReductionPass::leaf(std::uint64_t number) {
+  return number < first_leaf_ ? late_leaves_[number] : open_leaves_[number - first_leaf_];
 }
 
 void ReductionPass::take_cell(const PointCell& cell, ReducedCell&& reduced) {

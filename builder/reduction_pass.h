@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <vector>
 
 #include "builder/cascade.h"
@@ -15,7 +16,8 @@
 namespace splatvol {
 
 /// Takes batches, fills rows and index leaves. Nothing in it grows with the number of points but the splats of the
-/// steps whose densities are fitted.
+/// steps whose densities are fitted, up to their limit, and what comes late for index leaves, a few thousandths of
+/// them.
 class ReductionPass {
  public:
   /// `leaves` gets the index's leaves in Morton order, counts and splats by steps. References must outlive this.
@@ -32,6 +34,10 @@ class ReductionPass {
   /// After the last.
   [[nodiscard]] Status finish();
 
+  /// What came for leaves after they were given out, by their numbers: clusters of the coarsest steps are whole long
+  /// after most of their points have passed. After finish().
+  [[nodiscard]] const std::map<std::uint64_t, OpenLeaf>& late_leaves() const { return late_leaves_; }
+
   /// Points of each step, from the finest on.
   [[nodiscard]] std::vector<std::uint64_t> counts() const;
   [[nodiscard]] const format::Histograms& histograms() const { return histograms_; }
@@ -42,7 +48,7 @@ class ReductionPass {
   void take_continuation(ReducedCell&& reduced);
   void count_value(std::size_t attribute, float value);
   [[nodiscard]] Status close_leaves(std::uint64_t end);
-  OpenLeaf& leaf(std::uint64_t number) { return open_leaves_[number - first_leaf_]; }
+  OpenLeaf& leaf(std::uint64_t number);
 
   const ReductionSettings& settings_;
   RowStreams& rows_;
@@ -51,6 +57,7 @@ class ReductionPass {
   std::uint64_t points_ = 0;
   std::deque<OpenLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one
+  std::map<std::uint64_t, OpenLeaf> late_leaves_;
   std::vector<format::ValueBins> bins_;
   format::Histograms histograms_;
   std::vector<std::uint64_t> missing_;

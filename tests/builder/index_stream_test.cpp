@@ -256,7 +256,7 @@ TEST(LeafSpool, GivesLeavesBackByResolution) {
   };
   for (std::size_t k = 0; k < leaves; ++k) ASSERT_TRUE(spool.append(make(k)));
   std::size_t next = 0;
-  ASSERT_TRUE(spool.read(resolutions, [&](IndexLeaf leaf) -> Status {
+  ASSERT_TRUE(spool.read(resolutions, {}, [&](IndexLeaf leaf) -> Status {
     OpenLeaf expected = make(next++);
     EXPECT_EQ(leaf.key, expected.key);
     EXPECT_EQ(leaf.depth, expected.depth);
