@@ -7,17 +7,13 @@
 #include <utility>
 
 namespace splatvol {
-namespace {
-
-constexpr std::uint64_t most_open_leaves = std::uint64_t{1} << 14;
-
-}  // namespace
 
 ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows,
-                             std::function<Status(const OpenLeaf&)> leaves)
+                             std::function<Status(const OpenLeaf&)> leaves, std::uint64_t most_open_leaves)
     : settings_(settings),
       rows_(rows),
       leaves_(std::move(leaves)),
+      most_open_leaves_(most_open_leaves),
       cascade_(settings.cube, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
                {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
                   rows_.add_splat(step, member.splats[step], first_part);
@@ -45,7 +41,7 @@ Status ReductionPass::take(const PointBatch& batch, std::vector<ReducedCell>&& r
   SPLATVOL_TRY(rows_.pack());
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
-  const std::uint64_t too_old = end > most_open_leaves ? end - most_open_leaves : 0;
+  const std::uint64_t too_old = end > most_open_leaves_ ? end - most_open_leaves_ : 0;
   return close_leaves(std::min(std::max(cascade_.first_open_leaf(), too_old), before_last));
 }
 

@@ -20,8 +20,10 @@ namespace splatvol {
 /// them.
 class ReductionPass {
  public:
-  /// `leaves` gets the index's leaves in Morton order, counts and splats by steps. References must outlive this.
-  ReductionPass(const ReductionSettings& settings, RowStreams& rows, std::function<Status(const OpenLeaf&)> leaves);
+  /// `leaves` gets the index's leaves in Morton order, counts and splats by steps; at most so many wait for what is
+  /// still to come for them. References must outlive this.
+  ReductionPass(const ReductionSettings& settings, RowStreams& rows, std::function<Status(const OpenLeaf&)> leaves,
+                std::uint64_t most_open_leaves = std::uint64_t{1} << 14);
   ReductionPass(const ReductionPass&) = delete;
   ReductionPass& operator=(const ReductionPass&) = delete;
 
@@ -53,6 +55,7 @@ class ReductionPass {
   const ReductionSettings& settings_;
   RowStreams& rows_;
   std::function<Status(const OpenLeaf&)> leaves_;
+  std::uint64_t most_open_leaves_;
   Cascade cascade_;
   std::uint64_t points_ = 0;
   std::deque<OpenLeaf> open_leaves_;

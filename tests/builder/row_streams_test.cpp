@@ -1,4 +1,5 @@
 #include "builder/row_streams.h"
+#include "builder/leaf_spool.h"
 
 #include <gtest/gtest.h>
 
@@ -7,6 +8,7 @@
 #include <tuple>
 
 #include "builder/batches.h"
+#include "builder/leaf_spool.h"
 #include "builder/reduction_pass.h"
 #include "tests/builder/piece_source.h"
 #include "tests/builder/random_material.h"
@@ -199,6 +201,55 @@ TEST(RowStreams, ColumnsOtherThanMomentsAreTheSameBytes) {
       if (c != moments) {
         ASSERT_EQ(all.packed[row][c].bytes, none.packed[row][c].bytes) << row << " " << c;
       }
+  }
+}
+
+// The index's leaves, and for how many of them something came late.
+std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& late) {
+  test::PieceSource source({test::scattered(test::random_points(20'000))});
+  PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
+  Batches batches(stream, 300);
+  EXPECT_TRUE(batches.hold_all([](PointBatch& all) -> Status {
+    test::randomize_material(all);
+    return {};
+  }));
+  format::VolumeInfo info;
+  info.attributes.emplace_back();
+  RowStreams rows(info, 0, *TempFile::create(testing::TempDir()));
+  const double offset = 0;
+  const ReductionSettings settings{stream.summary().cube, leaf_points,          true, true,
+                                   info.attributes,       std::span(&offset, 1)};
+  LeafSpool spool(*TempFile::create(testing::TempDir()));
+  ReductionPass pass(
+      settings, rows, [&](const OpenLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);
+  while (auto batch = *batches.next()) EXPECT_TRUE(pass.take(*batch, pass.reduce(*batch)));
+  EXPECT_TRUE(pass.finish());
+  late = pass.late_leaves().size();
+  std::vector<IndexLeaf> leaves;
+  EXPECT_TRUE(spool.read(pass.counts().size(), pass.late_leaves(), [&](IndexLeaf leaf) -> Status {
+    leaves.push_back(std::move(leaf));
+    return {};
+  }));
+  return leaves;
+}
+
+TEST(ReductionPass, LeavesAreTheSameHoweverLateTheirClustersAre) {
+  std::size_t late = 0;
+  const std::vector<IndexLeaf> whole = leaves_of(1'000'000, late);
+  EXPECT_EQ(late, 0u);
+  const std::vector<IndexLeaf> parts = leaves_of(1, late);
+  EXPECT_GT(late, 0u);
+  ASSERT_EQ(parts.size(), whole.size());
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    EXPECT_EQ(parts[i].key, whole[i].key);
+    EXPECT_EQ(parts[i].counts, whole[i].counts);
+    for (std::size_t r = 0; r < whole[i].splats.size(); ++r) {
+      EXPECT_EQ(parts[i].splats[r].least_depth, whole[i].splats[r].least_depth);
+      EXPECT_EQ(parts[i].splats[r].octant_code, whole[i].splats[r].octant_code);
+      EXPECT_EQ(parts[i].splats[r].width, whole[i].splats[r].width);
+      EXPECT_EQ(parts[i].splats[r].box.low, whole[i].splats[r].box.low);
+      EXPECT_EQ(parts[i].splats[r].box.high, whole[i].splats[r].box.high);
+    }
   }
 }
 
