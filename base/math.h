@@ -1,6 +1,8 @@
 // GLM, with the settings that every file of the project shares.
 #pragma once
 
+#include <bit>
+#include <cstdint>
 #include <glm/geometric.hpp>
 #include <glm/gtc/quaternion.hpp>
 #include <glm/mat3x3.hpp>
@@ -16,6 +18,12 @@ using glm::dvec2;
 using glm::dvec3;
 using glm::vec3;
 using glm::vec4;
+
+/// The nearest integer, of two the even one; the library's functions are calls. Requires |number| < 2^51.
+[[nodiscard]] inline std::int64_t nearest_integer(double number) {
+  constexpr double shift = 0x1.8p52;  // above it, doubles are integers
+  return std::bit_cast<std::int64_t>(number + shift) - std::bit_cast<std::int64_t>(shift);
+}
 
 /// An axis-aligned cube in world units; the octree's root.
 struct Cube {

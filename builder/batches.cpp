@@ -10,7 +10,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t batch_points = std::size_t{1} << 15;
+constexpr std::size_t batch_points = std::size_t{1} << 12;
 
 // Of the cells whose material is estimated by itself: the more, the less there is of borders.
 constexpr std::size_t block_points = 4096;
@@ -29,12 +29,10 @@ void for_each_array(A& a, B& b, const Visit& visit) {
   }
 }
 
-PointBatch empty_batch(std::size_t attributes) {
-  PointBatch batch;
+void resize_attributes(PointBatch& batch, std::size_t attributes) {
   batch.values.resize(attributes);
   batch.value_moments.resize(attributes);
   batch.gradients.resize(attributes);
-  return batch;
 }
 
 void resize_material(PointBatch& batch) {
@@ -77,11 +75,9 @@ void estimate_block(const Box& box, const Cube& cube, const PointCell& block, Po
 }  // namespace
 
 Batches::Batches(PointStream& stream, std::uint64_t cell_points)
-    : stream_(stream),
-      box_(stream.summary().box),
-      cube_(stream.summary().cube),
-      cell_points_(cell_points),
-      held_(empty_batch(stream.summary().attributes.size())) {}
+    : stream_(stream), box_(stream.summary().box), cube_(stream.summary().cube), cell_points_(cell_points) {
+  resize_attributes(held_, stream.summary().attributes.size());
+}
 
 Status Batches::hold_all(const std::function<Status(PointBatch&)>& work) {
   while (!ended_) SPLATVOL_TRY(fill(held_.size() + 1));
@@ -111,15 +107,14 @@ PointCell Batches::cell_at(std::size_t begin, std::size_t most) const {
           begin > 0 && keys[begin - 1] == first};
 }
 
-PointBatch Batches::take(std::size_t end) const {
-  PointBatch batch = empty_batch(held_.values.size());
+void Batches::take(std::size_t end, PointBatch& batch) const {
+  resize_attributes(batch, held_.values.size());
   for_each_array(held_, batch, [&](const auto& from, auto& to) {
-    if (from.size() >= end)
-      to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
+    const std::size_t last = std::min(end, from.size()), first = std::min(begin_, last);
+    to.assign(from.begin() + static_cast<std::ptrdiff_t>(first), from.begin() + static_cast<std::ptrdiff_t>(last));
   });
-  if (begin_ > 0) batch.before = held_.positions[begin_ - 1];
-  if (end < held_.size()) batch.behind = held_.positions[end];
-  return batch;
+  batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : std::nullopt;
+  batch.behind = end < held_.size() ? std::optional(held_.positions[end]) : std::nullopt;
 }
 
 // A cell that goes on has its first part's material only: its points are all in one place.
@@ -133,11 +128,13 @@ void Batches::estimate(PointBatch& batch) const {
   });
 }
 
-Result<std::optional<PointBatch>> Batches::next() {
+Result<bool> Batches::next(PointBatch& batch) {
   const std::size_t most = std::max(block_points, cell_points_);
   SPLATVOL_TRY(fill(batch_points + most + 1));
-  if (begin_ == held_.size()) return std::optional<PointBatch>();
-  std::vector<PointCell> blocks, cells;
+  if (begin_ == held_.size()) return false;
+  std::vector<PointCell>&blocks = batch.blocks, &cells = batch.cells;
+  blocks.clear();
+  cells.clear();
   std::size_t end = begin_;
   while (end < held_.size() && end - begin_ < batch_points) {
     blocks.push_back(cell_at(end, most));
@@ -145,26 +142,26 @@ Result<std::optional<PointBatch>> Batches::next() {
   }
   for (std::size_t at = begin_; at < end; at = cells.back().end) {
     cells.push_back(cell_at(at, cell_points_));
+    cells.back().end = std::min(cells.back().end, end);  // what goes on with the same key is a part as well
     if (!cells.back().continued) ++leaves_;
     cells.back().leaf = leaves_ - 1;
   }
 
-  PointBatch batch = take(end);
+  take(end, batch);
   for (auto* list : {&blocks, &cells})
     for (PointCell& cell : *list) cell.begin -= begin_, cell.end -= begin_;
-  if (estimates_) batch.blocks = std::move(blocks);
-  batch.cells = std::move(cells);
+  if (!estimates_) blocks.clear();
   batch.first = given_;
   given_ += batch.size();
 
   begin_ = end;
-  if (begin_ > batch_points / 2) {
+  if (begin_ > held_.size() / 2) {
     for_each_array(held_, held_, [&](auto& items, auto&) {
       items.erase(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(std::min(begin_ - 1, items.size())));
     });
     begin_ = 1;
   }
-  return std::optional(std::move(batch));
+  return true;
 }
 
 }  // namespace splatvol

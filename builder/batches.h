@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <optional>
 
 #include "builder/block_estimate.h"
 #include "builder/cell_reduction.h"
@@ -27,8 +26,8 @@ class Batches {
   /// From now on points come with the blocks in which `estimate` is to find their material.
   void estimate_material() { estimates_ = true; }
 
-  /// The next points; none after the last.
-  [[nodiscard]] Result<std::optional<PointBatch>> next();
+  /// The next points; none after the last. What `batch` held is gone, but its memory is used again.
+  [[nodiscard]] Result<bool> next(PointBatch& batch);
 
   /// Fills in the material of a batch that has blocks. Thread-safe, also beside next().
   void estimate(PointBatch& batch) const;
@@ -36,7 +35,7 @@ class Batches {
  private:
   [[nodiscard]] Status fill(std::size_t points);
   [[nodiscard]] PointCell cell_at(std::size_t begin, std::size_t most) const;
-  [[nodiscard]] PointBatch take(std::size_t end) const;
+  void take(std::size_t end, PointBatch& batch) const;
 
   PointStream& stream_;
   Box box_;    // round the points

@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_pipeline.h>
+#include <tbb/spin_mutex.h>
 
 #include <algorithm>
 #include <atomic>
@@ -150,35 +151,51 @@ Result<Connectivity> connect(Connectivity wanted, const PointStream& points, std
 }
 
 // Runs all points through the pass: batches are read and taken in order, what lies between does not depend on order.
-Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, const BuildProgress& progress) {
+Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, std::size_t attributes,
+              const BuildProgress& progress) {
   struct Item {
     PointBatch batch;
-    std::vector<ReducedCell> cells;
+    ReducedBatch reduced;
   };
-  using Token = std::shared_ptr<Item>;
-  constexpr std::size_t items_in_flight = 4;
+  constexpr std::size_t items_in_flight = 8;
+  std::vector<std::unique_ptr<Item>> spare;  // the last used, whose memory is still in a cache, first
+  tbb::spin_mutex spare_mutex;
+  for (std::size_t i = 0; i < items_in_flight; ++i)
+    spare.push_back(std::make_unique<Item>(Item{{}, ReducedBatch(attributes)}));
+  const auto take_spare = [&] {
+    const tbb::spin_mutex::scoped_lock lock(spare_mutex);
+    Item* item = spare.back().release();
+    spare.pop_back();
+    return item;
+  };
+  const auto give_back = [&](Item* item) {
+    const tbb::spin_mutex::scoped_lock lock(spare_mutex);
+    spare.emplace_back(item);
+  };
   Status read, taken;
   std::atomic<bool> failed = false;
   tbb::parallel_pipeline(
       items_in_flight,
-      tbb::make_filter<void, Token>(tbb::filter_mode::serial_in_order, [&](tbb::flow_control& control) -> Token {
-        auto batch = batches.next();
-        if (!batch) read = tl::unexpected(batch.error());
-        if (!batch || !*batch || failed) {
-          control.stop();
-          return nullptr;
-        }
-        return std::make_shared<Item>(Item{std::move(**batch), {}});
-      }) & tbb::make_filter<Token, Token>(tbb::filter_mode::parallel, [&](Token item) {
+      tbb::make_filter<void, Item*>(tbb::filter_mode::serial_in_order, [&](tbb::flow_control& control) -> Item* {
+        Item* item = take_spare();
+        const auto more = batches.next(item->batch);
+        if (!more) read = tl::unexpected(more.error());
+        if (more && *more && !failed) return item;
+        give_back(item);
+        control.stop();
+        return nullptr;
+      }) & tbb::make_filter<Item*, Item*>(tbb::filter_mode::parallel, [&](Item* item) {
         batches.estimate(item->batch);
-        item->cells = pass.reduce(item->batch);
+        pass.reduce(item->batch, item->reduced);
         return item;
-      }) & tbb::make_filter<Token, void>(tbb::filter_mode::serial_in_order, [&](Token item) {
-        if (failed) return;
-        const PointBatch& batch = item->batch;
-        taken = pass.take(batch, std::move(item->cells));
-        failed = !taken;
-        progress("reducing", static_cast<double>(batch.first + batch.size()) / static_cast<double>(points));
+      }) & tbb::make_filter<Item*, void>(tbb::filter_mode::serial_in_order, [&](Item* item) {
+        if (!failed) {
+          const PointBatch& batch = item->batch;
+          taken = pass.take(batch, item->reduced);
+          failed = !taken;
+          progress("reducing", static_cast<double>(batch.first + batch.size()) / static_cast<double>(points));
+        }
+        give_back(item);
       }));
   SPLATVOL_TRY(read);
   SPLATVOL_TRY(taken);
@@ -240,7 +257,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   const ReductionSettings settings{input.cube, options.leaf_points, batches.count() > coarsest_target,
                                    fits,       input.attributes,    offsets};
   ReductionPass pass(settings, rows, [&](const OpenLeaf& leaf) { return leaves.append(leaf); });
-  SPLATVOL_TRY(reduce(batches, pass, points.count(), progress));
+  SPLATVOL_TRY(reduce(batches, pass, points.count(), input.attributes.size(), progress));
 
   const std::vector<std::uint64_t> counts = pass.counts();
   progress("fitting densities", 0);

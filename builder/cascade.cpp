@@ -5,32 +5,29 @@
 #include <utility>
 
 namespace splatvol {
-namespace {
 
-// A cluster's member that goes on, with the material of all.
-Member merge_leaf(std::span<Member> members, std::size_t kept) {
-  Member merged = std::move(members[kept]);
-  const SpatialMoments own = std::exchange(merged.moments, {});
-  std::vector<ValueMoments> own_values;
-  for (MemberValue& value : merged.values) own_values.push_back(std::exchange(value.moments, {}));
-  std::vector<BoundaryPlane> planes;
-  std::vector<dvec3> shifts;
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    const bool other = m != kept;
-    const dvec3 shift = other ? members[m].point.position - merged.point.position : dvec3(0);
-    merge(merged.moments, other ? members[m].moments : own, shift);
-    for (std::size_t a = 0; a < merged.values.size(); ++a)
-      merge(merged.values[a].moments, other ? members[m].values[a].moments : own_values[a], shift);
-    const BoundaryPlane& plane = other ? members[m].plane : merged.plane;
-    if (plane.area == dvec3(0)) continue;
-    planes.push_back(plane);
-    shifts.push_back(shift);
+MemberPool::Handle MemberPool::take() {
+  std::unique_ptr<Member> member;
+  {
+    const tbb::spin_mutex::scoped_lock lock(mutex_);
+    if (!free_.empty()) {
+      member = std::move(free_.back());
+      free_.pop_back();
+    }
   }
-  merged.plane = merge_planes(planes, shifts);
-  return merged;
+  if (!member) return {new Member, {this}};
+  member->moments = {};
+  member->plane = {};
+  for (MemberValue& value : member->values) value.moments = {};
+  member->splats.clear();
+  member->value_rows.clear();
+  return {member.release(), {this}};
 }
 
-}  // namespace
+void MemberPool::put(Member* member) {
+  const tbb::spin_mutex::scoped_lock lock(mutex_);
+  free_.emplace_back(member);
+}
 
 void add_splat(Member& member, std::span<const double> offsets) {
   member.splats.push_back(make_splat_row(member.point.position, member.point.error, member.moments, member.plane));
@@ -40,7 +37,7 @@ void add_splat(Member& member, std::span<const double> offsets) {
 
 void Cascade::add_to_last(const Member& other, std::uint64_t parts) {
   Step& step = steps_[1];
-  Member& last = step.members.back();
+  Member& last = *step.entries.back().member;
   merge(last.moments, other.moments, dvec3(0));
   for (std::size_t a = 0; a < offsets_.size(); ++a) merge(last.values[a].moments, other.values[a].moments, dvec3(0));
   last.plane = merge_planes(std::array{last.plane, other.plane}, std::array{dvec3(0), dvec3(0)});
@@ -49,14 +46,13 @@ void Cascade::add_to_last(const Member& other, std::uint64_t parts) {
   last.value_rows.resize(last.value_rows.size() - offsets_.size());
   add_splat(last, offsets_);
   last.splats.back().number = number;
-  step.parts.back() += parts;
+  step.entries.back().parts += parts;
 }
 
-void Cascade::push(std::size_t step, Member&& member, std::uint64_t parts) {
+void Cascade::push(std::size_t step, MemberPool::Handle member, std::uint64_t parts) {
   Step& at = steps_[step];
-  member.splats.back().number = at.count++;
-  at.members.push_back(std::move(member));
-  at.parts.push_back(parts);
+  member->splats.back().number = at.count++;
+  at.entries.push_back({std::move(member), parts});
   if (at.reduces()) close_leaves(step, false);
 }
 
@@ -64,42 +60,64 @@ void Cascade::push(std::size_t step, Member&& member, std::uint64_t parts) {
 // no two members share the finest cell.
 void Cascade::close_leaves(std::size_t step, bool at_end) {
   Step& at = steps_[step];
-  while (!at.members.empty() && (at_end || at.members.size() > leaf_points_)) {
-    const MortonKey& first = at.members.front().key;
-    const MortonKey* beyond = at.members.size() > leaf_points_ ? &at.members[leaf_points_].key : nullptr;
+  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
+  while (!at.entries.empty() && (at_end || at.entries.size() > leaf_points_)) {
+    const MortonKey& first = key(0);
+    const MortonKey* beyond = at.entries.size() > leaf_points_ ? &key(leaf_points_) : nullptr;
     const int depth = leaf_depth(at.before ? common_depth(*at.before, first) : -1, first, beyond);
     std::size_t size = 1;
-    while (size < at.members.size() && common_depth(first, at.members[size].key) >= depth) ++size;
+    while (size < at.entries.size() && common_depth(first, key(size)) >= depth) ++size;
     close_leaf(step, size, depth);
   }
 }
 
 void Cascade::close_leaf(std::size_t step, std::size_t size, int depth) {
   Step& at = steps_[step];
-  std::vector<Member> members;
+  std::vector<MemberPool::Handle> members = std::exchange(leaf_, {});
   for (std::size_t m = 0; m < size; ++m) {
-    members.push_back(std::move(at.members.front()));
-    at.members.pop_front();
-    SplatRow& splat = members.back().splats.back();
+    Member& member = *members.emplace_back(std::move(at.entries.front().member));
+    SplatRow& splat = member.splats.back();
     splat.depth = static_cast<std::uint8_t>(depth);
     splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(size, 255));
-    sink_.splat(step, members.back(), at.next_part);
-    at.next_part += at.parts.front();
-    at.parts.pop_front();
+    sink_.splat(step, member, at.next_part);
+    at.next_part += at.entries.front().parts;
+    at.entries.pop_front();
   }
-  at.before = members.back().key;
+  at.before = members.back()->key;
 
-  if (!at.reduces() || step + 1 == max_steps) {
-    for (Member& member : members) sink_.point(step, std::move(member));
-    return;
+  MemberPool::Handle merged{nullptr, {}};
+  if (at.reduces() && step + 1 < max_steps) {
+    const std::size_t kept =
+        nearest_to_center(cube_, depth, size, [&](std::size_t m) { return members[m]->point.position; });
+    merge_leaf(members, kept);
+    merged = std::move(members[kept]);
   }
-  const std::size_t kept =
-      nearest_to_center(cube_, depth, size, [&](std::size_t m) { return members[m].point.position; });
-  Member merged = merge_leaf(members, kept);
-  for (std::size_t m = 0; m < size; ++m)
-    if (m != kept) sink_.point(step, std::move(members[m]));
+  for (const MemberPool::Handle& member : members)
+    if (member) sink_.point(step, *member);
+  members.clear();
+  leaf_ = std::move(members);
+  if (merged) push(step + 1, std::move(merged), size);
+}
+
+// The member that goes on gets the material of all, and its next splats.
+void Cascade::merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept) {
+  Member& merged = *members[kept];
+  planes_.clear();
+  shifts_.clear();
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const Member& member = *members[m];
+    const dvec3 shift = member.point.position - merged.point.position;
+    if (m != kept) {
+      merge(merged.moments, member.moments, shift);
+      for (std::size_t a = 0; a < merged.values.size(); ++a)
+        merge(merged.values[a].moments, member.values[a].moments, shift);
+    }
+    if (member.plane.area == dvec3(0)) continue;
+    planes_.push_back(member.plane);
+    shifts_.push_back(shift);
+  }
+  if (!planes_.empty()) merged.plane = merge_planes(planes_, shifts_);
   add_splat(merged, offsets_);
-  push(step + 1, std::move(merged), size);
 }
 
 void Cascade::finish() {
@@ -109,7 +127,7 @@ void Cascade::finish() {
 std::uint64_t Cascade::first_open_leaf() const {
   std::uint64_t first = std::numeric_limits<std::uint64_t>::max();
   for (const Step& step : steps_)
-    if (!step.members.empty()) first = std::min(first, step.members.front().leaf);
+    if (!step.entries.empty()) first = std::min(first, step.entries.front().member->leaf);
   return first;
 }
 

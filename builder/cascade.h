@@ -2,10 +2,13 @@
 // (2001), section 2.2.
 #pragma once
 
+#include <tbb/spin_mutex.h>
+
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -42,6 +45,26 @@ struct Member {
   std::vector<ValueRow> value_rows;  // [step * attributes + attribute]
 };
 
+/// Members whose part is done, kept for the next ones: their vectors keep their memory. Thread-safe; must outlive what
+/// was taken from it.
+class MemberPool {
+ public:
+  struct Return {
+    MemberPool* pool;
+    void operator()(Member* member) const { pool->put(member); }
+  };
+  using Handle = std::unique_ptr<Member, Return>;
+
+  /// A member without material and splats; values as many as it had.
+  [[nodiscard]] Handle take();
+
+ private:
+  void put(Member* member);
+
+  tbb::spin_mutex mutex_;
+  std::vector<std::unique_ptr<Member>> free_;
+};
+
 /// Adds the splats of the member's next step, made from its moments. `offsets`: of the attributes.
 void add_splat(Member& member, std::span<const double> offsets);
 
@@ -69,7 +92,7 @@ class Cascade {
     /// of the finer step that it is made of.
     std::function<void(std::size_t step, const Member& member, std::uint64_t first_part)> splat;
     /// A point that no coarser step has; within a step's own in Morton order.
-    std::function<void(std::size_t step, Member&& member)> point;
+    std::function<void(std::size_t step, const Member& member)> point;
   };
 
   Cascade(const Cube& cube, std::uint32_t leaf_points, std::vector<double> offsets, Sink sink)
@@ -80,7 +103,7 @@ class Cascade {
         steps_(max_steps) {}
 
   /// The next member of step 1, its splats made; `parts` splats of the finest step are in it.
-  void push(Member&& member, std::uint64_t parts) { push(1, std::move(member), parts); }
+  void push(MemberPool::Handle member, std::uint64_t parts) { push(1, std::move(member), parts); }
 
   /// Adds the material of another member to the last that was pushed; both are at the same place.
   void add_to_last(const Member& other, std::uint64_t parts);
@@ -96,23 +119,30 @@ class Cascade {
 
  private:
   struct Step {
-    std::deque<Member> members;       // of leaves that are not whole yet
-    std::deque<std::uint64_t> parts;  // [member]: splats of the finer step that it is made of
+    struct Entry {
+      MemberPool::Handle member;
+      std::uint64_t parts;  // splats of the finer step that it is made of
+    };
+    std::deque<Entry> entries;        // of leaves that are not whole yet
     std::uint64_t count = 0;          // members, those that are gone included
     std::uint64_t next_part = 0;      // number of the first part of the first member
     std::optional<MortonKey> before;  // last key of the leaves that are done
     [[nodiscard]] bool reduces() const { return count > coarsest_target; }
   };
 
-  void push(std::size_t step, Member&& member, std::uint64_t parts);
+  void push(std::size_t step, MemberPool::Handle member, std::uint64_t parts);
   void close_leaves(std::size_t step, bool at_end);
   void close_leaf(std::size_t step, std::size_t size, int depth);
+  void merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept);
 
   Cube cube_;
   std::uint32_t leaf_points_;
   std::vector<double> offsets_;
   Sink sink_;
-  std::vector<Step> steps_;  // step 0 is not used
+  std::vector<Step> steps_;               // step 0 is not used
+  std::vector<MemberPool::Handle> leaf_;  // of the leaf that is being closed
+  std::vector<BoundaryPlane> planes_;     // theirs
+  std::vector<dvec3> shifts_;             // and where
 };
 
 }  // namespace splatvol

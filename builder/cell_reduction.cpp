@@ -14,21 +14,30 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double error_per_spacing = error_per_deviation / 4;
 
 // Unit vector; 0 for 0.
-vec3 direction(const dvec3& gradient) {
+inline vec3 direction(const dvec3& gradient) {
   const double largest = std::max({std::abs(gradient.x), std::abs(gradient.y), std::abs(gradient.z)});
-  return largest > 0 && std::isfinite(largest) ? vec3(glm::normalize(gradient / largest)) : vec3(0);
+  if (!(largest > 0 && std::isfinite(largest))) return vec3(0);
+  const dvec3 scaled = gradient * (1 / largest);
+  return vec3(scaled * (1 / std::sqrt(glm::dot(scaled, scaled))));
 }
 
 class CellReducer {
  public:
-  CellReducer(const PointBatch& batch, const PointCell& cell, const ReductionSettings& settings)
-      : batch_(batch), cell_(cell), settings_(settings), result_{{}, SplatRows(attributes()), {}, {}, {}} {}
+  CellReducer(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result)
+      : batch_(batch), settings_(settings), pool_(pool), result_(result) {
+    for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
+    result_.finest.reserve(batch.size());
+  }
 
-  ReducedCell run() && {
-    reserve();
-    for (std::size_t begin = cell_.begin; begin < cell_.end;) begin = reduce_leaf(begin);
-    describe_leaf();
-    return std::move(result_);
+  void run() {
+    for (const PointCell& cell : batch_.cells) {
+      cell_ = cell;
+      const std::size_t first_point = result_.finest.size(), first_member = result_.members.size();
+      OpenLeaf& leaf = result_.cells.emplace_back().leaf;
+      for (std::size_t begin = cell.begin; begin < cell.end;) begin = reduce_leaf(begin, leaf);
+      describe(leaf, first_point, first_member);
+      result_.cells.back().members_end = result_.members.size();
+    }
   }
 
  private:
@@ -36,21 +45,8 @@ class CellReducer {
   BoundaryPlane plane(std::size_t i) const { return batch_.planes.empty() ? BoundaryPlane{} : batch_.planes[i]; }
   SplatRow& splat(std::size_t i) { return leaf_splats_[i - leaf_begin_]; }
 
-  void reserve() {
-    const std::size_t count = cell_.end - cell_.begin;
-    SplatRows& rows = result_.finest;
-    if (settings_.wants_splats) result_.splats.reserve(count);
-    rows.splats.reserve(count);
-    rows.points.reserve(count);
-    for (std::size_t a = 0; a < attributes(); ++a) {
-      rows.value_rows[a].reserve(count);
-      rows.values[a].reserve(count);
-      rows.gradients[a].reserve(count);
-    }
-  }
-
-  // Returns where the next one begins.
-  std::size_t reduce_leaf(std::size_t begin) {
+  // A leaf of the octree over the points, which lies in a leaf of the index. Returns where the next one begins.
+  std::size_t reduce_leaf(std::size_t begin, OpenLeaf& leaf) {
     const std::vector<MortonKey>& keys = batch_.keys;
     const std::size_t n = settings_.leaf_points;
     const int shared = begin == cell_.begin ? cell_.depth - 1 : common_depth(keys[begin - 1], keys[begin]);
@@ -62,7 +58,7 @@ class CellReducer {
     const std::size_t count = std::min<std::size_t>(cell_.continued ? 255 : end - begin, 255);
     leaf_begin_ = begin;
     leaf_splats_.clear();
-    for (std::size_t i = begin; i < end; ++i) add_splat_of(i, depth, count);
+    for (std::size_t i = begin; i < end; ++i) add_splat_of(i, depth, count, leaf);
     if (settings_.wants_splats) result_.splats.insert(result_.splats.end(), leaf_splats_.begin(), leaf_splats_.end());
 
     const std::size_t kept = settings_.reduces
@@ -70,18 +66,18 @@ class CellReducer {
                                                              [&](std::size_t k) { return batch_.positions[begin + k]; })
                                  : end;
     for (std::size_t i = begin; i < end; ++i)
-      if (i != kept) add_finest(i);
+      if (i != kept || cell_.continued) add_finest(i);
     if (kept != end) add_member(begin, end, kept);
     return end;
   }
 
-  void add_splat_of(std::size_t i, int depth, std::size_t count) {
+  void add_splat_of(std::size_t i, int depth, std::size_t count, OpenLeaf& leaf) {
     SplatRow row = make_splat_row(batch_.positions[i], 0, batch_.moments[i], plane(i));
     if (!(row.error > 0)) row.error = spacing_at(i, depth, count) * error_per_spacing;
     row.number = batch_.first + i;
     row.depth = static_cast<std::uint8_t>(depth);
     row.count = static_cast<std::uint8_t>(count);
-    result_.leaf.splats_at(0).include(row, batch_.moments[i]);
+    leaf.splats_at(0).include(row, batch_.moments[i]);
     leaf_splats_.push_back(row);
   }
 
@@ -112,25 +108,22 @@ class CellReducer {
 
   void add_finest(std::size_t i) {
     SplatRows& rows = result_.finest;
-    rows.splats.push_back(splat(i));
-    rows.points.push_back({batch_.positions[i], splat(i).error});
-    for (std::size_t a = 0; a < attributes(); ++a) {
-      rows.value_rows[a].push_back(value_row(a, i));
-      rows.values[a].push_back(stored(a, i));
-      rows.gradients[a].push_back(direction(batch_.gradients[a][i]));
-    }
+    value_rows_.clear();
+    for (std::size_t a = 0; a < attributes(); ++a) value_rows_.push_back(value_row(a, i));
+    rows.add_splat(splat(i), value_rows_);
+    rows.add_point({batch_.positions[i], splat(i).error});
+    for (std::size_t a = 0; a < attributes(); ++a)
+      rows.add_point_value(a, stored(a, i), direction(batch_.gradients[a][i]));
   }
 
   void add_member(std::size_t begin, std::size_t end, std::size_t kept) {
-    Member member;
+    Member& member = *result_.members.emplace_back(pool_.take());
     member.key = batch_.keys[kept];
     member.leaf = cell_.leaf;
     member.point = {batch_.positions[kept], splat(kept).error};
-    member.splats.reserve(2);
     member.splats.push_back(splat(kept));
     const auto shift = [&](std::size_t i) { return batch_.positions[i] - batch_.positions[kept]; };
     member.values.resize(attributes());
-    member.value_rows.reserve(2 * attributes());
     for (std::size_t a = 0; a < attributes(); ++a) {
       MemberValue& value = member.values[a];
       value.value = stored(a, kept);
@@ -140,40 +133,46 @@ class CellReducer {
     }
     for (std::size_t i = begin; i < end; ++i) merge(member.moments, batch_.moments[i], shift(i));
     if (!batch_.planes.empty()) {
-      std::vector<dvec3> shifts;
-      for (std::size_t i = begin; i < end; ++i) shifts.push_back(shift(i));
-      member.plane = merge_planes(std::span(batch_.planes).subspan(begin, end - begin), shifts);
+      shifts_.clear();
+      for (std::size_t i = begin; i < end; ++i) shifts_.push_back(shift(i));
+      member.plane = merge_planes(std::span(batch_.planes).subspan(begin, end - begin), shifts_);
     }
     add_splat(member, settings_.offsets);
-    result_.members.push_back(std::move(member));
     result_.parts.push_back(end - begin);
   }
 
-  void describe_leaf() {
-    OpenLeaf& leaf = result_.leaf;
+  void describe(OpenLeaf& leaf, std::size_t first_point, std::size_t first_member) const {
     leaf.key = batch_.keys[cell_.begin];
     leaf.depth = cell_.depth;
-    leaf.count(0, result_.finest.size());
+    leaf.count(0, result_.finest.size() - first_point);
     for (std::size_t a = 0; a < attributes(); ++a) {
-      const format::ValueBins bins = format::bins_of(settings_.attributes[a]);
+      const format::ValueBins& bins = bins_[a];
       format::ValueSummary summary;
-      const auto include = [&](const ValueRow& row, float value) {
-        summary.include(summarize_range(row.min, row.max, bins));
+      const auto include = [&](float min, float max, float value) {
+        summary.include(summarize_range(min, max, bins));
         summary.include(bins.summarize(std::span(&value, 1)));
       };
-      for (std::size_t k = 0; k < result_.finest.size(); ++k)
-        include(result_.finest.value_rows[a][k], result_.finest.values[a][k]);
-      for (const Member& member : result_.members) include(member.value_rows[a], member.values[a].value);
+      const SplatRows::SplatValues& values = result_.finest.splat_values[a];
+      for (std::size_t k = first_point; k < result_.finest.size(); ++k)
+        include(values.min[k], values.max[k], result_.finest.point_values[a].values[k]);
+      for (std::size_t m = first_member; m < result_.members.size(); ++m) {
+        const Member& member = *result_.members[m];
+        include(member.value_rows[a].min, member.value_rows[a].max, member.values[a].value);
+      }
       leaf.summaries.push_back(summary);
     }
   }
 
   const PointBatch& batch_;
-  const PointCell& cell_;
   const ReductionSettings& settings_;
-  ReducedCell result_;
+  MemberPool& pool_;
+  std::vector<format::ValueBins> bins_;  // [attribute]
+  ReducedBatch& result_;
+  PointCell cell_{};            // the present one
   std::size_t leaf_begin_ = 0;  // of the present leaf
   std::vector<SplatRow> leaf_splats_;
+  std::vector<ValueRow> value_rows_;  // [attribute]: of the present point
+  std::vector<dvec3> shifts_;
 };
 
 }  // namespace
@@ -198,8 +197,16 @@ void OpenLeaf::include(const OpenLeaf& other) {
   for (std::size_t a = 0; a < summaries.size(); ++a) summaries[a].include(other.summaries[a]);
 }
 
-ReducedCell reduce_cell(const PointBatch& batch, const PointCell& cell, const ReductionSettings& settings) {
-  return CellReducer(batch, cell, settings).run();
+void ReducedBatch::clear() {
+  splats.clear();
+  finest.clear();
+  members.clear();
+  parts.clear();
+  cells.clear();
+}
+
+void reduce_cells(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result) {
+  CellReducer(batch, settings, pool, result).run();
 }
 
 }  // namespace splatvol

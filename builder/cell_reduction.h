@@ -1,4 +1,4 @@
-// The finest step of the reduction, cell by cell: what takes most of a build's time, and needs no order.
+// The finest step of the reduction, batch by batch: what takes most of a build's time, and needs no order.
 #pragma once
 
 #include <cstdint>
@@ -53,26 +53,35 @@ struct OpenLeaf {
   void include_late(const OpenLeaf& other);  // counts and splats only
 };
 
-/// What a cell comes to.
-struct ReducedCell {
-  std::vector<SplatRow> splats;      // of all points, where they are wanted
-  SplatRows finest;                  // points that no coarser resolution has
-  std::vector<Member> members;       // the others, their second splat made
-  std::vector<std::uint64_t> parts;  // [member]: points of its cluster
-  OpenLeaf leaf;
+/// What a batch comes to.
+struct ReducedBatch {
+  struct Cell {
+    OpenLeaf leaf;
+    std::size_t members_end;  // where those of the next cell begin
+  };
+  std::vector<SplatRow> splats;             // of all points, where they are wanted
+  SplatRows finest;                         // points that no coarser resolution has
+  std::vector<MemberPool::Handle> members;  // the others, their second splat made; of a cell that is continued one
+                                            // with the material of that part, whose points are all finest
+  std::vector<std::uint64_t> parts;         // [member]: points of its cluster
+  std::vector<Cell> cells;
+
+  explicit ReducedBatch(std::size_t attributes) : finest(attributes) {}
+
+  /// Keeps the memory.
+  void clear();
 };
 
 struct ReductionSettings {
   Cube cube;
   std::uint32_t leaf_points;  // most in a leaf, from 8 up
   bool reduces;               // false: all points stay
-  bool wants_splats;          // in ReducedCell
+  bool wants_splats;          // in ReducedBatch
   std::span<const format::Attribute> attributes;
   std::span<const double> offsets;  // of the attributes
 };
 
-/// Reduces one cell. Thread-safe.
-[[nodiscard]] ReducedCell reduce_cell(const PointBatch& batch, const PointCell& cell,
-                                      const ReductionSettings& settings);
+/// Reduces the cells of a batch, appended to the result. Thread-safe.
+void reduce_cells(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result);
 
 }  // namespace splatvol

@@ -109,17 +109,17 @@ struct Decomposition {
 // Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow.
 Decomposition diagonalize(const SymmetricMatrix& m) {
   constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
+  constexpr double epsilon = std::numeric_limits<double>::epsilon() / 4, negligible = epsilon * epsilon;
   double a[3][3] = {{m.xx, m.xy, m.xz}, {m.xy, m.yy, m.yz}, {m.xz, m.yz, m.zz}};
   Decomposition result;
   bool rotated = true;
   for (int sweep = 0; rotated && sweep < sweeps; ++sweep) {
     rotated = false;
     for (const auto [p, q, r] : {std::array{0, 1, 2}, std::array{0, 2, 1}, std::array{1, 2, 0}}) {
-      const double negligible = std::numeric_limits<double>::epsilon() / 4 * std::sqrt(std::abs(a[p][p] * a[q][q]));
-      if (std::abs(a[p][q]) <= negligible) continue;
+      if (a[p][q] * a[p][q] <= negligible * std::abs(a[p][p] * a[q][q])) continue;
       rotated = true;
-      const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
-      const double t = std::copysign(1.0, theta) / (std::abs(theta) + std::sqrt(1 + theta * theta));
+      const double rise = a[q][q] - a[p][p], twice = 2 * a[p][q];
+      const double t = std::copysign(1.0, rise) * twice / (std::abs(rise) + std::sqrt(rise * rise + twice * twice));
       const double cosine = 1 / std::sqrt(1 + t * t), sine = t * cosine;
       a[p][p] -= t * a[p][q];
       a[q][q] += t * a[p][q];
@@ -134,6 +134,33 @@ Decomposition diagonalize(const SymmetricMatrix& m) {
   }
   for (std::size_t k = 0; k < 3; ++k) result.values[k] = a[k][k];
   return result;
+}
+
+using AxisOrder = std::array<std::uint8_t, 3>;
+
+// Descending and stable. The library's stable sort allocates.
+AxisOrder descending(const std::array<double, 3>& values) {
+  AxisOrder order = {0, 1, 2};
+  for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
+    if (values[order[b]] > values[order[a]]) std::swap(order[a], order[b]);
+  return order;
+}
+
+// What turns x, y, z onto the axes in this order; the third as it makes them right-handed.
+glm::dquat orientation(const dmat3& axes, const AxisOrder& order) {
+  const dvec3 first = axes[order[0]], second = axes[order[1]];
+  return glm::normalize(glm::quat_cast(dmat3(first, second, glm::cross(first, second))));
+}
+
+glm::dquat orientation_along_axes(const AxisOrder& order) {
+  static const auto table = [] {
+    std::array<std::array<glm::dquat, 3>, 3> all{};  // [first axis][second]
+    for (std::uint8_t first = 0; first < 3; ++first)
+      for (std::uint8_t second = 0; second < 3; ++second)
+        if (first != second) all[first][second] = orientation(dmat3(1), {first, second, 0});
+    return all;
+  }();
+  return table[order[0]][order[1]];
 }
 
 }  // namespace
@@ -234,20 +261,11 @@ format::SplatShape shape_of(const SpatialMoments& moments) {
   const SymmetricMatrix scaled = 1 / scale * covariance;
   const Decomposition axes =
       along_axes ? Decomposition{{scaled.xx, scaled.yy, scaled.zz}, dmat3(1)} : diagonalize(scaled);
-  // Descending and stable. The library's stable sort allocates.
-  std::array<int, 3> order = {0, 1, 2};
-  for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
-    if (axes.values[static_cast<std::size_t>(order[b])] > axes.values[static_cast<std::size_t>(order[a])])
-      std::swap(order[a], order[b]);
+  const AxisOrder order = descending(axes.values);
   format::SplatShape shape{.mass = moments.mass};
-  dmat3 sorted;
-  for (int k = 0; k < 3; ++k) {
-    const int from = order[static_cast<std::size_t>(k)];
-    shape.deviations[k] = std::sqrt(std::max(0.0, axes.values[static_cast<std::size_t>(from)])) * std::sqrt(scale);
-    sorted[k] = axes.vectors[from];
-  }
-  sorted[2] = glm::cross(sorted[0], sorted[1]);  // right-handed
-  shape.orientation = glm::normalize(glm::quat_cast(sorted));
+  for (std::size_t k = 0; k < 3; ++k)
+    shape.deviations[static_cast<int>(k)] = std::sqrt(std::max(0.0, axes.values[order[k]])) * std::sqrt(scale);
+  shape.orientation = along_axes ? orientation_along_axes(order) : orientation(axes.vectors, order);
   return shape;
 }
 

@@ -1,7 +1,5 @@
 #include "builder/reduction_pass.h"
 
-#include <tbb/parallel_for.h>
-
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -19,7 +17,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
                   rows_.add_splat(step, member.splats[step], first_part);
                   leaf(member.leaf).splats_at(step).include(member.splats[step], member.moments);
                 },
-                [this](std::size_t step, Member&& member) {
+                [this](std::size_t step, const Member& member) {
                   leaf(member.leaf).count(step);
                   rows_.add_point(step, member);
                 }}),
@@ -28,16 +26,30 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
   for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
 }
 
-std::vector<ReducedCell> ReductionPass::reduce(const PointBatch& batch) const {
-  std::vector<ReducedCell> reduced(batch.cells.size(), ReducedCell{{}, SplatRows(0), {}, {}, {}});
-  tbb::parallel_for(std::size_t{0}, batch.cells.size(),
-                    [&](std::size_t c) { reduced[c] = reduce_cell(batch, batch.cells[c], settings_); });
-  return reduced;
-}
-
-Status ReductionPass::take(const PointBatch& batch, std::vector<ReducedCell>&& reduced) {
-  for (std::size_t c = 0; c < reduced.size(); ++c) take_cell(batch.cells[c], std::move(reduced[c]));
+Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
+  for (const SplatRow& splat : reduced.splats) rows_.add_splat(0, splat, 0);
+  rows_.add_finest(reduced.finest);
+  for (std::size_t a = 0; a < missing_.size(); ++a)
+    for (const float value : reduced.finest.point_values[a].values) count_value(a, value);
+  std::size_t m = 0;
+  for (std::size_t c = 0; c < batch.cells.size(); ++c) {
+    const PointCell& cell = batch.cells[c];
+    if (cell.continued)
+      leaf(cell.leaf).include(reduced.cells[c].leaf);
+    else
+      open_leaves_.push_back(std::move(reduced.cells[c].leaf));
+    for (; m < reduced.cells[c].members_end; ++m) {
+      MemberPool::Handle& member = reduced.members[m];
+      if (cell.continued) {
+        cascade_.add_to_last(*member, reduced.parts[m]);
+        continue;
+      }
+      for (std::size_t a = 0; a < missing_.size(); ++a) count_value(a, member->values[a].value);
+      cascade_.push(std::move(member), reduced.parts[m]);
+    }
+  }
   points_ += batch.size();
+  reduced.clear();
   SPLATVOL_TRY(rows_.pack());
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
@@ -47,34 +59,6 @@ Status ReductionPass::take(const PointBatch& batch, std::vector<ReducedCell>&& r
 
 OpenLeaf& ReductionPass::leaf(std::uint64_t number) {
   return number < first_leaf_ ? late_leaves_[number] : open_leaves_[number - first_leaf_];
-}
-
-void ReductionPass::take_cell(const PointCell& cell, ReducedCell&& reduced) {
-  for (const SplatRow& splat : reduced.splats) rows_.add_splat(0, splat, 0);
-  for (std::size_t a = 0; a < missing_.size(); ++a) {
-    for (const float value : reduced.finest.values[a]) count_value(a, value);
-    for (const Member& member : reduced.members) count_value(a, member.values[a].value);
-  }
-  rows_.add_finest(reduced.finest);
-  if (cell.continued) {
-    leaf(cell.leaf).include(reduced.leaf);
-    take_continuation(std::move(reduced));
-    return;
-  }
-  open_leaves_.push_back(std::move(reduced.leaf));
-  for (std::size_t m = 0; m < reduced.members.size(); ++m)
-    cascade_.push(std::move(reduced.members[m]), reduced.parts[m]);
-}
-
-// Only the first part of a cell that is not whole gives a member; those of the others add their material to it.
-void ReductionPass::take_continuation(ReducedCell&& reduced) {
-  for (std::size_t m = 0; m < reduced.members.size(); ++m) {
-    Member& member = reduced.members[m];
-    cascade_.add_to_last(member, reduced.parts[m]);
-    member.splats.pop_back();
-    leaf(member.leaf).count(0);
-    rows_.add_point(0, member);
-  }
 }
 
 void ReductionPass::count_value(std::size_t attribute, float value) {

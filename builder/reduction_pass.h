@@ -28,10 +28,10 @@ class ReductionPass {
   ReductionPass& operator=(const ReductionPass&) = delete;
 
   /// Reduces the cells of a batch. Thread-safe, also beside take().
-  [[nodiscard]] std::vector<ReducedCell> reduce(const PointBatch& batch) const;
+  void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_cells(batch, settings_, pool_, result); }
 
-  /// The next points, and what their cells come to.
-  [[nodiscard]] Status take(const PointBatch& batch, std::vector<ReducedCell>&& reduced);
+  /// The next points, and what their cells come to, which is empty afterwards.
+  [[nodiscard]] Status take(const PointBatch& batch, ReducedBatch& reduced);
 
   /// After the last.
   [[nodiscard]] Status finish();
@@ -46,8 +46,6 @@ class ReductionPass {
   [[nodiscard]] const std::vector<std::uint64_t>& missing() const { return missing_; }  // [attribute]
 
  private:
-  void take_cell(const PointCell& cell, ReducedCell&& reduced);
-  void take_continuation(ReducedCell&& reduced);
   void count_value(std::size_t attribute, float value);
   [[nodiscard]] Status close_leaves(std::uint64_t end);
   OpenLeaf& leaf(std::uint64_t number);
@@ -56,6 +54,7 @@ class ReductionPass {
   RowStreams& rows_;
   std::function<Status(const OpenLeaf&)> leaves_;
   std::uint64_t most_open_leaves_;
+  MemberPool pool_;
   Cascade cascade_;
   std::uint64_t points_ = 0;
   std::deque<OpenLeaf> open_leaves_;

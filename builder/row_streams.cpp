@@ -43,8 +43,11 @@ std::vector<RowStreams::Stream>& RowStreams::streams(std::size_t segment) {
 
 // Where the stream's next row goes.
 SplatRows& RowStreams::open_chunk(Stream& stream) {
-  if (stream.rows.empty() || stream.rows.back().size() == points_per_chunk_)
-    stream.rows.emplace_back(attributes_.size());
+  if (stream.rows.empty() || stream.rows.back().size() == points_per_chunk_) {
+    if (spare_.empty()) spare_.emplace_back(attributes_.size());
+    stream.rows.push_back(std::move(spare_.back()));
+    spare_.pop_back();
+  }
   return stream.rows.back();
 }
 
@@ -82,14 +85,11 @@ void RowStreams::add_point(std::size_t segment, const Member& member) {
   for (std::size_t step = 0; step <= segment; ++step) {
     SplatRows& rows = open_chunk(at[step]);
     own = &rows;
-    rows.splats.push_back(member.splats[step]);
-    for (std::size_t a = 0; a < attributes; ++a) rows.value_rows[a].push_back(member.value_rows[step * attributes + a]);
+    rows.add_splat(member.splats[step], std::span(member.value_rows).subspan(step * attributes, attributes));
   }
-  own->points.push_back(member.point);
-  for (std::size_t a = 0; a < attributes; ++a) {
-    own->values[a].push_back(member.values[a].value);
-    own->gradients[a].push_back(member.values[a].gradient);
-  }
+  own->add_point(member.point);
+  for (std::size_t a = 0; a < attributes; ++a)
+    own->add_point_value(a, member.values[a].value, member.values[a].gradient);
 }
 
 Status RowStreams::pack(bool at_end) {
@@ -120,6 +120,8 @@ Status RowStreams::pack(bool at_end) {
       stream.packed.push_back({file_.size(), jobs[j].bytes.size()});
       SPLATVOL_TRY(file_.append(jobs[j].bytes));
       jobs[j].bytes = {};
+      spare_.push_back(std::move(stream.rows.front()));
+      spare_.back().clear();
       stream.rows.pop_front();
     }
   }
@@ -139,7 +141,8 @@ void RowStreams::fit_step(std::size_t step) {
   }
   for (std::size_t segment = step; segment < streams_.size(); ++segment)
     for (SplatRows& rows : streams_[segment][step].rows)
-      for (SplatRow& splat : rows.splats) splat.shape.density = at.shapes[splat.number].shape.density;
+      for (std::size_t i = 0; i < rows.size(); ++i)
+        rows.splats.shapes[i].density = at.shapes[rows.splats.numbers[i]].shape.density;
 }
 
 Status RowStreams::finish(std::size_t steps) {

@@ -77,6 +77,7 @@ class RowStreams {
   std::uint64_t fitted_splats_;
   TempFile file_;
   std::vector<std::vector<Stream>> streams_;  // [segment][step]
+  std::vector<SplatRows> spare_;              // empty ones, whose memory the next chunks take
   std::vector<Fit> fits_;                     // [step]
 };
 

@@ -12,112 +12,112 @@ constexpr double error_per_range = 0x1p-20;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-template <class T>
-void append_part(std::vector<T>& all, const std::vector<T>& items, std::size_t begin, std::size_t end) {
-  if (items.empty()) return;
-  const auto at = [&](std::size_t i) { return items.begin() + static_cast<std::ptrdiff_t>(i); };
-  all.insert(all.end(), at(begin), at(end));
+// Calls visit(a, b) for each pair of arrays.
+template <class A, class B, class Visit>
+void for_each_array(A& a, B& b, const Visit& visit) {
+  visit(a.splats.centroids, b.splats.centroids);
+  visit(a.splats.errors, b.splats.errors);
+  visit(a.splats.shapes, b.splats.shapes);
+  visit(a.splats.numbers, b.splats.numbers);
+  visit(a.splats.depths, b.splats.depths);
+  visit(a.splats.counts, b.splats.counts);
+  visit(a.points.positions, b.points.positions);
+  visit(a.points.errors, b.points.errors);
+  for (std::size_t i = 0; i < a.splat_values.size(); ++i) {
+    visit(a.splat_values[i].moments, b.splat_values[i].moments);
+    visit(a.splat_values[i].min, b.splat_values[i].min);
+    visit(a.splat_values[i].max, b.splat_values[i].max);
+    visit(a.point_values[i].values, b.point_values[i].values);
+    visit(a.point_values[i].gradients, b.point_values[i].gradients);
+  }
 }
 
 // The rows that one chunk holds.
 class ChunkPacker {
  public:
   ChunkPacker(const SplatRows& rows, const std::vector<format::Attribute>& attributes)
-      : rows_(rows), attributes_(attributes), count_(rows.size()) {}
+      : rows_(rows), attributes_(attributes) {}
 
   format::PackedChunk pack(const format::Column& column) const {
     const auto a = static_cast<std::size_t>(std::max(column.attribute, 0));
     switch (column.kind) {
       case format::ColumnKind::position:
-        return pack_positions();
+        return format::pack_positions(rows_.points.positions, std::ranges::min(rows_.points.errors));
       case format::ColumnKind::octant:
-        return pack_octants();
+        return format::pack_octants(rows_.splats.depths, rows_.splats.counts);
       case format::ColumnKind::centroid:
-        return pack_centroids();
+        return format::pack_positions(rows_.splats.centroids, std::ranges::min(rows_.splats.errors));
       case format::ColumnKind::moments:
-        return pack_shapes();
+        return format::pack_moments(rows_.splats.shapes);
       case format::ColumnKind::value_moments:
         return pack_value_moments(a);
       case format::ColumnKind::gradient:
-        return format::pack_gradients(rows_.gradients[a]);
+        return format::pack_gradients(rows_.point_values[a].gradients);
       default:
-        return format::pack_values(rows_.values[a], format::bins_of(attributes_[a]));
+        return format::pack_values(rows_.point_values[a].values, format::bins_of(attributes_[a]));
     }
   }
 
  private:
-  format::PackedChunk pack_positions() const {
-    std::vector<dvec3> positions;
-    positions.reserve(count_);
-    double error = infinity;
-    for (const PlacedPoint& point : rows_.points) {
-      positions.push_back(point.position);
-      error = std::min(error, point.error);
-    }
-    return format::pack_positions(positions, error);
-  }
-
-  format::PackedChunk pack_octants() const {
-    std::vector<std::uint8_t> depths, counts;
-    depths.reserve(count_);
-    counts.reserve(count_);
-    for (const SplatRow& splat : rows_.splats) {
-      depths.push_back(splat.depth);
-      counts.push_back(splat.count);
-    }
-    return format::pack_octants(depths, counts);
-  }
-
-  format::PackedChunk pack_centroids() const {
-    std::vector<dvec3> centroids;
-    centroids.reserve(count_);
-    double error = infinity;
-    for (const SplatRow& splat : rows_.splats) {
-      centroids.push_back(splat.centroid);
-      error = std::min(error, splat.error);
-    }
-    return format::pack_positions(centroids, error);
-  }
-
-  format::PackedChunk pack_shapes() const {
-    std::vector<format::SplatShape> shapes;
-    shapes.reserve(count_);
-    for (const SplatRow& splat : rows_.splats) shapes.push_back(splat.shape);
-    return format::pack_moments(shapes);
-  }
-
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
     const format::ValueBins bins = format::bins_of(attributes_[attribute]);
-    std::vector<format::SplatValue> values;
-    values.reserve(count_);
+    const SplatRows::SplatValues& values = rows_.splat_values[attribute];
     format::ValueSummary summary;
     double smallest = infinity;
-    for (const ValueRow& row : rows_.value_rows[attribute]) {
-      values.push_back(row.value);
-      summary.include(summarize_range(row.min, row.max, bins));
-      if (row.value.deviation > 0) smallest = std::min(smallest, row.value.deviation);
+    for (std::size_t i = 0; i < rows_.size(); ++i) {
+      summary.include(summarize_range(values.min[i], values.max[i], bins));
+      const double deviation = values.moments[i].deviation;
+      if (deviation > 0) smallest = std::min(smallest, deviation);
     }
     const double range = bins.max > bins.min ? bins.max - bins.min : 0;
     const double error =
         std::max(range * error_per_range, std::isfinite(smallest) ? smallest * error_per_deviation : 0);
-    return format::pack_value_moments(values, error, summary);
+    return format::pack_value_moments(values.moments, error, summary);
   }
 
   const SplatRows& rows_;
   const std::vector<format::Attribute>& attributes_;
-  std::size_t count_;
 };
 
 }  // namespace
 
-void SplatRows::append(const SplatRows& other, std::size_t begin, std::size_t end) {
-  append_part(splats, other.splats, begin, end);
-  append_part(points, other.points, begin, end);
+void SplatRows::reserve(std::size_t rows) {
+  for_each_array(*this, *this, [&](auto& items, const auto&) { items.reserve(rows); });
+}
+
+void SplatRows::add_splat(const SplatRow& splat, std::span<const ValueRow> values) {
+  splats.centroids.push_back(splat.centroid);
+  splats.errors.push_back(splat.error);
+  splats.shapes.push_back(splat.shape);
+  splats.numbers.push_back(splat.number);
+  splats.depths.push_back(splat.depth);
+  splats.counts.push_back(splat.count);
   for (std::size_t a = 0; a < values.size(); ++a) {
-    append_part(value_rows[a], other.value_rows[a], begin, end);
-    append_part(values[a], other.values[a], begin, end);
-    append_part(gradients[a], other.gradients[a], begin, end);
+    splat_values[a].moments.push_back(values[a].value);
+    splat_values[a].min.push_back(values[a].min);
+    splat_values[a].max.push_back(values[a].max);
   }
+}
+
+void SplatRows::add_point(const PlacedPoint& point) {
+  points.positions.push_back(point.position);
+  points.errors.push_back(point.error);
+}
+
+void SplatRows::add_point_value(std::size_t attribute, float value, const vec3& gradient) {
+  point_values[attribute].values.push_back(value);
+  point_values[attribute].gradients.push_back(gradient);
+}
+
+void SplatRows::append(const SplatRows& other, std::size_t begin, std::size_t end) {
+  for_each_array(*this, other, [&](auto& all, const auto& items) {
+    const auto at = [&](std::size_t i) { return items.begin() + static_cast<std::ptrdiff_t>(i); };
+    if (!items.empty()) all.insert(all.end(), at(begin), at(end));
+  });
+}
+
+void SplatRows::clear() {
+  for_each_array(*this, *this, [](auto& items, const auto&) { items.clear(); });
 }
 
 double shortest_deviation(const format::SplatShape& shape) {

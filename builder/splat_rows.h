@@ -35,20 +35,51 @@ struct ValueRow {
   float min, max;  // of the material; min > max where it has no value
 };
 
-/// Rows that follow each other in the file: points of one segment, and their splats at one resolution. All arrays are
-/// of one length, but that points, values and gradients are empty where the resolution is not the segment's own.
+/// Rows that follow each other in the file: points of one segment, and their splats at one resolution. Arrays as the
+/// columns want them, all of one length, but that those of points are empty where the resolution is not the segment's
+/// own.
 struct SplatRows {
-  std::vector<SplatRow> splats;
-  std::vector<std::vector<ValueRow>> value_rows;  // [attribute]
-  std::vector<PlacedPoint> points;
-  std::vector<std::vector<float>> values;    // [attribute], less its offset; NaN: missing
-  std::vector<std::vector<vec3>> gradients;  // [attribute]: unit vectors, 0 for none
+  struct Splats {
+    std::vector<dvec3> centroids;
+    std::vector<double> errors;  // of the centroids
+    std::vector<format::SplatShape> shapes;
+    std::vector<std::uint64_t> numbers;
+    std::vector<std::uint8_t> depths, counts;
+  };
+  struct SplatValues {
+    std::vector<format::SplatValue> moments;
+    std::vector<float> min, max;
+  };
+  struct Points {
+    std::vector<dvec3> positions;
+    std::vector<double> errors;
+  };
+  struct PointValues {
+    std::vector<float> values;    // less the attribute's offset; NaN: missing
+    std::vector<vec3> gradients;  // unit vectors, 0 for none
+  };
+  Splats splats;
+  std::vector<SplatValues> splat_values;  // [attribute]
+  Points points;
+  std::vector<PointValues> point_values;  // [attribute]
 
-  explicit SplatRows(std::size_t attributes) : value_rows(attributes), values(attributes), gradients(attributes) {}
-  [[nodiscard]] std::size_t size() const { return splats.size(); }
+  explicit SplatRows(std::size_t attributes) : splat_values(attributes), point_values(attributes) {}
+  [[nodiscard]] std::size_t size() const { return splats.centroids.size(); }
+
+  void reserve(std::size_t rows);
+
+  /// Adds a row; `values` has one for each attribute.
+  void add_splat(const SplatRow& splat, std::span<const ValueRow> values);
+
+  /// Adds the row's point, whose values follow.
+  void add_point(const PlacedPoint& point);
+  void add_point_value(std::size_t attribute, float value, const vec3& gradient);
 
   /// Appends rows from `begin` to `end` of another.
   void append(const SplatRows& other, std::size_t begin, std::size_t end);
+
+  /// Keeps the memory.
+  void clear();
 };
 
 /// The splat of `moments`, cut at `plane`, about a point at `position`. `point_error`: of the position, for a splat

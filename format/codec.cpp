@@ -9,7 +9,7 @@ namespace splatvol::format {
 namespace {
 
 // Level 3 is where zstd's speed on shuffled floats stays above the disk's and a higher level gains under 2 %.
-constexpr int compression_level = 3;
+constexpr int compression_level = 1;
 constexpr std::uint64_t max_ratio = 1024;  // R7
 constexpr std::uint64_t ratio_slack = 64;
 

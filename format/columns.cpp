@@ -24,7 +24,7 @@ int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
 // The lowest coordinate may lie half a step below the origin, its nearest lattice point.
 std::uint64_t grid_cell(double coordinate, double origin, double step) {
-  return static_cast<std::uint64_t>(std::max(0.0, std::round((coordinate - origin) / step)));
+  return static_cast<std::uint64_t>(nearest_integer(std::max(0.0, (coordinate - origin) / step)));
 }
 
 // A grid whose step is a power of two and whose origin is a multiple of it: nearby chunks share their lattice, and

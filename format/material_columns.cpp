@@ -24,8 +24,8 @@ class LogEncoder {
 
   std::uint16_t operator()(double number) const {
     if (!(number > 0)) return 0;
-    const double code = std::round(largest_log_code + codes_per_octave * (std::log2(number) - log_scale_));
-    return static_cast<std::uint16_t>(std::clamp(code, 1.0, double{largest_log_code}));
+    const double code = largest_log_code + codes_per_octave * (std::log2(number) - log_scale_);
+    return static_cast<std::uint16_t>(nearest_integer(std::clamp(code, 1.0, double{largest_log_code})));
   }
 
  private:
@@ -84,7 +84,7 @@ std::uint64_t orientation_code(const glm::dquat& q, int bits) {
   int shift = 2;
   for (std::size_t k = 0; k < 4; ++k) {
     if (k == largest) continue;
-    const std::int64_t steps = std::clamp<std::int64_t>(std::llround(components[k] * scale), -middle, middle);
+    const std::int64_t steps = std::clamp<std::int64_t>(nearest_integer(components[k] * scale), -middle, middle);
     code |= static_cast<std::uint64_t>(steps + middle) << shift;
     shift += bits;
   }
@@ -141,13 +141,13 @@ constexpr int density_one = 128;
 
 std::int16_t boundary_code(double foot) {
   return static_cast<std::int16_t>(
-      std::clamp<long>(std::lround(foot * boundary_scale), -largest_boundary_code, largest_boundary_code));
+      std::clamp<std::int64_t>(nearest_integer(foot * boundary_scale), -largest_boundary_code, largest_boundary_code));
 }
 
 std::uint8_t density_code(double density) {
   if (density == 1) return density_one;  // as most are where none were fitted
-  return static_cast<std::uint8_t>(
-      std::clamp<long>(density_one + std::lround(densities_per_octave * std::log2(density)), 0, 255));
+  const double code = density_one + densities_per_octave * std::log2(density);
+  return static_cast<std::uint8_t>(nearest_integer(std::clamp(code, 0.0, 255.0)));
 }
 
 std::array<double, 256> make_densities() {
@@ -192,7 +192,7 @@ std::vector<std::uint32_t> encode_means(std::span<const SplatValue> values, doub
     const double mean = values[i].mean;
     if (!(values[i].coverage > 0)) continue;
     if (header.step > 0)
-      cells[i] = static_cast<std::uint32_t>(std::max(0.0, std::round((mean - header.origin) / header.step)));
+      cells[i] = static_cast<std::uint32_t>(nearest_integer(std::max(0.0, (mean - header.origin) / header.step)));
     all_bits |= cells[i];
     header.error = std::max(header.error, std::abs(mean - (header.origin + header.step * cells[i])));
   }
@@ -208,9 +208,9 @@ bool all_zero(std::span<const std::uint8_t> bytes) {
   return std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; });
 }
 
-std::int8_t signed_code(double number) { return static_cast<std::int8_t>(std::lround(127 * number)); }
+std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest_integer(127 * number)); }
 
-std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(std::lround(255 * number)); }
+std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
 
 template <class Code, class Objects, class Encode>
 void append_plane_of(Bytes& payload, const Objects& objects, Encode encode) {

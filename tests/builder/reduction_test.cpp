@@ -163,16 +163,20 @@ struct Streamed {
                     {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
                        add_splat(step, member, first_part);
                      },
-                     [this](std::size_t step, Member&& member) { ends[id(member)].push_back(step); }});
+                     [this](std::size_t step, const Member& member) { ends[id(member)].push_back(step); }});
     const double offset = 0;
     const ReductionSettings settings{
         cube, leaf_points, points.size() > coarsest_target, true, std::span(&attribute_, 1), std::span(&offset, 1)};
-    while (auto batch = *batches.next())
-      for (const PointCell& cell : batch->cells) {
-        EXPECT_EQ(batch->first + cell.begin, steps[0].splats.size());
-        cells.push_back({batch->first + cell.begin, batch->first + cell.end, cell.depth, cell.leaf, cell.continued});
-        take_cell(cell.continued, reduce_cell(*batch, cell, settings), cascade);
-      }
+    PointBatch batch;
+    ReducedBatch reduced(1);
+    while (*batches.next(batch)) {
+      EXPECT_EQ(batch.first, steps[0].splats.size());
+      for (const PointCell& cell : batch.cells)
+        cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
+      reduce_cells(batch, settings, pool_, reduced);
+      take(batch, reduced, cascade);
+      reduced.clear();
+    }
     cascade.finish();
     counts = cascade.counts();
     counts.insert(counts.begin(), steps[0].splats.size());
@@ -182,18 +186,17 @@ struct Streamed {
  private:
   static std::uint64_t id(const Member& member) { return static_cast<std::uint64_t>(member.values[0].value); }
 
-  void take_cell(bool continued, ReducedCell&& reduced, Cascade& cascade) {
+  void take(const PointBatch& batch, ReducedBatch& reduced, Cascade& cascade) {
     steps[0].splats.insert(steps[0].splats.end(), reduced.splats.begin(), reduced.splats.end());
-    for (const float i : reduced.finest.values[0]) ends[static_cast<std::size_t>(i)].push_back(0);
-    for (std::size_t m = 0; m < reduced.members.size(); ++m) {
-      Member& member = reduced.members[m];
-      if (continued) {
-        ends[id(member)].push_back(0);
-        cascade.add_to_last(member, reduced.parts[m]);
-      } else {
-        cascade.push(std::move(member), reduced.parts[m]);
+    for (const float i : reduced.finest.point_values[0].values) ends[static_cast<std::size_t>(i)].push_back(0);
+    std::size_t m = 0;
+    for (std::size_t c = 0; c < batch.cells.size(); ++c)
+      for (; m < reduced.cells[c].members_end; ++m) {
+        if (batch.cells[c].continued)
+          cascade.add_to_last(*reduced.members[m], reduced.parts[m]);
+        else
+          cascade.push(std::move(reduced.members[m]), reduced.parts[m]);
       }
-    }
   }
 
   void add_splat(std::size_t step, const Member& member, std::uint64_t first_part) {
@@ -212,6 +215,7 @@ struct Streamed {
   }
 
   format::Attribute attribute_;
+  MemberPool pool_;
 };
 
 // Sums of the same numbers in perhaps another order.
@@ -320,11 +324,12 @@ void expect_batches_of_definition(const std::vector<dvec3>& positions) {
     Batches batches(stream, cell_points);
     std::vector<MortonKey> keys;
     std::vector<PointCell> cells;
-    while (auto batch = *batches.next()) {
-      ASSERT_EQ(batch->first, keys.size());
-      keys.insert(keys.end(), batch->keys.begin(), batch->keys.end());
-      for (const PointCell& cell : batch->cells)
-        cells.push_back({batch->first + cell.begin, batch->first + cell.end, cell.depth, cell.leaf, cell.continued});
+    PointBatch batch;
+    while (*batches.next(batch)) {
+      ASSERT_EQ(batch.first, keys.size());
+      keys.insert(keys.end(), batch.keys.begin(), batch.keys.end());
+      for (const PointCell& cell : batch.cells)
+        cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
     }
     ASSERT_EQ(keys.size(), positions.size());
     expect_cells_of_definition(cells, keys, cell_points);
@@ -350,7 +355,7 @@ TEST(Batches, CellsAreThoseOfTheDefinition) {
   }
 }
 
-// A batch of 2^16 points or a few more ends with the first octant of a cell that must be split for what follows.
+// Batches that end anywhere, some with the first octant of a cell that must be split for what follows.
 TEST(Batches, MayEndWithAFewPointsOfALargeCell) {
   std::vector<dvec3> positions = random_points(65'530, [](double x) { return 0.49 * x; });
   for (const auto& [count, low] : {std::pair{10, 0.5}, {20'000, 0.75}})

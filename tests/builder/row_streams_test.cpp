@@ -22,6 +22,15 @@ using format::ColumnScope;
 
 constexpr std::uint32_t chunk_points = 64, leaf_points = 8;
 
+void run(Batches& batches, ReductionPass& pass) {
+  PointBatch batch;
+  ReducedBatch reduced(1);
+  while (*batches.next(batch)) {
+    pass.reduce(batch, reduced);
+    EXPECT_TRUE(pass.take(batch, reduced));
+  }
+}
+
 // Rows of a pass over points with random material, unpacked. Points are named by their place in Morton order, which is
 // also their value.
 struct Rows {
@@ -59,7 +68,7 @@ struct Rows {
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenLeaf&) -> Status { return {}; });
-    while (auto batch = *batches.next()) EXPECT_TRUE(pass.take(*batch, pass.reduce(*batch)));
+    run(batches, pass);
     EXPECT_TRUE(pass.finish());
     EXPECT_TRUE(rows.finish(pass.counts().size()));
     EXPECT_TRUE(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
@@ -222,7 +231,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   LeafSpool spool(*TempFile::create(testing::TempDir()));
   ReductionPass pass(
       settings, rows, [&](const OpenLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);
-  while (auto batch = *batches.next()) EXPECT_TRUE(pass.take(*batch, pass.reduce(*batch)));
+  run(batches, pass);
   EXPECT_TRUE(pass.finish());
   late = pass.late_leaves().size();
   std::vector<IndexLeaf> leaves;
