@@ -75,7 +75,11 @@ void estimate_block(const Box& box, const Cube& cube, const PointCell& block, Po
 }  // namespace
 
 Batches::Batches(PointStream& stream, std::uint64_t cell_points)
-    : stream_(stream), box_(stream.summary().box), cube_(stream.summary().cube), cell_points_(cell_points) {
+    : stream_(stream),
+      next_([&stream](PointBatch& batch) { return stream.next(batch); }),
+      box_(stream.summary().box),
+      cube_(stream.summary().cube),
+      cell_points_(cell_points) {
   resize_attributes(held_, stream.summary().attributes.size());
 }
 
@@ -86,7 +90,7 @@ Status Batches::hold_all(const std::function<Status(PointBatch&)>& work) {
 
 Status Batches::fill(std::size_t points) {
   while (!ended_ && held_.size() - begin_ < points) {
-    SPLATVOL_TRY_ASSIGN(more, stream_.next(held_));
+    SPLATVOL_TRY_ASSIGN(more, next_(held_));
     ended_ = !more;
   }
   return {};

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <utility>
 
 #include "builder/block_estimate.h"
 #include "builder/cell_reduction.h"
@@ -26,6 +27,10 @@ class Batches {
   /// From now on points come with the blocks in which `estimate` is to find their material.
   void estimate_material() { estimates_ = true; }
 
+  /// From now on points come from `next`, with their material, and no longer from the stream, whose points and contract
+  /// they have.
+  void read_from(std::function<Result<bool>(PointBatch&)> next) { next_ = std::move(next); }
+
   /// The next points; none after the last. What `batch` held is gone, but its memory is used again.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
@@ -38,6 +43,7 @@ class Batches {
   void take(std::size_t end, PointBatch& batch) const;
 
   PointStream& stream_;
+  std::function<Result<bool>(PointBatch&)> next_;
   Box box_;    // round the points
   Cube cube_;  // of the octree
   std::size_t cell_points_;

@@ -18,6 +18,7 @@
 #include "base/file.h"
 #include "builder/batches.h"
 #include "builder/boundary.h"
+#include "builder/delaunay_blocks.h"
 #include "builder/leaf_spool.h"
 #include "builder/reduction_pass.h"
 #include "builder/row_streams.h"
@@ -30,8 +31,7 @@ using nlohmann::json;
 
 constexpr std::uint64_t fitted_splats = std::uint64_t{1} << 19;
 
-// Scattered points that are held at once, to be triangulated or for their Voronoi cells.
-constexpr std::uint64_t most_held_points = std::uint64_t{1} << 20;
+// Of scattered points that are held at once.
 constexpr std::uint64_t held_point_bytes = 700;
 
 // Vertices of meshes that are held at once: only there can merging leave fewer than what is reduced.
@@ -119,30 +119,36 @@ Status add_voronoi_material(PointBatch& points) {
 
 // Finds what each point stands for where no cells say it; returns from what. Which way is chosen depends on the number
 // of points and not on memory, as the result must not.
-Result<Connectivity> connect(Connectivity wanted, const PointStream& points, std::uint64_t memory, Batches& batches) {
+Result<Connectivity> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
+                             Batches& batches) {
   if (points.summary().has_material) {
     // Only then is it known how many are left once equal ones are merged, and whether these are reduced at all.
     const bool small = points.count() <= most_held_vertices;
     if (small) SPLATVOL_TRY(batches.hold_all([](PointBatch&) -> Status { return {}; }));
     return Connectivity::mesh;
   }
-  if (wanted == Connectivity::mesh)
+  if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
-  const bool few = points.count() <= most_held_points;
-  const std::uint64_t needed = points.count() * held_point_bytes;
-  if ((few || wanted == Connectivity::delaunay) && needed > memory && points.count() > most_held_vertices)
-    return fail(ErrorCode::out_of_budget,
-                "to join {} scattered points takes about {} bytes of memory, and {} may be held: grant more{}",
-                points.count(), needed, memory, few ? "" : ", or choose the connectivity 'none'");
-  Connectivity used = Connectivity::none;
-  if (!few && wanted != Connectivity::delaunay) {
-    batches.estimate_material();
-    return used;
+  if (points.count() > options.held_points) {
+    if (options.connectivity != Connectivity::delaunay) {
+      batches.estimate_material();
+      return Connectivity::none;
+    }
+    SPLATVOL_TRY_ASSIGN(created, DelaunayBlocks::create(points, options.memory / 2, folder));
+    const auto blocks = std::make_shared<DelaunayBlocks>(std::move(created));
+    batches.read_from([blocks](PointBatch& batch) { return blocks->next(batch); });
+    return Connectivity::delaunay;
   }
+  const std::uint64_t needed = points.count() * held_point_bytes;
+  if (needed > options.memory && points.count() > most_held_vertices)
+    return fail(ErrorCode::out_of_budget,
+                "to join {} scattered points takes about {} bytes of memory, and {} may be held: grant more",
+                points.count(), needed, options.memory);
+  Connectivity used = Connectivity::none;
   SPLATVOL_TRY(batches.hold_all([&](PointBatch& all) -> Status {
-    if (wanted == Connectivity::none) return add_voronoi_material(all);
+    if (options.connectivity == Connectivity::none) return add_voronoi_material(all);
     SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
-    if (tetrahedra.empty() && wanted == Connectivity::automatic) return add_voronoi_material(all);
+    if (tetrahedra.empty() && options.connectivity == Connectivity::automatic) return add_voronoi_material(all);
     used = Connectivity::delaunay;
     add_mesh_material(tetrahedra, all);
     return {};
@@ -242,7 +248,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
                                                   [&](double fraction) { progress("reading", fraction); }));
   Batches batches(points, std::max<std::uint64_t>({options.index_leaf_points, options.leaf_points, 255}));
   progress("connecting", 0);
-  SPLATVOL_TRY_ASSIGN(connectivity, connect(options.connectivity, points, options.memory, batches));
+  SPLATVOL_TRY_ASSIGN(connectivity, connect(options, points, folder, batches));
 
   const InputSummary& input = points.summary();
   format::VolumeInfo info = describe(options, input.cube, input.attributes);

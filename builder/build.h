@@ -18,6 +18,7 @@ struct BuildOptions {
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
+  std::uint64_t held_points = std::uint64_t{1} << 20;   // without cells: most that are joined all at once
   std::string temp_folder;                              // for what does not fit; empty: where the output goes
   Connectivity connectivity = Connectivity::automatic;  // all but mesh and automatic leave out cells that there are
   std::vector<std::string> inputs;                      // names for the provenance

@@ -51,6 +51,9 @@ class PointStream {
 
   [[nodiscard]] const InputSummary& summary() const { return summary_; }
 
+  /// Of its points' records.
+  [[nodiscard]] const PointRecords& layout() const { return layout_; }
+
   /// Points that were sorted; merging leaves fewer.
   [[nodiscard]] std::uint64_t count() const { return points_.count(); }
 

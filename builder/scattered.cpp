@@ -147,7 +147,7 @@ void rebuild_cell(std::span<const dvec3> positions, std::uint32_t point, std::sp
 }
 
 /// What is usual for the distance of a cell's vertices, which are the centres of Delaunay tetrahedra: the lower
-/// quartile, as in delaunay.cpp. Points on a plane have none but those on the domain's box, or at random far away:
+/// quartile, as in trimming.h. Points on a plane have none but those on the domain's box, or at random far away:
 /// then the distance of the neighbours stands in.
 double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
   std::vector<bool> on_box(cell.vertices().size());
@@ -164,7 +164,7 @@ double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
   return items.empty() ? farthest_neighbour : std::min(quantile(items, 0.25), farthest_neighbour);
 }
 
-constexpr double max_radius_ratio = 2;  // as in delaunay.cpp
+constexpr double max_radius_ratio = 2;  // as in trimming.h
 constexpr double min_facing = 0.4;
 
 /// Cuts off what fills holes and concavities of the domain: vertices out of proportion. The cut runs through the point,

@@ -161,8 +161,8 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--connectivity", options.connectivity,
                  "What joins points to a volume: auto (the input's cells; else delaunay, or none beyond 2^20 points), "
-                 "mesh (the "
-                 "cells), delaunay, none (an estimate from the points alone)")
+                 "mesh (the cells), delaunay (exact and slow for any number of points), none (an estimate from the "
+                 "points alone)")
       ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none"}))
       ->capture_default_str();
   app.add_option("--columns", options.columns,

@@ -615,6 +615,22 @@ TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
   }
 }
 
+// A file says of itself how it came about, but not in how many parts.
+TEST(BuildConnectivity, DelaunayInBlocksGivesTheSameFileWithAnyMemory) {
+  const Piece points = scattered(random_points(80'000));  // two blocks
+  const auto bytes = [&](std::uint64_t held_points, std::uint64_t memory) {
+    BuildOptions options = connected(Connectivity::delaunay);
+    options.held_points = held_points;
+    options.memory = memory;
+    const std::string path = temporary_path("blocks.svol");
+    EXPECT_TRUE(build({points}, path, options));
+    return *read_text_file(path);
+  };
+  const std::string whole = bytes(100'000, std::uint64_t{1} << 30);
+  EXPECT_TRUE(bytes(1000, std::uint64_t{1} << 30) == whole);
+  EXPECT_TRUE(bytes(1000, std::uint64_t{1} << 25) == whole);
+}
+
 // Walks the tree, calling visit(node, begin, end, depth): points [begin, end) in Morton order lie in the node.
 template <class Visit>
 void walk(const Merged& merged, const Visit& visit) {
