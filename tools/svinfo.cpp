@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "base/http_source.h"
 #include "format/volume.h"
 #include "tools/default_scene.h"
 #include "tools/tool.h"
@@ -234,7 +235,7 @@ Status write_scene(const Volume& volume, const Options& options) {
 }
 
 Status show(const Options& options) {
-  SPLATVOL_TRY_ASSIGN(source, open_file(options.file));
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.file));
   SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
   Survey survey;
   if (options.verify) {
@@ -263,7 +264,9 @@ Status show(const Options& options) {
 int main(int argc, char** argv) {
   splatvol::Options options;
   CLI::App app("Shows what is in a .svol file", "svinfo");
-  app.add_option("file", options.file, "The file")->required()->type_name("FILE.svol");
+  app.add_option("file", options.file, "The file, or its address (http:// or https://)")
+      ->required()
+      ->type_name("FILE.svol|URL");
   app.add_flag("--json", options.json, "Print JSON, with histograms");
   app.add_flag("--verify", options.verify, "Read and check every byte first");
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/http_source.h"
 #include "renderer/context.h"
 #include "renderer/renderer.h"
 #include "scene/image.h"
@@ -85,7 +86,7 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   Drawing drawing;
   const KernelKind kernel = kernel_of(options);
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-  SPLATVOL_TRY_ASSIGN(source, open_file(options.volume));
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.volume));
   SPLATVOL_TRY_ASSIGN(streamer,
                       Streamer::open(std::move(source), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
   drawing.streamer = std::move(streamer);
@@ -143,7 +144,7 @@ Status draw_steady_frames(const Options& options, const Scene& scene, View view,
 Provenance provenance_of(const Options& options, const Scene& scene, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.frame;
   Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
-                           {"file", options.volume},
+                           {"file", drawing.streamer->volume().name()},
                            {"scene", options.scene},
                            {"attribute", scene.attribute},
                            {"kernel", options.kernel},
@@ -168,7 +169,7 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                      const Timings& timings) {
   const FrameSplats& frame = *drawing.frame;
   const StreamerStatistics statistics = drawing.streamer->statistics();
-  nlohmann::ordered_json json = {{"file", options.volume},
+  nlohmann::ordered_json json = {{"file", drawing.streamer->volume().name()},
                                  {"scene", options.scene},
                                  {"attribute", scene.attribute},
                                  {"width", scene.width},
@@ -268,7 +269,9 @@ int main(int argc, char** argv) {
   using namespace splatvol;
   Options options;
   CLI::App app("Draws a .svol file as splats, as fine as the view needs.", "svrender");
-  app.add_option("FILE", options.volume, "The .svol file")->required()->type_name("FILE.svol");
+  app.add_option("FILE", options.volume, "The .svol file, or its address (http:// or https://)")
+      ->required()
+      ->type_name("FILE.svol|URL");
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required()->type_name("S.json");
   app.add_option("-o,--output", options.output, "Picture to write: .exr or .png")
       ->required()

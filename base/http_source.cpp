@@ -1,0 +1,331 @@
+#include "base/http_source.h"
+
+#include <curl/curl.h>
+#include <pthread.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <csignal>
+#include <ctime>
+#include <mutex>
+#include <optional>
+#include <string_view>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+using std::chrono::milliseconds;
+
+// The least that a reader of .svol files asks for first: what tells the size is no request of its own.
+constexpr std::size_t head_bytes = 32u << 10;
+constexpr long max_redirects = 8;
+constexpr const char* protocols = "http,https";
+
+bool is_url(std::string_view text) { return text.starts_with("http://") || text.starts_with("https://"); }
+
+// The address without user, password, query and fragment.
+std::string without_secrets(const std::string& url) {
+  const std::size_t host = url.find("://") + 3;
+  std::string name = url.substr(0, url.find_first_of("?#", host));
+  const std::size_t at = name.substr(0, name.find('/', host)).rfind('@');
+  return at == std::string::npos ? name : name.erase(host, at + 1 - host);
+}
+
+// A write to a connection that the server closed must not end the program: OpenSSL's writes raise SIGPIPE, and
+// libcurl's own way of ignoring it is not for several threads.
+class NoSigpipe {
+ public:
+  NoSigpipe() {
+    ::sigemptyset(&sigpipe_);
+    ::sigaddset(&sigpipe_, SIGPIPE);
+    ::sigset_t pending;
+    ::sigpending(&pending);
+    was_pending_ = ::sigismember(&pending, SIGPIPE) == 1;
+    ::pthread_sigmask(SIG_BLOCK, &sigpipe_, &before_);
+  }
+  NoSigpipe(const NoSigpipe&) = delete;
+  NoSigpipe& operator=(const NoSigpipe&) = delete;
+  ~NoSigpipe() {
+    constexpr timespec at_once{};
+    if (!was_pending_) ::sigtimedwait(&sigpipe_, nullptr, &at_once);
+    ::pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+  }
+
+ private:
+  ::sigset_t sigpipe_, before_;
+  bool was_pending_;
+};
+
+struct CloseHandle {
+  void operator()(CURL* handle) const { ::curl_easy_cleanup(handle); }
+};
+using Handle = std::unique_ptr<CURL, CloseHandle>;  // a connection, and how to use it
+
+template <class T>
+T info_of(CURL* handle, CURLINFO which) {
+  T value{};
+  ::curl_easy_getinfo(handle, which, &value);
+  return value;
+}
+
+// A header field of the last answer (of several, where there were redirects); empty: absent.
+std::string header_of(CURL* handle, const char* field) {
+  curl_header* header = nullptr;
+  return ::curl_easy_header(handle, field, 0, CURLH_HEADER, -1, &header) == CURLHE_OK ? header->value : "";
+}
+
+// What "Content-Range: bytes 0-99/1234" says.
+struct ContentRange {
+  std::uint64_t first, last, size;
+};
+
+std::optional<ContentRange> parse_content_range(const std::string& text) {
+  constexpr std::string_view unit = "bytes ";
+  if (!text.starts_with(unit)) return {};
+  ContentRange range{};
+  const char* at = text.data() + unit.size();
+  const char* const end = text.data() + text.size();
+  for (const auto& [number, delimiter] : {std::pair{&range.first, '-'}, {&range.last, '/'}, {&range.size, '\0'}}) {
+    const auto [stop, error] = std::from_chars(at, end, *number);
+    if (error != std::errc() || (delimiter == '\0' ? stop != end : stop == end || *stop != delimiter)) return {};
+    at = stop + 1;
+  }
+  return range;
+}
+
+// What the server holds: whether it still is the same file.
+struct Content {
+  std::uint64_t size = 0;
+  std::string version;  // ETag, or else the date
+  bool operator==(const Content&) const = default;
+};
+
+struct Failure {
+  std::string reason;
+  bool may_pass = false;
+  milliseconds wait{0};  // before the next attempt, as the server wishes
+};
+
+Failure failure_of_status(CURL* handle, long status) {
+  const bool may_pass = status == 429 || status >= 500;
+  const milliseconds wait = std::chrono::seconds(info_of<curl_off_t>(handle, CURLINFO_RETRY_AFTER));
+  const auto meaning = [&] {
+    switch (status) {
+      case 200:
+        return "no support for ranges of bytes, without which it would all have to be downloaded";
+      case 401:
+        return "a user and a password are needed";
+      case 403:
+        return "forbidden";
+      case 404:
+        return "not found";
+      case 407:
+        return "the proxy wants a user and a password";
+      case 410:
+        return "gone";
+      case 416:
+        return "no such range of bytes";
+      case 429:
+        return "too many requests";
+      default:
+        return status >= 500 ? "trouble of its own" : "not what was asked for";
+    }
+  };
+  return {fmt::format("the server answers {}: {}", status, meaning()), may_pass, wait};
+}
+
+// Besides what passes by itself, a refused connection is final: nobody is there.
+bool may_pass(CURLcode code) {
+  constexpr std::array passing = {CURLE_OPERATION_TIMEDOUT, CURLE_RECV_ERROR, CURLE_SEND_ERROR,   CURLE_GOT_NOTHING,
+                                  CURLE_PARTIAL_FILE,       CURLE_HTTP2,      CURLE_HTTP2_STREAM, CURLE_HTTP3};
+  return std::ranges::find(passing, code) != passing.end();
+}
+
+// One request for the bytes that `out` has room for, or as many as there are from `offset` on.
+class Exchange {
+ public:
+  // `content`: of earlier answers; without a value, this one sets it.
+  Exchange(CURL* handle, std::uint64_t offset, std::span<std::byte> out, std::optional<Content>& content)
+      : handle_(handle), offset_(offset), out_(out), content_(content) {}
+
+  // Without a value: all bytes came.
+  std::optional<Failure> run() {
+    const std::string range = fmt::format("{}-{}", offset_, offset_ + out_.size() - 1);
+    std::array<char, CURL_ERROR_SIZE> text{};
+    ::curl_easy_setopt(handle_, CURLOPT_RANGE, range.c_str());
+    ::curl_easy_setopt(handle_, CURLOPT_WRITEFUNCTION, &Exchange::receive);
+    ::curl_easy_setopt(handle_, CURLOPT_WRITEDATA, this);
+    ::curl_easy_setopt(handle_, CURLOPT_ERRORBUFFER, text.data());
+    const CURLcode code = [&] {
+      const NoSigpipe guard;
+      return ::curl_easy_perform(handle_);
+    }();
+    ::curl_easy_setopt(handle_, CURLOPT_ERRORBUFFER, nullptr);
+
+    if (code == CURLE_OK) check_once();
+    if (failure_) return failure_;
+    if (checked_ && received_ == expected_) return {};
+    if (code == CURLE_OK) return Failure{fmt::format("{} bytes came instead of {}", received_, expected_), true};
+    return Failure{text[0] != '\0' ? text.data() : ::curl_easy_strerror(code), may_pass(code)};
+  }
+
+  // Bytes at the beginning of `out` that are there, also after a failure.
+  std::size_t received() const { return received_; }
+
+ private:
+  static std::size_t receive(const char* bytes, std::size_t /*one*/, std::size_t count, void* self) {
+    return static_cast<Exchange*>(self)->take({bytes, count}) ? count : CURL_WRITEFUNC_ERROR;
+  }
+
+  // False ends the transfer.
+  bool take(std::span<const char> bytes) {
+    check_once();
+    if (!failure_ && bytes.size() > expected_ - received_) failure_ = {"the server sends more than was asked for"};
+    if (failure_) return false;
+    std::ranges::copy(std::as_bytes(bytes), out_.begin() + static_cast<std::ptrdiff_t>(received_));
+    received_ += bytes.size();
+    return true;
+  }
+
+  void check_once() {
+    if (!std::exchange(checked_, true)) failure_ = check();
+  }
+
+  // Judges the answer by its header.
+  std::optional<Failure> check() {
+    const long status = info_of<long>(handle_, CURLINFO_RESPONSE_CODE);
+    if (status == 416 && content_) return changed();
+    if (status != 206) return failure_of_status(handle_, status);
+
+    const std::string text = header_of(handle_, "Content-Range");
+    const auto range = parse_content_range(text);
+    if (!range || range->first != offset_ || range->size <= offset_ ||
+        range->last - offset_ != std::min<std::uint64_t>(out_.size(), range->size - offset_) - 1)
+      return Failure{
+          fmt::format("asked for bytes {} to {}, the server answers '{}'", offset_, offset_ + out_.size() - 1, text)};
+    std::string version = header_of(handle_, "ETag");
+    if (version.empty()) version = header_of(handle_, "Last-Modified");
+    const Content content{range->size, std::move(version)};
+    if (!content_) content_ = content;
+    if (content != *content_) return changed();
+    expected_ = range->last - range->first + 1;
+    return {};
+  }
+
+  static Failure changed() { return {"the file changed on the server while it was open"}; }
+
+  CURL* handle_;
+  std::uint64_t offset_;
+  std::span<std::byte> out_;
+  std::optional<Content>& content_;
+  bool checked_ = false;
+  std::size_t expected_ = 0;
+  std::size_t received_ = 0;
+  std::optional<Failure> failure_;
+};
+
+class HttpSource final : public ByteSource {
+ public:
+  HttpSource(std::string url, HttpOptions options)
+      : url_(std::move(url)), name_(without_secrets(url_)), options_(std::move(options)) {}
+
+  std::uint64_t size() const override { return content_->size; }
+  const std::string& name() const override { return name_; }
+
+  // Before anything else.
+  Status open() {
+    std::vector<std::byte> head(head_bytes);
+    SPLATVOL_TRY(fetch(0, head));
+    head.resize(std::min<std::uint64_t>(head.size(), size()));
+    head_ = std::move(head);
+    return {};
+  }
+
+  Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    if (offset > size() || out.size() > size() - offset)
+      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", name_,
+                  out.size(), offset, size());
+    if (offset < head_.size()) {
+      const std::size_t kept = std::min(out.size(), head_.size() - static_cast<std::size_t>(offset));
+      std::ranges::copy(std::span(head_).subspan(static_cast<std::size_t>(offset), kept), out.begin());
+      offset += kept;
+      out = out.subspan(kept);
+    }
+    return out.empty() ? Status{} : fetch(offset, out);
+  }
+
+ private:
+  // Goes on after a failure where the bytes that have come end.
+  Status fetch(std::uint64_t offset, std::span<std::byte> out) {
+    SPLATVOL_TRY_ASSIGN(handle, take_handle());
+    milliseconds wait = options_.first_wait;
+    for (int attempt = 1;; ++attempt, wait *= 2) {
+      Exchange exchange(handle.get(), offset, out, content_);
+      const auto failure = exchange.run();
+      if (!failure) break;
+      if (!failure->may_pass || attempt >= options_.attempts || failure->wait > options_.longest_wait)
+        return fail(ErrorCode::io, "{}: {}", name_, failure->reason);
+      offset += exchange.received();
+      out = out.subspan(exchange.received());
+      const milliseconds pause = std::max(wait, failure->wait);
+      options_.wait ? options_.wait(pause) : std::this_thread::sleep_for(pause);
+    }
+    const std::scoped_lock lock(mutex_);
+    idle_.push_back(std::move(handle));
+    return {};
+  }
+
+  Result<Handle> take_handle() {
+    {
+      const std::scoped_lock lock(mutex_);
+      if (!idle_.empty()) {
+        Handle handle = std::move(idle_.back());
+        idle_.pop_back();
+        return handle;
+      }
+    }
+    static const CURLcode started = ::curl_global_init(CURL_GLOBAL_DEFAULT);
+    Handle handle(started == CURLE_OK ? ::curl_easy_init() : nullptr);
+    if (!handle) return fail(ErrorCode::io, "{}: cannot start libcurl", name_);
+    const auto set = [&](CURLoption option, auto value) { ::curl_easy_setopt(handle.get(), option, value); };
+    set(CURLOPT_URL, url_.c_str());
+    set(CURLOPT_PROTOCOLS_STR, protocols);
+    set(CURLOPT_REDIR_PROTOCOLS_STR, protocols);
+    set(CURLOPT_FOLLOWLOCATION, 1L);
+    set(CURLOPT_MAXREDIRS, max_redirects);
+    set(CURLOPT_USERAGENT, "splatvol/" SPLATVOL_VERSION);
+    set(CURLOPT_ACCEPT_ENCODING, "identity");  // ranges of a compressed file are of no use
+    set(CURLOPT_NOSIGNAL, 1L);
+    set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(options_.connect_timeout.count()));
+    set(CURLOPT_LOW_SPEED_LIMIT, 1L);
+    set(CURLOPT_LOW_SPEED_TIME, static_cast<long>(options_.stall_timeout.count()));
+    return handle;
+  }
+
+  const std::string url_;
+  const std::string name_;
+  const HttpOptions options_;
+  std::optional<Content> content_;  // constant once open
+  std::vector<std::byte> head_;     // the file's first bytes
+  std::mutex mutex_;
+  std::vector<Handle> idle_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options) {
+  if (!is_url(url)) return fail(ErrorCode::invalid_argument, "not an address that begins with http:// or https://");
+  auto source = std::make_unique<HttpSource>(url, options);
+  SPLATVOL_TRY(source->open());
+  return source;
+}
+
+Result<std::unique_ptr<ByteSource>> open_file_or_url(const std::string& path_or_url) {
+  return is_url(path_or_url) ? open_url(path_or_url) : open_file(path_or_url);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,415 @@
+#include "base/http_source.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <random>
+#include <thread>
+
+#include "tests/support/loopback.h"
+#include "tests/support/nginx.h"
+#include "tests/support/scripted_server.h"
+
+namespace splatvol {
+namespace {
+
+using std::chrono::milliseconds;
+using test::Reply;
+using test::ScriptedServer;
+using testing::AnyOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+constexpr std::size_t head_bytes = 32u << 10;  // what opening asks for
+
+std::string random_text(std::size_t bytes, std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::string text(bytes, '\0');
+  for (char& c : text) c = static_cast<char>(random());
+  return text;
+}
+
+Status read(ByteSource& source, std::uint64_t offset, std::string& out) {
+  return source.read(offset, std::as_writable_bytes(std::span(out)));
+}
+
+void expect_one_line(const Error& error, const std::string& name, const std::string& reason) {
+  EXPECT_THAT(error.message, StartsWith(name + ": "));
+  EXPECT_THAT(error.message, HasSubstr(reason));
+  EXPECT_THAT(error.message, Not(HasSubstr("\n")));
+}
+
+// Against a real server.
+
+class HttpSource : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (std::filesystem::temp_directory_path() / "splatvol_http_test.XXXXXX").string();
+    folder_ = ::mkdtemp(name.data());
+    nginx_ = test::Nginx::start(folder_);
+    if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
+    write("data", text_);
+  }
+  void TearDown() override {
+    nginx_.reset();
+    std::filesystem::remove_all(folder_);
+  }
+
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+  }
+  std::vector<std::string> log() const {
+    std::ifstream file(folder_ / "access.log");
+    std::vector<std::string> lines;
+    for (std::string line; std::getline(file, line);) lines.push_back(line);
+    return lines;
+  }
+
+  std::filesystem::path folder_;
+  std::unique_ptr<test::Nginx> nginx_;
+  const std::string text_ = random_text(300'000, 1);
+};
+
+TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
+  const auto source = open_url(nginx_->url("data"));
+  ASSERT_TRUE(source) << source.error().message;
+  ASSERT_EQ((*source)->size(), text_.size());
+  EXPECT_EQ((*source)->name(), nginx_->url("data"));
+
+  constexpr std::uint32_t thread_count = 6;
+  std::array<std::string, thread_count> mistakes;
+  std::vector<std::thread> threads;
+  for (std::uint32_t t = 0; t < thread_count; ++t)
+    threads.emplace_back([&, t] {
+      std::mt19937 random(t);
+      for (int i = 0; i < 50; ++i) {
+        const std::size_t offset = random() % (text_.size() + 1);
+        std::string out(random() % (text_.size() - offset + 1), '?');
+        if (const Status status = read(**source, offset, out); !status) mistakes[t] = status.error().message;
+        if (out != text_.substr(offset, out.size())) mistakes[t] += " other bytes";
+      }
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_THAT(mistakes, testing::Each(""));
+}
+
+TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
+  const auto source = open_url(nginx_->url("data")).value();
+  const std::size_t size = text_.size();
+  for (const std::size_t near : {std::size_t{2}, head_bytes, size})
+    for (std::size_t offset = near - 2; offset <= near + 2; ++offset)
+      for (std::size_t count = 0; count <= 3; ++count) {
+        std::string out(count, '?');
+        const Status status = read(*source, offset, out);
+        EXPECT_EQ(status.has_value(), offset + count <= size) << offset << '+' << count;
+        if (status)
+          EXPECT_EQ(out, text_.substr(offset, count));
+        else
+          EXPECT_EQ(status.error().code, ErrorCode::invalid_data);
+      }
+  std::array<std::byte, 8> out{};
+  constexpr auto largest = std::numeric_limits<std::uint64_t>::max();
+  for (const std::uint64_t offset : {largest, largest - 7, largest - 8}) EXPECT_FALSE(source->read(offset, out));
+}
+
+TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
+  const auto source = open_url(nginx_->url("data")).value();
+  std::string all(text_.size(), '?'), first(head_bytes, '?'), middle(1000, '?'), last(1, '?');
+  EXPECT_TRUE(read(*source, 0, first));  // came with the size
+  EXPECT_TRUE(read(*source, 100'000, middle));
+  EXPECT_TRUE(read(*source, text_.size() - 1, last));
+  EXPECT_TRUE(read(*source, 0, all));
+  EXPECT_EQ(first + middle + last, text_.substr(0, head_bytes) + text_.substr(100'000, 1000) + text_.back());
+  EXPECT_EQ(all, text_);
+  nginx_.reset();  // its log is complete
+  EXPECT_THAT(log(), ElementsAre("206 32768 bytes=0-32767", "206 1000 bytes=100000-100999", "206 1 bytes=299999-299999",
+                                 "206 267232 bytes=32768-299999"));
+}
+
+TEST_F(HttpSource, ReadsFilesShorterThanTheFirstRequest) {
+  write("short", "0123456789");
+  const auto source = open_url(nginx_->url("short")).value();
+  ASSERT_EQ(source->size(), 10u);
+  std::string out(10, '?');
+  EXPECT_TRUE(read(*source, 0, out));
+  EXPECT_EQ(out, "0123456789");
+  EXPECT_FALSE(read(*source, 1, out));
+}
+
+TEST_F(HttpSource, RefusesWhatIsNotServedInRanges) {
+  const auto ignoring = open_url(nginx_->url("plain/data"));
+  ASSERT_FALSE(ignoring);
+  expect_one_line(ignoring.error(), nginx_->url("plain/data"), "200: no support for ranges");
+  const auto missing = open_url(nginx_->url("missing"));
+  ASSERT_FALSE(missing);
+  expect_one_line(missing.error(), nginx_->url("missing"), "404: not found");
+  std::filesystem::create_directory(folder_ / "folder");
+  const auto folder = open_url(nginx_->url("folder/"));
+  ASSERT_FALSE(folder);
+  expect_one_line(folder.error(), nginx_->url("folder/"), "403: forbidden");
+  write("empty", "");
+  const auto empty = open_url(nginx_->url("empty"));
+  ASSERT_FALSE(empty);
+  expect_one_line(empty.error(), nginx_->url("empty"), "the server answers");
+  EXPECT_EQ(log().size(), 4u) << "none of them is worth another attempt";
+}
+
+TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
+  const auto read_after = [&](const std::string& name, const std::string& text) {
+    write(name, text_);
+    const auto source = open_url(nginx_->url(name)).value();
+    write("new", text);
+    // The server tells versions apart by size and by the second of their last change.
+    std::filesystem::last_write_time(folder_ / "new", std::filesystem::file_time_type::clock::now() +
+                                                          std::chrono::hours(text.size() == text_.size() ? 1 : 0));
+    std::filesystem::rename(folder_ / "new", folder_ / name);
+    std::string out(100, '?');
+    const Status status = read(*source, 200'000, out);
+    return status ? "read" : status.error().message;
+  };
+  for (const std::size_t bytes : {text_.size(), text_.size() + 1, std::size_t{100'000}, std::size_t{0}})
+    EXPECT_THAT(read_after(fmt::format("file{}", bytes), random_text(bytes, 2)), HasSubstr("the file changed"))
+        << bytes;
+}
+
+TEST_F(HttpSource, OneNameForFilesAndAddresses) {
+  std::string out(text_.size(), '?');
+  for (const std::string& name : {nginx_->url("data"), (folder_ / "data").string()}) {
+    const auto source = open_file_or_url(name);
+    ASSERT_TRUE(source) << source.error().message;
+    EXPECT_EQ((*source)->name(), name);
+    EXPECT_TRUE(read(**source, 0, out));
+    EXPECT_EQ(out, text_);
+  }
+}
+
+TEST_F(HttpSource, RefusesAServerThatDoesNotSpeakTls) {
+  const std::string url = "https" + nginx_->url("data").substr(4);
+  const auto source = open_url(url);
+  ASSERT_FALSE(source);
+  expect_one_line(source.error(), url, "SSL");
+}
+
+// Against servers that misbehave. What they serve, if they do:
+
+const std::string& served() {
+  static const std::string text = random_text(100'000, 3);
+  return text;
+}
+
+struct Header {
+  std::string status = "206 Partial Content";
+  std::string etag = "\"one\"";
+  std::uint64_t size = served().size();
+  std::int64_t shift = 0;    // of the range that is announced
+  std::int64_t missing = 0;  // bytes of it that are not sent
+  bool length = true;        // says how many bytes come
+};
+
+Reply part(std::size_t from, std::size_t count, const Header& header = {}, Reply::Then then = Reply::Then::keep) {
+  const auto first = static_cast<std::int64_t>(from) + header.shift;
+  std::string body = served().substr(from, count);
+  body.resize(static_cast<std::size_t>(static_cast<std::int64_t>(body.size()) - header.missing));
+  const std::string length = header.length ? fmt::format("Content-Length: {}\r\n", count) : "";
+  return {fmt::format("HTTP/1.1 {}\r\nContent-Range: bytes {}-{}/{}\r\nETag: {}\r\n{}\r\n{}", header.status, first,
+                      first + static_cast<std::int64_t>(count) - 1, header.size, header.etag, length, body),
+          then};
+}
+
+Reply head(const Header& header = {}) { return part(0, head_bytes, header); }
+
+Reply answer(const std::string& status, const std::string& fields = "") {
+  return {fmt::format("HTTP/1.1 {}\r\nContent-Length: 0\r\n{}\r\n", status, fields), Reply::Then::keep};
+}
+
+// Does not wait, but says how long it would have.
+struct Patience {
+  std::vector<milliseconds> waits;
+  HttpOptions options() {
+    HttpOptions options;
+    options.wait = [this](milliseconds wait) { waits.push_back(wait); };
+    return options;
+  }
+};
+
+// Opens what the server has and reads 1000 bytes at 50 000: "read", or why not.
+std::string outcome(const ScriptedServer& server, const HttpOptions& options) {
+  const auto source = open_url(server.url("data"), options);
+  if (!source) return source.error().message;
+  std::string out(1000, '?');
+  const Status status = read(**source, 50'000, out);
+  if (!status) return status.error().message;
+  return out == served().substr(50'000, 1000) ? "read" : "other bytes";
+}
+
+TEST(MisbehavingServer, FailuresThatPassAreTriedAgainLaterAndLater) {
+  const std::vector<Reply> passing = {
+      answer("500 Internal Server Error"),
+      answer("503 Service Unavailable"),
+      part(50'000, 1000, {.missing = 1000}, Reply::Then::close),
+      part(50'000, 1000, {.missing = 1000}, Reply::Then::reset),
+      {"", Reply::Then::close},
+      {"HTTP/1.1 206 Partial", Reply::Then::close},
+      part(50'000, 1000, {.missing = 1000, .length = false}, Reply::Then::close),
+  };
+  for (const Reply& reply : passing) {
+    ScriptedServer server({head(), reply, reply, part(50'000, 1000)});
+    Patience patience;
+    EXPECT_EQ(outcome(server, patience.options()), "read") << reply.text;
+    // libcurl itself asks once more, at once, where a connection that it kept turns out to be closed.
+    EXPECT_THAT(patience.waits,
+                AnyOf(ElementsAre(milliseconds(250)), ElementsAre(milliseconds(250), milliseconds(500))));
+  }
+}
+
+TEST(MisbehavingServer, ATransferThatBreaksOffGoesOnWhereItEnded) {
+  ScriptedServer server({head(), part(50'000, 1000, {.missing = 400}, Reply::Then::close), part(50'600, 400)});
+  Patience patience;
+  EXPECT_EQ(outcome(server, patience.options()), "read");
+  const auto requests = server.requests();
+  ASSERT_EQ(requests.size(), 3u);
+  EXPECT_THAT(requests[2], HasSubstr("Range: bytes=50600-50999\r\n"));
+}
+
+TEST(MisbehavingServer, AttemptsEnd) {
+  ScriptedServer server({head(), answer("502 Bad Gateway")});
+  Patience patience;
+  EXPECT_THAT(outcome(server, patience.options()), HasSubstr("the server answers 502"));
+  EXPECT_EQ(server.requests().size(), 1u + 4u);
+  EXPECT_THAT(patience.waits, ElementsAre(milliseconds(250), milliseconds(500), milliseconds(1000)));
+}
+
+TEST(MisbehavingServer, WaitsAsLongAsTheServerWishesWithinReason) {
+  ScriptedServer busy({answer("429 Too Many Requests", "Retry-After: 7\r\n"), head(), part(50'000, 1000)});
+  Patience patience;
+  EXPECT_EQ(outcome(busy, patience.options()), "read");
+  EXPECT_THAT(patience.waits, ElementsAre(milliseconds(7000)));
+
+  ScriptedServer tomorrow({answer("503 Service Unavailable", "Retry-After: 86400\r\n")});
+  Patience none;
+  EXPECT_THAT(outcome(tomorrow, none.options()), HasSubstr("the server answers 503"));
+  EXPECT_THAT(none.waits, ElementsAre());
+}
+
+TEST(MisbehavingServer, AStalledTransferIsTriedAgain) {
+  ScriptedServer server(
+      {head(), part(50'000, 1000, {.missing = 400}, Reply::Then::stall), {"", Reply::Then::stall}, part(50'600, 400)});
+  Patience patience;
+  HttpOptions options = patience.options();
+  options.stall_timeout = std::chrono::seconds(1);
+  EXPECT_EQ(outcome(server, options), "read");
+  EXPECT_EQ(patience.waits.size(), 2u);
+}
+
+TEST(MisbehavingServer, WhatWillNotPassFailsAtOnce) {
+  const std::vector<std::pair<Reply, std::string>> refusals = {
+      {part(50'000, 1000, {.shift = 1}),
+       "asked for bytes 50000 to 50999, the server answers 'bytes 50001-51000/100000'"},
+      {part(50'000, 999), "the server answers 'bytes 50000-50998/100000'"},
+      {part(50'000, 1001), "the server answers 'bytes 50000-51000/100000'"},
+      {part(50'000, 1000, {.missing = -1, .length = false}), "sends more than was asked for"},
+      {part(50'000, 1000, {.status = "200 OK"}), "200: no support for ranges"},
+      {answer("206 Partial Content"), "the server answers ''"},
+      {answer("206 Partial Content", "Content-Range: bytes 50000-50999/*\r\n"), "bytes 50000-50999/*"},
+      {answer("206 Partial Content", "Content-Range: bytes 50000-50999/100000x\r\n"), "100000x"},
+      {answer("206 Partial Content", "Content-Range: bytes -1-50999/100000\r\n"), "bytes -1-50999"},
+      {answer("206 Partial Content", "Content-Range: bytes 50000-99999999999999999999/100000\r\n"), "9999/100000"},
+      {part(50'000, 1000, {.etag = "\"two\""}), "the file changed"},
+      {part(50'000, 1000, {.size = 100'001}), "the file changed"},
+      {answer("416 Range Not Satisfiable", "Content-Range: bytes */10\r\n"), "the file changed"},
+      {answer("404 Not Found"), "404: not found"},
+      {answer("403 Forbidden"), "403: forbidden"},
+      {answer("302 Found", "Location: ftp://127.0.0.1/data\r\n"), "rotocol"},
+      {answer("302 Found", "Location: file:///etc/passwd\r\n"), "rotocol"},
+  };
+  for (const auto& [reply, reason] : refusals) {
+    ScriptedServer server({head(), reply});
+    Patience patience;
+    EXPECT_THAT(outcome(server, patience.options()), HasSubstr(reason));
+    EXPECT_THAT(patience.waits, ElementsAre()) << reply.text;
+  }
+}
+
+TEST(MisbehavingServer, ABodyThatNobodyAskedForIsNotDownloaded) {
+  // So many bytes that the server could not send them all before the client had taken some.
+  const std::string huge(16u << 20, 'x');
+  ScriptedServer server(
+      {{fmt::format("HTTP/1.1 200 OK\r\nContent-Length: {}\r\n\r\n{}", huge.size() + 1, huge), Reply::Then::stall}});
+  // Whoever waited for the last byte would wait for ever.
+  EXPECT_THAT(outcome(server, {}), HasSubstr("200: no support for ranges"));
+}
+
+TEST(MisbehavingServer, RedirectsAreFollowedUntilTheyGoInCircles) {
+  ScriptedServer elsewhere({head(), part(50'000, 1000)});
+  const Reply there = answer("302 Found", fmt::format("Location: {}\r\n", elsewhere.url("data")));
+  ScriptedServer here({there});
+  EXPECT_EQ(outcome(here, {}), "read");
+
+  ScriptedServer circle({answer("302 Found", "Location: /data\r\n")});
+  Patience patience;
+  EXPECT_THAT(outcome(circle, patience.options()), HasSubstr("redirects"));
+  EXPECT_EQ(circle.requests().size(), 1u + 8u);
+}
+
+TEST(MisbehavingServer, ManyRequestsGoThroughOneConnection) {
+  // This one serves one connection at a time: a second would wait for ever.
+  ScriptedServer server({head(), part(50'000, 1000)});
+  const auto source = open_url(server.url("data")).value();
+  for (int i = 0; i < 20; ++i) {
+    std::string out(1000, '?');
+    ASSERT_TRUE(read(*source, 50'000, out));
+  }
+  const auto requests = server.requests();
+  EXPECT_EQ(requests.size(), 21u);
+  EXPECT_THAT(requests[0], HasSubstr("User-Agent: splatvol/0.1.0\r\n"));
+  EXPECT_THAT(requests[0], HasSubstr("Accept-Encoding: identity\r\n"));
+}
+
+TEST(MisbehavingServer, CookiesAreNotKept) {
+  Reply first = head();
+  first.text.insert(first.text.find("ETag"), "Set-Cookie: who=you; Path=/\r\n");
+  ScriptedServer server({first, part(50'000, 1000)});
+  EXPECT_EQ(outcome(server, {}), "read");
+  EXPECT_THAT(server.requests().at(1), Not(HasSubstr("Cookie")));
+}
+
+TEST(MisbehavingServer, WhatIsSecretInAnAddressIsSentAndNotTold) {
+  ScriptedServer server({head(), answer("404 Not Found")});
+  const std::string url = fmt::format("http://user:pass@127.0.0.1:{}/a@b?token=abc#part", server.port());
+  const auto source = open_url(url).value();
+  EXPECT_EQ(source->name(), server.url("a@b"));
+  std::string out(1000, '?');
+  const Status status = read(*source, 50'000, out);
+  ASSERT_FALSE(status);
+  expect_one_line(status.error(), server.url("a@b"), "404");
+  EXPECT_THAT(server.requests().at(0), StartsWith("GET /a@b?token=abc HTTP/1.1\r\n"));
+  EXPECT_THAT(server.requests().at(0), HasSubstr("Authorization: Basic dXNlcjpwYXNz\r\n"));
+}
+
+TEST(NoServer, EachReasonIsOneLine) {
+  const test::Listener closed = test::listen_on_loopback();
+  ::close(closed.descriptor);
+  Patience patience;
+  const auto expect_refusal = [&](const std::string& url, const std::string& reason) {
+    const auto source = open_url(url, patience.options());
+    ASSERT_FALSE(source);
+    EXPECT_EQ(source.error().code, ErrorCode::io);
+    expect_one_line(source.error(), url, reason);
+  };
+  expect_refusal(fmt::format("http://127.0.0.1:{}/data", closed.port), "connect");
+  expect_refusal("http://" + std::string(64, 'x') + ".invalid/data", "resolve");  // too long to ask anybody for
+  expect_refusal("http://[/data", "");
+  EXPECT_THAT(patience.waits, ElementsAre()) << "none of them passes";
+  EXPECT_EQ(open_url("ftp://127.0.0.1/data").error().code, ErrorCode::invalid_argument);
+}
+
+}  // namespace
+}  // namespace splatvol
