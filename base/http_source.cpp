@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <csignal>
 #include <ctime>
@@ -51,7 +52,8 @@ class NoSigpipe {
   NoSigpipe& operator=(const NoSigpipe&) = delete;
   ~NoSigpipe() {
     constexpr timespec at_once{};
-    if (!was_pending_) ::sigtimedwait(&sigpipe_, nullptr, &at_once);
+    while (!was_pending_ && ::sigtimedwait(&sigpipe_, nullptr, &at_once) < 0 && errno == EINTR) {
+    }
     ::pthread_sigmask(SIG_SETMASK, &before_, nullptr);
   }
 
@@ -112,7 +114,7 @@ struct Failure {
 
 Failure failure_of_status(CURL* handle, long status) {
   const bool may_pass = status == 429 || status >= 500;
-  const milliseconds wait = std::chrono::seconds(info_of<curl_off_t>(handle, CURLINFO_RETRY_AFTER));
+  const auto wished = std::min<curl_off_t>(info_of<curl_off_t>(handle, CURLINFO_RETRY_AFTER), 1 << 30);
   const auto meaning = [&] {
     switch (status) {
       case 200:
@@ -135,7 +137,7 @@ Failure failure_of_status(CURL* handle, long status) {
         return status >= 500 ? "trouble of its own" : "not what was asked for";
     }
   };
-  return {fmt::format("the server answers {}: {}", status, meaning()), may_pass, wait};
+  return {fmt::format("the server answers {}: {}", status, meaning()), may_pass, std::chrono::seconds(wished)};
 }
 
 // Besides what passes by itself, a refused connection is final: nobody is there.

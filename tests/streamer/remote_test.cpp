@@ -17,17 +17,30 @@ bool same_bytes(std::span<const T> a, std::span<const T> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
-TEST(RemoteVolume, GivesTheSplatsOfTheFile) {
-  std::string name = (std::filesystem::temp_directory_path() / "splatvol_remote_test.XXXXXX").string();
-  const std::filesystem::path folder = ::mkdtemp(name.data());
-  auto nginx = test::Nginx::start(folder);
-  if (!nginx) GTEST_SKIP() << "no nginx on this machine (package nginx)";
-  const std::string path = folder / "v.svol";
+class RemoteVolume : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (std::filesystem::temp_directory_path() / "splatvol_remote_test.XXXXXX").string();
+    folder_ = ::mkdtemp(name.data());
+    nginx_ = test::Nginx::start(folder_);
+    if (!nginx_) GTEST_SKIP() << "no nginx on this machine (package nginx)";
+  }
+  void TearDown() override {
+    nginx_.reset();
+    std::filesystem::remove_all(folder_);
+  }
+
+  std::filesystem::path folder_;
+  std::unique_ptr<test::Nginx> nginx_;
+};
+
+TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
+  const std::string path = folder_ / "v.svol";
   ASSERT_TRUE(test::write_test_volume(test::sample_volume(3000, 1), path));
 
   const StreamerOptions options{64u << 20, "a0", KernelKind::moments};
   const auto near = Streamer::open(open_file(path).value(), options).value();
-  const auto far = Streamer::open(open_url(nginx->url("v.svol")).value(), options).value();
+  const auto far = Streamer::open(open_url(nginx_->url("v.svol")).value(), options).value();
   std::mt19937 random(1);
   for (int i = 0; i < 10; ++i) {
     const View view = test::random_view(random);
@@ -40,8 +53,6 @@ TEST(RemoteVolume, GivesTheSplatsOfTheFile) {
                            std::get<std::span<const MomentsSplat>>((*from_server)->data)));
   }
   EXPECT_EQ(far->statistics().bytes_read, near->statistics().bytes_read);
-  nginx.reset();
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

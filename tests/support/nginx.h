@@ -12,7 +12,7 @@ namespace splatvol::test {
 /// process ends, however it does). Its log is in the folder: access.log, a line for each answer, "STATUS BYTES RANGE".
 class Nginx {
  public:
-  /// Null where there is no nginx on this machine.
+  /// Returns when it listens; null where there is no nginx on this machine. Throws where it does not start.
   [[nodiscard]] static std::unique_ptr<Nginx> start(const std::string& folder);
   Nginx(const Nginx&) = delete;
   Nginx& operator=(const Nginx&) = delete;

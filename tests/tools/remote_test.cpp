@@ -17,7 +17,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-class RemotePrograms : public testing::Test {
+class ProgramsOnUrl : public testing::Test {
  protected:
   void SetUp() override {
     std::string name = (std::filesystem::temp_directory_path() / "splatvol_remote_programs.XXXXXX").string();
@@ -48,7 +48,7 @@ class RemotePrograms : public testing::Test {
   std::unique_ptr<test::Nginx> nginx_;
 };
 
-TEST_F(RemotePrograms, DrawThePictureOfTheFile) {
+TEST_F(ProgramsOnUrl, DrawThePictureOfTheFile) {
   ASSERT_TRUE(run("svinfo v.svol --scene s.json")) << content("err.txt");
   ASSERT_TRUE(run("svrender v.svol --scene s.json -o near.exr --size 64x64")) << content("err.txt");
   std::string secret = nginx_->url("v.svol?token=abc");
@@ -63,7 +63,7 @@ TEST_F(RemotePrograms, DrawThePictureOfTheFile) {
   }
 }
 
-TEST_F(RemotePrograms, SayWhatIsInIt) {
+TEST_F(ProgramsOnUrl, SayWhatIsInIt) {
   ASSERT_TRUE(run("svinfo v.svol"));
   std::string near = content("out.txt");
   ASSERT_TRUE(run(fmt::format("svinfo {} --verify", nginx_->url("v.svol")))) << content("err.txt");
