@@ -314,6 +314,7 @@ TEST(MisbehavingServer, WhatWillNotPassFailsAtOnce) {
   const std::vector<std::pair<Reply, std::string>> refusals = {
       {part(50'000, 1000, {.shift = 1}),
        "asked for bytes 50000 to 50999, the server answers 'bytes 50001-51000/100000'"},
+      {part(50'001, 999), "the server answers 'bytes 50001-50999/100000'"},
       {part(50'000, 999), "the server answers 'bytes 50000-50998/100000'"},
       {part(50'000, 1001), "the server answers 'bytes 50000-51000/100000'"},
       {part(50'000, 1000, {.missing = -1, .length = false}), "sends more than was asked for"},
