@@ -20,11 +20,6 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
 }
 
-std::string folder_of(const std::string& path) {
-  const std::string folder = std::filesystem::path(path).parent_path();
-  return folder.empty() ? "." : folder;
-}
-
 std::string unpredictable_name(const std::string& path) {
   std::random_device random;
   return fmt::format("{}.{:08x}{:08x}", path, random(), random());
@@ -81,6 +76,11 @@ class MemorySource final : public ByteSource {
 };
 
 }  // namespace
+
+std::string folder_of(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path();
+  return folder.empty() ? "." : folder;
+}
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   // Without O_NONBLOCK, a pipe nobody writes to would keep us here for ever.

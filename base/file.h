@@ -26,6 +26,9 @@ class ByteSource {
   [[nodiscard]] virtual const std::string& name() const = 0;
 };
 
+/// The folder that a file is in.
+[[nodiscard]] std::string folder_of(const std::string& path);
+
 /// Opens a regular file for positional reads.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 

@@ -8,7 +8,6 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -37,18 +36,19 @@ constexpr std::uint64_t held_point_bytes = 700;
 // Vertices of meshes that are held at once: only there can merging leave fewer than what is reduced.
 constexpr std::uint64_t most_held_vertices = std::uint64_t{1} << 16;
 
-json provenance(const BuildOptions& options, Connectivity connectivity, const InputSummary& input) {
-  const PointCensus& census = input.census;
-  const CellCensus& cells = input.cells;
+json provenance(const BuildOptions& options, const BuildReport& report) {
+  const PointCensus& census = report.points;
+  const CellCensus& cells = report.cells;
   return {{"builder", options.builder},
           {"inputs", options.inputs},
-          {"connectivity", connectivity_name(connectivity)},
+          {"connectivity", connectivity_name(report.connectivity)},
           {"points",
            {{"read", census.read},
             {"not_finite", census.not_finite},
             {"merged", census.merged},
             {"coincident", census.coincident},
-            {"in_no_cell", census.in_no_cell}}},
+            {"in_no_cell", census.in_no_cell},
+            {"uncertain", report.uncertain}}},
           {"cells",
            {{"types", cells.cells},
             {"tetrahedra", cells.tetrahedra},
@@ -82,12 +82,6 @@ format::VolumeInfo describe(const BuildOptions& options, const Cube& cube, std::
   return info;
 }
 
-// Where there will be room for the file there is room for parts of it.
-std::string folder_of(const std::string& path) {
-  const std::string folder = std::filesystem::path(path).parent_path();
-  return folder.empty() ? "." : folder;
-}
-
 // What each point of a triangulation stands for.
 void add_mesh_material(const std::vector<Tetrahedron>& tetrahedra, PointBatch& points) {
   const VertexMaterial mesh(points.positions, tetrahedra);
@@ -117,27 +111,32 @@ Status add_voronoi_material(PointBatch& points) {
   return {};
 }
 
-// Finds what each point stands for where no cells say it; returns from what. Which way is chosen depends on the number
-// of points and not on memory, as the result must not.
-Result<Connectivity> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
+struct Connection {
+  Connectivity used;
+  std::shared_ptr<const DelaunayBlocks> blocks = nullptr;  // where the tetrahedra are found block by block
+};
+
+// Finds what each point stands for where no cells say it. Which way is chosen depends on the number of points and not
+// on memory, as the result must not.
+Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
                              Batches& batches) {
   if (points.summary().has_material) {
     // Only then is it known how many are left once equal ones are merged, and whether these are reduced at all.
     const bool small = points.count() <= most_held_vertices;
     if (small) SPLATVOL_TRY(batches.hold_all([](PointBatch&) -> Status { return {}; }));
-    return Connectivity::mesh;
+    return Connection{Connectivity::mesh};
   }
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
   if (points.count() > options.held_points) {
     if (options.connectivity != Connectivity::delaunay) {
       batches.estimate_material();
-      return Connectivity::none;
+      return Connection{Connectivity::none};
     }
     SPLATVOL_TRY_ASSIGN(created, DelaunayBlocks::create(points, options.memory / 2, folder));
     const auto blocks = std::make_shared<DelaunayBlocks>(std::move(created));
     batches.read_from([blocks](PointBatch& batch) { return blocks->next(batch); });
-    return Connectivity::delaunay;
+    return Connection{Connectivity::delaunay, blocks};
   }
   const std::uint64_t needed = points.count() * held_point_bytes;
   if (needed > options.memory && points.count() > most_held_vertices)
@@ -153,7 +152,7 @@ Result<Connectivity> connect(const BuildOptions& options, PointStream& points, c
     add_mesh_material(tetrahedra, all);
     return {};
   }));
-  return used;
+  return Connection{used};
 }
 
 // Runs all points through the pass: batches are read and taken in order, what lies between does not depend on order.
@@ -243,12 +242,13 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   // What cannot be written is better known before the work.
   SPLATVOL_TRY(AtomicFile::create(output).map([](const AtomicFile&) {}));
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
+  // Where there will be room for the file there is room for parts of it.
   const std::string folder = options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,
                                                   [&](double fraction) { progress("reading", fraction); }));
   Batches batches(points, std::max<std::uint64_t>({options.index_leaf_points, options.leaf_points, 255}));
   progress("connecting", 0);
-  SPLATVOL_TRY_ASSIGN(connectivity, connect(options, points, folder, batches));
+  SPLATVOL_TRY_ASSIGN(connection, connect(options, points, folder, batches));
 
   const InputSummary& input = points.summary();
   format::VolumeInfo info = describe(options, input.cube, input.attributes);
@@ -273,7 +273,12 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
 
   info.resolution_counts.assign(counts.rbegin(), counts.rend());
   for (std::size_t a = 0; a < input.attributes.size(); ++a) info.attributes[a].missing = pass.missing()[a];
-  info.provenance = provenance(options, connectivity, input).dump(-1, ' ', false, json::error_handler_t::replace);
+  BuildReport report{.resolution_counts = info.resolution_counts,
+                     .connectivity = connection.used,
+                     .points = input.census,
+                     .cells = input.cells,
+                     .uncertain = connection.blocks ? connection.blocks->uncertain() : 0};
+  info.provenance = provenance(options, report).dump(-1, ' ', false, json::error_handler_t::replace);
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(output, info, std::move(index), folder));
   std::uint64_t row = 0;
   SPLATVOL_TRY(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
@@ -282,7 +287,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   }));
   SPLATVOL_TRY(writer->finish(pass.histograms()));
 
-  BuildReport report{info.resolution_counts, writer->file_bytes(), connectivity, input.census, input.cells, {}};
+  report.file_bytes = writer->file_bytes();
   for (const format::Attribute& attribute : info.attributes)
     report.missing.emplace_back(attribute.name, attribute.missing);
   return report;

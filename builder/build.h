@@ -31,7 +31,8 @@ struct BuildReport {
   Connectivity connectivity = Connectivity::mesh;  // the one that was used
   PointCensus points;
   CellCensus cells;
-  std::vector<std::pair<std::string, std::uint64_t>> missing;  // attribute, points without a value
+  std::uint64_t uncertain = 0;                                      // DelaunayBlocks::uncertain()
+  std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
 };
 
 /// As in options and provenance: "auto", "mesh", "delaunay", "none".

@@ -68,6 +68,7 @@ Counts census_lines(const BuildReport& report) {
   lines.emplace_back("points merged (same position and values, in cells)", report.points.merged);
   lines.emplace_back("points coincident with another (kept)", report.points.coincident);
   lines.emplace_back("points in no cell (kept)", report.points.in_no_cell);
+  lines.emplace_back("points joined without all that lies round them", report.uncertain);
   for (const auto& [name, count] : report.missing) lines.emplace_back("missing values: " + name, count);
   std::erase_if(lines, [](const auto& line) { return line.second == 0; });
   return lines;
