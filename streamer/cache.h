@@ -46,6 +46,9 @@ class Cache {
   /// Reserves bytes, and drops parts for it as needed; nullopt where even that does not suffice.
   [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
 
+  /// Reserves bytes that nothing has to be dropped for.
+  [[nodiscard]] std::optional<Reservation> reserve_spare(std::uint64_t bytes) { return budget_.reserve(bytes); }
+
   /// Drops everything that nobody holds.
   void clear();
 

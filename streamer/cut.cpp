@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <iterator>
 #include <numeric>
 
 #include "streamer/frustum.h"
@@ -33,12 +35,28 @@ struct Node {
 // On all sides, along the axes.
 Cube grown(const Cube& cell, double by) { return {cell.origin - by, cell.edge + 2 * by}; }
 
+// What a cell's part of a cut came to, from worst to best.
+enum class Outcome {
+  invalid,  // a fixed resolution is not valid in it
+  absent,   // not there, at no resolution
+  other,    // there, but not as it is wanted
+  wanted,
+};
+
+// What may be drawn of a node whose children's page is not there.
+constexpr std::uint64_t most_unasked_splats = 1 << 16;
+
+// How much finer than wanted a node may be drawn: when the eye moves away, the finer splats are there.
+constexpr std::size_t finer_resolutions = 2;
+
 class CutSelector {
  public:
-  CutSelector(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
-              const CutOptions& options, std::size_t size_bound)
+  // Without `residency`, everything counts as there.
+  CutSelector(const format::VolumeInfo& info, IndexPages& index, Residency* residency, const View& view,
+              const ValueVisibility& visibility, const CutOptions& options, std::size_t size_bound)
       : info_(info),
         index_(index),
+        residency_(residency),
         view_(view),
         frustum_(view,
                  options.kernel == KernelKind::octant ? octant_smallest_reach_pixels : moments_smallest_reach_pixels),
@@ -50,68 +68,86 @@ class CutSelector {
     SPLATVOL_TRY_ASSIGN(page, index_.root());
     Node root{std::move(page), 0, info_.cube, {}, 0};
     for (std::size_t s = 1; s < info_.resolutions(); ++s) root.begins[s] = info_.resolution_counts[s - 1];
-    SPLATVOL_TRY(visit(root));
-    return std::move(cut_);
+    SPLATVOL_TRY_ASSIGN(outcome, visit(root));
+    if (!residency_) return std::move(wanted_);
+    if (outcome == Outcome::absent) return fail(ErrorCode::invalid_argument, "not even the coarsest splats are there");
+    return std::move(drawn_);
   }
 
  private:
-  // Where the cut stood before children were tried.
+  // Where a cut stood before children were tried.
   struct Mark {
     std::size_t items, ranges;
     std::uint64_t splats;
   };
-  Mark mark() const { return {cut_.items.size(), cut_.ranges.size(), cut_.splats}; }
-  void return_to(const Mark& mark) {
-    cut_.items.resize(mark.items);
-    cut_.ranges.resize(mark.ranges);
-    cut_.splats = mark.splats;
+  static Mark mark(const Cut& cut) { return {cut.items.size(), cut.ranges.size(), cut.splats}; }
+  static void return_to(const Mark& mark, Cut& cut) {
+    cut.items.resize(mark.items);
+    cut.ranges.resize(mark.ranges);
+    cut.splats = mark.splats;
   }
 
   std::size_t finest() const { return info_.resolutions() - 1; }
 
-  // Appends the best cut of the node's cell; false where a fixed resolution is not valid in it.
-  Result<bool> visit(const Node& node) {
+  // Appends the best cut of the node's cell.
+  Result<Outcome> visit(const Node& node) {
     const std::optional<std::size_t> resolution = choose_resolution(node);
-    if (options_.resolution && !resolution) return false;
-    if (!is_visible(node)) return true;
+    if (options_.resolution && !resolution) return Outcome::invalid;
+    if (!is_visible(node)) return Outcome::wanted;
     if (node.child_mask() == 0) return draw(node, resolution.value_or(finest()));
-    if (!resolution) return visit_children(node);
-    const std::uint64_t splats = is_within_reach(node, *resolution) ? splat_count(node, *resolution) : 0;
-    if (splats <= options_.compare_above) return draw(node, *resolution);
+    std::uint64_t splats = std::numeric_limits<std::uint64_t>::max();
+    if (resolution) splats = is_within_reach(node, *resolution) ? splat_count(node, *resolution) : 0;
+    if (resolution && splats <= options_.compare_above) return draw(node, *resolution);
 
     // Whichever is fewer; at equal numbers smaller nodes are better sorted.
-    const Mark before = mark();
-    SPLATVOL_TRY_ASSIGN(valid, visit_children(node));
-    if (valid && cut_.splats - before.splats <= splats) return true;
-    return_to(before);
+    const Mark before = mark(wanted_), drawn_before = mark(drawn_);
+    SPLATVOL_TRY_ASSIGN(children, visit_children(node));
+    if (!children) {
+      // What it will take shows with the page; until then it is to look cheap, and nothing is to be read for it.
+      SPLATVOL_TRY(want(node, node.first_resolution()));
+      if (wanted_.items.size() > before.items) wanted_.items.back().error = 0;
+      return residency_ ? settle(node, Outcome::absent, most_unasked_splats, drawn_before) : Outcome::absent;
+    }
+    if (*children != Outcome::invalid && wanted_.splats - before.splats <= splats)
+      return residency_ ? settle(node, *children, wanted_.splats - before.splats, drawn_before) : *children;
+    return_to(before, wanted_);
+    return_to(drawn_before, drawn_);
     return draw(node, *resolution);
   }
 
-  Result<bool> visit_children(const Node& node) {
+  // The worst outcome of a child; none where their page is not there.
+  Result<std::optional<Outcome>> visit_children(const Node& node) {
     if (node.depth >= format::max_node_depth)
       return fail(ErrorCode::invalid_data, "the index is deeper than {}", format::max_node_depth);
     SPLATVOL_TRY_ASSIGN(children, children_of(node));
+    if (!children) return std::nullopt;
     const unsigned nearest = nearest_octant(node.cell);
-    for (unsigned i = 8; i-- > 0;) {
-      const std::optional<Node>& child = children[i ^ nearest];
+    Outcome worst = Outcome::wanted;
+    for (unsigned i = 8; i-- > 0 && worst != Outcome::invalid;) {
+      const std::optional<Node>& child = (*children)[i ^ nearest];
       if (!child) continue;
-      SPLATVOL_TRY_ASSIGN(valid, visit(*child));
-      if (!valid) return false;
+      SPLATVOL_TRY_ASSIGN(outcome, visit(*child));
+      worst = std::min(worst, outcome);
     }
-    return true;
+    return worst;
   }
 
   // By octant. A child's points begin where those of the siblings before it end.
-  Result<std::array<std::optional<Node>, 8>> children_of(const Node& node) {
+  using Children = std::array<std::optional<Node>, 8>;
+  Result<std::optional<Children>> children_of(const Node& node) {
     const bool linked = node.page->links[node.index] != IndexPage::no_node;
     std::shared_ptr<const IndexPage> page = node.page;
     if (linked) {
       SPLATVOL_TRY_ASSIGN(other, index_.linked(*node.page, node.index));
       page = std::move(other);
+      if (!page) {
+        wanted_.complete = drawn_.complete = false;
+        return std::nullopt;
+      }
     }
     std::uint32_t next = linked ? 0 : node.page->first_children[node.index];
 
-    std::array<std::optional<Node>, 8> children;
+    Children children;
     Begins begins = node.begins;
     for (unsigned octant = 0; octant < 8; ++octant) {
       if ((node.child_mask() >> octant & 1) == 0) continue;
@@ -174,27 +210,100 @@ class CutSelector {
     return std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});
   }
 
-  Result<bool> draw(const Node& node, std::size_t resolution) {
+  // Draws the node at the resolution that is wanted, or as near to it as is there: a little finer rather than coarser.
+  Result<Outcome> draw(const Node& node, std::size_t resolution) {
+    SPLATVOL_TRY(want(node, resolution));
+    if (!residency_) return Outcome::wanted;
+    for (std::size_t r = resolution; r <= std::min(resolution + finer_resolutions, finest()); ++r) {
+      if (!holds(node, r)) continue;
+      SPLATVOL_TRY(append(node, r, drawn_));
+      return r == resolution ? Outcome::wanted : Outcome::other;
+    }
+    for (std::size_t r = resolution; r-- > node.first_resolution();) {
+      if (!holds(node, r)) continue;
+      SPLATVOL_TRY(append(node, r, drawn_));
+      return Outcome::other;
+    }
+    return Outcome::absent;
+  }
+
+  // What is drawn of a node that was to be opened: its children, or itself where that shows more or where one of them
+  // is not there. `most`: splats that it may draw for this, unless it draws at its first resolution.
+  Result<Outcome> settle(const Node& node, Outcome children, std::uint64_t most, const Mark& before) {
+    if (children == Outcome::wanted) return children;
+    std::optional<std::size_t> best;
+    for (std::size_t r = node.first_resolution(); r <= finest(); ++r) {
+      if ((r > node.first_resolution() && splat_count(node, r) > most) || !holds(node, r)) break;
+      best = r;
+    }
+    if (children == Outcome::other && (!best || splat_count(node, *best) <= drawn_.splats - before.splats))
+      return children;
+    return_to(before, drawn_);
+    if (!best) return Outcome::absent;
+    SPLATVOL_TRY(append(node, *best, drawn_));
+    return Outcome::other;
+  }
+
+  bool holds(const Node& node, std::size_t resolution) {
     if (!is_within_reach(node, resolution)) return true;
-    cut_.items.push_back({node.cell, cut_.ranges.size(), static_cast<std::uint32_t>(resolution)});
-    for (std::size_t s = 0; s <= resolution; ++s) cut_.ranges.push_back({node.begins[s], node.counts()[s]});
-    cut_.splats += splat_count(node, resolution);
+    return residency_->holds(ranges_of(node, resolution));
+  }
+
+  std::span<const PointRange> ranges_of(const Node& node, std::size_t resolution) {
+    for (std::size_t s = 0; s <= resolution; ++s) node_ranges_[s] = {node.begins[s], node.counts()[s]};
+    return std::span(node_ranges_).first(resolution + 1);
+  }
+
+  // Of what is drawn at once, the memory is looked at; what it stands in for has been looked at before.
+  Status want(const Node& node, std::size_t resolution) {
+    SPLATVOL_TRY(append(node, resolution, wanted_));
+    return {};
+  }
+
+  Status append(const Node& node, std::size_t resolution, Cut& cut) {
+    if (!is_within_reach(node, resolution)) return {};
+    cut.items.push_back(
+        {node.cell, cut.ranges.size(), static_cast<std::uint32_t>(resolution), error_of(node, resolution)});
+    std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
+    cut.splats += splat_count(node, resolution);
+    if (residency_ && &cut == &wanted_) return {};
     const std::uint64_t bytes_each = splat_bytes(options_.kernel);
-    if (cut_.splats > options_.max_bytes / bytes_each ||
-        cut_.memory_bytes() > options_.max_bytes - cut_.splats * bytes_each)
+    if (cut.splats > options_.max_bytes / bytes_each ||
+        cut.memory_bytes() > options_.max_bytes - cut.splats * bytes_each)
       return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", options_.max_bytes);
-    return true;
+    return {};
+  }
+
+  float error_of(const Node& node, std::size_t resolution) const {
+    const double size = splat_bound(node, resolution);
+    const double covered = frustum_.covered_percent(size, frustum_.nearest_depth(cell_of_centres(node, size)));
+    const std::uint64_t occupied = node.page->nodes.summaries[node.index].occupancy;
+    const double visible = std::popcount(occupied & visibility_.bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
+    return static_cast<float>(std::clamp(covered * visible, 1e-30, 1e6));
   }
 
   const format::VolumeInfo& info_;
   IndexPages& index_;
+  Residency* const residency_;
   const View& view_;
   const Frustum frustum_;
   const ValueVisibility& visibility_;
   const CutOptions& options_;
   const std::size_t size_bound_;
-  Cut cut_;
+  Cut wanted_;
+  Cut drawn_;  // with residency
+  std::array<PointRange, format::max_resolutions> node_ranges_;
 };
+
+Result<Cut> select(const format::VolumeInfo& info, IndexPages& index, Residency* residency, const View& view,
+                   const ValueVisibility& visibility, const CutOptions& options) {
+  const char* name = options.kernel == KernelKind::octant ? "octant" : "moments";
+  const auto bound = std::ranges::find(info.size_bounds, name);
+  if (bound == info.size_bounds.end())
+    return fail(ErrorCode::unsupported, "no splat sizes for the kernel {} in the index", name);
+  const auto size_bound = static_cast<std::size_t>(bound - info.size_bounds.begin());
+  return CutSelector(info, index, residency, view, visibility, options, size_bound).run();
+}
 
 }  // namespace
 
@@ -205,12 +314,12 @@ bool Cut::operator==(const Cut& other) const {
 
 Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                        const ValueVisibility& visibility, const CutOptions& options) {
-  const char* name = options.kernel == KernelKind::octant ? "octant" : "moments";
-  const auto bound = std::ranges::find(info.size_bounds, name);
-  if (bound == info.size_bounds.end())
-    return fail(ErrorCode::unsupported, "no splat sizes for the kernel {} in the index", name);
-  const auto size_bound = static_cast<std::size_t>(bound - info.size_bounds.begin());
-  return CutSelector(info, index, view, visibility, options, size_bound).run();
+  return select(info, index, nullptr, view, visibility, options);
+}
+
+Result<Cut> select_resident_cut(const format::VolumeInfo& info, IndexPages& index, Residency& residency,
+                                const View& view, const ValueVisibility& visibility, const CutOptions& options) {
+  return select(info, index, &residency, view, visibility, options);
 }
 
 }  // namespace splatvol

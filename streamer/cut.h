@@ -49,6 +49,8 @@ struct CutItem {
   Cube cell;
   std::uint64_t first_range;  // index into Cut::ranges: one for each segment 0 to resolution
   std::uint32_t resolution;
+  float error;  // percent of the image that a splat covers, times the share of its values that is visible; 0: not worth
+                // reading, what is wanted shows with an index page that is missing
 };
 
 /// Nodes and resolutions chosen for a view, back to front: no item hides one that comes after it.
@@ -56,6 +58,7 @@ struct Cut {
   std::vector<CutItem> items;
   std::vector<PointRange> ranges;
   std::uint64_t splats = 0;
+  bool complete = true;  // no index page was missing
 
   [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
     return std::span(ranges).subspan(item.first_range, item.resolution + 1);
@@ -77,9 +80,19 @@ class IndexPages {
   /// The page of the root node.
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> root() = 0;
 
-  /// The page that holds the children of `node`. Requires page.links[node] != IndexPage::no_node.
+  /// The page that holds the children of `node`; null where it is not there yet, and the cut is not to wait. Requires
+  /// page.links[node] != IndexPage::no_node.
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                                 std::uint32_t node) = 0;
+};
+
+/// What can be drawn at once.
+class Residency {
+ public:
+  virtual ~Residency() = default;
+
+  /// Whether all visible splats of a node are there at resolution ranges.size() - 1.
+  [[nodiscard]] virtual bool holds(std::span<const PointRange> ranges) = 0;
 };
 
 /// Chooses the cut from the index alone.
@@ -87,10 +100,18 @@ class IndexPages {
 /// From the root down: nodes outside of the view or without anything visible in them are left out; a node is drawn at
 /// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are
 /// asked; a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
-/// node whose splats may reach the eye's plane satisfies no tolerance but infinity.
-/// Fails with out_of_budget past max_bytes, with invalid_data where the tree is deeper than the format allows, and
-/// with unsupported where the file has no sizes for the kernel.
+/// node whose splats may reach the eye's plane satisfies no tolerance but infinity. A node whose children are asked,
+/// but in a page that is not there, counts at its first resolution. Fails with out_of_budget past max_bytes, with
+/// invalid_data where the tree is deeper than the format allows, and with unsupported where the file has no sizes for
+/// the kernel.
 [[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                                      const ValueVisibility& visibility, const CutOptions& options);
+
+/// The best that can be drawn at once in place of what select_cut chooses; the same where all of that is there. A node
+/// that is not there is drawn a little finer, or else coarser, or by its parent; so this is a valid cut, too. Requires
+/// that the root's first resolution is there. Fails as select_cut, but for max_bytes counts what is drawn.
+[[nodiscard]] Result<Cut> select_resident_cut(const format::VolumeInfo& info, IndexPages& index, Residency& residency,
+                                              const View& view, const ValueVisibility& visibility,
+                                              const CutOptions& options);
 
 }  // namespace splatvol

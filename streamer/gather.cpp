@@ -7,28 +7,19 @@
 #include <map>
 #include <tuple>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "streamer/decode.h"
 
 namespace splatvol {
 
 using format::ColumnKind;
-using format::Group;
 
 namespace {
 
-// Chunks with no more than this between them are read at once. Little: it is often another attribute's chunk, and what
-// a view does not need is not to be read.
-constexpr std::uint64_t largest_gap = 1024;
-
 // Enough for every processor to have chunks to decode, little beside any budget.
 constexpr std::uint64_t wave_bytes = 16u << 20;
-constexpr std::uint64_t run_bytes = 2u << 20;
-
-// What reading and decoding take besides the decoded numbers.
-std::uint64_t loading_bytes(ColumnKind kind, std::uint64_t points, std::uint64_t packed, std::uint64_t unpacked) {
-  return largest_gap + packed + decoding_bytes(kind, points, unpacked);
-}
+constexpr std::uint64_t run_bytes = 512u << 10;
 
 // A row's decoded chunks of the kernel octant; no gradients where none were asked for.
 struct OctantRow {
@@ -83,20 +74,10 @@ void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, st
 
 }  // namespace
 
-// A chunk on its way in.
-struct Gatherer::Chunk {
-  CacheKey key;
-  std::uint32_t points;
-  format::ChunkPlace place;
-  Reservation decoded;
-  Reservation decoding;
-  CacheData data;
-};
-
 // Rows that are loaded together.
 struct Gatherer::Wave {
   std::vector<std::span<const CopyJob>> rows;  // the jobs of each
-  std::vector<Chunk> missing;
+  std::vector<PartLoad> missing;
   std::map<CacheKey, Cache::Pointer> held;  // an empty pointer where the chunk is missing
   std::uint64_t bytes = 0;
 };
@@ -150,43 +131,35 @@ const format::Column& Gatherer::column(int index) const {
 }
 
 // A segment's columns lie in the group's first row.
-std::uint64_t Gatherer::row_of_chunk(const CopyJob& job, int column_index) const {
+CacheKey Gatherer::chunk_key(std::size_t resolution, std::uint64_t group, int column_index) const {
   const format::RowLayout& rows = volume_->volume().rows();
   const bool by_resolution = column(column_index).scope == format::ColumnScope::resolution;
-  return rows.row(by_resolution ? job.resolution : rows.group(job.group).segment, job.group);
+  const std::uint64_t row = rows.row(by_resolution ? resolution : rows.group(group).segment, group);
+  return {CacheKey::Kind::chunk, row, column_index};
 }
 
 Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibility) {
-  const format::RowLayout& rows = volume_->volume().rows();
-  const auto& counts = volume_->volume().info().resolution_counts;
-  const int value_column = kernel_ == KernelKind::moments ? columns_[2] : columns_[1];
   GatherPlan plan;
   std::unordered_map<std::uint64_t, bool> shown;  // [row]
   const auto shows = [&](std::uint64_t row) -> Result<bool> {
     const auto [entry, added] = shown.try_emplace(row, false);
     if (!added) return entry->second;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, value_column));
+    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, value_column()));
     return entry->second = visibility.shows(place.entry.min, place.entry.max, place.entry.occupancy);
   };
 
   for (std::uint32_t i = 0; i < cut.items.size(); ++i) {
     const CutItem& item = cut.items[i];
-    const auto ranges = cut.ranges_of(item);
-    for (std::size_t segment = 0; segment < ranges.size(); ++segment) {
-      for (PointRange left = ranges[segment]; left.count > 0;) {
-        const std::uint64_t segment_begin = segment == 0 ? 0 : counts[segment - 1];
-        const std::uint64_t number = rows.group_at(segment, left.begin - segment_begin);
-        const Group group = rows.group(number);
-        const auto begin = static_cast<std::uint32_t>(left.begin - group.begin);
-        const auto count = static_cast<std::uint32_t>(std::min<std::uint64_t>(left.count, group.count - begin));
-        left = {left.begin + count, left.count - count};
-        const CopyJob job{number, plan.splats, begin, count, i, item.resolution};
-        SPLATVOL_TRY_ASSIGN(visible, shows(row_of_chunk(job, value_column)));
-        if (!visible) continue;
-        plan.jobs.push_back(job);
-        plan.splats += count;
-      }
-    }
+    Status status;
+    visit_groups(volume_->volume(), cut.ranges_of(item), [&](const GroupPart& part) {
+      const auto visible = shows(chunk_key(item.resolution, part.group, value_column()).number);
+      if (!visible) status = tl::unexpected(visible.error());
+      if (!visible || !*visible) return status.has_value();
+      plan.jobs.push_back({part.group, plan.splats, part.begin, part.count, i, item.resolution});
+      plan.splats += part.count;
+      return true;
+    });
+    SPLATVOL_TRY(status);
     plan.item_ends.push_back(plan.splats);
   }
 
@@ -205,10 +178,34 @@ std::uint64_t Gatherer::working_bytes() const {
   std::uint64_t bytes = 0;
   for (const int index : columns_) {
     const ColumnKind kind = column(index).kind;
-    const std::uint64_t payload = largest_payload(kind, points);
-    bytes += decoded_bytes(kind, points) + loading_bytes(kind, points, payload, payload);
+    const auto payload = static_cast<std::uint32_t>(largest_payload(kind, points));
+    ChunkLoad largest{kind, static_cast<std::uint32_t>(points), {}};
+    largest.place.entry.packed_bytes = largest.place.entry.unpacked_bytes = payload;
+    bytes += decoded_bytes(largest) + splatvol::working_bytes(largest);
   }
   return bytes;
+}
+
+std::uint64_t Gatherer::resident_bytes(const Cut& cut) const {
+  const format::Volume& volume = volume_->volume();
+  const auto number_of = [](std::uint64_t resolution, std::uint64_t group) { return resolution << 56 | group; };
+  std::unordered_set<std::uint64_t> rows, groups, pages;
+  for (const CutItem& item : cut.items)
+    visit_groups(volume, cut.ranges_of(item), [&](const GroupPart& part) {
+      if (rows.insert(number_of(item.resolution, part.group)).second) groups.insert(part.group);
+      return true;
+    });
+
+  std::uint64_t bytes = 0;
+  for (const int index : columns_) {
+    const bool by_resolution = column(index).scope == format::ColumnScope::resolution;
+    for (const std::uint64_t number : by_resolution ? rows : groups) {
+      const std::uint64_t group = number & ~(std::uint64_t{255} << 56);
+      pages.insert(volume.directory_page_of_row(chunk_key(number >> 56, group, index).number));
+      bytes += decoded_bytes(column(index).kind, volume.rows().group(group).count);
+    }
+  }
+  return bytes + pages.size() * volume_->directory_page_bytes();
 }
 
 Result<SplatArray> Gatherer::gather(const Cut& cut, const GatherPlan& plan) {
@@ -244,28 +241,26 @@ Result<std::size_t> Gatherer::fill_wave(const GatherPlan& plan, std::size_t firs
 // Adds all the chunks that the jobs of one row need, or none: out_of_budget.
 Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
   const std::uint32_t points = volume_->volume().rows().group(jobs.front().group).count;
-  std::vector<Chunk> missing;
+  std::vector<PartLoad> missing;
   std::map<CacheKey, Cache::Pointer> held;
   for (const int index : columns_) {
-    const CacheKey key{CacheKey::Kind::chunk, row_of_chunk(jobs.front(), index), index};
+    const CacheKey key = chunk_key(jobs.front().resolution, jobs.front().group, index);
     if (wave.held.contains(key)) continue;
     if ((held[key] = cache_->find(key))) continue;
     SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(key.number, index));
-    missing.push_back({key, points, place, {}, {}, {}});
+    missing.push_back(chunk_load(key, {column(index).kind, points, place}));
   }
 
   // Only now, since it may cost the directory pages their place.
   std::uint64_t bytes = 0;
-  for (Chunk& chunk : missing) {
-    const ColumnKind kind = column(chunk.key.column).kind;
-    const format::ChunkEntry& entry = chunk.place.entry;
-    auto decoded = cache_->reserve(decoded_bytes(kind, points));
-    auto decoding = cache_->reserve(loading_bytes(kind, points, entry.packed_bytes, entry.unpacked_bytes));
-    if (!decoded || !decoding)
+  for (PartLoad& part : missing) {
+    auto decoded = cache_->reserve(decoded_bytes(part.chunk()));
+    auto working = cache_->reserve(splatvol::working_bytes(part.chunk()));
+    if (!decoded || !working)
       return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(), points);
-    bytes += decoded->bytes() + decoding->bytes();
-    chunk.decoded = std::move(*decoded);
-    chunk.decoding = std::move(*decoding);
+    bytes += decoded->bytes() + working->bytes();
+    part.decoded = std::move(*decoded);
+    part.working = std::move(*working);
   }
   wave.bytes += bytes;
   std::ranges::move(missing, std::back_inserter(wave.missing));
@@ -276,55 +271,23 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
 
 // Reads and decodes what is missing, in runs of chunks that lie side by side.
 Status Gatherer::load(Wave& wave) {
-  std::ranges::sort(wave.missing, {}, [](const Chunk& chunk) { return chunk.place.offset; });
-  const auto end_of = [](const Chunk& chunk) { return chunk.place.offset + chunk.place.entry.packed_bytes; };
-  std::vector<std::span<Chunk>> runs;
-  for (std::size_t begin = 0; begin < wave.missing.size();) {
-    std::size_t end = begin + 1;
-    while (end < wave.missing.size() && wave.missing[end].place.offset - end_of(wave.missing[end - 1]) <= largest_gap &&
-           end_of(wave.missing[end]) - wave.missing[begin].place.offset <= run_bytes)
-      ++end;
-    runs.push_back(std::span(wave.missing).subspan(begin, end - begin));
-    begin = end;
-  }
+  std::vector<LoadRun> runs = runs_of(std::move(wave.missing), run_bytes);
+  tbb::parallel_for(std::size_t{0}, runs.size(),
+                    [&](std::size_t i) { read_run(volume_->volume(), volume_->attribute(), runs[i]); });
 
   // The first failure in the file's order is the one that is told, whatever the threads did.
-  std::vector<Status> outcomes(runs.size());
-  tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t i) { outcomes[i] = read_and_decode(runs[i]); });
-  for (const Status& outcome : outcomes) SPLATVOL_TRY(outcome);
-  for (Chunk& chunk : wave.missing)
-    wave.held[chunk.key] = cache_->insert(chunk.key, std::move(chunk.data), std::move(chunk.decoded));
+  for (const LoadRun& run : runs)
+    for (const PartLoad& part : run) SPLATVOL_TRY(part.data);
+  for (LoadRun& run : runs)
+    for (PartLoad& part : run)
+      wave.held[part.key] = cache_->insert(part.key, std::move(*part.data), std::move(part.decoded));
   wave.missing.clear();
-  return {};
-}
-
-Status Gatherer::read_and_decode(std::span<Chunk> run) const {
-  const std::uint64_t begin = run.front().place.offset;
-  const std::uint64_t end = run.back().place.offset + run.back().place.entry.packed_bytes;
-  SPLATVOL_TRY_ASSIGN(bytes, volume_->volume().read_bytes(begin, end - begin));
-  std::vector<Status> outcomes(run.size());
-  tbb::parallel_for(std::size_t{0}, run.size(), [&](std::size_t i) {
-    const format::ChunkPlace& place = run[i].place;
-    outcomes[i] = decode(run[i], std::span(bytes).subspan(place.offset - begin, place.entry.packed_bytes));
-  });
-  for (const Status& outcome : outcomes) SPLATVOL_TRY(outcome);
-  return {};
-}
-
-Status Gatherer::decode(Chunk& chunk, std::span<const std::byte> packed) const {
-  const format::Volume& volume = volume_->volume();
-  const ColumnKind kind = column(chunk.key.column).kind;
-  const std::string what =
-      fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(kind), chunk.key.number);
-  SPLATVOL_TRY_ASSIGN(decoded,
-                      decode_chunk(kind, chunk.place.entry, packed, chunk.points, volume.info().cube.edge, what));
-  chunk.data = std::move(decoded);
   return {};
 }
 
 void Gatherer::copy(std::span<const CopyJob> jobs, const Cut& cut, const Wave& wave, SplatArray& splats) const {
   const auto held = [&](std::size_t i) -> const CacheData& {
-    return *wave.held.at({CacheKey::Kind::chunk, row_of_chunk(jobs.front(), columns_[i]), columns_[i]});
+    return *wave.held.at(chunk_key(jobs.front().resolution, jobs.front().group, columns_[i]));
   };
   if (kernel_ == KernelKind::moments) {
     copy_jobs(jobs, cut,

@@ -1,6 +1,7 @@
 // From a cut to splats: which chunks it touches, their reading and decoding, and each node's part of them.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -11,6 +12,7 @@
 #include "format/volume.h"
 #include "streamer/cache.h"
 #include "streamer/cut.h"
+#include "streamer/loader.h"
 #include "streamer/paged_volume.h"
 #include "streamer/splat.h"
 #include "streamer/visibility.h"
@@ -26,6 +28,31 @@ struct CopyJob {
   std::uint32_t item;  // of the cut
   std::uint32_t resolution;
 };
+
+/// A part of a group.
+struct GroupPart {
+  std::uint64_t group;
+  std::uint32_t begin;
+  std::uint32_t count;
+};
+
+/// Calls visit(part) for each part of a group in ranges[segment] until it returns false; whether it never did.
+template <class Visit>
+bool visit_groups(const format::Volume& volume, std::span<const PointRange> ranges, const Visit& visit) {
+  const format::RowLayout& rows = volume.rows();
+  for (std::size_t segment = 0; segment < ranges.size(); ++segment) {
+    const std::uint64_t segment_begin = segment == 0 ? 0 : volume.info().resolution_counts[segment - 1];
+    for (PointRange left = ranges[segment]; left.count > 0;) {
+      const std::uint64_t number = rows.group_at(segment, left.begin - segment_begin);
+      const format::Group group = rows.group(number);
+      const auto begin = static_cast<std::uint32_t>(left.begin - group.begin);
+      const auto count = static_cast<std::uint32_t>(std::min<std::uint64_t>(left.count, group.count - begin));
+      left = {left.begin + count, left.count - count};
+      if (!visit(GroupPart{number, begin, count})) return false;
+    }
+  }
+  return true;
+}
 
 /// What to copy where, in an order in which a row's jobs stand together; and where each item's splats end.
 struct GatherPlan {
@@ -75,17 +102,24 @@ class Gatherer {
   /// Bytes that gather needs at once at the very least, besides the splats: for one row.
   [[nodiscard]] std::uint64_t working_bytes() const;
 
+  /// Bytes of all the decoded chunks of a cut and of their directory pages, as if all of it were visible.
+  [[nodiscard]] std::uint64_t resident_bytes(const Cut& cut) const;
+
+  [[nodiscard]] const format::Column& column(int index) const;
+
+  /// The columns that splats are made of, and the one whose values tell whether they are visible.
+  [[nodiscard]] const std::vector<int>& columns() const { return columns_; }
+  [[nodiscard]] int value_column() const { return kernel_ == KernelKind::moments ? columns_[2] : columns_[1]; }
+
+  /// The chunk with a group's part of a column at a resolution.
+  [[nodiscard]] CacheKey chunk_key(std::size_t resolution, std::uint64_t group, int column) const;
+
  private:
-  struct Chunk;
   struct Wave;
   Gatherer(PagedVolume& volume, Cache& cache, KernelKind kernel, std::vector<int> columns);
-  [[nodiscard]] const format::Column& column(int index) const;
-  [[nodiscard]] std::uint64_t row_of_chunk(const CopyJob& job, int column) const;
   [[nodiscard]] Result<std::size_t> fill_wave(const GatherPlan& plan, std::size_t first_job, Wave& wave);
   [[nodiscard]] Status add_row(std::span<const CopyJob> jobs, Wave& wave);
   [[nodiscard]] Status load(Wave& wave);
-  [[nodiscard]] Status read_and_decode(std::span<Chunk> run) const;
-  [[nodiscard]] Status decode(Chunk& chunk, std::span<const std::byte> packed) const;
   void copy(std::span<const CopyJob> jobs, const Cut& cut, const Wave& wave, SplatArray& splats) const;
 
   PagedVolume* volume_;

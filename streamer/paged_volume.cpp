@@ -48,6 +48,12 @@ Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::ui
                              [&] { return volume_.read_directory_page(number); });
 }
 
+std::uint64_t PagedVolume::directory_page_bytes() const {
+  const format::VolumeInfo& info = volume_.info();
+  const std::uint64_t rows = std::min<std::uint64_t>(volume_.rows().row_count(), info.rows_per_directory_page);
+  return rows * info.columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+}
+
 Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {
   SPLATVOL_TRY_ASSIGN(page, directory_page(volume_.directory_page_of_row(row)));
   return volume_.find_chunk(*page, row, column);

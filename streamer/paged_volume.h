@@ -25,6 +25,9 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
 
+  /// Bytes of a directory page in memory, at most.
+  [[nodiscard]] std::uint64_t directory_page_bytes() const;
+
   /// Where a chunk of a row lies; `column` must be one of the row's.
   [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);
 

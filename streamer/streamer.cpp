@@ -15,6 +15,8 @@ constexpr double smallest_raised_tolerance = 1.0 / 16;
 constexpr double largest_raised_tolerance = 1 << 20;
 constexpr int refinements = 4;
 
+constexpr int steps = 3;  // coarser pictures on the way to the one that is aimed at
+
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -33,9 +35,21 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
          cut.items.size() * (sizeof(SplatBatch) + sizeof(std::uint64_t)) + jobs * sizeof(CopyJob);
 }
 
-std::uint64_t directory_page_bytes(const format::Volume& volume) {
-  const std::uint64_t rows = std::min<std::uint64_t>(volume.rows().row_count(), volume.info().rows_per_directory_page);
-  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+bool same_view(const View& a, const View& b) {
+  return a.eye == b.eye && a.right == b.right && a.up == b.up && a.forward == b.forward && a.focal == b.focal &&
+         a.orthographic == b.orthographic && a.width == b.width && a.height == b.height;
+}
+
+bool same_detail(const DetailOptions& a, const DetailOptions& b) {
+  return a.tolerance_percent == b.tolerance_percent && a.resolution == b.resolution && a.max_splats == b.max_splats;
+}
+
+// False where it is the coarsest.
+bool make_coarser(DetailOptions& detail) {
+  if (detail.resolution) return *detail.resolution > 0 && (--*detail.resolution, true);
+  if (std::isinf(detail.tolerance_percent)) return false;
+  detail.tolerance_percent = next_tolerance(detail.tolerance_percent);
+  return true;
 }
 
 Status check_detail(const DetailOptions& detail) {
@@ -53,9 +67,18 @@ struct Streamer::Frame {
   FrameSplats splats;
 };
 
+// What a view is to be drawn with, as far as the index that is there tells.
+struct Streamer::Aim {
+  View view;
+  ValueVisibility visibility;
+  DetailOptions asked;
+  Choice choice;
+};
+
 Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options)
     : volume_(std::move(volume)),
       kernel_(options.kernel),
+      threads_(std::max(options.threads, 1U)),
       budget_(options.memory_bytes),
       cache_(budget_),
       paged_(*volume_, attribute, cache_) {}
@@ -85,7 +108,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
 // chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
-  working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
+  working_bytes_ = gatherer_->working_bytes() + paged_.directory_page_bytes() + 4 * root.memory_bytes();
   auto preamble = budget_.reserve(volume_->memory_bytes());
   if (!preamble || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
@@ -102,13 +125,16 @@ std::uint64_t Streamer::frame_limit() const {
 Result<const FrameSplats*> Streamer::request(const View& view, const TransferFunction& function,
                                              const DetailOptions& detail) {
   SPLATVOL_TRY(check_detail(detail));
+  aim_.reset();
+  pager_.reset();
   const auto cut_start = std::chrono::steady_clock::now();
   const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
-  auto choice = choose(view, visibility, detail);
+  auto choice = choose(detail, [&](const DetailOptions& tried) { return try_cut(view, visibility, tried); });
   cut_seconds_ = seconds_since(cut_start);
   fetch_seconds_ = 0;
   if (!choice) {
     frame_.reset();
+    if (choice.error().code == ErrorCode::out_of_budget) return fail_for_memory(view, visibility, detail, false);
     return tl::unexpected(choice.error());
   }
 
@@ -119,16 +145,21 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
     fetch_seconds_ = seconds_since(fetch_start);
   }
   frame_->splats.detail = choice->detail;
+  frame_->splats.progress = {};
   return &frame_->splats;
 }
 
-Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_bytes) const {
   CutOptions options;
   options.tolerance_percent = detail.tolerance_percent;
   options.kernel = kernel_;
   options.resolution = detail.resolution;
-  options.max_bytes = frame_limit();
-  SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), paged_, view, visibility, options));
+  options.max_bytes = max_bytes;
+  return options;
+}
+
+Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+  SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), paged_, view, visibility, cut_options(detail, frame_limit())));
   if (cut.splats > detail.max_splats)
     return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", detail.max_splats);
   if (frame_bytes(cut, info(), kernel_) > frame_limit())
@@ -136,74 +167,62 @@ Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibilit
   return cut;
 }
 
-Result<Streamer::Choice> Streamer::choose(const View& view, const ValueVisibility& visibility, DetailOptions detail) {
+// The finest detail that fits, not finer than `detail`. Fails with the error of try_cut for the coarsest.
+Result<Streamer::Choice> Streamer::choose(DetailOptions detail, const TryCut& try_cut) const {
   if (detail.resolution) detail.resolution = std::min(*detail.resolution, info().resolutions() - 1);
-  auto cut = try_cut(view, visibility, detail);
-  if (cut) return Choice{std::move(*cut), detail};
-  if (cut.error().code != ErrorCode::out_of_budget) return tl::unexpected(cut.error());
-  return detail.resolution ? choose_lower_resolution(view, visibility, detail)
-                           : choose_higher_tolerance(view, visibility, detail);
-}
 
-Result<Streamer::Choice> Streamer::choose_lower_resolution(const View& view, const ValueVisibility& visibility,
-                                                           DetailOptions detail) {
-  while (*detail.resolution > 0) {
-    --*detail.resolution;
-    auto cut = try_cut(view, visibility, detail);
-    if (cut) return Choice{std::move(*cut), detail};
-    if (cut.error().code != ErrorCode::out_of_budget) return tl::unexpected(cut.error());
+  // Coarser, until it fits.
+  DetailOptions refused = detail;
+  auto cut = try_cut(detail);
+  while (!cut) {
+    refused = detail;
+    if (cut.error().code != ErrorCode::out_of_budget || !make_coarser(detail)) return tl::unexpected(cut.error());
+    cut = try_cut(detail);
   }
-  return fail_for_memory(view, visibility, detail);
-}
+  Choice best{std::move(*cut), detail};
+  if (detail.resolution) return best;
 
-Result<Streamer::Choice> Streamer::choose_higher_tolerance(const View& view, const ValueVisibility& visibility,
-                                                           DetailOptions detail) {
-  // Up, until it fits.
-  double refused = detail.tolerance_percent;
-  std::optional<Choice> best;
-  while (!best) {
-    if (std::isinf(refused)) return fail_for_memory(view, visibility, detail);
-    detail.tolerance_percent = next_tolerance(refused);
-    auto cut = try_cut(view, visibility, detail);
-    if (!cut && cut.error().code != ErrorCode::out_of_budget) return tl::unexpected(cut.error());
+  // Finer again, as far as it still does.
+  double refused_percent = refused.tolerance_percent;
+  for (int i = 0; i < refinements; ++i) {
+    const double fits = best.detail.tolerance_percent;
+    if (!(refused_percent > 0 && refused_percent < fits && std::isfinite(fits))) break;
+    detail.tolerance_percent = std::sqrt(refused_percent * fits);
+    cut = try_cut(detail);
     if (cut)
       best = Choice{std::move(*cut), detail};
     else
-      refused = detail.tolerance_percent;
+      refused_percent = detail.tolerance_percent;
   }
-
-  // Down again, as far as it still does.
-  for (int i = 0; i < refinements && refused > 0 && std::isfinite(best->detail.tolerance_percent); ++i) {
-    detail.tolerance_percent = std::sqrt(refused * best->detail.tolerance_percent);
-    auto cut = try_cut(view, visibility, detail);
-    if (cut)
-      best = Choice{std::move(*cut), detail};
-    else
-      refused = detail.tolerance_percent;
-  }
-  return std::move(*best);
+  return best;
 }
 
 tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVisibility& visibility,
-                                                const DetailOptions& detail) {
-  CutOptions options;
-  options.tolerance_percent = detail.tolerance_percent;
-  options.kernel = kernel_;
-  options.resolution = detail.resolution;
+                                                const DetailOptions& detail, bool paging) {
+  DetailOptions coarsest_detail = detail;
+  while (make_coarser(coarsest_detail)) {
+  }
+  const CutOptions options = cut_options(coarsest_detail, std::numeric_limits<std::uint64_t>::max());
   const auto coarsest = select_cut(info(), paged_, view, visibility, options);
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.max_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture needs {} splats, more than {}",
                 volume_->name(), coarsest->splats, detail.max_splats);
+  std::uint64_t bytes = frame_bytes(*coarsest, info(), kernel_);
+  if (paging)
+    bytes = pager_->pinned_bytes() + 2 * (bytes + gatherer_->resident_bytes(*coarsest) + pager_->pages().index_bytes);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
-              volume_->name(), budget_.capacity(),
-              volume_->memory_bytes() + working_bytes_ + frame_bytes(*coarsest, info(), kernel_));
+              volume_->name(), budget_.capacity(), volume_->memory_bytes() + working_bytes_ + bytes);
 }
 
 Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   frame_.reset();
   auto reservation = cache_.reserve(frame_bytes(cut, info(), kernel_));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
+  return assemble(std::move(cut), visibility, std::move(*reservation));
+}
+
+Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation) {
   SPLATVOL_TRY_ASSIGN(plan, gatherer_->plan(cut, visibility));
   SPLATVOL_TRY_ASSIGN(array, gatherer_->gather(cut, plan));
 
@@ -226,7 +245,170 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
     begin += count;
   }
   frame_ = std::make_unique<Frame>(
-      Frame{std::move(cut), visibility, std::move(*reservation), std::move(array), std::move(splats)});
+      Frame{std::move(cut), visibility, std::move(reservation), std::move(array), std::move(splats)});
+  return {};
+}
+
+// Memory for paging, and how it is shared out: most of it to the splats of the picture that is aimed at and their
+// chunks; a little to pictures on the way to it, that they may hold more splats, and to what is being read.
+std::uint64_t Streamer::paging_memory() const {
+  const std::uint64_t fixed = volume_->memory_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes();
+  return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
+}
+
+Status Streamer::start_paging() {
+  if (pager_) return {};
+  frame_.reset();
+  auto pager = std::make_unique<Pager>(paged_, cache_, *gatherer_, frame_limit() / 8, threads_);
+  SPLATVOL_TRY(pager->pin_coarsest());
+  pager_ = std::move(pager);
+  return {};
+}
+
+Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
+                                             const DetailOptions& detail, double wait_seconds) {
+  SPLATVOL_TRY(check_detail(detail));
+  const auto start = std::chrono::steady_clock::now();
+  const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                                    std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
+  SPLATVOL_TRY(start_paging());
+  if (frame_) frame_->splats.progress.errors.clear();
+  const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
+  const bool steady =
+      aim_ && same_view(aim_->view, view) && aim_->visibility == visibility && same_detail(aim_->asked, detail);
+  const std::optional<View> last = aim_ && !steady ? std::optional(aim_->view) : std::nullopt;
+  if (!steady) aim_.reset();
+
+  for (Pager::Arrivals arrived = pager_->take_in();;) {
+    if (!aim_ || arrived.pages) SPLATVOL_TRY(take_aim(view, visibility, detail));
+    if (!steady || arrived || !pager_->is_reading()) pager_->ask();
+    if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
+    pager_->wait_until(deadline);
+    arrived = pager_->take_in();
+    if (!arrived) break;
+  }
+  if (last && pager_->missing().settled()) aim_ahead(*last, view, visibility);
+  cut_seconds_ = seconds_since(start);
+  SPLATVOL_TRY(show_resident(view, visibility));
+  fetch_seconds_ = seconds_since(start) - cut_seconds_;
+  return &frame_->splats;
+}
+
+// Chooses what is to be drawn, from as much of the index as is there. Once more for the same view, when more of it is:
+// then never finer than before, or two choices might take turns.
+Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+  const std::uint64_t limit = paging_memory() / 4 * 3;
+  Pager::Pages pages;
+  const auto try_cut = [&](const DetailOptions& tried) -> Result<Cut> {
+    pager_->begin_selection();
+    SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), *pager_, view, visibility, cut_options(tried, limit)));
+    if (cut.splats > tried.max_splats)
+      return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", tried.max_splats);
+    const std::uint64_t bytes =
+        frame_bytes(cut, info(), kernel_) + gatherer_->resident_bytes(cut) + pager_->pages().index_bytes;
+    if (bytes > limit) return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", limit);
+    pages = pager_->pages();
+    return cut;
+  };
+  auto choice = choose(aim_ ? aim_->choice.detail : detail, try_cut);
+  if (!choice) {
+    aim_.reset();
+    frame_.reset();
+    if (choice.error().code == ErrorCode::out_of_budget) return fail_for_memory(view, visibility, detail, true);
+    return tl::unexpected(choice.error());
+  }
+  pager_->forget(visibility);
+  pager_->keep_pages(std::move(pages));
+  pager_->want(choice->cut, 0);
+  aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice)});
+  aim_in_steps(view, visibility);
+  return {};
+}
+
+// Coarser pictures that cost little: each has about a twentieth of the splats of the next.
+void Streamer::aim_in_steps(const View& view, const ValueVisibility& visibility) {
+  const DetailOptions& aimed = aim_->choice.detail;
+  std::uint64_t bytes_left = std::min(paging_memory() / 16, gatherer_->resident_bytes(aim_->choice.cut) / 5);
+  for (int step = steps; step > 0; --step) {
+    DetailOptions detail = aimed;
+    if (aimed.resolution) {
+      if (*aimed.resolution < static_cast<std::size_t>(2 * step)) continue;
+      *detail.resolution -= static_cast<std::size_t>(2 * step);
+    } else {
+      detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, step);
+    }
+    const auto cut = select_cut(info(), *pager_, view, visibility, cut_options(detail, bytes_left));
+    if (!cut) continue;
+    const std::uint64_t bytes = gatherer_->resident_bytes(*cut);
+    if (bytes > bytes_left) continue;
+    bytes_left -= bytes;
+    pager_->want(*cut, step);
+  }
+}
+
+// What the view after this one will want if the camera goes on as it did, where there is memory to spare.
+void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
+  View next = view;
+  next.eye += view.eye - last.eye;
+  const dvec3 forward = 2.0 * view.forward - last.forward;
+  const dvec3 right = 2.0 * view.right - last.right;
+  if (!(glm::length(glm::cross(forward, right)) > 0)) return;
+  next.forward = glm::normalize(forward);
+  next.right = glm::normalize(right - glm::dot(right, next.forward) * next.forward);
+  next.up = glm::cross(next.right, next.forward);
+
+  Pager::Pages pages = pager_->pages();
+  const auto cut =
+      select_cut(info(), *pager_, next, visibility, cut_options(aim_->choice.detail, paging_memory() / 4 * 3));
+  pager_->keep_pages(std::move(pages));
+  if (!cut) return;
+  pager_->want(*cut, -1);
+  pager_->ask();
+}
+
+// The best cut that can be drawn at once, within the memory and the splats that there are for it.
+Result<Cut> Streamer::choose_resident(const View& view, const ValueVisibility& visibility) {
+  const Choice& aimed = aim_->choice;
+  const std::uint64_t limit = std::max(frame_bytes(aimed.cut, info(), kernel_) + paging_memory() / 16,
+                                       splat_bytes(kernel_) * (info().resolution_counts[0] + 64));
+  DetailOptions detail = aimed.detail;
+  for (;;) {
+    auto cut = select_resident_cut(info(), *pager_, *pager_, view, visibility, cut_options(detail, limit));
+    if (cut && (cut->splats > detail.max_splats || frame_bytes(*cut, info(), kernel_) > limit))
+      cut = fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut->splats);
+    if (cut || cut.error().code != ErrorCode::out_of_budget || !make_coarser(detail)) return cut;
+  }
+}
+
+Status Streamer::show_resident(const View& view, const ValueVisibility& visibility) {
+  auto cut = choose_resident(view, visibility);
+  if (!cut) return tl::unexpected(cut.error());
+  const bool same = frame_ && frame_->cut == *cut && frame_->visibility == visibility;
+  if (!same) {
+    frame_.reset();
+    auto reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
+    if (!reservation) {
+      // What only stands in for something else gives way.
+      pager_->hold_wanted();
+      reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
+      cut = choose_resident(view, visibility);
+      if (!cut) return tl::unexpected(cut.error());
+    }
+    if (!reservation || reservation->bytes() < frame_bytes(*cut, info(), kernel_))
+      return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut->splats);
+    SPLATVOL_TRY(assemble(std::move(*cut), visibility, std::move(*reservation)));
+  }
+
+  const Pager::Missing& missing = pager_->missing();
+  const Choice& aimed = aim_->choice;
+  frame_->splats.detail = aimed.detail;
+  frame_->splats.progress = {aimed.cut.complete && missing.chunks + missing.pages == 0 && frame_->cut == aimed.cut,
+                             missing.settled(),
+                             missing.chunks,
+                             missing.pages,
+                             missing.bytes,
+                             pager_->needed_bytes(),
+                             pager_->take_errors()};
   return {};
 }
 

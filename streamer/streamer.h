@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -17,6 +18,7 @@
 #include "streamer/cut.h"
 #include "streamer/gather.h"
 #include "streamer/paged_volume.h"
+#include "streamer/pager.h"
 #include "streamer/splat.h"
 
 namespace splatvol {
@@ -26,6 +28,7 @@ struct StreamerOptions {
   std::string attribute;
   KernelKind kernel = KernelKind::moments;
   bool gradients = false;  // octant: with them, for lighting; moments have theirs in any case
+  unsigned threads = 4;    // that read and decode for `advance`
 };
 
 /// What a view asks for.
@@ -33,6 +36,20 @@ struct DetailOptions {
   double tolerance_percent = 1;                                          // see CutOptions
   std::optional<std::size_t> resolution;                                 // fixed; the finest where the file has fewer
   std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // what the renderer can hold
+};
+
+/// How far a frame is from what its view asks for.
+struct FrameProgress {
+  bool complete = true;  // it is what `request` gives for the frame's `detail`
+  bool settled = true;   // nothing more will come: complete, but for what cannot be read
+
+  // Of what is needed.
+  std::uint64_t missing_chunks = 0;  // as far as it is known where they lie
+  std::uint64_t missing_pages = 0;   // of index and directory
+  std::uint64_t missing_bytes = 0;   // packed
+  std::uint64_t needed_bytes = 0;    // packed, there or not
+
+  std::vector<Error> errors;  // what could not be read since the frame before; each part once
 };
 
 /// Splats for a view, back to front; owned by the streamer.
@@ -47,6 +64,8 @@ struct FrameSplats {
   std::vector<std::uint64_t> nodes_by_resolution;   // [resolution]
   std::vector<std::uint64_t> splats_by_resolution;  // [resolution]
   DetailOptions detail;
+
+  FrameProgress progress;
 };
 
 struct StreamerStatistics {
@@ -58,7 +77,8 @@ struct StreamerStatistics {
 };
 
 /// An open file, seen through one attribute. Everything that it holds in memory counts against the budget: preamble,
-/// pages, chunks and splats. Not thread-safe; uses all processors.
+/// pages, chunks, packed bytes on their way, and splats. Not thread-safe; uses all processors, and threads of its own
+/// for `advance`.
 class Streamer {
  public:
   /// Reads the preamble. Fails where the file is damaged, where it has no such attribute (the message lists those that
@@ -79,6 +99,20 @@ class Streamer {
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail);
 
+  /// The best splats for a view that are there now, or come within `wait_seconds`; what else the view asks for is read
+  /// meanwhile, until the next call: coarse before fine, and where the error is largest first. The splats always show
+  /// all of the volume. Calls with the same view end in a frame that is `complete`: what `request` gives for its
+  /// `detail`. That is coarser than the one asked for where splats and the chunks that they come from would pass the
+  /// budget together.
+  ///
+  /// Waits for the file in the first call, for the root of the index and the coarsest resolution, which are kept from
+  /// then on. A part that cannot be read is told once and not asked for again; its nodes are drawn coarser. Fails where
+  /// those of the first call cannot be read, and where not even the coarsest picture fits.
+  ///
+  /// The result stays valid until the next call or request.
+  [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
+                                                   const DetailOptions& detail, double wait_seconds = 0);
+
   /// What the splats' values have to be added to.
   [[nodiscard]] double value_offset() const {
     return info().attributes[static_cast<std::size_t>(paged_.attribute())].offset;
@@ -94,27 +128,38 @@ class Streamer {
     Cut cut;
     DetailOptions detail;
   };
+  struct Aim;
+  using TryCut = std::function<Result<Cut>(const DetailOptions& detail)>;
   Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
   [[nodiscard]] Status set_memory_aside();
   [[nodiscard]] std::uint64_t frame_limit() const;
-  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, DetailOptions detail);
-  [[nodiscard]] Result<Choice> choose_lower_resolution(const View& view, const ValueVisibility& visibility,
-                                                       DetailOptions detail);
-  [[nodiscard]] Result<Choice> choose_higher_tolerance(const View& view, const ValueVisibility& visibility,
-                                                       DetailOptions detail);
+  [[nodiscard]] std::uint64_t paging_memory() const;
+  [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes) const;
+  [[nodiscard]] Result<Choice> choose(DetailOptions detail, const TryCut& try_cut) const;
   [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
-                                                      const DetailOptions& detail);
+                                                      const DetailOptions& detail, bool paging);
   [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
+  [[nodiscard]] Status assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation);
+
+  [[nodiscard]] Status start_paging();
+  [[nodiscard]] Status take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  void aim_in_steps(const View& view, const ValueVisibility& visibility);
+  void aim_ahead(const View& last, const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] Result<Cut> choose_resident(const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] Status show_resident(const View& view, const ValueVisibility& visibility);
 
   std::shared_ptr<const format::Volume> volume_;
   KernelKind kernel_;
+  unsigned threads_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
   Reservation preamble_;
   Cache cache_;
   PagedVolume paged_;
   std::optional<Gatherer> gatherer_;
+  std::unique_ptr<Pager> pager_;  // while frames come from `advance`
+  std::unique_ptr<Aim> aim_;
   std::unique_ptr<Frame> frame_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;

@@ -1,0 +1,147 @@
+#include "streamer/loader.h"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+#include "streamer/decode.h"
+
+namespace splatvol {
+namespace {
+
+// Chunks with no more than this between them are read at once. Little: it is often another attribute's chunk, and what
+// a view does not need is not to be read.
+constexpr std::uint64_t largest_gap = 1024;
+
+std::uint64_t end_of(const PartLoad& part) { return part.chunk().place.offset + part.chunk().place.entry.packed_bytes; }
+
+std::string describe(const format::Volume& volume, const PartLoad& part) {
+  if (const auto* chunk = std::get_if<ChunkLoad>(&part.what))
+    return fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(chunk->kind), part.key.number);
+  const bool of_index = part.key.kind == CacheKey::Kind::index_page;
+  return fmt::format("{}: {} page {}", volume.name(), of_index ? "index" : "directory", part.key.number);
+}
+
+// The reason after the part, where the reader names only the file.
+tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad& part, const Error& error) {
+  const std::string what = describe(volume, part);
+  if (error.message.starts_with(what)) return tl::unexpected(error);
+  return fail(error.code, "{}: {}", what, error.message);
+}
+
+template <class Page>
+Result<CacheData> as_data(const format::Volume& volume, const PartLoad& part, Result<Page> page) {
+  if (!page) return fail_in_part(volume, part, page.error());
+  return CacheData(std::move(*page));
+}
+
+}  // namespace
+
+PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what) { return {key, what, {}, {}, CacheData()}; }
+
+std::uint64_t decoded_bytes(const ChunkLoad& chunk) { return decoded_bytes(chunk.kind, chunk.points); }
+
+std::uint64_t working_bytes(const ChunkLoad& chunk) {
+  const format::ChunkEntry& entry = chunk.place.entry;
+  return largest_gap + entry.packed_bytes + decoding_bytes(chunk.kind, chunk.points, entry.unpacked_bytes);
+}
+
+std::vector<LoadRun> runs_of(std::vector<PartLoad> chunks, std::uint64_t run_bytes) {
+  std::ranges::sort(chunks, {}, [](const PartLoad& part) { return part.chunk().place.offset; });
+  std::vector<LoadRun> runs;
+  for (PartLoad& part : chunks) {
+    const bool joins = !runs.empty() && part.chunk().place.offset - end_of(runs.back().back()) <= largest_gap &&
+                       end_of(part) - runs.back().front().chunk().place.offset <= run_bytes;
+    if (!joins) runs.emplace_back();
+    runs.back().push_back(std::move(part));
+  }
+  return runs;
+}
+
+void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
+  PartLoad& first = run.front();
+  if (const auto* page = std::get_if<IndexPageLoad>(&first.what)) {
+    first.data =
+        as_data(volume, first, volume.read_index_page(page->ref, page->child_mask, page->parent_counts, attribute));
+    return;
+  }
+  if (std::holds_alternative<DirectoryPageLoad>(first.what)) {
+    first.data = as_data(volume, first, volume.read_directory_page(first.key.number));
+    return;
+  }
+
+  const std::uint64_t begin = first.chunk().place.offset;
+  const auto bytes = volume.read_bytes(begin, end_of(run.back()) - begin);
+  for (PartLoad& part : run) {
+    if (!bytes) {
+      part.data = fail_in_part(volume, part, bytes.error());
+      continue;
+    }
+    const ChunkLoad& chunk = part.chunk();
+    const auto packed = std::span(*bytes).subspan(chunk.place.offset - begin, chunk.place.entry.packed_bytes);
+    auto decoded = decode_chunk(chunk.kind, chunk.place.entry, packed, chunk.points, volume.info().cube.edge,
+                                describe(volume, part));
+    if (decoded)
+      part.data = CacheData(std::move(*decoded));
+    else
+      part.data = tl::unexpected(decoded.error());
+  }
+}
+
+Loader::Loader(const format::Volume& volume, int attribute, unsigned threads) : volume_(volume), attribute_(attribute) {
+  for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+}
+
+Loader::~Loader() {
+  {
+    const std::scoped_lock lock(mutex_);
+    stopping_ = true;
+  }
+  submitted_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+void Loader::submit(LoadRun run) {
+  {
+    const std::scoped_lock lock(mutex_);
+    queue_.push_back(std::move(run));
+  }
+  submitted_.notify_one();
+}
+
+std::vector<LoadRun> Loader::withdraw() {
+  const std::scoped_lock lock(mutex_);
+  std::vector<LoadRun> runs(std::make_move_iterator(queue_.begin()), std::make_move_iterator(queue_.end()));
+  queue_.clear();
+  return runs;
+}
+
+std::vector<LoadRun> Loader::take() {
+  const std::scoped_lock lock(mutex_);
+  return std::exchange(done_, {});
+}
+
+void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  finished_.wait_until(lock, deadline, [this] { return !done_.empty() || (queue_.empty() && begun_ == 0); });
+}
+
+void Loader::work() {
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    submitted_.wait(lock, [this] { return stopping_ || !queue_.empty(); });
+    if (stopping_) return;
+    LoadRun run = std::move(queue_.front());
+    queue_.pop_front();
+    ++begun_;
+    lock.unlock();
+    read_run(volume_, attribute_, run);
+    for (PartLoad& part : run) part.working = Reservation();
+    lock.lock();
+    --begun_;
+    done_.push_back(std::move(run));
+    finished_.notify_all();
+  }
+}
+
+}  // namespace splatvol

@@ -1,0 +1,319 @@
+#include "streamer/pager.h"
+
+#include <algorithm>
+#include <limits>
+#include <tuple>
+
+namespace splatvol {
+namespace {
+
+using format::DirectoryPage;
+using format::IndexPage;
+
+// So many parts may fail before nothing more is asked for: the disk is gone, and the list of them is not to grow.
+constexpr std::size_t most_failures = 1000;
+
+constexpr int before_all_steps = std::numeric_limits<int>::max();
+
+// Large reads are cheap, and small ones let others pass.
+constexpr std::uint64_t smallest_run_bytes = 16u << 10;
+constexpr std::uint64_t largest_run_bytes = 512u << 10;
+
+std::uint64_t row_number(std::uint64_t resolution, std::uint64_t group) { return resolution << 56 | group; }
+
+template <class Page>
+std::shared_ptr<const Page> typed(const Cache::Pointer& page) {
+  return {page, &std::get<Page>(*page)};
+}
+
+}  // namespace
+
+Pager::Pager(PagedVolume& paged, Cache& cache, const Gatherer& gatherer, std::uint64_t bytes_in_flight,
+             unsigned threads)
+    : paged_(paged),
+      cache_(cache),
+      gatherer_(gatherer),
+      most_in_flight_(bytes_in_flight),
+      loader_(paged.volume(), paged.attribute(), threads) {}
+
+Status Pager::pin_coarsest() {
+  SPLATVOL_TRY(paged_.root());
+  const format::Volume& volume = paged_.volume();
+  const std::uint64_t groups = volume.rows().group_at(0, volume.info().resolution_counts[0] - 1) + 1;
+  for (std::uint64_t group = 0; group < groups; ++group)
+    for (const int column : gatherer_.columns()) {
+      const CacheKey key = gatherer_.chunk_key(0, group, column);
+      SPLATVOL_TRY_ASSIGN(place, paged_.find_chunk(key.number, column));
+      Cache::Pointer held = cache_.find(key);
+      if (!held) {
+        LoadRun run;
+        run.push_back(chunk_load(key, {gatherer_.column(column).kind, volume.rows().group(group).count, place}));
+        auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
+        const auto working = cache_.reserve(working_bytes(run.front().chunk()));
+        if (!decoded || !working)
+          return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
+        read_run(volume, paged_.attribute(), run);
+        SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
+        held = cache_.insert(key, std::move(data), std::move(*decoded));
+      }
+      pinned_bytes_ += decoded_bytes(gatherer_.column(column).kind, volume.rows().group(group).count);
+      pinned_.push_back(std::move(held));
+    }
+
+  // The directory's pages may have pushed each other out; all of them are to stay.
+  std::set<std::uint64_t> pages;
+  for (std::uint64_t group = 0; group < groups; ++group)
+    for (const int column : gatherer_.columns()) {
+      const std::uint64_t row = gatherer_.chunk_key(0, group, column).number;
+      const std::uint64_t page = volume.directory_page_of_row(row);
+      if (!pages.insert(page).second) continue;
+      SPLATVOL_TRY(paged_.find_chunk(row, column));
+      pinned_.push_back(cache_.find({CacheKey::Kind::directory_page, page}));
+    }
+  SPLATVOL_TRY_ASSIGN(root, paged_.root());
+  largest_index_page_ = 4 * root->memory_bytes();
+  pinned_.push_back(cache_.find({CacheKey::Kind::index_root, 0}));
+  pinned_bytes_ += root->memory_bytes() + pages.size() * paged_.directory_page_bytes();
+  return {};
+}
+
+void Pager::forget(const ValueVisibility& visibility) {
+  if (!visibility_ || *visibility_ != visibility) rows_.clear();
+  visibility_ = visibility;
+  wants_.clear();
+}
+
+Cache::Pointer Pager::find_page(const CacheKey& key) {
+  const auto held = pages_.held.find(key);
+  if (held != pages_.held.end()) return held->second;
+  Cache::Pointer page = cache_.find(key);
+  if (!page) return page;
+  if (const auto* index = std::get_if<IndexPage>(page.get())) pages_.index_bytes += index->memory_bytes();
+  pages_.held.emplace(key, page);
+  return page;
+}
+
+Result<std::shared_ptr<const IndexPage>> Pager::root() {
+  return typed<IndexPage>(find_page({CacheKey::Kind::index_root, 0}));
+}
+
+Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, std::uint32_t node) {
+  const format::IndexPageRef& ref = page.pages[page.links[node]];
+  const CacheKey key{CacheKey::Kind::index_page, ref.offset};
+  if (!pages_.held.contains(key) && !pages_.missing.contains(key)) pages_.packed_bytes += ref.front_bytes;
+  const Cache::Pointer found = find_page(key);
+  if (found) return typed<IndexPage>(found);
+  const auto counts = page.nodes.counts_of(node);
+  pages_.missing.try_emplace(key, IndexPageLoad{ref, page.nodes.child_masks[node], {counts.begin(), counts.end()}});
+  return nullptr;
+}
+
+const DirectoryPage* Pager::find_directory_page(std::uint64_t row) {
+  const Cache::Pointer page = find_page({CacheKey::Kind::directory_page, paged_.volume().directory_page_of_row(row)});
+  return page ? &std::get<DirectoryPage>(*page) : nullptr;
+}
+
+bool Pager::holds(std::span<const PointRange> ranges) {
+  const auto resolution = static_cast<std::uint32_t>(ranges.size() - 1);
+  return visit_groups(paged_.volume(), ranges, [&](const GroupPart& part) {
+    const State state = state_of(resolution, part.group);
+    return state == State::hidden || state == State::ready;
+  });
+}
+
+Pager::State Pager::state_of(std::uint32_t resolution, std::uint64_t group) {
+  const auto [place, added] = rows_.try_emplace(row_number(resolution, group));
+  if (added) look_up(resolution, group, place->second);
+  return place->second.state;
+}
+
+void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
+  const CacheKey value = gatherer_.chunk_key(resolution, group, gatherer_.value_column());
+  const DirectoryPage* page = find_directory_page(value.number);
+  if (!page) return;
+  const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.number, value.column).entry;
+  row.state = State::hidden;
+  if (!visibility_->shows(entry.min, entry.max, entry.occupancy)) return;
+
+  row.state = State::ready;
+  for (const int column : gatherer_.columns()) {
+    const CacheKey key = gatherer_.chunk_key(resolution, group, column);
+    if (Cache::Pointer chunk = cache_.find(key))
+      row.chunks.push_back(std::move(chunk));
+    else
+      row.state = State::missing;
+    if (!find_directory_page(key.number)) row.state = State::missing;
+  }
+}
+
+void Pager::want(const Cut& cut, int step) {
+  for (const CutItem& item : cut.items) {
+    if (item.error == 0) continue;
+    visit_groups(paged_.volume(), cut.ranges_of(item), [&](const GroupPart& part) {
+      const auto [place, added] = wants_.try_emplace(row_number(item.resolution, part.group),
+                                                     Want{item.resolution, part.group, step, false, 0});
+      Want& wanted = place->second;
+      wanted.step = std::max(wanted.step, step);
+      wanted.needed = wanted.needed || step == 0;
+      wanted.error = std::max(wanted.error, item.error);
+      return true;
+    });
+  }
+}
+
+void Pager::hold_wanted() {
+  rows_.clear();
+  std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == CacheKey::Kind::directory_page; });
+  for (const auto& [number, want] : wants_) static_cast<void>(state_of(want.resolution, want.group));
+}
+
+void Pager::ask() {
+  for (const LoadRun& run : loader_.withdraw())
+    for (const PartLoad& part : run) {
+      const auto place = in_flight_.find(part.key);
+      bytes_in_flight_ -= place->second;
+      in_flight_.erase(place);
+    }
+  hold_wanted();
+  for (Request& request : requests())
+    if (failed_.size() >= most_failures || !submit(std::move(request.run), request.step >= 0)) break;
+}
+
+// All that is missing, what is needed most first. What only leads to the picture is left out where that is there.
+std::vector<Pager::Request> Pager::requests() {
+  missing_ = {};
+  needed_bytes_ = pages_.packed_bytes;
+  std::map<CacheKey, Chunk> chunks;
+  std::set<CacheKey> needed;
+  std::set<std::uint64_t> directory_pages;
+  for (const auto& [number, want] : wants_) add_chunks(want, chunks, needed, directory_pages);
+  std::vector<Request> requests;
+  add_pages(directory_pages, requests);
+
+  const bool is_there = missing_.chunks + missing_.pages == 0;
+  std::map<int, std::vector<PartLoad>> parts_by_step;
+  for (auto& [key, chunk] : chunks)
+    if (!is_there || chunk.step <= 0) parts_by_step[chunk.step].push_back(std::move(chunk.part));
+  const std::uint64_t run_bytes = std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
+  for (auto& [step, parts] : parts_by_step)
+    for (LoadRun& run : runs_of(std::move(parts), run_bytes)) {
+      const float error = std::ranges::max_element(run, {}, &PartLoad::error)->error;
+      requests.push_back({step, error, std::move(run)});
+    }
+  std::ranges::stable_sort(requests, std::greater<>(),
+                           [](const Request& request) { return std::tuple(request.step, request.error); });
+  return requests;
+}
+
+void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests) {
+  const auto add = [&](const CacheKey& key, auto what) {
+    if (!can_ask(key)) return;
+    requests.push_back({before_all_steps, 0, {}});
+    requests.back().run.push_back({key, std::move(what), {}, {}, CacheData()});
+  };
+  for (const auto& [key, what] : pages_.missing) {
+    miss(key, missing_.pages, what.ref.page_bytes);
+    add(key, what);
+  }
+  for (const std::uint64_t number : directory_pages) add({CacheKey::Kind::directory_page, number}, DirectoryPageLoad());
+}
+
+// The chunks of a row that are not there, or the directory pages that tell where they lie.
+void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std::set<CacheKey>& needed,
+                       std::set<std::uint64_t>& directory_pages) {
+  const format::Volume& volume = paged_.volume();
+  const State state = state_of(want.resolution, want.group);
+  if (state == State::hidden) return;
+  for (const int column : gatherer_.columns()) {
+    const CacheKey key = gatherer_.chunk_key(want.resolution, want.group, column);
+    const DirectoryPage* page = find_directory_page(key.number);
+    if (!page) {
+      const std::uint64_t number = volume.directory_page_of_row(key.number);
+      if (directory_pages.insert(number).second && want.needed)
+        miss({CacheKey::Kind::directory_page, number}, missing_.pages, paged_.directory_page_bytes());
+      continue;
+    }
+    const format::ChunkPlace& place = volume.find_chunk(*page, key.number, column);
+    const bool count = want.needed && needed.insert(key).second;
+    if (count) needed_bytes_ += place.entry.packed_bytes;
+    if (state == State::ready || cache_.find(key)) continue;
+    if (count) miss(key, missing_.chunks, place.entry.packed_bytes);
+    if (!can_ask(key)) continue;
+    const std::uint32_t points = volume.rows().group(want.group).count;
+    const auto [chunk, added] =
+        chunks.try_emplace(key, want.step, chunk_load(key, {gatherer_.column(column).kind, points, place}));
+    chunk->second.step = std::max(chunk->second.step, want.step);
+    chunk->second.part.error = std::max(chunk->second.part.error, want.error);
+  }
+}
+
+void Pager::miss(const CacheKey& key, std::uint64_t& parts, std::uint64_t packed_bytes) {
+  ++parts;
+  missing_.bytes += packed_bytes;
+  missing_.failed += failed_.contains(key) ? 1 : 0;
+}
+
+// Submits as much of a run as there is memory for; false where that is not all.
+bool Pager::submit(LoadRun run, bool may_evict) {
+  LoadRun granted;
+  for (PartLoad& part : run) {
+    if (!reserve(part, may_evict)) break;
+    const std::uint64_t bytes = part.decoded.bytes() + part.working.bytes();
+    bytes_in_flight_ += bytes;
+    in_flight_[part.key] = bytes;
+    granted.push_back(std::move(part));
+  }
+  const bool all = granted.size() == run.size();
+  if (!granted.empty()) loader_.submit(std::move(granted));
+  return all;
+}
+
+bool Pager::reserve(PartLoad& part, bool may_evict) {
+  std::uint64_t decoded = paged_.directory_page_bytes(), working = decoded;
+  if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
+    // How large a page is in memory shows when it is unpacked; one is about as large as another.
+    decoded = largest_index_page_;
+    working = largest_index_page_ + page->ref.page_bytes;
+  } else if (const auto* chunk = std::get_if<ChunkLoad>(&part.what)) {
+    decoded = decoded_bytes(*chunk);
+    working = working_bytes(*chunk);
+  }
+  if (bytes_in_flight_ > 0 && bytes_in_flight_ + decoded + working > most_in_flight_) return false;
+  auto data_bytes = may_evict ? cache_.reserve(decoded) : cache_.reserve_spare(decoded);
+  if (!data_bytes) return false;
+  auto working_memory = may_evict ? cache_.reserve(working) : cache_.reserve_spare(working);
+  if (!working_memory) return false;
+  part.decoded = std::move(*data_bytes);
+  part.working = std::move(*working_memory);
+  return true;
+}
+
+Pager::Arrivals Pager::take_in() {
+  Arrivals arrivals;
+  for (LoadRun& run : loader_.take())
+    for (PartLoad& part : run) arrive(part, arrivals);
+  return arrivals;
+}
+
+void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
+  const auto place = in_flight_.find(part.key);
+  bytes_in_flight_ -= place->second;
+  in_flight_.erase(place);
+  (part.key.kind == CacheKey::Kind::chunk ? arrivals.chunks : arrivals.pages) = true;
+  if (!part.data) {
+    failed_.insert(part.key);
+    errors_.push_back(part.data.error());
+    return;
+  }
+  if (const auto* page = std::get_if<IndexPage>(&*part.data)) {
+    const std::uint64_t bytes = page->memory_bytes();
+    largest_index_page_ = std::max(largest_index_page_, bytes);
+    part.decoded = Reservation();
+    auto reservation = cache_.reserve(bytes);
+    if (!reservation) return;
+    part.decoded = std::move(*reservation);
+  }
+  cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
+}
+
+}  // namespace splatvol

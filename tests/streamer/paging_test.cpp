@@ -1,0 +1,426 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <condition_variable>
+#include <filesystem>
+#include <thread>
+
+#include "builder/build.h"
+#include "streamer/streamer.h"
+#include "tests/streamer/fixture.h"
+
+namespace splatvol {
+namespace {
+
+using test::TestVolume;
+using testing::HasSubstr;
+
+constexpr std::uint64_t plenty = 64u << 20;
+constexpr double long_enough = 60;  // seconds; only a failing test waits so long
+
+constexpr int most_calls = 1000;  // for a picture; only a failing test makes as many
+
+// A factor that no mass is off by: half a step of the log code, and single precision.
+const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
+
+// What a source does besides reading, for as long as it is told to.
+struct Faults {
+  std::mutex mutex;
+  std::condition_variable changed;
+  bool closed = false;  // reads wait
+  int waiting = 0;
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> failing;  // from, up to
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> ranges;   // [read]: from, up to
+
+  void set_closed(bool value) {
+    const std::scoped_lock lock(mutex);
+    closed = value;
+    changed.notify_all();
+  }
+  void wait_for_readers(int count) {
+    std::unique_lock lock(mutex);
+    changed.wait(lock, [&] { return waiting >= count; });
+  }
+  std::size_t reads() {
+    const std::scoped_lock lock(mutex);
+    return ranges.size();
+  }
+};
+
+class FaultySource final : public ByteSource {
+ public:
+  FaultySource(format::Bytes bytes, std::shared_ptr<Faults> faults)
+      : bytes_(std::move(bytes)), faults_(std::move(faults)) {}
+  [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    std::unique_lock lock(faults_->mutex);
+    const std::uint64_t end = offset + out.size();
+    faults_->ranges.emplace_back(offset, end);
+    ++faults_->waiting;
+    faults_->changed.notify_all();
+    faults_->changed.wait(lock, [this] { return !faults_->closed; });
+    --faults_->waiting;
+    for (const auto& [from, to] : faults_->failing)
+      if (from < end && offset < to) return fail(ErrorCode::io, "{}: the disk is gone", name_);
+    std::ranges::copy(std::span(bytes_).subspan(offset, out.size()), out.begin());
+    return {};
+  }
+
+ private:
+  format::Bytes bytes_;
+  std::shared_ptr<Faults> faults_;
+  std::string name_ = "test.svol";
+};
+
+View view_from(const dvec3& eye, const dvec3& focal_point = dvec3(0.5)) {
+  Camera camera;
+  camera.position = eye;
+  camera.focal_point = focal_point;
+  return make_view(camera, 256, 256).value();
+}
+
+// Sees all of the volume.
+View far_view() { return view_from({0.5, 0.5, 6}); }
+
+DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
+
+// Splats in their order, with where they are, byte for byte.
+std::vector<std::byte> bytes_of(const FrameSplats& frame) {
+  std::vector<std::byte> bytes;
+  const auto append = [&](const auto& span) { bytes.insert(bytes.end(), span.begin(), span.end()); };
+  std::visit([&](auto splats) { append(std::as_bytes(splats)); }, frame.data);
+  for (const SplatBatch& batch : frame.batches) {
+    append(std::as_bytes(std::span(&batch.origin, 1)));
+    append(std::as_bytes(std::span(&batch.count, 1)));
+  }
+  return bytes;
+}
+
+double mass_of(const FrameSplats& frame) {
+  double mass = 0;
+  for (const MomentsSplat& splat : std::get<std::span<const MomentsSplat>>(frame.data))
+    mass += static_cast<double>(splat.mass);
+  return mass;
+}
+
+double mass_of(const TestVolume& volume) {
+  double mass = 0;
+  for (const auto& parcels : volume.parcels)
+    for (const test::Parcel& parcel : parcels) mass += parcel.mass;
+  return mass;
+}
+
+// One for all tests; a1 has a value everywhere.
+const TestVolume& volume() {
+  static const TestVolume made = test::sample_volume(20000, 31);
+  return made;
+}
+
+const format::Bytes& volume_bytes() {
+  static const format::Bytes bytes = test::test_volume_bytes(volume());
+  return bytes;
+}
+
+// Twenty times as many points, in the box [-2, 2] x [-2, 2] x [-1, 1].
+const format::Bytes& large_volume_bytes() {
+  static const format::Bytes bytes = [] {
+    const auto path =
+        (std::filesystem::temp_directory_path() / fmt::format("splatvol_paging_{}.svol", ::getpid())).string();
+    const auto source = open_source({"gen:mesh:cells=2.4e6,pieces=1"}, {});
+    BuildOptions options;
+    options.points_per_chunk = 256;
+    options.index_leaf_points = 255;
+    const auto report = build_volume(**source, path, options, [](const char*, double) {});
+    if (!report) throw std::runtime_error(report.error().message);
+    const auto file = open_file(path).value();
+    format::Bytes read(file->size());
+    const Status status = file->read(0, read);
+    std::filesystem::remove(path);
+    if (!status) throw std::runtime_error(status.error().message);
+    return read;
+  }();
+  return bytes;
+}
+
+class Paging : public testing::TestWithParam<KernelKind> {
+ protected:
+  std::shared_ptr<Faults> faults = std::make_shared<Faults>();
+
+  std::unique_ptr<Streamer> open(std::uint64_t memory = plenty, format::Bytes bytes = volume_bytes(),
+                                 const std::string& attribute = "a1") {
+    return Streamer::open(std::make_unique<FaultySource>(std::move(bytes), faults), {memory, attribute, GetParam()})
+        .value();
+  }
+  static const FrameSplats& advance(Streamer& streamer, const View& view, double tolerance, double seconds = 0) {
+    return *streamer.advance(view, test::opaque(), percent(tolerance), seconds).value();
+  }
+  // The frame once nothing more will come for it.
+  static const FrameSplats& settle(Streamer& streamer, const View& view, double tolerance) {
+    for (int calls = 1;; ++calls) {
+      const FrameSplats& frame = advance(streamer, view, tolerance, long_enough);
+      if (frame.progress.settled) return frame;
+      if (calls < most_calls) continue;
+      ADD_FAILURE() << "missing: " << frame.progress.missing_chunks << " chunks and " << frame.progress.missing_pages
+                    << " pages";
+      return frame;
+    }
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Kernels, Paging, testing::Values(KernelKind::octant, KernelKind::moments),
+                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+
+TEST_P(Paging, EndsInTheSynchronousFrame) {
+  std::mt19937 random(32);
+  const auto paging = open();
+  const auto synchronous = open();
+  for (int i = 0; i < 30; ++i) {
+    const View view = i % 3 == 0 ? test::view_of_all(random) : test::random_view(random);
+    const TransferFunction function = i % 5 == 0 ? test::window(10, 40) : test::opaque();
+    DetailOptions detail = percent(std::exp2(i % 7 - 2));
+    if (i % 4 == 1) detail.resolution = i % 6;
+    const FrameSplats* frame = nullptr;
+    int calls = 0;
+    for (bool settled = false; !settled; settled = frame->progress.settled) {
+      frame = paging->advance(view, function, detail, long_enough).value();
+      ASSERT_LT(++calls, most_calls) << "missing: " << frame->progress.missing_chunks << " chunks and "
+                                     << frame->progress.missing_pages << " pages";
+    }
+    EXPECT_TRUE(frame->progress.complete);
+    EXPECT_EQ(frame->progress.missing_bytes, 0u);
+    EXPECT_EQ(frame->detail.tolerance_percent, detail.tolerance_percent);
+    const FrameSplats& expected = *synchronous->request(view, function, detail).value();
+    EXPECT_EQ(frame->splats, expected.splats);
+    ASSERT_EQ(bytes_of(*frame), bytes_of(expected)) << "view " << i;
+  }
+}
+
+TEST_P(Paging, ASteadyViewCostsNothing) {
+  const auto streamer = open();
+  const FrameSplats& first = settle(*streamer, far_view(), 1);
+  const std::uint64_t serial = first.serial;
+  const std::size_t reads = faults->reads();
+  EXPECT_EQ(advance(*streamer, far_view(), 1).serial, serial);
+  EXPECT_EQ(streamer->request(far_view(), test::opaque(), percent(1)).value()->serial, serial);
+  EXPECT_EQ(faults->reads(), reads);
+}
+
+TEST_P(Paging, ShowsTheCoarsestWhileReadsHang) {
+  const auto streamer = open();
+  faults->set_closed(true);
+  const FrameSplats& frame = advance(*streamer, far_view(), 0.5);
+  EXPECT_FALSE(frame.progress.complete);
+  EXPECT_FALSE(frame.progress.settled);
+  EXPECT_GE(frame.splats, volume().info.resolution_counts[0]);
+  EXPECT_LT(frame.splats, 20000u);
+  faults->set_closed(false);
+  EXPECT_EQ(settle(*streamer, far_view(), 0).splats, 20000u);
+}
+
+// However little is there, each part of the volume is drawn once: the masses add up.
+TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
+  const double total = mass_of(volume());
+  const auto faults = std::make_shared<Faults>();
+  const auto streamer =
+      Streamer::open(std::make_unique<FaultySource>(volume_bytes(), faults), {plenty, "a1", KernelKind::moments})
+          .value();
+  std::set<std::uint64_t> numbers;
+  std::mt19937 random(33);
+  for (int view = 0; view < 12; ++view) {
+    const View seen = test::view_of_all(random);
+    const double tolerance = view < 6 ? 6 - view : 0.3 * view;
+    for (bool complete = false; !complete;) {
+      // Some reads at a time: the gate opens for no longer than it takes for one of them to arrive.
+      const FrameSplats& frame =
+          *streamer->advance(seen, test::opaque(), percent(tolerance), random() % 2 == 0 ? 0 : 1e-4).value();
+      ASSERT_LE(mass_of(frame), total * log_code_error);
+      ASSERT_GE(mass_of(frame), total / log_code_error);
+      numbers.insert(frame.splats);
+      complete = frame.progress.complete;
+    }
+  }
+  EXPECT_GT(numbers.size(), 12u);
+}
+
+TEST_P(Paging, AWalkStaysWithinItsBudget) {
+  const std::uint64_t memory = large_volume_bytes().size() / 20;
+  const auto streamer = open(memory, large_volume_bytes(), "value");
+  std::mt19937 random(34);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  dvec3 eye(0.5, 0.5, 2), at(0.5);
+  int complete = 0;
+  for (int step = 0; step < 400; ++step) {
+    eye += 0.05 * dvec3(uniform(random), uniform(random), uniform(random) - 0.1);
+    at += 0.05 * dvec3(uniform(random), uniform(random), uniform(random));
+    const auto frame = streamer->advance(view_from(eye, at), test::opaque(), percent(step % 50 == 0 ? 0.1 : 2),
+                                         step % 10 == 0 ? 0.01 : 0);
+    ASSERT_TRUE(frame) << "step " << step << ": " << frame.error().message;
+    ASSERT_LE(streamer->statistics().bytes_resident, memory);
+    complete += (*frame)->progress.complete ? 1 : 0;
+  }
+  EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
+  EXPECT_GT(complete, 10);
+  std::cerr << complete << " complete, peak " << streamer->statistics().bytes_resident_peak << " of " << memory << "\n";
+}
+
+TEST_P(Paging, EndsInTheSynchronousFrameForItsDetailHoweverLittleMemory) {
+  const std::uint64_t memory = large_volume_bytes().size() / 20;
+  const auto streamer = open(memory, large_volume_bytes(), "value");
+  const auto synchronous = open(plenty, large_volume_bytes(), "value");
+  std::mt19937 random(35);
+  for (int i = 0; i < 20; ++i) {
+    const View view = test::random_view(random);
+    const FrameSplats& frame = settle(*streamer, view, 0.1);
+    EXPECT_TRUE(frame.progress.complete);
+    const FrameSplats& expected = *synchronous->request(view, test::opaque(), frame.detail).value();
+    ASSERT_EQ(bytes_of(frame), bytes_of(expected)) << "view " << i;
+    ASSERT_LE(streamer->statistics().bytes_resident_peak, memory);
+  }
+}
+
+TEST_P(Paging, TooLittleMemorySaysHowMuchWouldDo) {
+  std::uint64_t memory = 1000;
+  for (int step = 0;; ++step) {
+    ASSERT_LT(step, 5) << "the messages never name enough memory";
+    const auto streamer =
+        Streamer::open(std::make_unique<FaultySource>(volume_bytes(), faults), {memory, "a1", GetParam()});
+    const auto frame =
+        streamer ? (*streamer)->advance(far_view(), test::opaque(), percent(1), 0.0) : tl::unexpected(streamer.error());
+    if (frame) break;
+    EXPECT_EQ(frame.error().code, ErrorCode::out_of_budget);
+    const std::string& message = frame.error().message;
+    const std::uint64_t next = std::stoull(message.substr(message.find_last_of(' ') + 1));
+    EXPECT_GT(next, memory) << message;
+    memory = next;
+  }
+  std::cerr << "least " << memory << " of a file of " << volume_bytes().size() << "\n";
+  const auto streamer = open(memory);
+  EXPECT_TRUE(settle(*streamer, far_view(), 1).progress.complete);
+}
+
+TEST_P(Paging, ReadsLittleMoreThanItNeeds) {
+  for (const dvec3& eye : {dvec3(0, 0, 6), dvec3(1, 1, 1.5), dvec3(0, 0.5, 0), dvec3(-3, 0, 1)})
+    for (const double tolerance : {0.0, 1.0, 3.0}) {
+      const auto streamer = open(plenty, large_volume_bytes(), "value");
+      const FrameSplats& frame = settle(*streamer, view_from(eye, dvec3(0.5, 0.5, 0)), tolerance);
+      const std::uint64_t read = streamer->statistics().bytes_read;
+      std::cerr << read << " / " << frame.progress.needed_bytes << " " << read * 1. / frame.progress.needed_bytes
+                << " of " << large_volume_bytes().size() << " splats " << frame.splats << "\n";
+    }
+}
+
+TEST_P(Paging, WhatIsNoLongerWantedIsNotRead) {
+  const auto streamer = open();
+  settle(*streamer, far_view(), 10);
+  const std::size_t before = faults->reads();
+  faults->set_closed(true);
+  // Many chunks to read, of which each thread begins one run.
+  advance(*streamer, far_view(), 0);
+  faults->wait_for_readers(4);
+  EXPECT_TRUE(advance(*streamer, far_view(), 10).progress.complete) << "nothing of this is missing";
+  faults->set_closed(false);
+  EXPECT_TRUE(settle(*streamer, far_view(), 10).progress.complete);
+  EXPECT_EQ(faults->reads(), before + 4);
+}
+
+TEST_P(Paging, ClosesWhileReadsHang) {
+  auto streamer = open();
+  faults->set_closed(true);
+  advance(*streamer, far_view(), 0);
+  faults->wait_for_readers(4);
+  std::thread closing([&] { streamer.reset(); });
+  faults->set_closed(false);
+  closing.join();
+  EXPECT_EQ(faults->waiting, 0);
+}
+
+// The chunks that a frame with all points needs, but for those that are read with the preamble.
+std::vector<format::ChunkPlace> chunks_to_read(const format::Volume& file, KernelKind kernel) {
+  std::vector<format::ChunkPlace> places;
+  const format::RowLayout& rows = file.rows();
+  for (std::uint64_t row = rows.first_row(rows.resolution_of_row(rows.row_count() - 1)); row < rows.row_count();
+       ++row) {
+    const auto page = file.read_directory_page(file.directory_page_of_row(row)).value();
+    for (const int column : rows.columns_of_row(row)) {
+      const format::ColumnKind kind = file.info().columns[static_cast<std::size_t>(column)].kind;
+      const bool wanted =
+          kernel == KernelKind::octant ? kind == format::ColumnKind::octant : kind == format::ColumnKind::moments;
+      const format::ChunkPlace& place = file.find_chunk(page, row, column);
+      if (wanted && place.offset > volume_bytes().size() / 8) places.push_back(place);
+    }
+  }
+  return places;
+}
+
+TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
+  const auto file = format::Volume::open(memory_source(volume_bytes(), "sound.svol")).value();
+  const std::vector<format::ChunkPlace> places = chunks_to_read(*file, GetParam());
+  ASSERT_GT(places.size(), 100u);
+  format::Bytes damaged = volume_bytes();
+  const std::vector<format::ChunkPlace> bad = {places[10], places[places.size() / 2], places.back()};
+  for (const format::ChunkPlace& place : bad) damaged[place.offset + place.entry.packed_bytes / 2] ^= std::byte{1};
+
+  const auto streamer = open(plenty, damaged);
+  std::vector<Error> errors;
+  for (bool settled = false; !settled;) {
+    const FrameSplats& frame = advance(*streamer, far_view(), 0, long_enough);
+    errors.insert(errors.end(), frame.progress.errors.begin(), frame.progress.errors.end());
+    settled = frame.progress.settled;
+    if (settled) {
+      EXPECT_FALSE(frame.progress.complete);
+      EXPECT_EQ(frame.progress.missing_chunks, 3u);
+      EXPECT_LT(frame.splats, 20000u);
+      EXPECT_GT(frame.splats, 10000u) << "all but what lies round three chunks";
+      if (GetParam() == KernelKind::moments) {
+        EXPECT_NEAR(mass_of(frame) / mass_of(volume()), 1, log_code_error - 1);
+      }
+    }
+  }
+  ASSERT_EQ(errors.size(), 3u);
+  for (const Error& error : errors) {
+    EXPECT_EQ(error.code, ErrorCode::invalid_data);
+    EXPECT_THAT(error.message, testing::AllOf(HasSubstr("test.svol: chunk '"), HasSubstr("checksum")));
+  }
+  for (int i = 0; i < 5; ++i)
+    EXPECT_TRUE(advance(*streamer, view_from({0.5, 0.5, 6.01 + i}), 0).progress.errors.empty());
+  for (const format::ChunkPlace& place : bad)
+    EXPECT_EQ(std::ranges::count_if(faults->ranges,
+                                    [&](const auto& range) {
+                                      return range.first < place.offset + place.entry.packed_bytes &&
+                                             place.offset < range.second;
+                                    }),
+              1);
+}
+
+TEST_P(Paging, AnUnreadablePartIsDrawnCoarser) {
+  const auto streamer = open();
+  const std::uint64_t size = volume_bytes().size();
+  advance(*streamer, far_view(), 100);
+  {
+    const std::scoped_lock lock(faults->mutex);
+    faults->failing.emplace_back(size / 2, size);
+  }
+  std::size_t errors = 0;
+  for (bool settled = false; !settled;) {
+    const FrameSplats& frame = advance(*streamer, far_view(), 0, long_enough);
+    for (const Error& error : frame.progress.errors) {
+      EXPECT_EQ(error.code, ErrorCode::io);
+      EXPECT_THAT(error.message, testing::AllOf(HasSubstr("test.svol: "), HasSubstr("the disk is gone")));
+    }
+    errors += frame.progress.errors.size();
+    settled = frame.progress.settled;
+    if (GetParam() == KernelKind::moments) {
+      EXPECT_NEAR(mass_of(frame) / mass_of(volume()), 1, log_code_error - 1);
+    }
+    EXPECT_GE(frame.splats, volume().info.resolution_counts[0]);
+  }
+  EXPECT_GT(errors, 0u);
+  const std::size_t reads = faults->reads();
+  EXPECT_EQ(advance(*streamer, far_view(), 0).progress.errors.size(), 0u);
+  EXPECT_EQ(faults->reads(), reads);
+}
+
+}  // namespace
+}  // namespace splatvol
