@@ -205,7 +205,8 @@ std::uint64_t Gatherer::resident_bytes(const Cut& cut) const {
       bytes += decoded_bytes(column(index).kind, volume.rows().group(group).count);
     }
   }
-  return bytes + pages.size() * volume_->directory_page_bytes();
+  for (const std::uint64_t page : pages) bytes += volume_->directory_page_bytes(page);
+  return bytes;
 }
 
 Result<SplatArray> Gatherer::gather(const Cut& cut, const GatherPlan& plan) {

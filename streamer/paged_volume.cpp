@@ -39,19 +39,16 @@ Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& pa
 }
 
 Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::uint64_t number) {
-  const format::RowLayout& rows = volume_.rows();
-  const std::uint64_t first = number * volume_.info().rows_per_directory_page;
-  const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
-  const std::uint64_t chunks = rows.chunks_before(last) - rows.chunks_before(first);
-  const std::uint64_t bytes = chunks * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+  const std::uint64_t bytes = directory_page_chunks(number) * sizeof(format::ChunkEntry) + directory_page_bytes(number);
   return page<DirectoryPage>({CacheKey::Kind::directory_page, number}, bytes,
                              [&] { return volume_.read_directory_page(number); });
 }
 
-std::uint64_t PagedVolume::directory_page_bytes() const {
-  const format::VolumeInfo& info = volume_.info();
-  const std::uint64_t rows = std::min<std::uint64_t>(volume_.rows().row_count(), info.rows_per_directory_page);
-  return rows * info.columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+std::uint64_t PagedVolume::directory_page_chunks(std::uint64_t number) const {
+  const format::RowLayout& rows = volume_.rows();
+  const std::uint64_t first = number * volume_.info().rows_per_directory_page;
+  const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
+  return rows.chunks_before(last) - rows.chunks_before(first);
 }
 
 Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {

@@ -25,8 +25,11 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
 
-  /// Bytes of a directory page in memory, at most.
-  [[nodiscard]] std::uint64_t directory_page_bytes() const;
+  /// Chunks that a directory page names, and its bytes in memory.
+  [[nodiscard]] std::uint64_t directory_page_chunks(std::uint64_t number) const;
+  [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t number) const {
+    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkPlace);
+  }
 
   /// Where a chunk of a row lies; `column` must be one of the row's.
   [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);

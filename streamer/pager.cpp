@@ -69,11 +69,12 @@ Status Pager::pin_coarsest() {
       if (!pages.insert(page).second) continue;
       SPLATVOL_TRY(paged_.find_chunk(row, column));
       pinned_.push_back(cache_.find({CacheKey::Kind::directory_page, page}));
+      pinned_bytes_ += paged_.directory_page_bytes(page);
     }
   SPLATVOL_TRY_ASSIGN(root, paged_.root());
   largest_index_page_ = 4 * root->memory_bytes();
   pinned_.push_back(cache_.find({CacheKey::Kind::index_root, 0}));
-  pinned_bytes_ += root->memory_bytes() + pages.size() * paged_.directory_page_bytes();
+  pinned_bytes_ += root->memory_bytes();
   return {};
 }
 
@@ -164,7 +165,8 @@ void Pager::want(const Cut& cut, int step) {
 void Pager::hold_wanted() {
   rows_.clear();
   std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == CacheKey::Kind::directory_page; });
-  for (const auto& [number, want] : wants_) static_cast<void>(state_of(want.resolution, want.group));
+  for (const auto& [number, want] : wants_)
+    if (want.step >= 0) static_cast<void>(state_of(want.resolution, want.group));
 }
 
 void Pager::ask() {
@@ -230,7 +232,8 @@ void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std:
     if (!page) {
       const std::uint64_t number = volume.directory_page_of_row(key.number);
       if (directory_pages.insert(number).second && want.needed)
-        miss({CacheKey::Kind::directory_page, number}, missing_.pages, paged_.directory_page_bytes());
+        miss({CacheKey::Kind::directory_page, number}, missing_.pages,
+             paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry));
       continue;
     }
     const format::ChunkPlace& place = volume.find_chunk(*page, key.number, column);
@@ -269,8 +272,11 @@ bool Pager::submit(LoadRun run, bool may_evict) {
 }
 
 bool Pager::reserve(PartLoad& part, bool may_evict) {
-  std::uint64_t decoded = paged_.directory_page_bytes(), working = decoded;
-  if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
+  std::uint64_t decoded = 0, working = 0;
+  if (part.key.kind == CacheKey::Kind::directory_page) {
+    decoded = paged_.directory_page_bytes(part.key.number);
+    working = paged_.directory_page_chunks(part.key.number) * sizeof(format::ChunkEntry);
+  } else if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
     // How large a page is in memory shows when it is unpacked; one is about as large as another.
     decoded = largest_index_page_;
     working = largest_index_page_ + page->ref.page_bytes;

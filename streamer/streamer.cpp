@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -33,6 +34,11 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
     if (range.count > 0) jobs += range.count / info.points_per_chunk + 2;
   return cut.memory_bytes() + cut.splats * splat_bytes(kernel) +
          cut.items.size() * (sizeof(SplatBatch) + sizeof(std::uint64_t)) + jobs * sizeof(CopyJob);
+}
+
+std::uint64_t directory_page_bytes(const format::Volume& volume) {
+  const std::uint64_t rows = std::min<std::uint64_t>(volume.rows().row_count(), volume.info().rows_per_directory_page);
+  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
 }
 
 bool same_view(const View& a, const View& b) {
@@ -108,7 +114,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
 // chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
-  working_bytes_ = gatherer_->working_bytes() + paged_.directory_page_bytes() + 4 * root.memory_bytes();
+  working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   auto preamble = budget_.reserve(volume_->memory_bytes());
   if (!preamble || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
@@ -127,6 +133,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
   SPLATVOL_TRY(check_detail(detail));
   aim_.reset();
   pager_.reset();
+  coarsest_frame_.reset();
   const auto cut_start = std::chrono::steady_clock::now();
   const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
   auto choice = choose(detail, [&](const DetailOptions& tried) { return try_cut(view, visibility, tried); });
@@ -210,7 +217,8 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
                 volume_->name(), coarsest->splats, detail.max_splats);
   std::uint64_t bytes = frame_bytes(*coarsest, info(), kernel_);
   if (paging)
-    bytes = pager_->pinned_bytes() + 2 * (bytes + gatherer_->resident_bytes(*coarsest) + pager_->pages().index_bytes);
+    bytes = pager_->pinned_bytes() + coarsest_frame_bytes() +
+            2 * (bytes + gatherer_->resident_bytes(*coarsest) + pager_->pages().index_bytes);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
               volume_->name(), budget_.capacity(), volume_->memory_bytes() + working_bytes_ + bytes);
 }
@@ -252,7 +260,8 @@ Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservatio
 // Memory for paging, and how it is shared out: most of it to the splats of the picture that is aimed at and their
 // chunks; a little to pictures on the way to it, that they may hold more splats, and to what is being read.
 std::uint64_t Streamer::paging_memory() const {
-  const std::uint64_t fixed = volume_->memory_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes();
+  const std::uint64_t fixed =
+      volume_->memory_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
   return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
 }
 
@@ -261,6 +270,8 @@ Status Streamer::start_paging() {
   frame_.reset();
   auto pager = std::make_unique<Pager>(paged_, cache_, *gatherer_, frame_limit() / 8, threads_);
   SPLATVOL_TRY(pager->pin_coarsest());
+  coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
+  if (!coarsest_frame_) return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume_->name());
   pager_ = std::move(pager);
   return {};
 }
@@ -289,7 +300,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
   }
   if (last && pager_->missing().settled()) aim_ahead(*last, view, visibility);
   cut_seconds_ = seconds_since(start);
-  SPLATVOL_TRY(show_resident(view, visibility));
+  SPLATVOL_TRY(show_resident());
   fetch_seconds_ = seconds_since(start) - cut_seconds_;
   return &frame_->splats;
 }
@@ -366,49 +377,71 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
   pager_->ask();
 }
 
-// The best cut that can be drawn at once, within the memory and the splats that there are for it.
-Result<Cut> Streamer::choose_resident(const View& view, const ValueVisibility& visibility) {
-  const Choice& aimed = aim_->choice;
-  const std::uint64_t limit = std::max(frame_bytes(aimed.cut, info(), kernel_) + paging_memory() / 16,
-                                       splat_bytes(kernel_) * (info().resolution_counts[0] + 64));
-  DetailOptions detail = aimed.detail;
-  for (;;) {
-    auto cut = select_resident_cut(info(), *pager_, *pager_, view, visibility, cut_options(detail, limit));
-    if (cut && (cut->splats > detail.max_splats || frame_bytes(*cut, info(), kernel_) > limit))
-      cut = fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut->splats);
-    if (cut || cut.error().code != ErrorCode::out_of_budget || !make_coarser(detail)) return cut;
-  }
+// A bound on a frame of nothing but resolution 0.
+std::uint64_t Streamer::coarsest_frame_bytes() const {
+  return info().resolution_counts[0] * (splat_bytes(kernel_) + sizeof(CutItem) + sizeof(PointRange) +
+                                        sizeof(SplatBatch) + sizeof(std::uint64_t) + 2 * sizeof(CopyJob));
 }
 
-Status Streamer::show_resident(const View& view, const ValueVisibility& visibility) {
-  auto cut = choose_resident(view, visibility);
+// The best cut that can be drawn at once, within the memory and the splats that there are for it, or the coarsest.
+Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
+  const std::uint64_t limit =
+      std::max(frame_bytes(aim_->choice.cut, info(), kernel_) + paging_memory() / 16, coarsest_frame_bytes());
+  do {
+    auto cut = select_resident_cut(info(), *pager_, *pager_, aim_->view, aim_->visibility, cut_options(detail, limit));
+    if (!cut && cut.error().code != ErrorCode::out_of_budget) return cut;
+    if (cut && cut->splats <= detail.max_splats && frame_bytes(*cut, info(), kernel_) <= limit) return cut;
+  } while (make_coarser(detail));
+  return choose_coarsest();
+}
+
+Result<Cut> Streamer::choose_coarsest() {
+  struct CoarsestOnly final : Residency {
+    bool holds(std::span<const PointRange> ranges) override { return ranges.size() == 1; }
+  } coarsest;
+  DetailOptions detail;
+  detail.tolerance_percent = std::numeric_limits<double>::infinity();
+  return select_resident_cut(info(), *pager_, coarsest, aim_->view, aim_->visibility,
+                             cut_options(detail, coarsest_frame_bytes()));
+}
+
+Status Streamer::show_resident() {
+  DetailOptions detail = aim_->choice.detail;
+  auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
-  const bool same = frame_ && frame_->cut == *cut && frame_->visibility == visibility;
-  if (!same) {
+  if (!frame_ || !(frame_->cut == *cut) || !(frame_->visibility == aim_->visibility)) {
     frame_.reset();
+    if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
     auto reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
     if (!reservation) {
-      // What only stands in for something else gives way.
+      // What only stands in for something else gives way; where even that does not suffice, what is read in vain is
+      // still on its way.
       pager_->hold_wanted();
-      reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
-      cut = choose_resident(view, visibility);
-      if (!cut) return tl::unexpected(cut.error());
+      static_cast<void>(cache_.reserve(frame_bytes(*cut, info(), kernel_)));
+      cut = choose_resident(detail);
+      if (cut) reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
     }
-    if (!reservation || reservation->bytes() < frame_bytes(*cut, info(), kernel_))
-      return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut->splats);
-    SPLATVOL_TRY(assemble(std::move(*cut), visibility, std::move(*reservation)));
+    if (!reservation) {
+      cut = choose_coarsest();
+      reservation = std::exchange(coarsest_frame_, std::nullopt);
+    }
+    if (!cut) return tl::unexpected(cut.error());
+    if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
+    SPLATVOL_TRY(assemble(std::move(*cut), aim_->visibility, std::move(*reservation)));
   }
 
   const Pager::Missing& missing = pager_->missing();
-  const Choice& aimed = aim_->choice;
-  frame_->splats.detail = aimed.detail;
-  frame_->splats.progress = {aimed.cut.complete && missing.chunks + missing.pages == 0 && frame_->cut == aimed.cut,
-                             missing.settled(),
-                             missing.chunks,
-                             missing.pages,
-                             missing.bytes,
-                             pager_->needed_bytes(),
-                             pager_->take_errors()};
+  const Cut& aimed = aim_->choice.cut;
+  FrameProgress progress;
+  progress.complete = aimed.complete && missing.chunks + missing.pages == 0 && frame_->cut == aimed;
+  progress.settled = missing.settled() && (progress.complete || missing.failed > 0 || !pager_->is_reading());
+  progress.missing_chunks = missing.chunks;
+  progress.missing_pages = missing.pages;
+  progress.missing_bytes = missing.bytes;
+  progress.needed_bytes = pager_->needed_bytes();
+  progress.errors = pager_->take_errors();
+  frame_->splats.detail = aim_->choice.detail;
+  frame_->splats.progress = std::move(progress);
   return {};
 }
 

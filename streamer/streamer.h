@@ -146,8 +146,10 @@ class Streamer {
   [[nodiscard]] Status take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   void aim_in_steps(const View& view, const ValueVisibility& visibility);
   void aim_ahead(const View& last, const View& view, const ValueVisibility& visibility);
-  [[nodiscard]] Result<Cut> choose_resident(const View& view, const ValueVisibility& visibility);
-  [[nodiscard]] Status show_resident(const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
+  [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
+  [[nodiscard]] Result<Cut> choose_coarsest();
+  [[nodiscard]] Status show_resident();
 
   std::shared_ptr<const format::Volume> volume_;
   KernelKind kernel_;
@@ -160,6 +162,7 @@ class Streamer {
   std::optional<Gatherer> gatherer_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`
   std::unique_ptr<Aim> aim_;
+  std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when all else is taken
   std::unique_ptr<Frame> frame_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;

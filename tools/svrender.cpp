@@ -1,6 +1,7 @@
 // svrender: a picture of a .svol file.
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -23,6 +24,7 @@ struct Options {
   std::string output;
   std::string size;
   std::string stats;
+  std::string progress_frames;  // folder; empty: none
   std::string memory = "512M";
   std::string sort = "exact";
   std::string kernel = "moments";
@@ -103,10 +105,17 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   return drawing;
 }
 
+// All that the view asks for; with --progress-frames what is there of it.
+Result<const FrameSplats*> next_splats(const Options& options, const Scene& scene, const View& view,
+                                       const Drawing& drawing) {
+  if (options.progress_frames.empty()) return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
+  return drawing.streamer->advance(view, scene.transfer_function, drawing.detail);
+}
+
 // Asks for the view's splats, uploads them if they are others than before, draws.
 Status draw_frame(const Options& options, const Scene& scene, const View& view, Drawing& drawing, Timings& timings) {
   const double start = seconds_now();
-  SPLATVOL_TRY_ASSIGN(frame, drawing.streamer->request(view, scene.transfer_function, drawing.detail));
+  SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
   drawing.frame = frame;
   const double upload_start = seconds_now();
   if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
@@ -159,6 +168,27 @@ Provenance provenance_of(const Options& options, const Scene& scene, const Drawi
   return provenance;
 }
 
+// Draws and writes frames until nothing more comes; a line for each. What could not be read is told, and returned.
+Result<std::vector<Error>> draw_progress(const Options& options, const Scene& scene, const View& view, Drawing& drawing,
+                                         Timings& timings) {
+  std::vector<Error> errors;
+  for (int number = 0;; ++number) {
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    const FrameProgress& progress = drawing.frame->progress;
+    const std::string path = fmt::format("{}/frame-{:04}.png", options.progress_frames, number);
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    SPLATVOL_TRY(write_image(path, image, scene.background, provenance_of(options, scene, drawing)));
+    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
+               drawing.frame->splats, drawing.streamer->statistics().bytes_read, progress.missing_bytes,
+               progress.missing_chunks, progress.missing_pages);
+    for (const Error& error : progress.errors) {
+      fmt::print(stderr, "svrender: {}: drawn coarser\n", error.message);
+      errors.push_back(error);
+    }
+    if (progress.settled) return errors;
+  }
+}
+
 // As in a scene file.
 nlohmann::ordered_json lighting_of(const Scene& scene) {
   if (!scene.lighting) return false;
@@ -188,6 +218,10 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                  {"bytes_read", statistics.bytes_read},
                                  {"bytes_resident_peak", statistics.bytes_resident_peak},
                                  {"gpu_bytes", drawing.renderer->gpu_bytes()},
+                                 {"complete", frame.progress.complete},
+                                 {"missing_chunks", frame.progress.missing_chunks},
+                                 {"missing_pages", frame.progress.missing_pages},
+                                 {"missing_bytes", frame.progress.missing_bytes},
                                  {"repeat", options.repeat},
                                  {"seconds",
                                   {{"cut", median(timings.cut)},
@@ -229,23 +263,37 @@ void print_summary(const Options& options, const Scene& scene, const Drawing& dr
                frame.detail.max_splats);
 }
 
+// The pictures are there; that they are not what the file should show is for the exit code to say.
+Status told(const std::vector<Error>& unreadable) {
+  if (unreadable.empty()) return {};
+  return fail(unreadable.front().code, "{} parts of the file could not be read", unreadable.size());
+}
+
 Status render(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY(check_outputs({options.output, options.stats}, {options.volume, options.scene}));
   SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
+  if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
+    return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   const auto view = make_view(scene.camera, scene.width, scene.height);
   if (!view) return fail_in(options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare(options, scene));
 
   Timings timings;
-  SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
+  std::vector<Error> unreadable;
+  if (options.progress_frames.empty()) {
+    SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
+  } else {
+    SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, scene, *view, drawing, timings));
+    unreadable = std::move(errors);
+  }
   SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
   timings.first_image = seconds_now() - start;
   SPLATVOL_TRY(write_image(options.output, image, scene.background, provenance_of(options, scene, drawing)));
   if (options.stats.empty()) {
     print_summary(options, scene, drawing, timings);
-    return {};
+    return told(unreadable);
   }
 
   SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
@@ -254,12 +302,12 @@ Status render(const Options& options) {
       "\n";
   if (!statistics_file) {
     fmt::print("{}", text);
-    return {};
+    return told(unreadable);
   }
   SPLATVOL_TRY(statistics_file->append(std::as_bytes(std::span(text))));
   SPLATVOL_TRY(statistics_file->commit());
   print_summary(options, scene, drawing, timings);
-  return {};
+  return told(unreadable);
 }
 
 }  // namespace
@@ -325,6 +373,9 @@ int main(int argc, char** argv) {
   app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
+  app.add_option("--progress-frames", options.progress_frames,
+                 "Draw what is there while the rest is read, and write each of these frames into this folder")
+      ->type_name("DIR");
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
       ->type_name("OUT.json|-");
   return run_tool(app, argc, argv, [&] { return render(options); });
