@@ -246,17 +246,18 @@ TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
   for (int view = 0; view < 12; ++view) {
     const View seen = test::view_of_all(random);
     const double tolerance = view < 6 ? 6 - view : 0.3 * view;
+    int calls = 0;
     for (bool complete = false; !complete;) {
-      // Some reads at a time: the gate opens for no longer than it takes for one of them to arrive.
+      ASSERT_LT(++calls, 1000 * most_calls);
       const FrameSplats& frame =
-          *streamer->advance(seen, test::opaque(), percent(tolerance), random() % 2 == 0 ? 0 : 1e-4).value();
+          *streamer->advance(seen, test::opaque(), percent(tolerance), calls % 2 == 0 ? 0 : 1e-4).value();
       ASSERT_LE(mass_of(frame), total * log_code_error);
       ASSERT_GE(mass_of(frame), total / log_code_error);
       numbers.insert(frame.splats);
       complete = frame.progress.complete;
     }
   }
-  EXPECT_GT(numbers.size(), 12u);
+  EXPECT_GT(numbers.size(), 6u) << "the views have as many cuts, and there are those on the way to them";
 }
 
 TEST_P(Paging, AWalkStaysWithinItsBudget) {
