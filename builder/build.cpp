@@ -119,7 +119,7 @@ struct Connection {
 // Finds what each point stands for where no cells say it. Which way is chosen depends on the number of points and not
 // on memory, as the result must not.
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder,
-                             Batches& batches) {
+                           Batches& batches) {
   if (points.summary().has_material) {
     // Only then is it known how many are left once equal ones are merged, and whether these are reduced at all.
     const bool small = points.count() <= most_held_vertices;
@@ -252,9 +252,8 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
 
   const InputSummary& input = points.summary();
   format::VolumeInfo info = describe(options, input.cube, input.attributes);
-  SPLATVOL_TRY_ASSIGN(row_file, TempFile::create(folder));
   SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder));
-  RowStreams rows(info, fitted_splats, std::move(row_file));
+  RowStreams rows(info, fitted_splats, folder);
   const bool fits = batches.count() <= fitted_splats;
   if (!fits) rows.leave_unfitted(0);
   LeafSpool leaves(std::move(leaf_file));

@@ -26,12 +26,12 @@ Bytes serialize(std::span<const PackedChunk> chunks) {
 
 }  // namespace
 
-RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, TempFile file)
+RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder)
     : attributes_(info.attributes),
       all_columns_(info.columns),
       points_per_chunk_(info.points_per_chunk),
       fitted_splats_(fitted_splats),
-      file_(std::move(file)) {
+      folder_(std::move(folder)) {
   std::ranges::copy_if(all_columns_, std::back_inserter(resolution_columns_),
                        [](const format::Column& column) { return column.scope == format::ColumnScope::resolution; });
 }
@@ -117,8 +117,7 @@ Status RowStreams::pack(bool at_end) {
     });
     for (std::size_t j = first; j < last; ++j) {
       Stream& stream = *jobs[j].stream;
-      stream.packed.push_back({file_.size(), jobs[j].bytes.size()});
-      SPLATVOL_TRY(file_.append(jobs[j].bytes));
+      SPLATVOL_TRY(append(stream, jobs[j].bytes));
       jobs[j].bytes = {};
       spare_.push_back(std::move(stream.rows.front()));
       spare_.back().clear();
@@ -126,6 +125,20 @@ Status RowStreams::pack(bool at_end) {
     }
   }
   return {};
+}
+
+Status RowStreams::append(Stream& stream, std::span<const std::byte> row) {
+  // With 15 resolutions each stream has its own; of what is coarser there is little.
+  constexpr std::size_t most_files = 128;
+  if (!stream.file) {
+    if (files_.size() < most_files) {
+      SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+      files_.push_back(std::move(file));
+    }
+    stream.file = &files_.back();
+  }
+  stream.packed.push_back({stream.file->size(), row.size()});
+  return stream.file->append(row);
 }
 
 Status RowStreams::pack() { return pack(false); }
@@ -161,12 +174,13 @@ Status RowStreams::read(const Visit& visit) {
     for (std::size_t segment = std::min(steps, streams_.size()); segment-- > step;) {
       std::vector<format::ChunkEntry> entries(columns(step, segment).size());
       const std::size_t head = entries.size() * sizeof(format::ChunkEntry);
-      for (const Extent& extent : streams_[segment][step].packed) {
+      Stream& stream = streams_[segment][step];
+      for (const Extent& extent : stream.packed) {
         bytes.resize(extent.bytes);
-        SPLATVOL_TRY(file_.read(extent.offset, bytes));
+        SPLATVOL_TRY(stream.file->read(extent.offset, bytes));
         std::memcpy(entries.data(), bytes.data(), head);
         SPLATVOL_TRY(visit(entries, std::span(bytes).subspan(head)));
-        file_.release(extent.offset, extent.bytes);
+        stream.file->release(extent.offset, extent.bytes);
       }
     }
   }

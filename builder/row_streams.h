@@ -5,6 +5,7 @@
 #include <deque>
 #include <functional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/temp_file.h"
@@ -15,13 +16,14 @@
 
 namespace splatvol {
 
-/// Collects the points of each segment and their splats at each step, packs them and keeps them in a temporary file.
+/// Collects the points of each segment and their splats at each step, packs them and keeps them in temporary files: one
+/// for each pair, so that each is read from its beginning to its end.
 /// The densities of steps with at most `fitted_splats` splats are fitted (density.h), which needs all of them at once;
 /// others are packed as they come.
 class RowStreams {
  public:
-  /// `info`: attributes, columns and points_per_chunk; not what is only known at the end.
-  RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, TempFile file);
+  /// `info`: attributes, columns and points_per_chunk; not what is only known at the end. `folder`: for the files.
+  RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder);
 
   /// The next splat of a step, in Morton order; `first_part`: see Cascade.
   void add_splat(std::size_t step, const SplatRow& splat, std::uint64_t first_part);
@@ -59,7 +61,8 @@ class RowStreams {
   };
   struct Stream {
     std::deque<SplatRows> rows;  // not packed yet: chunks, of which only the last may be smaller than others
-    std::vector<Extent> packed;  // rows in the temporary file
+    TempFile* file = nullptr;    // once there is something in it
+    std::vector<Extent> packed;  // rows in the file
   };
 
   std::vector<Stream>& streams(std::size_t segment);
@@ -67,6 +70,7 @@ class RowStreams {
   Fit& fit(std::size_t step);
   void fit_step(std::size_t step);
   [[nodiscard]] Status pack(bool at_end);
+  [[nodiscard]] Status append(Stream& stream, std::span<const std::byte> row);
   [[nodiscard]] const std::vector<format::Column>& columns(std::size_t step, std::size_t segment) const {
     return step == segment ? all_columns_ : resolution_columns_;
   }
@@ -75,7 +79,8 @@ class RowStreams {
   std::vector<format::Column> all_columns_, resolution_columns_;
   std::size_t points_per_chunk_;
   std::uint64_t fitted_splats_;
-  TempFile file_;
+  std::string folder_;
+  std::deque<TempFile> files_;
   std::vector<std::vector<Stream>> streams_;  // [segment][step]
   std::vector<SplatRows> spare_;              // empty ones, whose memory the next chunks take
   std::vector<Fit> fits_;                     // [step]

@@ -15,6 +15,7 @@ inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
 inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
 inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
+inline constexpr std::uint64_t max_first_read_bytes = 512u << 10;
 inline constexpr std::size_t max_resolutions = 64;
 inline constexpr std::size_t max_attributes = 65535;
 inline constexpr std::size_t max_size_bounds = 16;

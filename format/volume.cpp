@@ -57,7 +57,7 @@ tl::unexpected<Error> Volume::broken(std::string_view rule) const {
 Status Volume::read_preamble() {
   const std::uint64_t size = source_->size();
   if (size < sizeof(Superblock)) return broken("not a .svol file: too short");
-  preamble_.resize(std::min(size, std::clamp(size / 64, min_first_read_bytes, max_preamble_bytes)));
+  preamble_.resize(std::min(size, std::clamp(size / 64, min_first_read_bytes, max_first_read_bytes)));
   SPLATVOL_TRY(source_->read(0, preamble_));
   bytes_read_ += preamble_.size();
 

@@ -138,7 +138,7 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
 
 // As many of the coarsest resolutions as a reader's first read will hold; the very coarsest even if it is larger.
 std::uint64_t VolumeWriter::choose_preamble_bytes() const {
-  const std::uint64_t first_read = std::clamp(file_bytes_ / 64, min_first_read_bytes, max_preamble_bytes);
+  const std::uint64_t first_read = std::clamp(file_bytes_ / 64, min_first_read_bytes, max_first_read_bytes);
   std::uint64_t preamble = resolution_ends_[0] <= max_preamble_bytes ? resolution_ends_[0] : rows_offset_;
   for (const std::uint64_t end : resolution_ends_)
     if (end <= first_read) preamble = std::max(preamble, end);

@@ -34,7 +34,14 @@ struct Options {
 };
 
 // Of the first frame, which reads and uploads; then, for frames with everything resident, a number for each.
+struct ProgressFrame {
+  double seconds;  // from the program's start to the frame
+  double advance;  // of them for choosing and gathering what is there
+  std::uint64_t splats, bytes_read, missing_bytes;
+};
+
 struct Timings {
+  std::vector<ProgressFrame> progress;
   double first_image = 0;
   double fetch = 0;
   double upload = 0;
@@ -170,17 +177,20 @@ Provenance provenance_of(const Options& options, const Scene& scene, const Drawi
 
 // Draws and writes frames until nothing more comes; a line for each. What could not be read is told, and returned.
 Result<std::vector<Error>> draw_progress(const Options& options, const Scene& scene, const View& view, Drawing& drawing,
-                                         Timings& timings) {
+                                         Timings& timings, double start) {
   std::vector<Error> errors;
   for (int number = 0;; ++number) {
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
     const FrameProgress& progress = drawing.frame->progress;
     const std::string path = fmt::format("{}/frame-{:04}.png", options.progress_frames, number);
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    const StreamerStatistics statistics = drawing.streamer->statistics();
+    timings.progress.push_back({seconds_now() - start, statistics.cut_seconds + statistics.fetch_seconds,
+                                drawing.frame->splats, statistics.bytes_read, progress.missing_bytes});
     SPLATVOL_TRY(write_image(path, image, scene.background, provenance_of(options, scene, drawing)));
     fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
-               drawing.frame->splats, drawing.streamer->statistics().bytes_read, progress.missing_bytes,
-               progress.missing_chunks, progress.missing_pages);
+               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_chunks,
+               progress.missing_pages);
     for (const Error& error : progress.errors) {
       fmt::print(stderr, "svrender: {}: drawn coarser\n", error.message);
       errors.push_back(error);
@@ -234,6 +244,12 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                    {"frame_max", std::ranges::max(timings.frame)}}},
                                  {"first_image_seconds", timings.first_image},
                                  {"renderer", drawing.context->description()}};
+  for (const ProgressFrame& shown : timings.progress)
+    json["progress_frames"].push_back({{"seconds", shown.seconds},
+                                       {"advance_seconds", shown.advance},
+                                       {"splats", shown.splats},
+                                       {"bytes_read", shown.bytes_read},
+                                       {"missing_bytes", shown.missing_bytes}});
   if (frame.detail.resolution) {
     json["resolution"] = *options.detail.resolution;
     json["effective_resolution"] = *frame.detail.resolution;
@@ -285,7 +301,7 @@ Status render(const Options& options) {
   if (options.progress_frames.empty()) {
     SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
   } else {
-    SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, scene, *view, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, scene, *view, drawing, timings, start));
     unreadable = std::move(errors);
   }
   SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());

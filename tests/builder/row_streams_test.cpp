@@ -64,7 +64,7 @@ struct Rows {
                     {ColumnKind::octant, ColumnScope::resolution, -1},
                     {ColumnKind::moments, ColumnScope::resolution, -1},
                     {ColumnKind::value, ColumnScope::segment, 0}};
-    RowStreams rows(info, fitted_splats, *TempFile::create(testing::TempDir()));
+    RowStreams rows(info, fitted_splats, testing::TempDir());
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenLeaf&) -> Status { return {}; });
@@ -224,7 +224,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   }));
   format::VolumeInfo info;
   info.attributes.emplace_back();
-  RowStreams rows(info, 0, *TempFile::create(testing::TempDir()));
+  RowStreams rows(info, 0, testing::TempDir());
   const double offset = 0;
   const ReductionSettings settings{stream.summary().cube, leaf_points,          true, true,
                                    info.attributes,       std::span(&offset, 1)};
