@@ -282,7 +282,7 @@ void print_summary(const Options& options, const Scene& scene, const Drawing& dr
 // The pictures are there; that they are not what the file should show is for the exit code to say.
 Status told(const std::vector<Error>& unreadable) {
   if (unreadable.empty()) return {};
-  return fail(unreadable.front().code, "{} parts of the file could not be read", unreadable.size());
+  return fail(unreadable.front().code, "parts of the file that could not be read: {}", unreadable.size());
 }
 
 Status render(const Options& options) {
