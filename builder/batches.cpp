@@ -15,20 +15,6 @@ constexpr std::size_t batch_points = std::size_t{1} << 12;
 // Of the cells whose material is estimated by itself: the more, the less there is of borders.
 constexpr std::size_t block_points = 4096;
 
-// Calls visit(a, b) for each pair of arrays over the points.
-template <class A, class B, class Visit>
-void for_each_array(A& a, B& b, const Visit& visit) {
-  visit(a.keys, b.keys);
-  visit(a.positions, b.positions);
-  visit(a.moments, b.moments);
-  visit(a.planes, b.planes);
-  for (std::size_t i = 0; i < a.values.size(); ++i) {
-    visit(a.values[i], b.values[i]);
-    visit(a.value_moments[i], b.value_moments[i]);
-    visit(a.gradients[i], b.gradients[i]);
-  }
-}
-
 void resize_attributes(PointBatch& batch, std::size_t attributes) {
   batch.values.resize(attributes);
   batch.value_moments.resize(attributes);

@@ -38,6 +38,20 @@ struct PointBatch {
   [[nodiscard]] std::size_t size() const { return positions.size(); }
 };
 
+/// Calls visit(a, b) for each pair of arrays over the points of two batches with as many attributes.
+template <class A, class B, class Visit>
+void for_each_array(A& a, B& b, const Visit& visit) {
+  visit(a.keys, b.keys);
+  visit(a.positions, b.positions);
+  visit(a.moments, b.moments);
+  visit(a.planes, b.planes);
+  for (std::size_t i = 0; i < a.values.size(); ++i) {
+    visit(a.values[i], b.values[i]);
+    visit(a.value_moments[i], b.value_moments[i]);
+    visit(a.gradients[i], b.gradients[i]);
+  }
+}
+
 /// A leaf of the index while it is filled: counts and splats by steps from the finest resolution on, as far as there
 /// are any.
 struct OpenLeaf {

@@ -429,15 +429,7 @@ Result<bool> DelaunayBlocks::next(PointBatch& batch) {
     }
   }
   PointBatch& block = ready_.front();
-  append(batch.keys, block.keys);
-  append(batch.positions, block.positions);
-  append(batch.moments, block.moments);
-  append(batch.planes, block.planes);
-  for (std::size_t a = 0; a < block.values.size(); ++a) {
-    append(batch.values[a], block.values[a]);
-    append(batch.value_moments[a], block.value_moments[a]);
-    append(batch.gradients[a], block.gradients[a]);
-  }
+  for_each_array(batch, block, [](auto& all, auto& items) { append(all, items); });
   ready_.pop_front();
   return true;
 }

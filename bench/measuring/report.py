@@ -318,7 +318,7 @@ def building(results):
         "",
         *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
             mesh included; for scattered points with `--connectivity`, which leaves the mesh's cells aside.
-            Larger inputs are in [scale.md](scale.md)."""),
+            Larger inputs are in [scale.md](scale.md), and what a view of them costs in [paging.md](paging.md)."""),
         *table(columns, results.builds),
     ]
 

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include "tests/builder/point_sets.h"
 
 namespace splatvol {
 namespace {
@@ -16,14 +17,6 @@ namespace {
 using Points = std::vector<dvec3>;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-
-Points random_points(int count, unsigned seed = 1) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<double> unit;
-  Points points;
-  for (int i = 0; i < count; ++i) points.emplace_back(unit(random), unit(random), unit(random));
-  return points;
-}
 
 // In the middle of n^3 cells that fill a box from the origin on.
 Points lattice(int n, dvec3 spacing) {
@@ -68,7 +61,7 @@ TEST(BlockEstimate, RandomPointsLoseLittle) {
   for (const int count : {64, 500, 4096}) {
     double sum = 0;
     for (unsigned seed = 1; seed <= 8; ++seed)
-      sum += total_mass(estimate(random_points(count, seed), {dvec3(0), dvec3(1)})) / 8;
+      sum += total_mass(estimate(test::uniform_points(count, seed), {dvec3(0), dvec3(1)})) / 8;
     // Measured: under 0.1 % with thousands of points; with 64 each box borders on the block.
     EXPECT_GE(sum, count > 64 ? 0.995 : 0.98) << count;
     EXPECT_LE(sum, 1 + 1e-12) << count;
@@ -92,7 +85,7 @@ TEST(BlockEstimate, CellsOfALatticeAreItsBoxesWhateverItsAspectRatio) {
 }
 
 TEST(BlockEstimate, ALinearFieldKeepsItsGradient) {
-  for (const Points& points : {random_points(3000), lattice(9, {1, 0.5, 1e-4})}) {
+  for (const Points& points : {test::uniform_points(3000), lattice(9, {1, 0.5, 1e-4})}) {
     dvec3 high(0);
     for (const dvec3& p : points) high = glm::max(high, p);
     const BlockMaterial material = estimate(points, {dvec3(0), high});
@@ -113,7 +106,7 @@ TEST(BlockEstimate, ALinearFieldKeepsItsGradient) {
 }
 
 TEST(BlockEstimate, DoesNotDependOnPlaceOrScale) {
-  const Points points = random_points(2000);
+  const Points points = test::uniform_points(2000);
   const BlockMaterial here = estimate(points, {dvec3(0), dvec3(1)});
   struct Change {
     double scale;
@@ -179,10 +172,11 @@ TEST(BlockEstimate, CoincidentPointsShareNothing) {
 }
 
 TEST(BlockEstimate, SurvivesHardDistributions) {
-  Points crowded = random_points(1000), column, graded;
+  Points crowded = test::uniform_points(1000), column, graded;
   for (int i = 0; i < 1000; ++i) crowded.push_back(dvec3(0.5) + 1e-3 * crowded[static_cast<std::size_t>(i)]);
   for (int i = 0; i < 500; ++i) column.push_back({0.5, 0.5, i / 500.0}), column.push_back({i / 500.0, 0.5, 0.5});
-  for (int i = 0; i < 600; ++i) graded.push_back(std::pow(0.9, i) * random_points(1, static_cast<unsigned>(i)).front());
+  for (int i = 0; i < 600; ++i)
+    graded.push_back(std::pow(0.9, i) * test::uniform_points(1, static_cast<unsigned>(i)).front());
   for (const Points& points : {crowded, column, graded}) {
     const BlockMaterial material = estimate(points, {dvec3(0), dvec3(1)});
     EXPECT_GT(total_mass(material), 0);
@@ -217,7 +211,7 @@ TEST(BlockEstimate, DoesNotDependOnThreadsOrOnWhatCameBefore) {
     std::vector<BlockMaterial> materials(32);
     tbb::parallel_for(std::size_t{0}, materials.size(), [&](std::size_t b) {
       thread_local BlockEstimate kept;
-      const Points points = random_points(100 + 50 * static_cast<int>(b), static_cast<unsigned>(b));
+      const Points points = test::uniform_points(100 + 50 * static_cast<int>(b), static_cast<unsigned>(b));
       std::vector<double> values;
       for (const dvec3& p : points) values.push_back(linear(p));
       const std::span<const double> attribute = values;

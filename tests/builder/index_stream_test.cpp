@@ -8,6 +8,7 @@
 #include <random>
 
 #include "builder/leaf_spool.h"
+#include "tests/builder/point_sets.h"
 #include "tests/builder/random_material.h"
 #include "tests/support/packed_tree.h"
 #include "tests/support/whole_material.h"
@@ -16,19 +17,9 @@
 namespace splatvol {
 namespace {
 
-constexpr Cube unit_cube{{0, 0, 0}, 1};
-
-struct Sorted {
-  std::vector<dvec3> positions;
-  std::vector<MortonKey> keys;
-};
-
-Sorted sort_points(std::vector<dvec3> positions) {
-  std::ranges::stable_sort(positions, {}, [](const dvec3& p) { return morton_key(p, unit_cube); });
-  Sorted sorted{std::move(positions), {}};
-  for (const dvec3& p : sorted.positions) sorted.keys.push_back(morton_key(p, unit_cube));
-  return sorted;
-}
+using test::sort_points;
+using test::Sorted;
+using test::unit_cube;
 
 std::map<std::string, Sorted> distributions() {
   std::mt19937_64 random(11);

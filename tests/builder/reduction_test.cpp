@@ -1,3 +1,4 @@
+#include "tests/builder/point_sets.h"
 #include "tests/support/whole_reduction.h"
 
 #include <gtest/gtest.h>
@@ -18,19 +19,9 @@
 namespace splatvol {
 namespace {
 
-constexpr Cube unit_cube{{0, 0, 0}, 1};
-
-struct Sorted {
-  std::vector<dvec3> positions;
-  std::vector<MortonKey> keys;
-};
-
-Sorted sort_points(std::vector<dvec3> positions) {
-  std::ranges::stable_sort(positions, {}, [](const dvec3& p) { return morton_key(p, unit_cube); });
-  Sorted sorted{std::move(positions), {}};
-  for (const dvec3& p : sorted.positions) sorted.keys.push_back(morton_key(p, unit_cube));
-  return sorted;
-}
+using test::sort_points;
+using test::Sorted;
+using test::unit_cube;
 
 std::vector<dvec3> random_points(
     std::size_t count, const std::function<double(double)>& shape = [](double x) { return x; }) {

@@ -11,6 +11,7 @@
 #include <random>
 
 #include "builder/convex_cell.h"
+#include "tests/builder/point_sets.h"
 
 namespace splatvol {
 namespace {
@@ -24,14 +25,6 @@ Points lattice(int n, dvec3 spacing, dvec3 origin = dvec3(0)) {
   for (int k = 0; k < n; ++k)
     for (int j = 0; j < n; ++j)
       for (int i = 0; i < n; ++i) points.push_back(origin + spacing * dvec3(i, j, k));
-  return points;
-}
-
-Points random_points(int count, unsigned seed = 1) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<double> unit;
-  Points points;
-  for (int i = 0; i < count; ++i) points.emplace_back(unit(random), unit(random), unit(random));
   return points;
 }
 
@@ -119,7 +112,7 @@ TEST(DelaunayTetrahedra, FillTheHullOfALatticeWhateverItsAspectRatioAndPlace) {
 }
 
 TEST(DelaunayTetrahedra, KeepTheInsideOfRandomPoints) {
-  const Points points = random_points(20'000);
+  const Points points = test::uniform_points(20'000);
   const auto tetrahedra = delaunay_tetrahedra(points);
   ASSERT_TRUE(tetrahedra);
   // Every place in the inner cube is covered: the tetrahedra that reach into it hold at least its volume.
@@ -233,7 +226,7 @@ TEST(ScatteredEstimate, CellsOfALatticeAreItsBoxes) {
 }
 
 TEST(ScatteredEstimate, MassesOfRandomPointsAddUpInside) {
-  const Points points = random_points(20'000);
+  const Points points = test::uniform_points(20'000);
   const auto estimate = ScatteredEstimate::create(points);
   ASSERT_TRUE(estimate);
   double mass = 0;
@@ -254,7 +247,8 @@ TEST(ScatteredEstimate, LeavesHolesEmptyBesideThinLayers) {
 }
 
 TEST(ScatteredEstimate, ALinearFieldKeepsItsGradient) {
-  for (const Points& points : {random_points(3000), lattice(8, {1, 0.5, 1e-4}, dvec3(100)), round_cylinder(1e-3)}) {
+  for (const Points& points :
+       {test::uniform_points(3000), lattice(8, {1, 0.5, 1e-4}, dvec3(100)), round_cylinder(1e-3)}) {
     const auto values = linear_values(points);
     const auto estimate = ScatteredEstimate::create(points);
     ASSERT_TRUE(estimate);
@@ -311,7 +305,7 @@ TEST(ScatteredEstimate, GivesCoincidentPointsVolumeOnce) {
 }
 
 TEST(ScatteredEstimate, DoesNotDependOnThreads) {
-  const Points points = random_points(5000);
+  const Points points = test::uniform_points(5000);
   const auto values = linear_values(points);
   const auto many = ScatteredEstimate::create(points)->values(values);
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
