@@ -22,6 +22,9 @@ class ByteSource {
   /// Fills `out` with the bytes at `offset`; fails unless all of them exist and were read.
   [[nodiscard]] virtual Status read(std::uint64_t offset, std::span<std::byte> out) = 0;
 
+  /// How many bytes are sooner read along with others than left for a read of their own.
+  [[nodiscard]] virtual std::uint64_t cheap_gap() const { return 1024; }
+
   /// What to call it in messages: a path or an address.
   [[nodiscard]] virtual const std::string& name() const = 0;
 };

@@ -78,6 +78,9 @@ class Volume {
   /// Packed bytes, from the preamble where it holds them. Counted.
   [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
 
+  /// See ByteSource.
+  [[nodiscard]] std::uint64_t cheap_gap() const { return source_->cheap_gap(); }
+
   /// Counts of values for each attribute; empty where the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;
 

@@ -181,7 +181,7 @@ std::uint64_t Gatherer::working_bytes() const {
     const auto payload = static_cast<std::uint32_t>(largest_payload(kind, points));
     ChunkLoad largest{kind, static_cast<std::uint32_t>(points), {}};
     largest.place.entry.packed_bytes = largest.place.entry.unpacked_bytes = payload;
-    bytes += decoded_bytes(largest) + splatvol::working_bytes(largest);
+    bytes += decoded_bytes(largest) + splatvol::working_bytes(volume_->volume(), largest);
   }
   return bytes;
 }
@@ -256,7 +256,7 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
   std::uint64_t bytes = 0;
   for (PartLoad& part : missing) {
     auto decoded = cache_->reserve(decoded_bytes(part.chunk()));
-    auto working = cache_->reserve(splatvol::working_bytes(part.chunk()));
+    auto working = cache_->reserve(splatvol::working_bytes(volume_->volume(), part.chunk()));
     if (!decoded || !working)
       return fail(ErrorCode::out_of_budget, "{}: no memory to decode {} points", volume_->volume().name(), points);
     bytes += decoded->bytes() + working->bytes();
@@ -272,9 +272,8 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
 
 // Reads and decodes what is missing, in runs of chunks that lie side by side.
 Status Gatherer::load(Wave& wave) {
-  std::vector<LoadRun> runs = runs_of(std::move(wave.missing), run_bytes);
-  tbb::parallel_for(std::size_t{0}, runs.size(),
-                    [&](std::size_t i) { read_run(volume_->volume(), volume_->attribute(), runs[i]); });
+  std::vector<LoadRun> runs = runs_of(volume_->volume(), std::move(wave.missing), run_bytes);
+  read_runs(volume_->volume(), volume_->attribute(), runs);
 
   // The first failure in the file's order is the one that is told, whatever the threads did.
   for (const LoadRun& run : runs)

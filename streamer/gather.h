@@ -84,7 +84,7 @@ class SplatArray {
   std::uint64_t count_;
 };
 
-/// Reads the splats of cuts. Not thread-safe; decodes on all processors.
+/// Reads the splats of cuts. Not thread-safe; reads and decodes in threads of its own.
 class Gatherer {
  public:
   /// `gradients`: for the kernel octant, read those too. Fails with unsupported where the file lacks a column that this

@@ -1,6 +1,7 @@
 #include "streamer/loader.h"
 
 #include <algorithm>
+#include <atomic>
 #include <iterator>
 #include <utility>
 
@@ -8,10 +9,6 @@
 
 namespace splatvol {
 namespace {
-
-// Chunks with no more than this between them are read at once. Little: it is often another attribute's chunk, and what
-// a view does not need is not to be read.
-constexpr std::uint64_t largest_gap = 1024;
 
 std::uint64_t end_of(const PartLoad& part) { return part.chunk().place.offset + part.chunk().place.entry.packed_bytes; }
 
@@ -41,16 +38,16 @@ PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what) { return {key, w
 
 std::uint64_t decoded_bytes(const ChunkLoad& chunk) { return decoded_bytes(chunk.kind, chunk.points); }
 
-std::uint64_t working_bytes(const ChunkLoad& chunk) {
+std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk) {
   const format::ChunkEntry& entry = chunk.place.entry;
-  return largest_gap + entry.packed_bytes + decoding_bytes(chunk.kind, chunk.points, entry.unpacked_bytes);
+  return volume.cheap_gap() + entry.packed_bytes + decoding_bytes(chunk.kind, chunk.points, entry.unpacked_bytes);
 }
 
-std::vector<LoadRun> runs_of(std::vector<PartLoad> chunks, std::uint64_t run_bytes) {
+std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks, std::uint64_t run_bytes) {
   std::ranges::sort(chunks, {}, [](const PartLoad& part) { return part.chunk().place.offset; });
   std::vector<LoadRun> runs;
   for (PartLoad& part : chunks) {
-    const bool joins = !runs.empty() && part.chunk().place.offset - end_of(runs.back().back()) <= largest_gap &&
+    const bool joins = !runs.empty() && part.chunk().place.offset - end_of(runs.back().back()) <= volume.cheap_gap() &&
                        end_of(part) - runs.back().front().chunk().place.offset <= run_bytes;
     if (!joins) runs.emplace_back();
     runs.back().push_back(std::move(part));
@@ -86,6 +83,16 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
     else
       part.data = tl::unexpected(decoded.error());
   }
+}
+
+void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs) {
+  std::atomic<std::size_t> next = 0;
+  const auto work = [&] {
+    for (std::size_t i = next++; i < runs.size(); i = next++) read_run(volume, attribute, runs[i]);
+  };
+  std::vector<std::jthread> others;
+  for (std::size_t t = 1; t < std::min<std::size_t>(read_threads, runs.size()); ++t) others.emplace_back(work);
+  work();
 }
 
 Loader::Loader(const format::Volume& volume, int attribute, unsigned threads) : volume_(volume), attribute_(attribute) {

@@ -18,6 +18,10 @@
 
 namespace splatvol {
 
+/// How many parts are read at once: a disk or a server answers some at a time faster than one by one, whatever the
+/// number of processors (bench/read_bench).
+inline constexpr unsigned read_threads = 8;
+
 /// What reading a part takes besides its key (a directory page: nothing).
 struct IndexPageLoad {
   format::IndexPageRef ref;
@@ -51,14 +55,16 @@ using LoadRun = std::vector<PartLoad>;
 
 /// Bytes of a chunk's data, and of the rest that reading it takes.
 [[nodiscard]] std::uint64_t decoded_bytes(const ChunkLoad& chunk);
-[[nodiscard]] std::uint64_t working_bytes(const ChunkLoad& chunk);
+[[nodiscard]] std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk);
 
 /// Puts chunks into runs of at most `run_bytes`, or of one chunk, in the file's order.
-[[nodiscard]] std::vector<LoadRun> runs_of(std::vector<PartLoad> chunks, std::uint64_t run_bytes);
+[[nodiscard]] std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks,
+                                           std::uint64_t run_bytes);
 
 /// Reads and decodes a run; sets `data` of each part. `attribute` is that of index pages. Errors name the file and the
 /// part. Thread-safe.
 void read_run(const format::Volume& volume, int attribute, LoadRun& run);
+void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);  // read_threads at a time
 
 /// Threads that read and decode runs, in the order in which they are submitted. Every call may come from one thread
 /// only.

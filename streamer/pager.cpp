@@ -49,7 +49,7 @@ Status Pager::pin_coarsest() {
         LoadRun run;
         run.push_back(chunk_load(key, {gatherer_.column(column).kind, volume.rows().group(group).count, place}));
         auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
-        const auto working = cache_.reserve(working_bytes(run.front().chunk()));
+        const auto working = cache_.reserve(working_bytes(volume, run.front().chunk()));
         if (!decoded || !working)
           return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
         read_run(volume, paged_.attribute(), run);
@@ -198,7 +198,7 @@ std::vector<Pager::Request> Pager::requests() {
     if (!is_there || chunk.step <= 0) parts_by_step[chunk.step].push_back(std::move(chunk.part));
   const std::uint64_t run_bytes = std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
   for (auto& [step, parts] : parts_by_step)
-    for (LoadRun& run : runs_of(std::move(parts), run_bytes)) {
+    for (LoadRun& run : runs_of(paged_.volume(), std::move(parts), run_bytes)) {
       const float error = std::ranges::max_element(run, {}, &PartLoad::error)->error;
       requests.push_back({step, error, std::move(run)});
     }
@@ -282,7 +282,7 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
     working = largest_index_page_ + page->ref.page_bytes;
   } else if (const auto* chunk = std::get_if<ChunkLoad>(&part.what)) {
     decoded = decoded_bytes(*chunk);
-    working = working_bytes(*chunk);
+    working = working_bytes(paged_.volume(), *chunk);
   }
   if (bytes_in_flight_ > 0 && bytes_in_flight_ + decoded + working > most_in_flight_) return false;
   auto data_bytes = may_evict ? cache_.reserve(decoded) : cache_.reserve_spare(decoded);

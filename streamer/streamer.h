@@ -27,8 +27,8 @@ struct StreamerOptions {
   std::uint64_t memory_bytes = std::uint64_t{512} << 20;
   std::string attribute;
   KernelKind kernel = KernelKind::moments;
-  bool gradients = false;  // octant: with them, for lighting; moments have theirs in any case
-  unsigned threads = 4;    // that read and decode for `advance`
+  bool gradients = false;           // octant: with them, for lighting; moments have theirs in any case
+  unsigned threads = read_threads;  // that read and decode for `advance`
 };
 
 /// What a view asks for.

@@ -36,11 +36,13 @@ class TestSource final : public ByteSource {
     std::uint64_t reads = 0;
     std::vector<std::pair<std::uint64_t, std::uint64_t>> ranges;  // [read]: from, up to
     bool failing = false;
+    std::uint64_t cheap_gap = 1024;
   };
   TestSource(format::Bytes bytes, std::shared_ptr<Control> control)
       : bytes_(std::move(bytes)), control_(std::move(control)) {}
   [[nodiscard]] std::uint64_t size() const override { return bytes_.size(); }
   [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] std::uint64_t cheap_gap() const override { return control_->cheap_gap; }
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override;
 
  private:

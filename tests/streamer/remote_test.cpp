@@ -52,7 +52,31 @@ TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
     EXPECT_TRUE(same_bytes(std::get<std::span<const MomentsSplat>>((*from_file)->data),
                            std::get<std::span<const MomentsSplat>>((*from_server)->data)));
   }
-  EXPECT_EQ(far->statistics().bytes_read, near->statistics().bytes_read);
+}
+
+// What a server sends is waited for: rather more bytes than more requests.
+TEST(CheapGap, JoinsReads) {
+  const test::TestVolume volume = test::sample_volume(20000, 2);
+  const auto control_of = [](std::uint64_t gap) {
+    auto control = std::make_shared<test::TestSource::Control>();
+    control->cheap_gap = gap;
+    return control;
+  };
+  const auto strict = control_of(0), generous = control_of(64u << 10);
+  const StreamerOptions options{64u << 20, "a0", KernelKind::moments};
+  const auto few_bytes = Streamer::open(test::source_of(volume, strict), options).value();
+  const auto few_reads = Streamer::open(test::source_of(volume, generous), options).value();
+  std::mt19937 random(2);
+  for (int i = 0; i < 10; ++i) {
+    const View view = test::random_view(random);
+    const auto a = few_bytes->request(view, test::opaque(), DetailOptions{1.0, {}});
+    const auto b = few_reads->request(view, test::opaque(), DetailOptions{1.0, {}});
+    ASSERT_TRUE(a && b);
+    EXPECT_TRUE(same_bytes(std::get<std::span<const MomentsSplat>>((*a)->data),
+                           std::get<std::span<const MomentsSplat>>((*b)->data)));
+  }
+  EXPECT_LT(generous->reads, strict->reads / 2);
+  EXPECT_GT(few_reads->statistics().bytes_read, few_bytes->statistics().bytes_read);
 }
 
 }  // namespace

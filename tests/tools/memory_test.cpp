@@ -1,0 +1,126 @@
+// What a process takes to draw a file much larger than its budget.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "scene/image.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr std::uint64_t mebibyte = 1u << 20;
+constexpr std::uint64_t budget = 4 * mebibyte;
+
+// Besides the budget: code, stacks, what the allocator keeps, and what the renderer holds of the splats, which with a
+// software rasterizer is memory of the process as well.
+constexpr std::uint64_t overhead = 64 * mebibyte;
+
+struct Outcome {
+  int code;  // -1 where a signal ended it
+  std::uint64_t peak_rss;
+};
+
+// Runs a program of this project; `address_space`: the most it may have, 0 for any.
+Outcome run(std::vector<std::string> words, std::uint64_t address_space = 0) {
+  words[0] = SPLATVOL_BIN "/" + words[0];
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const int null = ::open("/dev/null", O_RDWR);
+    for (const int stream : {0, 1, 2}) ::dup2(null, stream);
+    // One arena: address space is then what is used, and not what each thread reserves.
+    ::setenv("MALLOC_ARENA_MAX", "1", 1);
+    const rlimit limit{address_space, address_space};
+    if (address_space > 0) ::setrlimit(RLIMIT_AS, &limit);
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    ::execv(arguments[0], arguments.data());
+    ::_exit(127);
+  }
+  int status = 0;
+  rusage usage{};
+  ::wait4(child, &status, 0, &usage);
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, static_cast<std::uint64_t>(usage.ru_maxrss) * 1024};
+}
+
+class MemoryBounds : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-memory-XXXXXX").string();
+    folder = ::mkdtemp(pattern.data());
+    for (const auto& [name, source] : {std::pair<std::string, std::string>{"small", "gen:points:count=1000"},
+                                       {"large", "gen:points:count=2.5e6,distribution=vortex"}}) {
+      ASSERT_EQ(run({"svbuild", source, "-o", path(name + ".svol"), "--connectivity", "none"}).code, 0);
+      ASSERT_EQ(run({"svinfo", path(name + ".svol"), "--scene", path(name + ".json")}).code, 0);
+    }
+    ASSERT_GE(fs::file_size(path("large.svol")), 20 * budget);
+  }
+  static void TearDownTestSuite() { fs::remove_all(folder); }
+
+  static std::string path(const std::string& name) { return (folder / name).string(); }
+
+  static Outcome render(const std::string& volume, const std::string& output, std::vector<std::string> options,
+                        std::uint64_t address_space = 0) {
+    std::vector<std::string> words = {"svrender", path(volume + ".svol"), "--scene", path(volume + ".json"),
+                                      "-o",       path(output + ".exr"),  "--stats", path(output + ".json")};
+    words.insert(words.end(), options.begin(), options.end());
+    return run(words, address_space);
+  }
+  static json statistics(const std::string& output) { return json::parse(*read_text_file(path(output + ".json"))); }
+
+  // What the program takes by itself, with OpenGL's libraries, to draw next to nothing. To 4 MiB.
+  static std::uint64_t least_address_space() {
+    std::uint64_t refused = 0, enough = 64u << 10;
+    for (enough *= mebibyte; enough - refused > 4 * mebibyte;) {
+      const std::uint64_t middle = refused + (enough - refused) / 2;
+      (render("small", "least", {"--memory", "4M"}, middle).code == 0 ? enough : refused) = middle;
+    }
+    return enough;
+  }
+
+  static inline fs::path folder;
+};
+
+const std::vector<std::string> bounded = {"--memory", "4M", "--tolerance", "6"};
+
+TEST_F(MemoryBounds, AProcessTakesItsBudgetAndLittleMore) {
+  const Outcome alone = render("small", "small-picture", bounded);
+  const Outcome large = render("large", "bounded", bounded);
+  ASSERT_EQ(alone.code, 0);
+  ASSERT_EQ(large.code, 0);
+  EXPECT_LE(large.peak_rss, alone.peak_rss + budget + overhead);
+  EXPECT_LE(statistics("bounded")["bytes_resident_peak"], budget);
+}
+
+TEST_F(MemoryBounds, APictureWithinABudgetIsThatWithoutOne) {
+  ASSERT_EQ(render("large", "bounded", bounded).code, 0);
+  ASSERT_EQ(render("large", "unbounded", {"--memory", "1G", "--tolerance", "6"}).code, 0);
+  ASSERT_EQ(statistics("bounded")["effective_tolerance"], 6) << "the budget binds: compare at another tolerance";
+  EXPECT_EQ(read_exr(path("bounded.exr"))->pixels, read_exr(path("unbounded.exr"))->pixels);
+}
+
+TEST_F(MemoryBounds, DrawsWhereTheProcessMayHaveNoMore) {
+  const std::uint64_t limit = least_address_space() + budget + overhead;
+  ASSERT_EQ(render("large", "free", bounded).code, 0);
+  ASSERT_EQ(render("large", "limited", bounded, limit).code, 0);
+  EXPECT_EQ(read_exr(path("limited.exr"))->pixels, read_exr(path("free.exr"))->pixels);
+  EXPECT_EQ(render("large", "walk", {"--memory", "4M", "--tolerance", "2", "--progress-frames", folder}, limit).code,
+            0);
+  // The limit is one: what holds all of the file does not pass.
+  EXPECT_NE(render("large", "whole", {"--memory", "2G", "--tolerance", "0"}, limit).code, 0);
+}
+
+}  // namespace
+}  // namespace splatvol
