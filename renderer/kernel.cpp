@@ -20,11 +20,13 @@ Result<Kernel> make_octant_kernel() {
       key, build_compute("octant's keys", octant_transfer_glsl, octant_quad_glsl, octant_project_glsl, key_comp));
   SPLATVOL_TRY_ASSIGN(project, build_compute("octant's projection", octant_transfer_glsl, octant_quad_glsl,
                                              octant_project_glsl, project_comp));
-  SPLATVOL_TRY_ASSIGN(form,
-                      build_program("octant's quads", {{GL_VERTEX_SHADER, {frame_glsl, octant_quad_glsl, octant_vert}},
-                                                       {GL_FRAGMENT_SHADER, {frame_glsl, octant_frag}}}));
   std::vector<Program> forms;
-  forms.push_back(std::move(form));
+  for (const std::string_view fragment : {octant_frag, octant_weighted_frag}) {
+    SPLATVOL_TRY_ASSIGN(
+        form, build_program("octant's quads", {{GL_VERTEX_SHADER, {frame_glsl, octant_quad_glsl, octant_vert}},
+                                               {GL_FRAGMENT_SHADER, {frame_glsl, fragment}}}));
+    forms.push_back(std::move(form));
+  }
   return Kernel{.kind = KernelKind::octant,
                 .key = std::move(key),
                 .project = std::move(project),

@@ -161,6 +161,7 @@ Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batche
   ordered_view_.reset();
   axis_orders_ = {};
   batch_origins_.clear();
+  batch_weights_.clear();
 
   const bool moments = std::holds_alternative<std::span<const MomentsSplat>>(splats);
   if (moments != (kernel_.kind == KernelKind::moments))
@@ -174,6 +175,7 @@ Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batche
       return fail(ErrorCode::invalid_argument, "a batch reaches beyond the {} splats", available);
     first_of_batch.push_back(count);
     batch_origins_.push_back(batch.origin);
+    batch_weights_.push_back(batch.weight);
     count += batch.count;
   }
   if (count > std::numeric_limits<std::uint32_t>::max())
@@ -189,6 +191,15 @@ Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batche
   splats_.unmap();
   SPLATVOL_TRY(check_gl("uploading splats"));
   splat_count_ = count;
+  return {};
+}
+
+Status Renderer::set_weights(std::span<const SplatBatch> batches) {
+  if (batches.size() != batch_weights_.size())
+    return fail(ErrorCode::invalid_argument, "weights of {} batches for {}", batches.size(), batch_weights_.size());
+  if (std::ranges::equal(batches, batch_weights_, {}, &SplatBatch::weight)) return {};
+  std::ranges::transform(batches, batch_weights_.begin(), &SplatBatch::weight);
+  ordered_view_.reset();  // what is too faint to be drawn is not in the order
   return {};
 }
 
@@ -246,7 +257,8 @@ Status Renderer::upload_frame(const View& view) {
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
   std::vector<vec4> origins;
   origins.reserve(batch_origins_.size());
-  for (const dvec3& origin : batch_origins_) origins.emplace_back(vec3(view.to_view(origin)), 0.0F);
+  for (std::size_t i = 0; i < batch_origins_.size(); ++i)
+    origins.emplace_back(vec3(view.to_view(batch_origins_[i])), batch_weights_[i]);
   origins_.write(origins.data(), origins.size() * sizeof(vec4));
 
   frame_.bind(GL_UNIFORM_BUFFER, 0);

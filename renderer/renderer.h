@@ -60,9 +60,13 @@ class Renderer {
   /// a batch reaches beyond them; with ErrorCode::device where the GPU cannot hold them. There are no splats then.
   [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
 
+  /// Replaces the weights of the last `set_splats` by those of `batches`, which are the same otherwise; costs nothing.
+  /// Fails where there are more or fewer of them.
+  [[nodiscard]] Status set_weights(std::span<const SplatBatch> batches);
+
   /// Draws the splats as `view` sees them, on transparent black. Fails where the picture is larger than the device
-  /// allows. A splat draws nothing if its value is NaN or its extinction 0; `octant`, if its centre is not in
-  /// front of the eye.
+  /// allows. A splat draws nothing if its value is NaN or its extinction or its batch's weight 0; `octant`, if its
+  /// centre is not in front of the eye.
   ///
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing; what lies between is interpolated.
   /// Large splats hide nothing from wide samples, and take their time by the sample.
@@ -101,6 +105,7 @@ class Renderer {
   // Resident until replaced.
   std::size_t splat_count_ = 0;
   std::vector<dvec3> batch_origins_;
+  std::vector<float> batch_weights_;
   Buffer splats_{"splats"};
   std::array<std::optional<Buffer>, 3> axis_orders_;  // made when first asked for
   Texture transfer_table_;

@@ -61,6 +61,7 @@ struct SplatBatch {
   dvec3 origin;
   std::uint64_t first;
   std::uint64_t count;
+  float weight = 1;  // [0, 1]: of the splats' mass; of their optical depth, that is. 0 draws nothing
 };
 
 }  // namespace splatvol

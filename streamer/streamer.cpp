@@ -16,6 +16,10 @@ constexpr double smallest_raised_tolerance = 1.0 / 16;
 constexpr double largest_raised_tolerance = 1 << 20;
 constexpr int refinements = 4;
 
+// What a cut's item takes in a frame besides the cut itself.
+constexpr std::uint64_t item_bytes =
+    sizeof(FadingCut::Part) + sizeof(SplatBatch) + sizeof(std::uint32_t) + sizeof(std::uint64_t);
+
 constexpr int steps = 3;  // coarser pictures on the way to the one that is aimed at
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -32,8 +36,7 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
   std::uint64_t jobs = 0;
   for (const PointRange& range : cut.ranges)
     if (range.count > 0) jobs += range.count / info.points_per_chunk + 2;
-  return cut.memory_bytes() + cut.splats * splat_bytes(kernel) +
-         cut.items.size() * (sizeof(SplatBatch) + sizeof(std::uint64_t)) + jobs * sizeof(CopyJob);
+  return cut.memory_bytes() + cut.splats * splat_bytes(kernel) + cut.items.size() * item_bytes + jobs * sizeof(CopyJob);
 }
 
 std::uint64_t directory_page_bytes(const format::Volume& volume) {
@@ -66,7 +69,8 @@ Status check_detail(const DetailOptions& detail) {
 }  // namespace
 
 struct Streamer::Frame {
-  Cut cut;
+  FadingCut fading;
+  std::vector<std::uint32_t> items;  // [batch]: of the cut
   ValueVisibility visibility;
   Reservation reservation;
   SplatArray array;
@@ -79,6 +83,7 @@ struct Streamer::Aim {
   ValueVisibility visibility;
   DetailOptions asked;
   Choice choice;
+  std::uint64_t bytes;  // of its frame, chunks and index pages
 };
 
 Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options)
@@ -145,7 +150,8 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
     return tl::unexpected(choice.error());
   }
 
-  const bool same = frame_ && frame_->cut == choice->cut && frame_->visibility == visibility;
+  const bool same =
+      frame_ && frame_->fading.cut == choice->cut && frame_->fading.fades.empty() && frame_->visibility == visibility;
   if (!same) {
     const auto fetch_start = std::chrono::steady_clock::now();
     SPLATVOL_TRY(fetch(std::move(choice->cut), visibility));
@@ -227,10 +233,11 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   frame_.reset();
   auto reservation = cache_.reserve(frame_bytes(cut, info(), kernel_));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
-  return assemble(std::move(cut), visibility, std::move(*reservation));
+  return assemble({std::move(cut), {}, {}}, visibility, std::move(*reservation));
 }
 
-Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation) {
+Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation) {
+  const Cut& cut = fading.cut;
   SPLATVOL_TRY_ASSIGN(plan, gatherer_->plan(cut, visibility));
   SPLATVOL_TRY_ASSIGN(array, gatherer_->gather(cut, plan));
 
@@ -240,20 +247,22 @@ Status Streamer::assemble(Cut cut, const ValueVisibility& visibility, Reservatio
   splats.splats = plan.splats;
   splats.nodes_by_resolution.resize(info().resolutions());
   splats.splats_by_resolution.resize(info().resolutions());
+  std::vector<std::uint32_t> items;
   std::uint64_t begin = 0;
-  for (std::size_t i = 0; i < cut.items.size(); ++i) {
+  for (std::uint32_t i = 0; i < cut.items.size(); ++i) {
     const CutItem& item = cut.items[i];
     const std::uint64_t count = plan.item_ends[i] - begin;
     if (count > 0) {
       ++splats.nodes;
       ++splats.nodes_by_resolution[item.resolution];
       splats.splats_by_resolution[item.resolution] += count;
-      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, begin, count});
+      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, begin, count, fading.weight_of(i)});
+      items.push_back(i);
     }
     begin += count;
   }
-  frame_ = std::make_unique<Frame>(
-      Frame{std::move(cut), visibility, std::move(reservation), std::move(array), std::move(splats)});
+  frame_ = std::make_unique<Frame>(Frame{std::move(fading), std::move(items), visibility, std::move(reservation),
+                                         std::move(array), std::move(splats)});
   return {};
 }
 
@@ -277,8 +286,9 @@ Status Streamer::start_paging() {
 }
 
 Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
-                                             const DetailOptions& detail, double wait_seconds) {
+                                             const DetailOptions& detail, double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
+  if (!(change > 0 && change <= 1)) return fail(ErrorCode::invalid_argument, "{} is no share of a change", change);
   const auto start = std::chrono::steady_clock::now();
   const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
                                     std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
@@ -300,7 +310,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
   }
   if (last && pager_->missing().settled()) aim_ahead(*last, view, visibility);
   cut_seconds_ = seconds_since(start);
-  SPLATVOL_TRY(show_resident());
+  SPLATVOL_TRY(show_resident(change));
   fetch_seconds_ = seconds_since(start) - cut_seconds_;
   return &frame_->splats;
 }
@@ -310,6 +320,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
 Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
   const std::uint64_t limit = paging_memory() / 4 * 3;
   Pager::Pages pages;
+  std::uint64_t aimed_bytes = 0;
   const auto try_cut = [&](const DetailOptions& tried) -> Result<Cut> {
     pager_->begin_selection();
     SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), *pager_, view, visibility, cut_options(tried, limit)));
@@ -319,6 +330,7 @@ Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, c
         frame_bytes(cut, info(), kernel_) + gatherer_->resident_bytes(cut) + pager_->pages().index_bytes;
     if (bytes > limit) return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", limit);
     pages = pager_->pages();
+    aimed_bytes = bytes;
     return cut;
   };
   auto choice = choose(aim_ ? aim_->choice.detail : detail, try_cut);
@@ -331,7 +343,7 @@ Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, c
   pager_->forget(visibility);
   pager_->keep_pages(std::move(pages));
   pager_->want(choice->cut, 0);
-  aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice)});
+  aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice), aimed_bytes});
   aim_in_steps(view, visibility);
   return {};
 }
@@ -379,8 +391,8 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
 
 // A bound on a frame of nothing but resolution 0.
 std::uint64_t Streamer::coarsest_frame_bytes() const {
-  return info().resolution_counts[0] * (splat_bytes(kernel_) + sizeof(CutItem) + sizeof(PointRange) +
-                                        sizeof(SplatBatch) + sizeof(std::uint64_t) + 2 * sizeof(CopyJob));
+  return info().resolution_counts[0] *
+         (splat_bytes(kernel_) + sizeof(CutItem) + sizeof(PointRange) + item_bytes + 2 * sizeof(CopyJob));
 }
 
 // The best cut that can be drawn at once, within the memory and the splats that there are for it, or the coarsest.
@@ -405,36 +417,70 @@ Result<Cut> Streamer::choose_coarsest() {
                              cut_options(detail, coarsest_frame_bytes()));
 }
 
-Status Streamer::show_resident() {
+// What fades may draw besides a cut, in the memory that the aim and what is being read leave: splats, and as many of
+// their chunks, which are about twice as large.
+std::uint64_t Streamer::fading_splats(const Cut& cut) const {
+  const std::uint64_t most_bytes = paging_memory() / 8 * 7;
+  const std::uint64_t bytes = most_bytes - std::min(aim_->bytes, most_bytes);
+  const std::uint64_t splats = aim_->choice.detail.max_splats;
+  return std::min(bytes / (3 * splat_bytes(kernel_)), splats - std::min(cut.splats, splats));
+}
+
+// Of a frame that has the same splats.
+void Streamer::set_weights(FadingCut fading) {
+  frame_->fading = std::move(fading);
+  for (std::size_t i = 0; i < frame_->items.size(); ++i)
+    frame_->splats.batches[i].weight = frame_->fading.weight_of(frame_->items[i]);
+}
+
+Status Streamer::show_resident(double change) {
   DetailOptions detail = aim_->choice.detail;
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
-  if (!frame_ || !(frame_->cut == *cut) || !(frame_->visibility == aim_->visibility)) {
+  const bool same_values = frame_ && frame_->visibility == aim_->visibility;
+  FadingCut fading{std::move(*cut), {}, {}};
+  if (same_values) {
+    const FadeOptions options{change, fading_splats(fading.cut)};
+    fading = fade(info().cube, aim_->view, frame_->fading, std::move(fading.cut), *pager_, options);
+  }
+  if (same_values && frame_->fading.cut == fading.cut) {
+    set_weights(std::move(fading));
+  } else {
     frame_.reset();
     if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
-    auto reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
+    const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut, info(), kernel_)); };
+    auto reservation = reserve();
+    if (!reservation && !fading.fades.empty()) {
+      SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
+      fading = {std::move(at_once), {}, {}};
+      reservation = reserve();
+    }
     if (!reservation) {
       // What only stands in for something else gives way; where even that does not suffice, what is read in vain is
       // still on its way.
       pager_->hold_wanted();
-      static_cast<void>(cache_.reserve(frame_bytes(*cut, info(), kernel_)));
-      cut = choose_resident(detail);
-      if (cut) reservation = cache_.reserve(frame_bytes(*cut, info(), kernel_));
+      static_cast<void>(reserve());
+      SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
+      fading = {std::move(of_wanted), {}, {}};
+      reservation = reserve();
     }
     if (!reservation) {
-      cut = choose_coarsest();
+      SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
+      fading = {std::move(coarsest), {}, {}};
       reservation = std::exchange(coarsest_frame_, std::nullopt);
     }
-    if (!cut) return tl::unexpected(cut.error());
     if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
-    SPLATVOL_TRY(assemble(std::move(*cut), aim_->visibility, std::move(*reservation)));
+    SPLATVOL_TRY(assemble(std::move(fading), aim_->visibility, std::move(*reservation)));
   }
 
   const Pager::Missing& missing = pager_->missing();
   const Cut& aimed = aim_->choice.cut;
   FrameProgress progress;
-  progress.complete = aimed.complete && missing.chunks + missing.pages == 0 && frame_->cut == aimed;
-  progress.settled = missing.settled() && (progress.complete || missing.failed > 0 || !pager_->is_reading());
+  progress.complete = aimed.complete && missing.chunks + missing.pages == 0 && frame_->fading.fades.empty() &&
+                      frame_->fading.cut == aimed;
+  progress.fading = frame_->fading.fades.size();
+  progress.settled =
+      missing.settled() && progress.fading == 0 && (progress.complete || missing.failed > 0 || !pager_->is_reading());
   progress.missing_chunks = missing.chunks;
   progress.missing_pages = missing.pages;
   progress.missing_bytes = missing.bytes;

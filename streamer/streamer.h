@@ -16,6 +16,7 @@
 #include "streamer/budget.h"
 #include "streamer/cache.h"
 #include "streamer/cut.h"
+#include "streamer/fade.h"
 #include "streamer/gather.h"
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
@@ -40,8 +41,9 @@ struct DetailOptions {
 
 /// How far a frame is from what its view asks for.
 struct FrameProgress {
-  bool complete = true;  // it is what `request` gives for the frame's `detail`
-  bool settled = true;   // nothing more will come: complete, but for what cannot be read
+  bool complete = true;      // it is what `request` gives for the frame's `detail`
+  bool settled = true;       // nothing more will come: complete, but for what cannot be read
+  std::uint64_t fading = 0;  // regions that are drawn from two resolutions
 
   // Of what is needed.
   std::uint64_t missing_chunks = 0;  // as far as it is known where they lie
@@ -56,7 +58,7 @@ struct FrameProgress {
 struct FrameSplats {
   SplatSpan data;                   // all of them, one batch after another
   std::vector<SplatBatch> batches;  // one for each node that has splats
-  std::uint64_t serial = 0;         // another one whenever the splats are others
+  std::uint64_t serial = 0;         // another one whenever the splats are others; weights may change without
 
   // What was chosen. A coarser detail than the one asked for is what the budget allows.
   std::uint64_t nodes = 0;
@@ -105,13 +107,19 @@ class Streamer {
   /// `detail`. That is coarser than the one asked for where splats and the chunks that they come from would pass the
   /// budget together.
   ///
+  /// `change`, (0, 1]: the share of a change of resolution that this call makes; 1: all at once. With less, a region
+  /// whose resolution changes is drawn both as it was and as it will be, by the weights of their batches, which move by
+  /// `change` from call to call; until then the frame is not `complete`. Fewer splats or bytes left than this takes:
+  /// the region changes at once.
+  ///
   /// Waits for the file in the first call, for the root of the index and the coarsest resolution, which are kept from
   /// then on. A part that cannot be read is told once and not asked for again; its nodes are drawn coarser. Fails where
   /// those of the first call cannot be read, and where not even the coarsest picture fits.
   ///
   /// The result stays valid until the next call or request.
   [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
-                                                   const DetailOptions& detail, double wait_seconds = 0);
+                                                   const DetailOptions& detail, double wait_seconds = 0,
+                                                   double change = 1);
 
   /// What the splats' values have to be added to.
   [[nodiscard]] double value_offset() const {
@@ -140,7 +148,7 @@ class Streamer {
                                                       const DetailOptions& detail, bool paging);
   [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
-  [[nodiscard]] Status assemble(Cut cut, const ValueVisibility& visibility, Reservation reservation);
+  [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
 
   [[nodiscard]] Status start_paging();
   [[nodiscard]] Status take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
@@ -149,7 +157,9 @@ class Streamer {
   [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
   [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
-  [[nodiscard]] Status show_resident();
+  [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
+  void set_weights(FadingCut fading);
+  [[nodiscard]] Status show_resident(double change);
 
   std::shared_ptr<const format::Volume> volume_;
   KernelKind kernel_;

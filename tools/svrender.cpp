@@ -1,7 +1,9 @@
 // svrender: a picture of a .svol file.
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <glm/gtc/quaternion.hpp>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -25,6 +27,8 @@ struct Options {
   std::string size;
   std::string stats;
   std::string progress_frames;  // folder; empty: none
+  std::vector<double> path;     // frames, degrees, factor; empty: none
+  int fade = 1;                 // frames that a change of resolution takes
   std::string memory = "512M";
   std::string sort = "exact";
   std::string kernel = "moments";
@@ -40,8 +44,15 @@ struct ProgressFrame {
   std::uint64_t splats, bytes_read, missing_bytes;
 };
 
+// Of a camera's path.
+struct PathFrame {
+  std::uint64_t splats, fading;
+  double step;  // from the frame before: RMSE
+};
+
 struct Timings {
   std::vector<ProgressFrame> progress;
+  std::vector<PathFrame> path;
   double first_image = 0;
   double fetch = 0;
   double upload = 0;
@@ -112,9 +123,11 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   return drawing;
 }
 
-// All that the view asks for; with --progress-frames what is there of it.
+// All that the view asks for; with --progress-frames what is there of it. Along a path, resolutions change gradually.
 Result<const FrameSplats*> next_splats(const Options& options, const Scene& scene, const View& view,
                                        const Drawing& drawing) {
+  if (!options.path.empty())
+    return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, 1e6, 1.0 / options.fade);
   if (options.progress_frames.empty()) return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
   return drawing.streamer->advance(view, scene.transfer_function, drawing.detail);
 }
@@ -125,7 +138,10 @@ Status draw_frame(const Options& options, const Scene& scene, const View& view, 
   SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
   drawing.frame = frame;
   const double upload_start = seconds_now();
-  if (frame->serial != drawing.uploaded_serial) SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
+  if (frame->serial != drawing.uploaded_serial)
+    SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
+  else
+    SPLATVOL_TRY(drawing.renderer->set_weights(frame->batches));
   drawing.uploaded_serial = frame->serial;
   const double draw_start = seconds_now();
   drawing.sample_spacing = sample_spacing(options, view, *frame);
@@ -199,6 +215,36 @@ Result<std::vector<Error>> draw_progress(const Options& options, const Scene& sc
   }
 }
 
+// The camera of a path's frame: turned about `up` round its focal point, and nearer or farther.
+Camera camera_at(const Options& options, Camera camera, int frame) {
+  const double part = frame / std::max(options.path[0] - 1, 1.0);
+  const glm::dquat turn = glm::angleAxis(glm::radians(part * options.path[1]), glm::normalize(camera.up));
+  camera.position =
+      camera.focal_point + turn * (camera.position - camera.focal_point) * std::pow(options.path[2], part);
+  return camera;
+}
+
+// Draws the frames of a path, all of whose splats are waited for, and measures how they follow each other.
+Status draw_path(const Options& options, const Scene& scene, Drawing& drawing, Timings& timings) {
+  Image last;
+  for (int number = 0; number < options.path[0]; ++number) {
+    SPLATVOL_TRY_ASSIGN(view, make_view(camera_at(options, scene.camera, number), scene.width, scene.height));
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    double step = 0;
+    if (number > 0) {
+      SPLATVOL_TRY_ASSIGN(difference, compare_images(last, image));
+      step = difference.rmse;
+    }
+    timings.path.push_back({drawing.frame->splats, drawing.frame->progress.fading, step});
+    if (!options.progress_frames.empty())
+      SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:04}.png", options.progress_frames, number), image,
+                               scene.background, provenance_of(options, scene, drawing)));
+    last = std::move(image);
+  }
+  return {};
+}
+
 // As in a scene file.
 nlohmann::ordered_json lighting_of(const Scene& scene) {
   if (!scene.lighting) return false;
@@ -250,6 +296,8 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                        {"splats", shown.splats},
                                        {"bytes_read", shown.bytes_read},
                                        {"missing_bytes", shown.missing_bytes}});
+  for (const PathFrame& drawn : timings.path)
+    json["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.step}});
   if (frame.detail.resolution) {
     json["resolution"] = *options.detail.resolution;
     json["effective_resolution"] = *frame.detail.resolution;
@@ -298,7 +346,9 @@ Status render(const Options& options) {
 
   Timings timings;
   std::vector<Error> unreadable;
-  if (options.progress_frames.empty()) {
+  if (!options.path.empty()) {
+    SPLATVOL_TRY(draw_path(options, scene, drawing, timings));
+  } else if (options.progress_frames.empty()) {
     SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
   } else {
     SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, scene, *view, drawing, timings, start));
@@ -312,7 +362,7 @@ Status render(const Options& options) {
     return told(unreadable);
   }
 
-  SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
+  if (options.path.empty()) SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
   const std::string text =
       statistics_of(options, scene, drawing, timings).dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
       "\n";
@@ -392,6 +442,19 @@ int main(int argc, char** argv) {
   app.add_option("--progress-frames", options.progress_frames,
                  "Draw what is there while the rest is read, and write each of these frames into this folder")
       ->type_name("DIR");
+  app.add_option("--path", options.path,
+                 "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all while its distance "
+                 "becomes FACTOR times as long; --progress-frames writes them, --stats has the steps between them")
+      ->type_name("FRAMES,DEGREES,FACTOR")
+      ->delimiter(',')
+      ->expected(3)
+      ->check([](const std::string& text) {
+        const double number = std::strtod(text.c_str(), nullptr);
+        return std::isfinite(number) ? std::string() : "'" + text + "' is not a number";
+      });
+  app.add_option("--fade", options.fade, "With --path: frames that a change of resolution takes")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
       ->type_name("OUT.json|-");
   return run_tool(app, argc, argv, [&] { return render(options); });

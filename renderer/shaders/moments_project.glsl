@@ -16,7 +16,8 @@ struct Splat {
 };
 
 layout(std430, binding = 0) restrict readonly buffer SplatBlock { Splat splats[]; };
-layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates
+layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates;
+                                                                                       // w: their weight
 layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extinction of 2^k steps
 
 const float pi = 3.14159265;
@@ -418,6 +419,7 @@ bool is_finite(Quad quad) {
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
   Splat splat = splats[index];
+  splat.mass *= origins[splat.batch_index].w;
   vec3 centre = place(index);
   distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
   if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(splat.value)) return false;

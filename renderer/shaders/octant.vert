@@ -1,5 +1,6 @@
 // Corner gl_VertexID % 4 of quad gl_VertexID / 4.
 flat out vec4 color;
+flat out float weight;
 noperspective out vec2 offset;  // from the centre, in half widths at half maximum
 
 void main() {
@@ -9,6 +10,7 @@ void main() {
   uvec2 place = uvec2((gl_VertexID & 1) == 0 ? first.x : end.x, (gl_VertexID & 2) == 0 ? first.y : end.y);
 
   color = quad.color;
+  weight = quad.weight;
   offset = quad.corner + vec2(place - first) * quad.pixel;
   gl_Position = vec4(2.0 * vec2(place) / frame.image_size - 1.0, 0.0, 1.0);
 }

@@ -10,7 +10,8 @@ struct OctantSplat {
 };
 
 layout(std430, binding = 0) restrict readonly buffer SplatBlock { OctantSplat splats[]; };
-layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates
+layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates;
+                                                                                       // w: their weight
 
 const float sigma_per_size = 0.4;
 const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
@@ -32,7 +33,8 @@ vec3 place(uint index) {
 // Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
   OctantSplat splat = splats[index];
-  if (is_nan(splat.value) || !(splat.size > 0.0)) return false;
+  float weight = origins[splat.batch_index].w;
+  if (is_nan(splat.value) || !(splat.size > 0.0) || !(weight > 0.0)) return false;
 
   vec3 centre = place(index);
   bool orthographic = frame.orthographic != 0.0;
@@ -72,5 +74,6 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   quad.corner = (vec2(first) - middle) * quad.pixel - centre.xy / half_width;
   quad.columns = first.x | end.x << 16;
   quad.rows = first.y | end.y << 16;
+  quad.weight = weight;
   return true;
 }

@@ -1,0 +1,218 @@
+#include "streamer/fade.h"
+
+#include <algorithm>
+#include <array>
+#include <iterator>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+// An item of a cut.
+struct Entry {
+  const Cut* cut;
+  std::uint32_t item;
+  FadingCut::Part part;
+
+  const CutItem& get() const { return cut->items[item]; }
+  std::span<const PointRange> ranges() const { return cut->ranges_of(get()); }
+  std::uint64_t splats() const {
+    std::uint64_t sum = 0;
+    for (const PointRange& range : ranges()) sum += range.count;
+    return sum;
+  }
+};
+using Entries = std::vector<Entry>;
+
+// Within a cell. No two of `shown` overlap, and no two of `coming`.
+struct Region {
+  Entries shown;    // what the last cut ends in
+  Entries leaving;  // what it shows besides
+  Entries coming;
+};
+
+std::uint64_t splats_of(const Entries& entries) {
+  std::uint64_t sum = 0;
+  for (const Entry& entry : entries) sum += entry.splats();
+  return sum;
+}
+
+// Cells are halved all the way down, so that their edges tell them apart.
+bool is_cell(const Entries& entries, const Cube& cell) {
+  return !entries.empty() && entries.front().get().cell.edge == cell.edge;
+}
+
+Cube child_of(const Cube& cell, unsigned octant) {
+  const double edge = 0.5 * cell.edge;
+  return {cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
+}
+
+class Fader {
+ public:
+  Fader(const Cube& root, const View& view, const FadingCut& last, const Cut& next, Residency& residency,
+        const FadeOptions& options)
+      : root_(root), view_(view), last_(last), next_(next), residency_(residency), options_(options) {}
+
+  FadingCut run() {
+    Region all;
+    for (std::uint32_t i = 0; i < last_.cut.items.size(); ++i) {
+      FadingCut::Part part = last_.parts.empty() ? FadingCut::Part() : last_.parts[i];
+      const bool over = part.fade != FadingCut::no_fade && weight_now(last_.fades[part.fade]) >= 1;
+      if (over && part.leaving) continue;
+      if (over) part = {};
+      (part.leaving ? all.leaving : all.shown).push_back({&last_.cut, i, part});
+    }
+    for (std::uint32_t i = 0; i < next_.items.size(); ++i) all.coming.push_back({&next_, i, {}});
+    fades_now_.assign(last_.fades.size(), FadingCut::no_fade);
+    visit(root_, std::move(all));
+    return std::move(now_);
+  }
+
+ private:
+  // Rounding is not to take another frame.
+  double weight_now(const Fade& fade) const { return fade.weight + options_.change * (1 + 1e-9); }
+
+  void visit(const Cube& cell, Region region) {
+    if (region.coming.empty()) return;  // out of sight
+    if (region.shown.empty()) return draw(cell, std::move(region.coming));
+    if (is_cell(region.shown, cell) || is_cell(region.coming, cell) || fades(region, cell)) return draw(cell, region);
+    auto shown = split(cell, region.shown);
+    auto leaving = split(cell, region.leaving);
+    auto coming = split(cell, region.coming);
+    for (const unsigned octant : back_to_front(cell))
+      visit(child_of(cell, octant), {std::move(shown[octant]), std::move(leaving[octant]), std::move(coming[octant])});
+  }
+
+  bool fades(const Region& region, const Cube& cell) const {
+    return !region.leaving.empty() && last_.fades[region.leaving.front().part.fade].cell.edge == cell.edge;
+  }
+
+  // A region in which one of both cuts has one node.
+  void draw(const Cube& cell, Region& region) {
+    const bool fading = !region.leaving.empty();
+    const bool same = is_cell(region.shown, cell) && is_cell(region.coming, cell) &&
+                      region.shown.front().get().resolution == region.coming.front().get().resolution;
+    if (!fading && same) return draw(cell, std::move(region.coming));
+
+    const std::uint64_t splats = splats_of(region.leaving) + splats_of(region.shown);
+    const std::uint64_t besides = splats - std::min(splats, fading ? splats_of(region.coming) : 0);
+    if (besides > options_.most_splats - besides_ || !is_there(region.shown) || !is_there(region.leaving))
+      return draw(cell, std::move(region.coming));
+    besides_ += besides;
+
+    Entries entries;
+    if (fading) {
+      for (Entry& entry : region.leaving) entries.push_back(go_on(entry));
+      for (Entry& entry : region.shown) entries.push_back(go_on(entry));
+      if (fades(region, cell)) add_uncovered(cell, region.shown, region.coming, entries.front().part.fade, entries);
+    } else {
+      const auto fade = static_cast<std::uint32_t>(now_.fades.size());
+      now_.fades.push_back({cell, std::min(options_.change, 1.0)});
+      for (Entry& entry : region.shown) entries.push_back({entry.cut, entry.item, {fade, true}});
+      for (Entry& entry : region.coming) entries.push_back({entry.cut, entry.item, {fade, false}});
+    }
+    draw(cell, std::move(entries));
+  }
+
+  bool is_there(const Entries& entries) {
+    return std::ranges::all_of(entries, [&](const Entry& entry) { return residency_.holds(entry.ranges()); });
+  }
+
+  Entry go_on(Entry entry) {
+    if (entry.part.fade == FadingCut::no_fade) return entry;
+    std::uint32_t& fade = fades_now_[entry.part.fade];
+    if (fade == FadingCut::no_fade) {
+      const Fade& last = last_.fades[entry.part.fade];
+      fade = static_cast<std::uint32_t>(now_.fades.size());
+      now_.fades.push_back({last.cell, weight_now(last)});
+    }
+    entry.part.fade = fade;
+    return entry;
+  }
+
+  // What has come into view since a node began to be replaced by others.
+  void add_uncovered(const Cube& cell, const Entries& shown, const Entries& coming, std::uint32_t fade,
+                     Entries& entries) const {
+    if (coming.empty() || is_cell(shown, cell) || is_cell(coming, cell)) return;
+    if (shown.empty()) {
+      for (const Entry& entry : coming) entries.push_back({entry.cut, entry.item, {fade, false}});
+      return;
+    }
+    const auto of_shown = split(cell, shown);
+    const auto of_coming = split(cell, coming);
+    for (unsigned octant = 0; octant < 8; ++octant)
+      add_uncovered(child_of(cell, octant), of_shown[octant], of_coming[octant], fade, entries);
+  }
+
+  // Back to front; nodes before those within them.
+  void draw(const Cube& cell, Entries entries) {
+    const auto within =
+        std::ranges::stable_partition(entries, [&](const Entry& entry) { return entry.get().cell.edge == cell.edge; });
+    for (const Entry& entry : std::ranges::subrange(entries.begin(), within.begin())) append(entry);
+    if (within.empty()) return;
+    auto octants = split(cell, {within.begin(), within.end()});
+    for (const unsigned octant : back_to_front(cell))
+      if (!octants[octant].empty()) draw(child_of(cell, octant), std::move(octants[octant]));
+  }
+
+  void append(const Entry& entry) {
+    CutItem item = entry.get();
+    item.first_range = now_.cut.ranges.size();
+    now_.cut.items.push_back(item);
+    std::ranges::copy(entry.ranges(), std::back_inserter(now_.cut.ranges));
+    now_.cut.splats += entry.splats();
+    now_.parts.push_back(entry.part);
+  }
+
+  // By octant. Their cells are smaller than `cell`.
+  static std::array<Entries, 8> split(const Cube& cell, const Entries& entries) {
+    std::array<Entries, 8> octants;
+    const dvec3 middle = cell.origin + 0.5 * cell.edge;
+    for (const Entry& entry : entries) {
+      const dvec3& origin = entry.get().cell.origin;
+      octants[(origin.x >= middle.x ? 1u : 0u) | (origin.y >= middle.y ? 2u : 0u) | (origin.z >= middle.z ? 4u : 0u)]
+          .push_back(entry);
+    }
+    return octants;
+  }
+
+  // As cuts have it: whatever differs from the nearest octant on more axes is behind.
+  std::array<unsigned, 8> back_to_front(const Cube& cell) const {
+    const dvec3 towards_eye = view_.orthographic ? -view_.forward : view_.eye - (cell.origin + 0.5 * cell.edge);
+    const unsigned nearest =
+        (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
+    std::array<unsigned, 8> octants{};
+    for (unsigned i = 0; i < 8; ++i) octants[i] = (7 - i) ^ nearest;
+    return octants;
+  }
+
+  const Cube& root_;
+  const View& view_;
+  const FadingCut& last_;
+  const Cut& next_;
+  Residency& residency_;
+  const FadeOptions& options_;
+  FadingCut now_;
+  std::vector<std::uint32_t> fades_now_;  // [fade of the last cut]
+  std::uint64_t besides_ = 0;             // splats
+};
+
+}  // namespace
+
+float FadingCut::weight_of(std::size_t item) const {
+  if (parts.empty() || parts[item].fade == no_fade) return 1;
+  const double weight = fades[parts[item].fade].weight;
+  return static_cast<float>(parts[item].leaving ? 1 - weight : weight);
+}
+
+FadingCut fade(const Cube& root, const View& view, const FadingCut& last, Cut next, Residency& residency,
+               const FadeOptions& options) {
+  if (options.change < 1 && !last.cut.items.empty()) {
+    FadingCut now = Fader(root, view, last, next, residency, options).run();
+    now.cut.complete = next.complete;
+    if (!now.fades.empty()) return now;
+  }
+  return {std::move(next), {}, {}};
+}
+
+}  // namespace splatvol
