@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <iterator>
 #include <utility>
 
@@ -45,6 +46,17 @@ bool is_cell(const Entries& entries, const Cube& cell) {
 Cube child_of(const Cube& cell, unsigned octant) {
   const double edge = 0.5 * cell.edge;
   return {cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
+}
+
+// Whether all of a cell appears in the picture.
+bool is_inside(const View& view, const Cube& cell) {
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    const dvec3 p = view.to_view(cell.origin + cell.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+    const double scale = view.orthographic ? view.focal : view.focal / p.z;
+    if (!(p.z > 0 && std::abs(p.x) * scale <= 0.5 * view.width && std::abs(p.y) * scale <= 0.5 * view.height))
+      return false;
+  }
+  return true;
 }
 
 class Fader {
@@ -94,9 +106,11 @@ class Fader {
                       region.shown.front().get().resolution == region.coming.front().get().resolution;
     if (!fading && same) return draw(cell, std::move(region.coming));
 
-    const std::uint64_t splats = splats_of(region.leaving) + splats_of(region.shown);
+    Entries uncovered;
+    const bool covered = cover(cell, region.shown, region.coming, uncovered);
+    const std::uint64_t splats = splats_of(region.leaving) + splats_of(region.shown) + splats_of(uncovered);
     const std::uint64_t besides = splats - std::min(splats, fading ? splats_of(region.coming) : 0);
-    if (besides > options_.most_splats - besides_ || !is_there(region.shown) || !is_there(region.leaving))
+    if (!covered || besides > options_.most_splats - besides_ || !is_there(region.shown) || !is_there(region.leaving))
       return draw(cell, std::move(region.coming));
     besides_ += besides;
 
@@ -104,7 +118,8 @@ class Fader {
     if (fading) {
       for (Entry& entry : region.leaving) entries.push_back(go_on(entry));
       for (Entry& entry : region.shown) entries.push_back(go_on(entry));
-      if (fades(region, cell)) add_uncovered(cell, region.shown, region.coming, entries.front().part.fade, entries);
+      const FadingCut::Part part{entries.front().part.fade, false};
+      for (const Entry& entry : uncovered) entries.push_back({entry.cut, entry.item, part});
     } else {
       const auto fade = static_cast<std::uint32_t>(now_.fades.size());
       now_.fades.push_back({cell, std::min(options_.change, 1.0)});
@@ -130,18 +145,19 @@ class Fader {
     return entry;
   }
 
-  // What has come into view since a node began to be replaced by others.
-  void add_uncovered(const Cube& cell, const Entries& shown, const Entries& coming, std::uint32_t fade,
-                     Entries& entries) const {
-    if (coming.empty() || is_cell(shown, cell) || is_cell(coming, cell)) return;
+  // Adds what of `coming` has come into view and is not in `shown`; false where that takes only a part of a node.
+  bool cover(const Cube& cell, const Entries& shown, const Entries& coming, Entries& uncovered) const {
+    if (coming.empty() || is_cell(shown, cell)) return true;
     if (shown.empty()) {
-      for (const Entry& entry : coming) entries.push_back({entry.cut, entry.item, {fade, false}});
-      return;
+      uncovered.insert(uncovered.end(), coming.begin(), coming.end());
+      return true;
     }
+    if (is_cell(coming, cell)) return is_inside(last_.view, cell);
     const auto of_shown = split(cell, shown);
     const auto of_coming = split(cell, coming);
     for (unsigned octant = 0; octant < 8; ++octant)
-      add_uncovered(child_of(cell, octant), of_shown[octant], of_coming[octant], fade, entries);
+      if (!cover(child_of(cell, octant), of_shown[octant], of_coming[octant], uncovered)) return false;
+    return true;
   }
 
   // Back to front; nodes before those within them.
@@ -207,12 +223,14 @@ float FadingCut::weight_of(std::size_t item) const {
 
 FadingCut fade(const Cube& root, const View& view, const FadingCut& last, Cut next, Residency& residency,
                const FadeOptions& options) {
-  if (options.change < 1 && !last.cut.items.empty()) {
+  const bool steady = last.fades.empty() && last.cut == next;
+  if (options.change < 1 && !last.cut.items.empty() && !steady) {
     FadingCut now = Fader(root, view, last, next, residency, options).run();
+    now.view = view;
     now.cut.complete = next.complete;
     if (!now.fades.empty()) return now;
   }
-  return {std::move(next), {}, {}};
+  return {view, std::move(next), {}, {}};
 }
 
 }  // namespace splatvol

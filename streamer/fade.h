@@ -27,6 +27,7 @@ struct FadingCut {
   };
   static constexpr std::uint32_t no_fade = std::numeric_limits<std::uint32_t>::max();
 
+  View view;                // for which it was made
   Cut cut;                  // back to front; where two of its items overlap, the larger first
   std::vector<Part> parts;  // [item]; none where there are no fades
   std::vector<Fade> fades;

@@ -233,7 +233,7 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   frame_.reset();
   auto reservation = cache_.reserve(frame_bytes(cut, info(), kernel_));
   if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for {} splats", volume_->name(), cut.splats);
-  return assemble({std::move(cut), {}, {}}, visibility, std::move(*reservation));
+  return assemble({{}, std::move(cut), {}, {}}, visibility, std::move(*reservation));
 }
 
 Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation) {
@@ -438,7 +438,7 @@ Status Streamer::show_resident(double change) {
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
   const bool same_values = frame_ && frame_->visibility == aim_->visibility;
-  FadingCut fading{std::move(*cut), {}, {}};
+  FadingCut fading{aim_->view, std::move(*cut), {}, {}};
   if (same_values) {
     const FadeOptions options{change, fading_splats(fading.cut)};
     fading = fade(info().cube, aim_->view, frame_->fading, std::move(fading.cut), *pager_, options);
@@ -452,7 +452,7 @@ Status Streamer::show_resident(double change) {
     auto reservation = reserve();
     if (!reservation && !fading.fades.empty()) {
       SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
-      fading = {std::move(at_once), {}, {}};
+      fading = {aim_->view, std::move(at_once), {}, {}};
       reservation = reserve();
     }
     if (!reservation) {
@@ -461,12 +461,12 @@ Status Streamer::show_resident(double change) {
       pager_->hold_wanted();
       static_cast<void>(reserve());
       SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
-      fading = {std::move(of_wanted), {}, {}};
+      fading = {aim_->view, std::move(of_wanted), {}, {}};
       reservation = reserve();
     }
     if (!reservation) {
       SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
-      fading = {std::move(coarsest), {}, {}};
+      fading = {aim_->view, std::move(coarsest), {}, {}};
       reservation = std::exchange(coarsest_frame_, std::nullopt);
     }
     if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
