@@ -123,13 +123,13 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   return drawing;
 }
 
-// All that the view asks for; with --progress-frames what is there of it. Along a path, resolutions change gradually.
+// All that the view asks for; with --progress-frames what is there of it.
 Result<const FrameSplats*> next_splats(const Options& options, const Scene& scene, const View& view,
                                        const Drawing& drawing) {
-  if (!options.path.empty())
-    return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, 1e6, 1.0 / options.fade);
-  if (options.progress_frames.empty()) return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
-  return drawing.streamer->advance(view, scene.transfer_function, drawing.detail);
+  if (options.path.empty() && options.progress_frames.empty())
+    return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
+  const double wait_seconds = options.path.empty() ? 0 : 1e6;
+  return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, wait_seconds, 1.0 / options.fade);
 }
 
 // Asks for the view's splats, uploads them if they are others than before, draws.
@@ -452,7 +452,8 @@ int main(int argc, char** argv) {
         const double number = std::strtod(text.c_str(), nullptr);
         return std::isfinite(number) ? std::string() : "'" + text + "' is not a number";
       });
-  app.add_option("--fade", options.fade, "With --path: frames that a change of resolution takes")
+  app.add_option("--fade", options.fade,
+                 "With --path or --progress-frames: how many frames a change of resolution takes")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")

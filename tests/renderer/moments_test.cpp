@@ -775,6 +775,28 @@ TEST_F(MomentsTest, WhatDrawsNothing) {
   }
 }
 
+TEST_F(MomentsTest, AWeightIsAFactorOnTheMass) {
+  std::vector<MomentsSplat> splats;
+  for (const Cluster& cluster : cloud(200)) splats.push_back(pack(cluster));
+  for (const View& view :
+       {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
+    const Image whole = picture(splats, view, lively(3));
+    for (const float weight : {0.5F, 0.15F}) {
+      std::vector<MomentsSplat> lighter = splats;
+      for (MomentsSplat& splat : lighter) splat.mass *= weight;
+      const Image expected = picture(lighter, view, lively(3));
+      const std::array<SplatBatch, 2> parts{SplatBatch{dvec3(0), 0, splats.size(), weight},
+                                            SplatBatch{dvec3(0), 0, splats.size(), 1 - weight}};
+      ASSERT_TRUE(renderer_->set_splats(splats, std::span(parts).first(1)));
+      EXPECT_EQ(largest_difference(redraw(view), expected), 0);
+
+      // Of a fainter splat more is cut, and what is left takes over its light.
+      ASSERT_TRUE(renderer_->set_splats(splats, parts));
+      EXPECT_LT(rmse(redraw(view), whole), 1e-4) << "weight " << weight;
+    }
+  }
+}
+
 TEST_F(MomentsTest, RefusesSplatsOfTheOtherKernel) {
   const std::vector<OctantSplat> octant(1);
   const std::vector<MomentsSplat> moments(3, pack({}));

@@ -167,6 +167,15 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
   }
 }
 
+TEST_F(Svrender, AlongAPathItMeasuresTheSteps) {
+  const Outcome outcome = run("v.svol --scene s.json -o out.exr --path 6,10,0.8 --fade 3 --stats stats.json");
+  EXPECT_EQ(outcome.code, 0) << outcome.text;
+  const auto frames = nlohmann::json::parse(std::ifstream(path("stats.json"))).at("path_frames");
+  ASSERT_EQ(frames.size(), 6u);
+  EXPECT_EQ(frames[0].at("step"), 0.0);
+  for (std::size_t i = 1; i < frames.size(); ++i) EXPECT_GT(frames[i].at("step"), 0.0);
+}
+
 TEST_F(Svrender, AFileWithoutTheColumnsSaysWhatToDo) {
   test::TestVolumeOptions options;
   options.moments = false;

@@ -1,0 +1,81 @@
+// From file to picture along a camera's path: changes of resolution do not show as jumps.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <string>
+
+#include "builder/build.h"
+#include "renderer/context.h"
+#include "renderer/renderer.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t plenty = 256u << 20;
+constexpr double long_enough = 60;  // seconds; only a failing test waits so long
+
+struct Path {
+  double largest = 0, mean = 0;  // RMSE from frame to frame
+  std::uint64_t fading = 0;
+};
+
+// Towards a volume and round it, with everything there that a frame asks for; half way, less detail will do.
+Path fly(const std::string& file, DetailOptions detail, double change) {
+  constexpr int frames = 40;
+  const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
+  const auto streamer = Streamer::open(open_file(file).value(), {plenty, "value", KernelKind::moments}).value();
+  const auto renderer = Renderer::create(KernelKind::moments).value();
+  EXPECT_TRUE(renderer->set_transfer_function(function, streamer->value_offset()));
+  Path path;
+  Image last;
+  std::uint64_t serial = 0;
+  for (int i = 0; i < frames; ++i) {
+    Camera camera;
+    const double angle = 0.0005 * i, distance = 8 - 0.005 * i;
+    camera.position = distance * dvec3(std::sin(angle), 0.2, std::cos(angle));
+    const View view = make_view(camera, 96, 96).value();
+    if (i == frames / 2) detail.tolerance_percent *= 3;
+    const FrameSplats& frame = *streamer->advance(view, function, detail, long_enough, change).value();
+    EXPECT_EQ(frame.progress.missing_chunks, 0u);
+    EXPECT_TRUE(frame.serial == serial ? renderer->set_weights(frame.batches)
+                                       : renderer->set_splats(frame.data, frame.batches));
+    serial = frame.serial;
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    Image image = renderer->read_image().value();
+    if (i > 0) {
+      const double step = compare_images(last, image).value().rmse;
+      path.largest = std::max(path.largest, step);
+      path.mean += step / (frames - 1);
+    }
+    path.fading += frame.progress.fading;
+    last = std::move(image);
+  }
+  return path;
+}
+
+// The bound is the one of docs/paging.md.
+TEST(Fade, StepsAreThoseOfAFixedResolution) {
+  const auto context = HeadlessContext::create();
+  ASSERT_TRUE(context) << context.error().message;
+  const std::string file =
+      (std::filesystem::temp_directory_path() / fmt::format("splatvol_fade_{}.svol", ::getpid())).string();
+  const auto source = open_source({"gen:mesh:cells=4e4,pieces=1"}, {});
+  ASSERT_TRUE(source);
+  ASSERT_TRUE(build_volume(**source, file, BuildOptions(), [](const char*, double) {}));
+
+  const Path fixed = fly(file, {.resolution = 99}, 1);
+  const Path at_once = fly(file, {.tolerance_percent = 5, .resolution = std::nullopt}, 1);
+  const Path faded = fly(file, {.tolerance_percent = 5, .resolution = std::nullopt}, 1.0 / 8);
+  std::filesystem::remove(file);
+  EXPECT_GT(at_once.largest, 1.5 * fixed.largest) << "there is nothing to see on this path";
+  EXPECT_LE(faded.largest, 1.5 * fixed.largest);
+  EXPECT_LE(faded.mean, 1.5 * fixed.mean);
+  EXPECT_GT(faded.fading, 8u);
+}
+
+}  // namespace
+}  // namespace splatvol
