@@ -1,0 +1,172 @@
+// svview: a .svol file in a window.
+#include <filesystem>
+#include <optional>
+
+#include "base/file.h"
+#include "renderer/context.h"
+#include "renderer/target.h"
+#include "scene/image.h"
+#include "tools/tool.h"
+#include "tools/version.h"
+#include "viewer/viewer.h"
+#include "viewer/window.h"
+
+namespace splatvol {
+namespace {
+
+struct Options {
+  std::string volume;
+  std::string scene;
+  std::string size = "1200x800";
+  std::string memory = "512M";
+  std::string kernel = "moments";
+  double tolerance = 1;
+  std::string record;      // file; empty: none
+  std::string replay;      // file
+  std::string screenshot;  // file
+  std::string play;        // camera path
+  std::string frames;      // folder for its frames
+  double fps = 30;
+};
+
+constexpr double frame_seconds = 1.0 / 60;
+
+Result<ViewerOptions> viewer_options(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
+  return ViewerOptions{options.volume, options.scene,
+                       {memory, options.kernel == "octant" ? KernelKind::octant : KernelKind::moments,
+                        options.tolerance, SortMode::exact}};
+}
+
+Result<WindowResized> window_size(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
+  return WindowResized{size[0], size[1], size[0], size[1], 1};
+}
+
+Status look(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(size, window_size(options));
+  SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  std::optional<AtomicFile> recording;
+  if (!options.record.empty()) {
+    SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.record));
+    recording.emplace(std::move(file));
+  }
+  SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
+  SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
+  window->set_title(viewer->title());
+  std::string title = viewer->title();
+  while (!window->should_close() && !viewer->wants_to_close()) {
+    const FrameInput input = window->take_input(viewer->is_settled() ? 1 : 0);
+    if (input.events.empty() && viewer->is_settled()) continue;
+    if (recording) SPLATVOL_TRY(recording->append(std::as_bytes(std::span(to_line(input)))));
+    SPLATVOL_TRY(viewer->frame(input));
+    window->swap();
+    if (viewer->title() != title) window->set_title(title = viewer->title());
+  }
+  return recording ? recording->commit() : Status{};
+}
+
+// Frames until nothing changes any more.
+Status settle(Viewer& viewer) {
+  do
+    SPLATVOL_TRY(viewer.frame({frame_seconds, {}}));
+  while (!viewer.is_settled());
+  return {};
+}
+
+// What the window shows after a recording, without one.
+Status replay(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(size, window_size(options));
+  std::vector<FrameInput> inputs = {{frame_seconds, {size}}};
+  if (!options.replay.empty()) {
+    SPLATVOL_TRY_ASSIGN(recorded, load_recording(options.replay));
+    inputs.insert(inputs.end(), recorded.begin(), recorded.end());
+  }
+  SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
+  Target target;
+  const auto prepare = [&]() -> Status {
+    const WindowResized& window = viewer->window();
+    SPLATVOL_TRY(target.resize(std::max(1, window.pixel_width), std::max(1, window.pixel_height)));
+    target.use();
+    return {};
+  };
+  SPLATVOL_TRY(target.resize(size.pixel_width, size.pixel_height));
+  target.use();
+  for (const FrameInput& input : inputs) {
+    SPLATVOL_TRY(viewer->frame(input));
+    SPLATVOL_TRY(prepare());
+  }
+  SPLATVOL_TRY(settle(*viewer));
+  if (options.screenshot.empty()) return {};
+  SPLATVOL_TRY_ASSIGN(image, read_framebuffer(target.width(), target.height()));
+  return write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}});
+}
+
+// The frames of a camera path, each complete.
+Status play(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(path, load_camera_path(options.play));
+  SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
+  SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  if (!std::filesystem::is_directory(options.frames))
+    return fail(ErrorCode::io, "{}: no such folder", options.frames);
+  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  SPLATVOL_TRY_ASSIGN(session, Session::open(setup.volume, setup.scene, setup.settings));
+  const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
+  ProgressBar bar("draw");
+  for (int i = 0; i < count; ++i) {
+    session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
+    do
+      SPLATVOL_TRY(session->draw(size[0], size[1], frame_seconds));
+    while (!session->is_settled());
+    SPLATVOL_TRY_ASSIGN(image, session->image());
+    SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
+                             {{"software", "svview " SPLATVOL_VERSION}, {"file", options.volume}}));
+    bar.update((i + 1.0) / count);
+  }
+  return {};
+}
+
+Status run(const Options& options) {
+  SPLATVOL_TRY(check_outputs({options.record, options.screenshot}, {options.volume, options.scene, options.replay}));
+  if (!options.play.empty()) return play(options);
+  if (!options.replay.empty() || !options.screenshot.empty()) return replay(options);
+  return look(options);
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  CLI::App app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.");
+  Options options;
+  app.add_option("volume", options.volume, "The .svol file, or its address (https://...)");
+  app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
+      ->needs("volume");
+  app.add_option("--size", options.size, "Size of the window")
+      ->type_name("WxH")
+      ->capture_default_str()
+      ->check([](const std::string& text) {
+        const auto size = parse_image_size(text);
+        return size ? std::string() : size.error().message;
+      });
+  app.add_option("--memory", options.memory, "Memory for what is read of the file")->type_name("SIZE")->capture_default_str();
+  app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
+  auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
+  auto* replayed = app.add_option("--replay", options.replay, "Do what a recording says, without a window");
+  auto* screenshot = app.add_option("--screenshot", options.screenshot,
+                                    "Write what the window shows, after --replay, into this file (.png, .exr); no window is opened")
+                         ->check([](const std::string& path) {
+                           return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
+                         });
+  auto* path = app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
+  path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
+  app.add_option("--fps", options.fps, "Frames of each of its seconds")->check(CLI::Range(0.01, 1000.0))->capture_default_str();
+  record->excludes(replayed)->excludes(screenshot)->excludes(path);
+  return run_tool(app, argc, argv, [&] { return run(options); });
+}

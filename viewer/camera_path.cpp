@@ -1,0 +1,78 @@
+#include "viewer/camera_path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/file.h"
+#include "viewer/camera_control.h"
+
+namespace splatvol {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+glm::dquat orientation_of(const Camera& camera) {
+  const CameraAxes axes = axes_of(camera);
+  return glm::quat_cast(dmat3(axes.right, axes.up, -axes.forward));
+}
+
+double geometric(double a, double b, double part) { return a * std::pow(b / a, part); }
+
+}  // namespace
+
+Camera camera_at(const CameraPath& path, double part) {
+  const double place = std::clamp(part, 0.0, 1.0) * static_cast<double>(path.cameras.size() - 1);
+  const auto first = std::min(static_cast<std::size_t>(place), path.cameras.size() - 1);
+  if (first + 1 >= path.cameras.size()) return path.cameras.back();
+  const Camera &a = path.cameras[first], &b = path.cameras[first + 1];
+  const double share = place - static_cast<double>(first);
+  if (share == 0) return a;
+  Camera camera = a;
+  const glm::dquat turn = glm::slerp(orientation_of(a), orientation_of(b), share);
+  camera.vertical_fov_degrees = a.vertical_fov_degrees + share * (b.vertical_fov_degrees - a.vertical_fov_degrees);
+  camera.parallel_height = geometric(a.parallel_height, b.parallel_height, share);
+  camera.focal_point = a.focal_point + share * (b.focal_point - a.focal_point);
+  const double distance =
+      geometric(glm::length(a.position - a.focal_point), glm::length(b.position - b.focal_point), share);
+  camera.position = camera.focal_point + distance * (turn * dvec3(0, 0, 1));
+  camera.up = turn * dvec3(0, 1, 0);
+  return camera;
+}
+
+std::string path_to_json(const CameraPath& path) {
+  json document = {{"seconds", path.seconds}, {"cameras", json::array()}};
+  for (const Camera& camera : path.cameras) {
+    Scene scene;
+    scene.camera = camera;
+    document["cameras"].push_back(json::parse(scene_to_json(scene))["camera"]);
+  }
+  return document.dump(1) + "\n";
+}
+
+Result<CameraPath> load_camera_path(const std::string& file) {
+  SPLATVOL_TRY_ASSIGN(text, read_text_file(file));
+  CameraPath path;
+  try {
+    const json document = json::parse(text);
+    path.seconds = document.at("seconds");
+    for (const json& item : document.at("cameras")) {
+      auto camera = parse_camera(item.dump());
+      if (!camera) return fail(camera.error().code, "{}: cameras[{}]: {}", file, path.cameras.size(), camera.error().message);
+      if (!make_view(*camera, 1, 1))
+        return fail(ErrorCode::invalid_data, "{}: cameras[{}]: looks in no direction", file, path.cameras.size());
+      path.cameras.push_back(*camera);
+    }
+  } catch (const json::exception& error) {
+    return fail(ErrorCode::invalid_data, "{}: not a camera path ({})", file, error.what());
+  }
+  if (path.cameras.empty()) return fail(ErrorCode::invalid_data, "{}: no cameras", file);
+  if (!(path.seconds > 0 && path.seconds <= 86400))
+    return fail(ErrorCode::invalid_data, "{}: seconds: not between 0 and a day", file);
+  for (const Camera& camera : path.cameras)
+    if (camera.projection != path.cameras.front().projection)
+      return fail(ErrorCode::invalid_data, "{}: cameras of both projections", file);
+  return path;
+}
+
+}  // namespace splatvol

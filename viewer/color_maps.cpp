@@ -1,0 +1,45 @@
+#include "viewer/color_maps.h"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+
+namespace splatvol {
+namespace {
+
+double linear(std::uint32_t byte) {
+  const double c = byte / 255.0;
+  return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
+}
+
+// From sRGB, equally spaced.
+std::vector<TransferFunction::Color> spread(std::initializer_list<std::uint32_t> codes) {
+  std::vector<TransferFunction::Color> colors;
+  for (const std::uint32_t code : codes)
+    colors.push_back({static_cast<double>(colors.size()) / static_cast<double>(codes.size() - 1),
+                      {linear(code >> 16), linear(code >> 8 & 255), linear(code & 255)}});
+  return colors;
+}
+
+}  // namespace
+
+std::span<const ColorMap> color_maps() {
+  static const std::array<ColorMap, 4> maps = {{
+      {"viridis",
+       spread({0x440154, 0x472D7B, 0x3B528B, 0x2C728E, 0x21918C, 0x28AE80, 0x5EC962, 0xADDC30, 0xFDE725})},
+      {"inferno",
+       spread({0x000004, 0x210C4A, 0x57106E, 0x8A226A, 0xBC3754, 0xE45A31, 0xF98E09, 0xF9CB35, 0xFCFFA4})},
+      {"cool to warm",
+       spread({0x3B4CC0, 0x6282EA, 0x8DB0FE, 0xB8D0F9, 0xDDDDDD, 0xF5C4AD, 0xF49A7B, 0xDE604D, 0xB40426})},
+      {"grey", spread({0x000000, 0x404040, 0x808080, 0xBFBFBF, 0xFFFFFF})},
+  }};
+  return maps;
+}
+
+std::vector<TransferFunction::Color> reversed(std::span<const TransferFunction::Color> colors) {
+  std::vector<TransferFunction::Color> result;
+  for (auto color = colors.rbegin(); color != colors.rend(); ++color) result.push_back({1 - color->t, color->rgb});
+  return result;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,23 @@
+// Named colour maps.
+#pragma once
+
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "scene/scene.h"
+
+namespace splatvol {
+
+struct ColorMap {
+  std::string_view name;
+  std::vector<TransferFunction::Color> colors;  // linear, t from 0 to 1
+};
+
+/// Viridis and inferno (van der Walt and Smith, 2015), Moreland's cool to warm (2009), grey.
+[[nodiscard]] std::span<const ColorMap> color_maps();
+
+/// The same colours from the other end.
+[[nodiscard]] std::vector<TransferFunction::Color> reversed(std::span<const TransferFunction::Color> colors);
+
+}  // namespace splatvol

@@ -1,0 +1,87 @@
+#include "viewer/events.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+namespace splatvol {
+namespace {
+
+using nlohmann::json;
+
+json to_json(const PointerMoved& e) { return {"pointer", e.x, e.y}; }
+json to_json(const ButtonChanged& e) { return {"button", e.button, e.down}; }
+json to_json(const Scrolled& e) { return {"scroll", e.x, e.y}; }
+json to_json(const KeyChanged& e) { return {"key", e.code, e.down}; }
+json to_json(const TextTyped& e) { return {"text", e.character}; }
+json to_json(const WindowResized& e) {
+  return {"size", e.width, e.height, e.pixel_width, e.pixel_height, e.content_scale};
+}
+json to_json(const FilesDropped& e) { return {"drop", e.paths}; }
+
+constexpr int largest_side = 16384;
+
+// Throws json::exception for what is of another form.
+Result<Event> event_of(const json& e) {
+  const std::string kind = e.at(0);
+  const auto number = [&](std::size_t i) { return e.at(i).get<double>(); };
+  if (kind == "pointer") return PointerMoved{number(1), number(2)};
+  if (kind == "button") return ButtonChanged{e.at(1), e.at(2)};
+  if (kind == "scroll") return Scrolled{number(1), number(2)};
+  if (kind == "key") {
+    const KeyChanged event{e.at(1), e.at(2)};
+    if (event.code < 0 || event.code >= key::count) return fail(ErrorCode::invalid_data, "no such key: {}", event.code);
+    return event;
+  }
+  if (kind == "text") return TextTyped{e.at(1)};
+  if (kind == "drop") return FilesDropped{e.at(1)};
+  if (kind == "size") {
+    const WindowResized event{e.at(1), e.at(2), e.at(3), e.at(4), number(5)};
+    for (const int side : {event.width, event.height, event.pixel_width, event.pixel_height})
+      if (side < 0 || side > largest_side) return fail(ErrorCode::invalid_data, "impossible size");
+    if (!(event.content_scale >= 0.25 && event.content_scale <= 16))
+      return fail(ErrorCode::invalid_data, "impossible scale");
+    return event;
+  }
+  return fail(ErrorCode::invalid_data, "no such event: '{}'", kind);
+}
+
+Result<FrameInput> parse_line(const std::string& line) {
+  try {
+    const json document = json::parse(line);
+    FrameInput input;
+    input.seconds = document.at("seconds");
+    if (!(input.seconds >= 0)) return fail(ErrorCode::invalid_data, "negative time");
+    for (const json& item : document.at("events")) {
+      SPLATVOL_TRY_ASSIGN(event, event_of(item));
+      input.events.push_back(std::move(event));
+    }
+    return input;
+  } catch (const json::exception& error) {
+    return fail(ErrorCode::invalid_data, "not a frame of a recording ({})", error.what());
+  }
+}
+
+}  // namespace
+
+std::string to_line(const FrameInput& input) {
+  json events = json::array();
+  for (const Event& event : input.events) events.push_back(std::visit([](const auto& e) { return to_json(e); }, event));
+  return json{{"seconds", input.seconds}, {"events", events}}.dump(-1, ' ', false, json::error_handler_t::replace) +
+         "\n";
+}
+
+Result<std::vector<FrameInput>> load_recording(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
+  std::istringstream lines(text);
+  std::vector<FrameInput> frames;
+  for (std::string line; std::getline(lines, line);) {
+    auto frame = parse_line(line);
+    if (!frame) return fail(frame.error().code, "{}:{}: {}", path, frames.size() + 1, frame.error().message);
+    frames.push_back(std::move(*frame));
+  }
+  if (frames.empty()) return fail(ErrorCode::invalid_data, "{}: an empty recording", path);
+  return frames;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,64 @@
+// What a user does to a window; recorded and replayed.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "base/error.h"
+#include "base/file.h"
+
+namespace splatvol {
+
+/// Keys by the codes that GLFW gives them: letters and digits are their upper-case ASCII codes.
+namespace key {
+inline constexpr int space = 32, minus = 45, equal = 61, escape = 256, enter = 257, tab = 258, backspace = 259,
+                     del = 261, right = 262, left = 263, down = 264, up = 265, page_up = 266, page_down = 267,
+                     home = 268, end = 269, f1 = 290, f12 = 301, left_shift = 340, left_control = 341, left_alt = 342;
+inline constexpr int count = 349;
+}  // namespace key
+
+// Positions are in window units from the upper left corner.
+struct PointerMoved {
+  double x, y;
+};
+struct ButtonChanged {
+  int button;  // 0 left, 1 right, 2 middle
+  bool down;
+};
+struct Scrolled {
+  double x, y;  // steps; up is positive
+};
+struct KeyChanged {
+  int code;
+  bool down;
+};
+struct TextTyped {
+  std::uint32_t character;  // Unicode
+};
+/// Also the first event of all.
+struct WindowResized {
+  int width, height;                // window units
+  int pixel_width, pixel_height;    // of the framebuffer; 0 while minimised
+  double content_scale;             // how large text should be, 1 for a plain screen
+};
+struct FilesDropped {
+  std::vector<std::string> paths;
+};
+using Event =
+    std::variant<PointerMoved, ButtonChanged, Scrolled, KeyChanged, TextTyped, WindowResized, FilesDropped>;
+
+/// All that came before a frame, and the time since the frame before.
+struct FrameInput {
+  double seconds = 0;
+  std::vector<Event> events;
+};
+
+/// A line of JSON, with its end.
+[[nodiscard]] std::string to_line(const FrameInput& input);
+
+/// Reads a recording: a line for each frame. Errors name the file and the line.
+[[nodiscard]] Result<std::vector<FrameInput>> load_recording(const std::string& path);
+
+}  // namespace splatvol

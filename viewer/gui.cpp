@@ -1,0 +1,214 @@
+#include "viewer/gui.h"
+
+#include <imgui.h>
+
+#include <array>
+#include <cstddef>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+constexpr std::string_view vertex_source = R"(#version 450 core
+layout(location = 0) in vec2 position;
+layout(location = 1) in vec2 place;
+layout(location = 2) in vec4 tint;
+layout(location = 0) uniform vec2 display;
+out vec2 at;
+out vec4 color;
+void main() {
+  at = place;
+  color = tint;
+  gl_Position = vec4(2 * position.x / display.x - 1, 1 - 2 * position.y / display.y, 0, 1);
+}
+)";
+
+constexpr std::string_view fragment_source = R"(#version 450 core
+in vec2 at;
+in vec4 color;
+layout(binding = 0) uniform sampler2D font;
+layout(location = 0) out vec4 result;
+void main() { result = color * texture(font, at); }
+)";
+
+constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImGuiKey_Tab},
+                                                                  {key::left, ImGuiKey_LeftArrow},
+                                                                  {key::right, ImGuiKey_RightArrow},
+                                                                  {key::up, ImGuiKey_UpArrow},
+                                                                  {key::down, ImGuiKey_DownArrow},
+                                                                  {key::home, ImGuiKey_Home},
+                                                                  {key::end, ImGuiKey_End},
+                                                                  {key::del, ImGuiKey_Delete},
+                                                                  {key::backspace, ImGuiKey_Backspace},
+                                                                  {key::enter, ImGuiKey_Enter},
+                                                                  {key::escape, ImGuiKey_Escape},
+                                                                  {'A', ImGuiKey_A},
+                                                                  {'C', ImGuiKey_C},
+                                                                  {'V', ImGuiKey_V},
+                                                                  {'X', ImGuiKey_X}}};
+
+// Dear ImGui 1.87 takes events; before, there was nothing but state.
+#if IMGUI_VERSION_NUM >= 18700
+void feed(ImGuiIO& io, const PointerMoved& e) { io.AddMousePosEvent(float(e.x), float(e.y)); }
+void feed(ImGuiIO& io, const ButtonChanged& e) {
+  if (e.button >= 0 && e.button < 3) io.AddMouseButtonEvent(e.button, e.down);
+}
+void feed(ImGuiIO& io, const Scrolled& e) { io.AddMouseWheelEvent(float(e.x), float(e.y)); }
+void feed(ImGuiIO& io, const KeyChanged& e) {
+  if (e.code == key::left_control) io.AddKeyEvent(ImGuiMod_Ctrl, e.down);
+  if (e.code == key::left_shift) io.AddKeyEvent(ImGuiMod_Shift, e.down);
+  for (const auto& [code, name] : named_keys)
+    if (code == e.code) io.AddKeyEvent(name, e.down);
+}
+void name_keys(ImGuiIO&) {}
+#else
+void feed(ImGuiIO& io, const PointerMoved& e) { io.MousePos = ImVec2(float(e.x), float(e.y)); }
+void feed(ImGuiIO& io, const ButtonChanged& e) {
+  if (e.button >= 0 && e.button < 3) io.MouseDown[e.button] = e.down;
+}
+void feed(ImGuiIO& io, const Scrolled& e) { io.MouseWheel += float(e.y), io.MouseWheelH += float(e.x); }
+void feed(ImGuiIO& io, const KeyChanged& e) {
+  if (e.code == key::left_control) io.KeyCtrl = e.down;
+  if (e.code == key::left_shift) io.KeyShift = e.down;
+  io.KeysDown[e.code] = e.down;
+}
+void name_keys(ImGuiIO& io) {
+  static_assert(key::count <= IM_ARRAYSIZE(ImGuiIO::KeysDown));
+  for (const auto& [code, name] : named_keys) io.KeyMap[name] = code;
+}
+#endif
+void feed(ImGuiIO& io, const TextTyped& e) { io.AddInputCharacter(e.character); }
+void feed(ImGuiIO&, const WindowResized&) {}
+void feed(ImGuiIO&, const FilesDropped&) {}
+
+}  // namespace
+
+Result<std::unique_ptr<Gui>> Gui::create() {
+  std::unique_ptr<Gui> gui(new Gui);
+  gui->context_ = ImGui::CreateContext();
+  ImGuiIO& io = ImGui::GetIO();
+  io.IniFilename = nullptr;
+  io.BackendFlags |= ImGuiBackendFlags_RendererHasVtxOffset;
+  name_keys(io);
+  SPLATVOL_TRY_ASSIGN(program, build_program("interface", {{GL_VERTEX_SHADER, {vertex_source}},
+                                                           {GL_FRAGMENT_SHADER, {fragment_source}}}));
+  gui->program_ = std::move(program);
+  GLuint name = 0;
+  glCreateVertexArrays(1, &name);
+  gui->vertex_array_ = VertexArray(name);
+  const auto attribute = [&](GLuint index, GLint size, GLenum type, GLboolean normalized, std::size_t offset) {
+    glEnableVertexArrayAttrib(name, index);
+    glVertexArrayAttribFormat(name, index, size, type, normalized, static_cast<GLuint>(offset));
+    glVertexArrayAttribBinding(name, index, 0);
+  };
+  attribute(0, 2, GL_FLOAT, GL_FALSE, offsetof(ImDrawVert, pos));
+  attribute(1, 2, GL_FLOAT, GL_FALSE, offsetof(ImDrawVert, uv));
+  attribute(2, 4, GL_UNSIGNED_BYTE, GL_TRUE, offsetof(ImDrawVert, col));
+  return gui;
+}
+
+Gui::~Gui() { ImGui::DestroyContext(context_); }
+
+Status Gui::make_font(double scale) {
+  if (scale == scale_) return {};
+  scale_ = scale;
+  ImGuiIO& io = ImGui::GetIO();
+  io.Fonts->Clear();
+  ImFontConfig config;
+  config.SizePixels = static_cast<float>(static_cast<int>(13 * scale));
+  io.Fonts->AddFontDefault(&config);
+  unsigned char* pixels = nullptr;
+  int width = 0, height = 0;
+  io.Fonts->GetTexDataAsRGBA32(&pixels, &width, &height);
+  GLuint name = 0;
+  glCreateTextures(GL_TEXTURE_2D, 1, &name);
+  font_ = Texture(name);
+  glTextureStorage2D(name, 1, GL_RGBA8, width, height);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glTextureSubImage2D(name, 0, 0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, pixels);
+  glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+
+  ImGuiStyle& style = ImGui::GetStyle();
+  style = ImGuiStyle();
+  ImGui::StyleColorsDark();
+  style.WindowRounding = 4;
+  style.FrameRounding = 3;
+  style.Colors[ImGuiCol_WindowBg].w = 0.85f;
+  style.ScaleAllSizes(static_cast<float>(scale));
+  return check_gl("the interface's font");
+}
+
+Status Gui::begin(const FrameInput& input, const WindowResized& window) {
+  SPLATVOL_TRY(make_font(window.content_scale));
+  ImGuiIO& io = ImGui::GetIO();
+  io.DisplaySize = ImVec2(static_cast<float>(window.width), static_cast<float>(window.height));
+  if (window.width > 0 && window.height > 0)
+    io.DisplayFramebufferScale = ImVec2(static_cast<float>(window.pixel_width) / static_cast<float>(window.width),
+                                        static_cast<float>(window.pixel_height) / static_cast<float>(window.height));
+  constexpr double shortest = 1e-4, longest = 1;  // seconds that Dear ImGui is made for
+  io.DeltaTime = static_cast<float>(std::min(std::max(input.seconds, shortest), longest));
+  for (const Event& event : input.events) std::visit([&](const auto& e) { feed(io, e); }, event);
+  ImGui::NewFrame();
+  return {};
+}
+
+bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
+
+bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
+
+Status Gui::draw() {
+  ImGui::Render();
+  const ImDrawData& data = *ImGui::GetDrawData();
+  const int width = static_cast<int>(data.DisplaySize.x * data.FramebufferScale.x);
+  const int height = static_cast<int>(data.DisplaySize.y * data.FramebufferScale.y);
+  if (width <= 0 || height <= 0 || data.TotalVtxCount == 0) return {};
+  const std::size_t vertex_bytes = static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert);
+  const std::size_t index_bytes = static_cast<std::size_t>(data.TotalIdxCount) * sizeof(ImDrawIdx);
+  SPLATVOL_TRY(vertices_.reserve(vertex_bytes));
+  SPLATVOL_TRY(indices_.reserve(index_bytes));
+  std::size_t vertex = 0, index = 0;
+  for (int l = 0; l < data.CmdListsCount; ++l) {
+    const ImDrawList& list = *data.CmdLists[l];
+    glNamedBufferSubData(vertices_.object(), static_cast<GLintptr>(vertex * sizeof(ImDrawVert)),
+                         static_cast<GLsizeiptr>(list.VtxBuffer.size_in_bytes()), list.VtxBuffer.Data);
+    glNamedBufferSubData(indices_.object(), static_cast<GLintptr>(index * sizeof(ImDrawIdx)),
+                         static_cast<GLsizeiptr>(list.IdxBuffer.size_in_bytes()), list.IdxBuffer.Data);
+    vertex += static_cast<std::size_t>(list.VtxBuffer.Size);
+    index += static_cast<std::size_t>(list.IdxBuffer.Size);
+  }
+
+  glViewport(0, 0, width, height);
+  glEnable(GL_BLEND);
+  glBlendEquation(GL_FUNC_ADD);
+  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
+  glEnable(GL_SCISSOR_TEST);
+  glUseProgram(program_.name());
+  glUniform2f(0, data.DisplaySize.x, data.DisplaySize.y);
+  glBindTextureUnit(0, font_.name());
+  glVertexArrayVertexBuffer(vertex_array_.name(), 0, vertices_.object(), 0, sizeof(ImDrawVert));
+  glVertexArrayElementBuffer(vertex_array_.name(), indices_.object());
+  glBindVertexArray(vertex_array_.name());
+  vertex = index = 0;
+  for (int l = 0; l < data.CmdListsCount; ++l) {
+    const ImDrawList& list = *data.CmdLists[l];
+    for (const ImDrawCmd& command : list.CmdBuffer) {
+      const ImVec2 scale = data.FramebufferScale;
+      const int left = static_cast<int>(command.ClipRect.x * scale.x), top = static_cast<int>(command.ClipRect.y * scale.y);
+      const int right = static_cast<int>(command.ClipRect.z * scale.x), bottom = static_cast<int>(command.ClipRect.w * scale.y);
+      if (right <= left || bottom <= top) continue;
+      glScissor(left, height - bottom, right - left, bottom - top);
+      glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(command.ElemCount),
+                               sizeof(ImDrawIdx) == 2 ? GL_UNSIGNED_SHORT : GL_UNSIGNED_INT,
+                               reinterpret_cast<const void*>((index + command.IdxOffset) * sizeof(ImDrawIdx)),
+                               static_cast<GLint>(vertex + command.VtxOffset));
+    }
+    vertex += static_cast<std::size_t>(list.VtxBuffer.Size);
+    index += static_cast<std::size_t>(list.IdxBuffer.Size);
+  }
+  glDisable(GL_SCISSOR_TEST);
+  glDisable(GL_BLEND);
+  glBindVertexArray(0);
+  return check_gl("the interface");
+}
+
+}  // namespace splatvol

@@ -1,0 +1,45 @@
+// Dear ImGui on OpenGL 4.5, fed with recorded or live events.
+#pragma once
+
+#include <memory>
+
+#include "base/error.h"
+#include "renderer/gl_objects.h"
+#include "viewer/events.h"
+
+struct ImGuiContext;
+
+namespace splatvol {
+
+/// The interface's state and how it is drawn. One at a time; needs the context that was current at `create`.
+class Gui {
+ public:
+  [[nodiscard]] static Result<std::unique_ptr<Gui>> create();
+  Gui(const Gui&) = delete;
+  Gui& operator=(const Gui&) = delete;
+  ~Gui();
+
+  /// Begins a frame of a window of that size. Between `begin` and `draw` Dear ImGui's functions may be called.
+  [[nodiscard]] Status begin(const FrameInput& input, const WindowResized& window);
+
+  /// Draws the frame over the framebuffer that is bound, whose size in pixels is the window's.
+  [[nodiscard]] Status draw();
+
+  /// Whether the pointer's or the keyboard's events are meant for the interface and not for what is under it.
+  [[nodiscard]] bool has_pointer() const;
+  [[nodiscard]] bool has_keyboard() const;
+
+ private:
+  Gui() = default;
+  [[nodiscard]] Status make_font(double scale);
+
+  ImGuiContext* context_ = nullptr;
+  Program program_;
+  VertexArray vertex_array_;
+  Buffer vertices_{"vertices of the interface"};
+  Buffer indices_{"indices of the interface"};
+  Texture font_;
+  double scale_ = 0;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,135 @@
+#include "viewer/overlay.h"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+ImDrawList& canvas() { return *ImGui::GetBackgroundDrawList(); }
+
+float unit() { return ImGui::GetFontSize() / 13; }
+
+struct Line {
+  ImVec2 from, to;
+};
+
+// A segment's picture, cut off at the eye.
+std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, OverlayScale scale) {
+  dvec3 a = view.to_view(from), b = view.to_view(to);
+  if (!view.orthographic) {
+    const double nearest = 1e-6 * std::max({glm::length(a), glm::length(b), 1e-300});
+    if (a.z < nearest && b.z < nearest) return {};
+    if (a.z < nearest) a += (nearest - a.z) / (b.z - a.z) * (b - a);
+    if (b.z < nearest) b += (nearest - b.z) / (a.z - b.z) * (a - b);
+  }
+  const auto at = [&](const dvec3& p) {
+    const double f = view.focal / (view.orthographic ? 1 : p.z);
+    const double limit = 1e5;  // far outside of any window, and within single precision
+    return ImVec2(static_cast<float>(scale.x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
+                  static_cast<float>(scale.y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
+  };
+  return Line{at(a), at(b)};
+}
+
+void draw_edges(const View& view, const Box& box, ImU32 color, OverlayScale scale) {
+  const auto corner = [&](int c) {
+    return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
+  };
+  for (int c = 0; c < 8; ++c)
+    for (const int axis : {1, 2, 4})
+      if (!(c & axis))
+        if (const auto line = project(view, corner(c), corner(c | axis), scale))
+          canvas().AddLine(line->from, line->to, color, unit());
+}
+
+ImU32 srgb(const dvec3& rgb) {
+  const auto encode = [](double c) {
+    c = std::clamp(c, 0.0, 1.0);
+    return static_cast<float>(c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055);
+  };
+  return ImGui::ColorConvertFloat4ToU32(ImVec4(encode(rgb.r), encode(rgb.g), encode(rgb.b), 1));
+}
+
+}  // namespace
+
+void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, OverlayScale scale) {
+  draw_edges(view, box, IM_COL32(color[0], color[1], color[2], 160), scale);
+}
+
+void draw_cut(const View& view, const FrameSplats& frame, std::size_t resolutions, OverlayScale scale) {
+  for (const DrawnNode& node : frame.drawn) {
+    float r, g, b;
+    const auto part = static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
+    ImGui::ColorConvertHSVtoRGB(0.66f * (1 - part), 0.8f, 1, r, g, b);
+    draw_edges(view, {node.cell.origin, node.cell.origin + node.cell.edge},
+               ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), scale);
+  }
+}
+
+void draw_axes(const View& view, double left, double bottom) {
+  const float length = 38 * unit();
+  const ImVec2 center(static_cast<float>(left) + 1.5f * length, static_cast<float>(bottom) - 1.5f * length);
+  struct Axis {
+    dvec3 seen;
+    ImU32 color;
+    const char* name;
+  };
+  std::array<Axis, 3> axes = {{{{}, IM_COL32(240, 90, 80, 255), "x"},
+                               {{}, IM_COL32(110, 220, 90, 255), "y"},
+                               {{}, IM_COL32(90, 150, 255, 255), "z"}}};
+  for (int k = 0; k < 3; ++k) {
+    dvec3 axis(0);
+    axis[k] = 1;
+    axes[static_cast<std::size_t>(k)].seen = {glm::dot(axis, view.right), glm::dot(axis, view.up),
+                                              glm::dot(axis, view.forward)};
+  }
+  std::ranges::sort(axes, std::greater<>(), [](const Axis& axis) { return axis.seen.z; });  // the farthest first
+  for (const Axis& axis : axes) {
+    const ImVec2 tip(center.x + length * static_cast<float>(axis.seen.x),
+                     center.y - length * static_cast<float>(axis.seen.y));
+    canvas().AddLine(center, tip, axis.color, 2 * unit());
+    canvas().AddText({tip.x + 3 * unit(), tip.y - 7 * unit()}, axis.color, axis.name);
+  }
+}
+
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, double right,
+                     double bottom) {
+  const float u = unit();
+  const float height = 180 * u, width = 14 * u;
+  const ImVec2 low(static_cast<float>(right) - 90 * u, static_cast<float>(bottom) - height - 20 * u);
+  constexpr int steps = 64;
+  const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
+  for (int i = 0; i < steps; ++i)
+    canvas().AddRectFilled({low.x, y((i + 1.0) / steps)}, {low.x + width, y(double(i) / steps)},
+                           srgb(function.color(function.lo + (i + 0.5) / steps * (function.hi - function.lo))));
+  canvas().AddRect(low, {low.x + width, low.y + height}, IM_COL32(255, 255, 255, 160));
+  const auto write = [&](const ImVec2& at, const std::string& text) {
+    canvas().AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
+    canvas().AddText(at, IM_COL32(255, 255, 255, 255), text.c_str());
+  };
+  for (int i = 0; i <= 4; ++i) {
+    const double t = i / 4.0;
+    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, IM_COL32(255, 255, 255, 200), u);
+    write({low.x + width + 7 * u, y(t) - 7 * u}, fmt::format("{:.4g}", function.lo + t * (function.hi - function.lo)));
+  }
+  const std::string title = attribute.unit.empty() ? attribute.name : attribute.name + " [" + attribute.unit + "]";
+  const float text_width = ImGui::CalcTextSize(title.c_str()).x;
+  write({std::min(low.x, static_cast<float>(right) - text_width - 8 * u), low.y - 20 * u}, title);
+}
+
+void draw_message(const std::string& text, double width, double height) {
+  const ImVec2 size = ImGui::CalcTextSize(text.c_str());
+  const ImVec2 at(static_cast<float>(width / 2) - size.x / 2, static_cast<float>(height / 2) - size.y / 2);
+  const float border = 10 * unit();
+  canvas().AddRectFilled({at.x - border, at.y - border}, {at.x + size.x + border, at.y + size.y + border},
+                         IM_COL32(0, 0, 0, 200), 4 * unit());
+  canvas().AddText(at, IM_COL32(255, 230, 150, 255), text.c_str());
+}
+
+}  // namespace splatvol

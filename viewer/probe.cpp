@@ -1,0 +1,106 @@
+#include "viewer/probe.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <variant>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+constexpr double reach = 4;  // deviations, beyond which a splat's share is not looked at
+
+struct Ray {
+  dvec3 origin, direction;  // of length 1
+};
+
+Ray ray_through(const View& view, double x, double y) {
+  const dvec3 aside = (x - 0.5 * view.width) / view.focal * view.right + (0.5 * view.height - y) / view.focal * view.up;
+  if (view.orthographic) return {view.eye + aside, view.forward};
+  return {view.eye, glm::normalize(view.forward + aside)};
+}
+
+// What a ray loses in a Gaussian of so much extinction times volume, and where, as a distance along it.
+struct Crossing {
+  double distance;
+  double optical_depth;
+  double value;
+};
+
+struct Gaussian {
+  dvec3 center;
+  dmat3 axes;         // columns
+  dvec3 deviations;   // along them
+  double mass, value;
+};
+
+constexpr double thinnest = 1e-4;  // of the largest deviation: a flat splat is still met
+
+Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin) {
+  const dvec3 q(splat.orientation);
+  const double w = std::sqrt(std::max(0.0, 1 - glm::dot(q, q)));
+  const dvec3 deviations(splat.deviations);
+  return {origin + dvec3(splat.position), glm::mat3_cast(glm::dquat(w, q.x, q.y, q.z)),
+          glm::max(deviations, dvec3(thinnest * deviations.x)), static_cast<double>(splat.mass),
+          static_cast<double>(splat.value)};
+}
+
+// A ball as thick as the splat in its middle.
+Gaussian gaussian_of(const OctantSplat& splat, const dvec3& origin) {
+  const double size = static_cast<double>(splat.size), deviation = 0.4 * size;
+  return {origin + dvec3(splat.position), dmat3(1), dvec3(deviation),
+          size * 2 * std::numbers::pi * deviation * deviation, static_cast<double>(splat.value)};
+}
+
+std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferFunction& function, double offset) {
+  if (!(g.mass > 0) || !(g.deviations.x > 0) || std::isnan(g.value)) return {};
+  // In units of the deviations the Gaussian is round.
+  const dvec3 from = (ray.origin - g.center) * g.axes / g.deviations;
+  const dvec3 along = ray.direction * g.axes / g.deviations;
+  const double square = glm::dot(along, along), nearest = -glm::dot(from, along) / square;
+  if (!(nearest > 0)) return {};
+  const dvec3 miss = from + nearest * along;
+  const double far = glm::dot(miss, miss);
+  if (far > reach * reach) return {};
+  const double value = offset + g.value;
+  const double volume = std::pow(2 * std::numbers::pi, 1.5) * g.deviations.x * g.deviations.y * g.deviations.z;
+  const double depth =
+      function.extinction(value) * g.mass / volume * std::exp(-far / 2) * std::sqrt(2 * std::numbers::pi / square);
+  if (!(depth > 0)) return {};
+  return Crossing{nearest, depth, value};
+}
+
+template <class Splat>
+void find_crossings(std::span<const Splat> splats, std::span<const SplatBatch> batches,
+                    const TransferFunction& function, double offset, const Ray& ray, std::vector<Crossing>& found) {
+  for (const SplatBatch& batch : batches)
+    for (const Splat& splat : splats.subspan(batch.first, batch.count))
+      if (const auto crossing = cross(ray, gaussian_of(splat, batch.origin), function, offset))
+        found.push_back(*crossing);
+}
+
+}  // namespace
+
+std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
+                           const TransferFunction& function, double value_offset, const View& view, double x,
+                           double y) {
+  const Ray ray = ray_through(view, x, y);
+  std::vector<Crossing> crossings;
+  std::visit([&](auto span) { find_crossings(span, batches, function, value_offset, ray, crossings); }, splats);
+  std::ranges::sort(crossings, {}, &Crossing::distance);
+  double depth = 0;
+  for (const Crossing& crossing : crossings) depth += crossing.optical_depth;
+  const double opacity = -std::expm1(-depth);
+  constexpr double invisible = 1e-3;
+  if (opacity < invisible) return {};
+  double passed = 0;
+  for (const Crossing& crossing : crossings) {
+    passed += crossing.optical_depth;
+    if (-std::expm1(-passed) >= opacity / 2)
+      return Probe{crossing.value, ray.origin + crossing.distance * ray.direction, opacity};
+  }
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,75 @@
+#include "viewer/screen.h"
+
+#include <cmath>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+constexpr std::string_view vertex_source = R"(#version 450 core
+out vec2 at;
+void main() {
+  at = vec2(2 * (gl_VertexID & 1), gl_VertexID & 2);
+  gl_Position = vec4(2 * at - 1, 0, 1);
+}
+)";
+
+constexpr std::string_view fragment_source = R"(#version 450 core
+in vec2 at;
+layout(binding = 0) uniform sampler2D picture;
+layout(location = 0) uniform vec3 background;
+layout(location = 0) out vec4 result;
+void main() {
+  vec4 color = texture(picture, at);
+  vec3 c = clamp(color.rgb + (1 - color.a) * background, 0, 1);
+  result = vec4(mix(12.92 * c, 1.055 * pow(c, vec3(1 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308))), 1);
+}
+)";
+
+}  // namespace
+
+Result<Screen> Screen::create() {
+  Screen screen;
+  SPLATVOL_TRY_ASSIGN(program, build_program("screen", {{GL_VERTEX_SHADER, {vertex_source}},
+                                                        {GL_FRAGMENT_SHADER, {fragment_source}}}));
+  screen.program_ = std::move(program);
+  GLuint name = 0;
+  glCreateVertexArrays(1, &name);
+  screen.vertex_array_ = VertexArray(name);
+  return screen;
+}
+
+Status Screen::show(GLuint texture, dvec3 background, int width, int height) const {
+  glViewport(0, 0, width, height);
+  glDisable(GL_BLEND);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_CULL_FACE);
+  glDisable(GL_SCISSOR_TEST);
+  glUseProgram(program_.name());
+  glUniform3f(0, static_cast<float>(background.r), static_cast<float>(background.g), static_cast<float>(background.b));
+  glBindTextureUnit(0, texture);
+  glBindVertexArray(vertex_array_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+  return check_gl("showing the picture");
+}
+
+Result<Image> read_framebuffer(int width, int height) {
+  std::vector<std::uint8_t> bytes(std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, bytes.data());
+  SPLATVOL_TRY(check_gl("reading the window"));
+  const auto linear = [](std::uint8_t byte) {
+    const float c = static_cast<float>(byte) / 255;
+    return c <= 0.04045f ? c / 12.92f : std::pow((c + 0.055f) / 1.055f, 2.4f);
+  };
+  Image image{width, height, std::vector<vec4>(bytes.size() / 4)};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const std::uint8_t* pixel = &bytes[std::size_t{4} * (static_cast<std::size_t>(height - 1 - y) * width + x)];
+      image.at(x, y) = vec4(linear(pixel[0]), linear(pixel[1]), linear(pixel[2]), 1);
+    }
+  return image;
+}
+
+}  // namespace splatvol

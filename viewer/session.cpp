@@ -1,0 +1,243 @@
+#include "viewer/session.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "base/http_source.h"
+#include "renderer/sampling.h"
+#include "tools/default_scene.h"
+#include "viewer/probe.h"
+
+namespace splatvol {
+namespace {
+
+// A frame while something moves: 20 of them a second, the window's own share of the time left out.
+constexpr double moving_seconds = 0.030;
+
+// Without a change for so long, the picture becomes finer.
+constexpr double pause_seconds = 0.15;
+
+// How long a change of resolution takes.
+constexpr double fade_seconds = 0.2;
+
+constexpr double coarsest_percent = 50;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+bool same_camera(const Camera& a, const Camera& b) {
+  return a.projection == b.projection && a.vertical_fov_degrees == b.vertical_fov_degrees &&
+         a.parallel_height == b.parallel_height && a.position == b.position && a.focal_point == b.focal_point &&
+         a.up == b.up;
+}
+
+bool same_function(const TransferFunction& a, const TransferFunction& b) {
+  const auto same_color = [](const TransferFunction::Color& x, const TransferFunction::Color& y) {
+    return x.t == y.t && x.rgb == y.rgb;
+  };
+  const auto same_density = [](const TransferFunction::Density& x, const TransferFunction::Density& y) {
+    return x.t == y.t && x.extinction == y.extinction;
+  };
+  return a.lo == b.lo && a.hi == b.hi && std::ranges::equal(a.colors, b.colors, same_color) &&
+         std::ranges::equal(a.densities, b.densities, same_density);
+}
+
+bool is_in_sight(const View& view, const Box& box) {
+  // Any corner inside each of the five planes; a box that passes is taken to be seen.
+  for (int plane = 0; plane < 5; ++plane) {
+    bool inside = false;
+    for (int corner = 0; corner < 8; ++corner) {
+      const dvec3 p = view.to_view({corner & 1 ? box.high.x : box.low.x, corner & 2 ? box.high.y : box.low.y,
+                                    corner & 4 ? box.high.z : box.low.z});
+      const double depth = view.orthographic ? 1 : p.z;
+      const double x = view.focal * p.x, y = view.focal * p.y;
+      const double half_width = 0.5 * view.width * depth, half_height = 0.5 * view.height * depth;
+      const std::array<double, 5> distances = {view.orthographic ? 1 : p.z, half_width - x, half_width + x,
+                                               half_height - y, half_height + y};
+      inside = inside || distances[static_cast<std::size_t>(plane)] > 0;
+    }
+    if (!inside) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
+                                               const ViewSettings& settings) {
+  std::unique_ptr<Session> session(new Session);
+  session->path_ = path;
+  session->settings = settings;
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+  if (scene_path.empty()) {
+    SPLATVOL_TRY_ASSIGN(scene, default_scene(*volume, ""));
+    session->scene = std::move(scene);
+  } else {
+    SPLATVOL_TRY_ASSIGN(scene, load_scene(scene_path));
+    session->scene = std::move(scene);
+  }
+  session->first_scene_ = session->scene;
+  SPLATVOL_TRY(session->open_streamer());
+  return session;
+}
+
+Status Session::open_streamer() {
+  frame_ = nullptr;
+  streamer_.reset();  // its memory before the next one's
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path_));
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {settings.memory, scene.attribute, settings.kernel,
+                                                                   scene.lighting.has_value()}));
+  streamer_ = std::move(streamer);
+  if (!renderer_ || used_settings_.kernel != settings.kernel) {
+    SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(settings.kernel));
+    renderer_ = std::move(renderer);
+  }
+  uploaded_serial_ = 0;
+  SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
+  const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
+  histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
+  SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->value_offset()));
+  renderer_->set_lighting(scene.lighting);
+  used_settings_ = settings;
+  used_scene_ = scene;
+  settled_ = false;
+  troubles_.clear();
+  return bounds_.low.x <= bounds_.high.x ? Status{} : find_bounds();
+}
+
+// Half as wide again as a uniform box's deviations, which for boxes is exact.
+Status Session::find_bounds() {
+  Camera camera = scene.camera;
+  camera.position = info().cube.origin + 4 * info().cube.edge;
+  camera.focal_point = info().cube.origin + 0.5 * info().cube.edge;
+  camera.up = {0, 1, 0};
+  SPLATVOL_TRY_ASSIGN(view, make_view(camera, 64, 64));
+  TransferFunction all;
+  all.colors = {{0, dvec3(1)}};
+  all.densities = {{0, 1}};
+  DetailOptions detail;
+  detail.resolution = 0;
+  SPLATVOL_TRY_ASSIGN(frame, streamer_->request(view, all, detail));
+  for (const SplatBatch& batch : frame->batches)
+    for (std::uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
+      dvec3 center, half;
+      if (const auto* moments = std::get_if<std::span<const MomentsSplat>>(&frame->data)) {
+        const MomentsSplat& splat = (*moments)[i];
+        const dvec3 q(splat.orientation), d(splat.deviations);
+        const dmat3 axes = glm::mat3_cast(glm::dquat(std::sqrt(std::max(0.0, 1 - glm::dot(q, q))), q.x, q.y, q.z));
+        center = dvec3(splat.position);
+        for (int k = 0; k < 3; ++k) {
+          const dvec3 row(axes[0][k], axes[1][k], axes[2][k]);
+          half[k] = std::sqrt(3.0) * glm::length(row * d);
+        }
+      } else {
+        const OctantSplat& splat = std::get<std::span<const OctantSplat>>(frame->data)[i];
+        center = dvec3(splat.position), half = dvec3(0.5 * static_cast<double>(splat.size));
+      }
+      bounds_.include({batch.origin + center - half, batch.origin + center + half});
+    }
+  return {};
+}
+
+const format::Attribute& Session::attribute() const {
+  return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
+}
+
+Status Session::show_attribute(const std::string& name) {
+  SPLATVOL_TRY_ASSIGN(fitting, default_scene(streamer_->volume(), name));
+  scene.attribute = name;
+  scene.transfer_function = fitting.transfer_function;
+  return {};
+}
+
+// Sets up what has changed; a change of the picture's own begins a coarse one.
+Status Session::apply(const View& view) {
+  const bool other_file = settings.memory != used_settings_.memory || settings.kernel != used_settings_.kernel ||
+                          scene.attribute != used_scene_.attribute ||
+                          (scene.lighting && !used_scene_.lighting && settings.kernel == KernelKind::octant);
+  if (other_file) {
+    const ViewSettings before = used_settings_;
+    const Scene scene_before = used_scene_;
+    Status opened = open_streamer();
+    if (!opened) {
+      // Too little memory, perhaps: go on as it was.
+      settings = before;
+      scene = scene_before;
+      SPLATVOL_TRY(open_streamer());
+      troubles_.push_back(opened.error().message);
+    }
+  }
+  const bool other_function = !same_function(scene.transfer_function, used_scene_.transfer_function);
+  if (other_function)
+    SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->value_offset()));
+  if (scene.lighting != used_scene_.lighting) renderer_->set_lighting(scene.lighting);
+  const bool other_size = view.width != view_.width || view.height != view_.height;
+  if (other_file || other_function || other_size || !same_camera(scene.camera, used_scene_.camera) ||
+      scene.lighting != used_scene_.lighting || settings.tolerance != used_settings_.tolerance) {
+    still_seconds_ = 0;
+    settled_ = false;
+  }
+  used_scene_ = scene;
+  used_settings_ = settings;
+  view_ = view;
+  return {};
+}
+
+Status Session::draw(int width, int height, double seconds) {
+  scene.width = width;
+  scene.height = height;
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, width, height));
+  still_seconds_ += seconds;
+  SPLATVOL_TRY(apply(view));
+  if (settled_) return {};
+
+  // At rest in steps: whoever moves again does not wait for the finest picture.
+  const bool moves = still_seconds_ < pause_seconds;
+  const double coarse = std::max(moving_tolerance_, settings.tolerance);
+  if (moves || shown_tolerance_ == 0)
+    shown_tolerance_ = coarse;
+  else if (frame_ && frame_->progress.settled)
+    shown_tolerance_ = std::max(settings.tolerance, shown_tolerance_ / 2);
+
+  DetailOptions detail;
+  detail.tolerance_percent = shown_tolerance_;
+  detail.max_splats = renderer_->max_splats();
+  const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
+  const auto start = std::chrono::steady_clock::now();
+  SPLATVOL_TRY_ASSIGN(frame, streamer_->advance(view, scene.transfer_function, detail, 0, change));
+  frame_ = frame;
+  for (const Error& error : frame->progress.errors) troubles_.push_back(error.message);
+  if (frame->serial != uploaded_serial_)
+    SPLATVOL_TRY(renderer_->set_splats(frame->data, frame->batches));
+  else
+    SPLATVOL_TRY(renderer_->set_weights(frame->batches));
+  uploaded_serial_ = frame->serial;
+  SPLATVOL_TRY(renderer_->draw(view, settings.sort, automatic_sample_spacing(view, frame->detail)).map([](auto) {}));
+  draw_seconds_ = seconds_since(start);
+
+  // Splats go as the inverse square of the tolerance, more or less.
+  if (moves) {
+    const double ratio = std::sqrt(draw_seconds_ / moving_seconds);
+    if (ratio > 1 || ratio < 0.8)
+      moving_tolerance_ =
+          std::clamp(moving_tolerance_ * std::clamp(ratio, 0.7, 2.0), settings.tolerance, coarsest_percent);
+  }
+  settled_ = !moves && frame->progress.settled && shown_tolerance_ == settings.tolerance;
+  return {};
+}
+
+std::string Session::explain() const {
+  if (!frame_) return {};
+  if (!is_in_sight(view_, bounds_)) return "The data lies outside of the view: press R to see all of it.";
+  const ValueVisibility visibility(used_scene_.transfer_function, attribute());
+  const auto& a = attribute();
+  if (!visibility.shows(static_cast<float>(a.min - a.offset), static_cast<float>(a.max - a.offset), ~std::uint64_t{0}))
+    return "The transfer function hides every value: raise the opacity, or widen its range.";
+  if (frame_->splats == 0 && frame_->progress.settled) return "The transfer function hides every value in view.";
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,35 @@
+// Colour and opacity by hand, over the values' histogram.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "format/volume_info.h"
+#include "scene/scene.h"
+
+namespace splatvol {
+
+/// The editor's own state between frames. Draws with Dear ImGui, into the window that is open.
+class TransferEditor {
+ public:
+  /// `fitting`: what "Fit" returns to, and what an opacity of 1 means. Changes `function`.
+  void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
+            const std::array<std::uint64_t, 64>& histogram);
+
+ private:
+  struct Area;
+  void edit_densities(TransferFunction& function, const format::Attribute& attribute,
+                      const std::array<std::uint64_t, 64>& histogram);
+  void edit_colors(TransferFunction& function);
+
+  bool log_counts_ = true;
+  bool log_opacity_ = false;
+  std::optional<std::size_t> density_;  // control point that is held
+  std::optional<std::size_t> color_;
+  std::size_t picked_color_ = 0;
+  double top_ = 0;  // density at the area's upper edge
+};
+
+}  // namespace splatvol

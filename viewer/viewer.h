@@ -1,0 +1,95 @@
+// The viewer, but for its window: events in, frames out.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "base/error.h"
+#include "viewer/camera_control.h"
+#include "viewer/camera_path.h"
+#include "viewer/events.h"
+#include "viewer/gui.h"
+#include "viewer/overlay.h"
+#include "viewer/probe.h"
+#include "viewer/screen.h"
+#include "viewer/session.h"
+#include "viewer/transfer_editor.h"
+
+namespace splatvol {
+
+struct ViewerOptions {
+  std::string volume;  // empty: none yet
+  std::string scene;   // empty: one that fits
+  ViewSettings settings;
+};
+
+/// Needs the OpenGL 4.5 context that was current at `create`.
+class Viewer {
+ public:
+  /// Fails where the volume or the scene that `options` name cannot be opened; later ones are told in the window.
+  [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
+
+  /// Draws a frame into the framebuffer that is bound. The first input must begin with a WindowResized.
+  [[nodiscard]] Status frame(const FrameInput& input);
+
+  /// Whether a frame without events would be the same; otherwise it wants another soon.
+  [[nodiscard]] bool is_settled() const;
+
+  [[nodiscard]] bool wants_to_close() const { return closing_; }
+  [[nodiscard]] const WindowResized& window() const { return window_; }
+  [[nodiscard]] std::string title() const;
+  [[nodiscard]] const Session* session() const { return session_.get(); }
+
+ private:
+  Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
+  void show(std::unique_ptr<Session> session);
+  void open(const std::string& path);
+  void handle(const Event& event);
+  void handle_key(int code);
+  void move_camera(const FrameInput& input);
+  void play(double seconds);
+  [[nodiscard]] Status draw_picture(double seconds);
+
+  void draw_panel();
+  void draw_view_section();
+  void draw_path_section();
+  void draw_file_section();
+  void draw_hud();
+  void draw_help();
+  void draw_overlays();
+  void draw_probe();
+  void save(const std::string& what, const Status& status);
+  [[nodiscard]] Viewport viewport() const;
+  [[nodiscard]] OverlayScale overlay_scale() const;
+
+  std::unique_ptr<Gui> gui_;
+  Screen screen_;
+  ViewSettings settings_;
+  std::unique_ptr<Session> session_;
+  TransferEditor editor_;
+  TransferFunction fitting_;  // of the attribute that is shown
+  std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
+
+  // Input.
+  WindowResized window_{0, 0, 0, 0, 1};
+  dvec2 pointer_{-1, -1};
+  std::array<bool, 3> buttons_{};
+  std::array<bool, key::count> keys_{};
+  std::optional<int> drag_;  // button, begun over the picture
+
+  // What is shown besides the picture.
+  bool panel_ = true, help_ = false, hud_ = true, axes_ = true, box_ = false, scalar_bar_ = true, cut_ = false,
+       probe_ = true;
+  bool flying_ = false;
+  bool closing_ = false;
+  int pending_frames_ = 0;  // the interface settles a frame after what changed it
+  double frame_seconds_ = 0;
+  std::string message_;  // what went wrong last, or was saved
+
+  CameraPath path_;
+  std::optional<double> playing_;  // seconds since its beginning
+  std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{};
+};
+
+}  // namespace splatvol

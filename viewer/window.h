@@ -1,0 +1,39 @@
+// A window of the desktop, by GLFW.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "base/error.h"
+#include "viewer/events.h"
+
+struct GLFWwindow;
+
+namespace splatvol {
+
+/// Its OpenGL 4.5 core context is current in the thread that made it. One at a time.
+class Window {
+ public:
+  /// Fails with ErrorCode::device where there is no display or no such context.
+  [[nodiscard]] static Result<std::unique_ptr<Window>> open(int width, int height, const std::string& title);
+  Window(const Window&) = delete;
+  Window& operator=(const Window&) = delete;
+  ~Window();
+
+  /// Waits for events up to `seconds`, 0: not at all. Gives what came since the last call; the first begins with the
+  /// window's size.
+  [[nodiscard]] FrameInput take_input(double seconds);
+
+  void swap();
+  void set_title(const std::string& title);
+  [[nodiscard]] bool should_close() const;
+
+ private:
+  Window() = default;
+
+  GLFWwindow* window_ = nullptr;
+  FrameInput input_;
+  double last_ = 0;
+};
+
+}  // namespace splatvol
