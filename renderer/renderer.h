@@ -75,6 +75,9 @@ class Renderer {
   /// The picture of the last draw; fails before the first.
   [[nodiscard]] Result<Image> read_image() const;
 
+  /// OpenGL's name of the texture that holds it, lower left pixel first. 0 before the first draw.
+  [[nodiscard]] unsigned texture() const { return picture_.texture(); }
+
   /// Splats that are resident, drawn or not.
   [[nodiscard]] std::size_t splat_count() const { return splat_count_; }
 

@@ -78,6 +78,13 @@ struct Scene {
 /// Reads a scene file; the error begins with the path.
 [[nodiscard]] Result<Scene> load_scene(const std::string& path);
 
+/// The text of a scene file that parse_scene reads back as `scene`.
+[[nodiscard]] std::string scene_to_json(const Scene& scene);
+
+/// A scene file's `camera` alone, of which make_view has a view.
+[[nodiscard]] Result<Camera> parse_camera(const std::string& json);
+[[nodiscard]] std::string camera_to_json(const Camera& camera);
+
 /// The camera as a frame: view coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
 ///
 /// A view point (x, y, z) appears at pixels (f x / z + W / 2, f y / z + H / 2) in perspective and (f x + W / 2,

@@ -119,8 +119,7 @@ Status read_projection(const Field& field, Camera& camera) {
   return {};
 }
 
-Result<Camera> read_camera(const Field& scene) {
-  SPLATVOL_TRY_ASSIGN(field, scene.member("camera"));
+Result<Camera> read_camera(const Field& field) {
   Camera camera;
   SPLATVOL_TRY_ASSIGN(position, vector_at(field, "position"));
   SPLATVOL_TRY_ASSIGN(focal_point, vector_at(field, "focal_point"));
@@ -188,7 +187,8 @@ Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
   Scene scene;
-  SPLATVOL_TRY_ASSIGN(camera, read_camera(field));
+  SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
+  SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
   scene.camera = camera;
   SPLATVOL_TRY(read_size(field, scene.width, scene.height));
   SPLATVOL_TRY(make_view(scene.camera, scene.width, scene.height));
@@ -212,14 +212,62 @@ Result<Scene> read_scene(const json& document) {
   return scene;
 }
 
-}  // namespace
+nlohmann::ordered_json json_of(const dvec3& v) { return {v.x, v.y, v.z}; }
 
-Result<Scene> parse_scene(const std::string& text) try {
-  return read_scene(json::parse(text));
+nlohmann::ordered_json json_of(const Camera& camera) {
+  nlohmann::ordered_json document;
+  if (camera.projection == Camera::Projection::perspective)
+    document = {{"projection", "perspective"}, {"vertical_fov_degrees", camera.vertical_fov_degrees}};
+  else
+    document = {{"projection", "orthographic"}, {"parallel_height", camera.parallel_height}};
+  document["position"] = json_of(camera.position);
+  document["focal_point"] = json_of(camera.focal_point);
+  document["up"] = json_of(camera.up);
+  return document;
+}
+
+std::string text_of(const nlohmann::ordered_json& document) {
+  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+// What `read` makes of JSON text.
+template <class Read>
+auto parse(const std::string& text, const Read& read) -> decltype(read(json())) try {
+  return read(json::parse(text));
 } catch (const json::exception& error) {
   return fail(ErrorCode::invalid_data, "not JSON: {}", error.what());
 } catch (const std::exception& error) {
   return fail(ErrorCode::out_of_budget, "cannot hold the scene: {}", error.what());
+}
+
+}  // namespace
+
+Result<Scene> parse_scene(const std::string& text) { return parse(text, &read_scene); }
+
+Result<Camera> parse_camera(const std::string& text) {
+  return parse(text, [](const json& document) -> Result<Camera> {
+    SPLATVOL_TRY_ASSIGN(camera, read_camera(Field(document, "")));
+    SPLATVOL_TRY(make_view(camera, 1, 1));
+    return camera;
+  });
+}
+
+std::string camera_to_json(const Camera& camera) { return text_of(json_of(camera)); }
+
+std::string scene_to_json(const Scene& scene) {
+  nlohmann::ordered_json document;
+  document["camera"] = json_of(scene.camera);
+  document["image"] = {{"width", scene.width}, {"height", scene.height}};
+  document["background"] = json_of(scene.background);
+  document["attribute"] = scene.attribute;
+  nlohmann::ordered_json& function = document["transfer_function"];
+  function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
+  for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
+  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
+  document["lighting"] = false;
+  if (scene.lighting)
+    document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+  return text_of(document);
 }
 
 Result<Scene> load_scene(const std::string& path) {

@@ -491,6 +491,16 @@ Status Streamer::show_resident(double change) {
   return {};
 }
 
+std::vector<DrawnNode> Streamer::drawn_nodes() const {
+  std::vector<DrawnNode> nodes;
+  if (!frame_) return nodes;
+  for (const std::uint32_t i : frame_->items) {
+    const CutItem& item = frame_->fading.cut.items[i];
+    nodes.push_back({item.cell, item.resolution});
+  }
+  return nodes;
+}
+
 StreamerStatistics Streamer::statistics() const {
   return {volume_->bytes_read(), budget_.used(), budget_.peak(), cut_seconds_, fetch_seconds_};
 }

@@ -70,6 +70,12 @@ struct FrameSplats {
   FrameProgress progress;
 };
 
+/// A node of the octree, of which a frame has splats.
+struct DrawnNode {
+  Cube cell;
+  std::uint32_t resolution;
+};
+
 struct StreamerStatistics {
   std::uint64_t bytes_read = 0;           // from the file, since it was opened
   std::uint64_t bytes_resident = 0;       // of the budget in use now
@@ -120,6 +126,9 @@ class Streamer {
   [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail, double wait_seconds = 0,
                                                    double change = 1);
+
+  /// Nodes of the last frame, a batch of splats each; none where there is no frame.
+  [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 
   /// What the splats' values have to be added to.
   [[nodiscard]] double value_offset() const {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <numbers>
 #include <numeric>
 #include <tuple>
@@ -186,32 +185,6 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   scene.camera = fit_camera(points, box, edge);
   for (auto& density : function.densities) density.extinction /= typical_chord(box, edge);
   return scene;
-}
-
-std::string scene_to_json(const Scene& scene) {
-  using json = nlohmann::ordered_json;
-  const auto vector = [](const dvec3& v) { return json{v.x, v.y, v.z}; };
-  const Camera& camera = scene.camera;
-  json document;
-  json& view = document["camera"];
-  if (camera.projection == Camera::Projection::perspective)
-    view = {{"projection", "perspective"}, {"vertical_fov_degrees", camera.vertical_fov_degrees}};
-  else
-    view = {{"projection", "orthographic"}, {"parallel_height", camera.parallel_height}};
-  view["position"] = vector(camera.position);
-  view["focal_point"] = vector(camera.focal_point);
-  view["up"] = vector(camera.up);
-  document["image"] = {{"width", scene.width}, {"height", scene.height}};
-  document["background"] = vector(scene.background);
-  document["attribute"] = scene.attribute;
-  json& function = document["transfer_function"];
-  function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
-  for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
-  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
-  document["lighting"] = false;
-  if (scene.lighting)
-    document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
-  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace splatvol

@@ -15,7 +15,4 @@ namespace splatvol {
 /// Fails where the file cannot be read, lacks the attribute (the message lists those it has) or any value of it.
 [[nodiscard]] Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute);
 
-/// The text of a scene file that parse_scene reads back as `scene`.
-[[nodiscard]] std::string scene_to_json(const Scene& scene);
-
 }  // namespace splatvol

@@ -1,4 +1,5 @@
 // svview: a .svol file in a window.
+#include <cmath>
 #include <filesystem>
 #include <optional>
 
@@ -58,7 +59,10 @@ Status look(const Options& options) {
   while (!window->should_close() && !viewer->wants_to_close()) {
     const FrameInput input = window->take_input(viewer->is_settled() ? 1 : 0);
     if (input.events.empty() && viewer->is_settled()) continue;
-    if (recording) SPLATVOL_TRY(recording->append(std::as_bytes(std::span(to_line(input)))));
+    if (recording) {
+      const std::string line = to_line(input);
+      SPLATVOL_TRY(recording->append(std::as_bytes(std::span(line))));
+    }
     SPLATVOL_TRY(viewer->frame(input));
     window->swap();
     if (viewer->title() != title) window->set_title(title = viewer->title());
@@ -69,7 +73,7 @@ Status look(const Options& options) {
 // Frames until nothing changes any more.
 Status settle(Viewer& viewer) {
   do
-    SPLATVOL_TRY(viewer.frame({frame_seconds, {}}));
+    SPLATVOL_TRY(viewer.frame({1, {}}));  // longer than any change lasts
   while (!viewer.is_settled());
   return {};
 }
@@ -118,7 +122,7 @@ Status play(const Options& options) {
   for (int i = 0; i < count; ++i) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
     do
-      SPLATVOL_TRY(session->draw(size[0], size[1], frame_seconds));
+      SPLATVOL_TRY(session->draw(size[0], size[1], 1));
     while (!session->is_settled());
     SPLATVOL_TRY_ASSIGN(image, session->image());
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,

@@ -42,11 +42,7 @@ Camera camera_at(const CameraPath& path, double part) {
 
 std::string path_to_json(const CameraPath& path) {
   json document = {{"seconds", path.seconds}, {"cameras", json::array()}};
-  for (const Camera& camera : path.cameras) {
-    Scene scene;
-    scene.camera = camera;
-    document["cameras"].push_back(json::parse(scene_to_json(scene))["camera"]);
-  }
+  for (const Camera& camera : path.cameras) document["cameras"].push_back(json::parse(camera_to_json(camera)));
   return document.dump(1) + "\n";
 }
 
@@ -58,9 +54,8 @@ Result<CameraPath> load_camera_path(const std::string& file) {
     path.seconds = document.at("seconds");
     for (const json& item : document.at("cameras")) {
       auto camera = parse_camera(item.dump());
-      if (!camera) return fail(camera.error().code, "{}: cameras[{}]: {}", file, path.cameras.size(), camera.error().message);
-      if (!make_view(*camera, 1, 1))
-        return fail(ErrorCode::invalid_data, "{}: cameras[{}]: looks in no direction", file, path.cameras.size());
+      if (!camera)
+        return fail(camera.error().code, "{}: cameras[{}]: {}", file, path.cameras.size(), camera.error().message);
       path.cameras.push_back(*camera);
     }
   } catch (const json::exception& error) {

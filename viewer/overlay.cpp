@@ -20,7 +20,7 @@ struct Line {
 };
 
 // A segment's picture, cut off at the eye.
-std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, OverlayScale scale) {
+std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, const PicturePlace& place) {
   dvec3 a = view.to_view(from), b = view.to_view(to);
   if (!view.orthographic) {
     const double nearest = 1e-6 * std::max({glm::length(a), glm::length(b), 1e-300});
@@ -31,20 +31,20 @@ std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to
   const auto at = [&](const dvec3& p) {
     const double f = view.focal / (view.orthographic ? 1 : p.z);
     const double limit = 1e5;  // far outside of any window, and within single precision
-    return ImVec2(static_cast<float>(scale.x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
-                  static_cast<float>(scale.y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
+    return ImVec2(static_cast<float>(place.left + place.unit_x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
+                  static_cast<float>(place.unit_y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
   };
   return Line{at(a), at(b)};
 }
 
-void draw_edges(const View& view, const Box& box, ImU32 color, OverlayScale scale) {
+void draw_edges(const View& view, const Box& box, ImU32 color, const PicturePlace& place) {
   const auto corner = [&](int c) {
     return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
   };
   for (int c = 0; c < 8; ++c)
     for (const int axis : {1, 2, 4})
       if (!(c & axis))
-        if (const auto line = project(view, corner(c), corner(c | axis), scale))
+        if (const auto line = project(view, corner(c), corner(c | axis), place))
           canvas().AddLine(line->from, line->to, color, unit());
 }
 
@@ -58,23 +58,23 @@ ImU32 srgb(const dvec3& rgb) {
 
 }  // namespace
 
-void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, OverlayScale scale) {
-  draw_edges(view, box, IM_COL32(color[0], color[1], color[2], 160), scale);
+void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PicturePlace& place) {
+  draw_edges(view, box, IM_COL32(color[0], color[1], color[2], 160), place);
 }
 
-void draw_cut(const View& view, const FrameSplats& frame, std::size_t resolutions, OverlayScale scale) {
-  for (const DrawnNode& node : frame.drawn) {
+void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PicturePlace& place) {
+  for (const DrawnNode& node : nodes) {
     float r, g, b;
     const auto part = static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
     ImGui::ColorConvertHSVtoRGB(0.66f * (1 - part), 0.8f, 1, r, g, b);
     draw_edges(view, {node.cell.origin, node.cell.origin + node.cell.edge},
-               ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), scale);
+               ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), place);
   }
 }
 
-void draw_axes(const View& view, double left, double bottom) {
+void draw_axes(const View& view, const PicturePlace& place) {
   const float length = 38 * unit();
-  const ImVec2 center(static_cast<float>(left) + 1.5f * length, static_cast<float>(bottom) - 1.5f * length);
+  const ImVec2 center(static_cast<float>(place.left) + 1.5f * length, static_cast<float>(place.height) - 1.5f * length);
   struct Axis {
     dvec3 seen;
     ImU32 color;
@@ -98,11 +98,11 @@ void draw_axes(const View& view, double left, double bottom) {
   }
 }
 
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, double right,
-                     double bottom) {
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PicturePlace& place) {
   const float u = unit();
   const float height = 180 * u, width = 14 * u;
-  const ImVec2 low(static_cast<float>(right) - 90 * u, static_cast<float>(bottom) - height - 20 * u);
+  const auto right = static_cast<float>(place.left + place.width);
+  const ImVec2 low(right - 90 * u, static_cast<float>(place.height) - height - 20 * u);
   constexpr int steps = 64;
   const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
   for (int i = 0; i < steps; ++i)
@@ -120,12 +120,13 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
   }
   const std::string title = attribute.unit.empty() ? attribute.name : attribute.name + " [" + attribute.unit + "]";
   const float text_width = ImGui::CalcTextSize(title.c_str()).x;
-  write({std::min(low.x, static_cast<float>(right) - text_width - 8 * u), low.y - 20 * u}, title);
+  write({std::min(low.x, right - text_width - 8 * u), low.y - 20 * u}, title);
 }
 
-void draw_message(const std::string& text, double width, double height) {
+void draw_message(const std::string& text, const PicturePlace& place) {
   const ImVec2 size = ImGui::CalcTextSize(text.c_str());
-  const ImVec2 at(static_cast<float>(width / 2) - size.x / 2, static_cast<float>(height / 2) - size.y / 2);
+  const ImVec2 at(static_cast<float>(place.left + place.width / 2) - size.x / 2,
+                  static_cast<float>(place.height / 2) - size.y / 2);
   const float border = 10 * unit();
   canvas().AddRectFilled({at.x - border, at.y - border}, {at.x + size.x + border, at.y + size.y + border},
                          IM_COL32(0, 0, 0, 200), 4 * unit());

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <span>
+#include <string>
 
 #include "format/volume_info.h"
 #include "scene/scene.h"
@@ -9,24 +11,26 @@
 
 namespace splatvol {
 
-/// From pixels of the picture to units of the window.
-struct OverlayScale {
-  double x = 1, y = 1;
+/// Where the picture is in the window, and how many window units a pixel of it takes.
+struct PicturePlace {
+  double left = 0;
+  double width = 1, height = 1;
+  double unit_x = 1, unit_y = 1;
 };
 
 /// The box's twelve edges.
-void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, OverlayScale scale);
+void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PicturePlace& place);
 
-/// The nodes that a frame draws, coloured by resolution.
-void draw_cut(const View& view, const FrameSplats& frame, std::size_t resolutions, OverlayScale scale);
+/// The octree's nodes that are drawn, coloured by resolution.
+void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PicturePlace& place);
 
-/// The world's axes as the camera sees them, in the lower left corner right of `left`.
-void draw_axes(const View& view, double left, double bottom);
+/// The world's axes as the camera sees them, in the picture's lower left corner.
+void draw_axes(const View& view, const PicturePlace& place);
 
 /// Colours and values of a transfer function, at the right edge.
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, double right, double bottom);
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PicturePlace& place);
 
-/// Words in the middle of the window.
-void draw_message(const std::string& text, double width, double height);
+/// Words in the middle of the picture.
+void draw_message(const std::string& text, const PicturePlace& place);
 
 }  // namespace splatvol

@@ -39,8 +39,8 @@ Result<Screen> Screen::create() {
   return screen;
 }
 
-Status Screen::show(GLuint texture, dvec3 background, int width, int height) const {
-  glViewport(0, 0, width, height);
+Status Screen::show(GLuint texture, dvec3 background, int left, int width, int height) const {
+  glViewport(left, 0, width, height);
   glDisable(GL_BLEND);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_CULL_FACE);

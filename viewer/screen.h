@@ -13,9 +13,9 @@ class Screen {
  public:
   [[nodiscard]] static Result<Screen> create();
 
-  /// Fills the framebuffer that is bound, width x height pixels, with a picture in linear premultiplied RGBA, stretched
-  /// where it has another size. As a PNG file of the picture looks.
-  [[nodiscard]] Status show(GLuint texture, dvec3 background, int width, int height) const;
+  /// Fills width x height pixels of the framebuffer that is bound, from pixel (left, 0) on, with a picture in linear
+  /// premultiplied RGBA, stretched where it has another size. As a PNG file of the picture looks.
+  [[nodiscard]] Status show(GLuint texture, dvec3 background, int left, int width, int height) const;
 
  private:
   Program program_;

@@ -56,6 +56,7 @@ class Session {
 
   /// Of the last draw. Null before the first.
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
+  [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const { return streamer_->drawn_nodes(); }
   [[nodiscard]] const View& view() const { return view_; }
   [[nodiscard]] unsigned texture() const { return renderer_->texture(); }
   [[nodiscard]] Result<Image> image() const { return renderer_->read_image(); }

@@ -62,9 +62,6 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
       if (ImGui::Selectable(std::string(map.name).c_str())) function.colors = map.colors;
     ImGui::EndCombo();
   }
-  ImGui::SameLine();
-  if (ImGui::SmallButton("reverse")) function.colors = reversed(function.colors);
-
   edit_densities(function, attribute, histogram);
   edit_colors(function);
 
@@ -81,6 +78,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   if (ImGui::SmallButton("all values") && attribute.max > attribute.min)
     function.lo = attribute.min, function.hi = attribute.max;
   ImGui::SameLine();
+  if (ImGui::SmallButton("reverse colours")) function.colors = reversed(function.colors);
   ImGui::Checkbox("log counts", &log_counts_);
   ImGui::SameLine();
   ImGui::Checkbox("log opacity", &log_opacity_);

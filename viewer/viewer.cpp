@@ -17,6 +17,7 @@ constexpr double zoom_per_step = 0.87;
 constexpr double least_distance = 1e-7;  // of the data's extent
 constexpr double fly_speed = 0.35;       // extents a second
 constexpr double turn_speed = 1.2;       // radians a second
+constexpr double panel_width = 336;      // at scale 1
 
 void put(std::array<char, 512>& field, const std::string& text) {
   const std::size_t length = std::min(text.size(), field.size() - 1);
@@ -82,13 +83,16 @@ void Viewer::open(const std::string& path) {
     message_ = session.error().message;
 }
 
-Viewport Viewer::viewport() const {
-  return {std::max(1.0, static_cast<double>(window_.width)), std::max(1.0, static_cast<double>(window_.height))};
-}
-
-OverlayScale Viewer::overlay_scale() const {
-  return {static_cast<double>(window_.width) / std::max(1, window_.pixel_width),
-          static_cast<double>(window_.height) / std::max(1, window_.pixel_height)};
+// Right of the panel; of at least one pixel.
+PicturePlace Viewer::place() const {
+  PicturePlace place;
+  const double left = panel_ ? panel_width * window_.content_scale : 0;
+  place.unit_x = static_cast<double>(window_.width) / std::max(1, window_.pixel_width);
+  place.unit_y = static_cast<double>(window_.height) / std::max(1, window_.pixel_height);
+  place.left = std::max(0.0, std::min(left, window_.width - place.unit_x));
+  place.width = std::max(place.unit_x, window_.width - place.left);
+  place.height = std::max(place.unit_y, static_cast<double>(window_.height));
+  return place;
 }
 
 std::string Viewer::title() const { return session_ ? session_->path() + " - svview" : "svview"; }
@@ -133,7 +137,7 @@ void Viewer::handle(const Event& event) {
     playing_.reset();
   }
   if (scrolled && session_ && !gui_->has_pointer()) {
-    zoom(session_->scene.camera, viewport(), pointer_, std::pow(zoom_per_step, scrolled->y),
+    zoom(session_->scene.camera, viewport(), pointer_in_picture(), std::pow(zoom_per_step, scrolled->y),
          least_distance * extent_of(*session_));
     playing_.reset();
   }
@@ -231,10 +235,12 @@ Status Viewer::frame(const FrameInput& input) {
 Status Viewer::draw_picture(double seconds) {
   GLint target = 0;
   glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &target);
+  const int left = static_cast<int>(place().left / place().unit_x);
+  const int width = std::max(1, window_.pixel_width - left);
   GLuint picture = 0;
   dvec3 background(0.02);
   if (session_) {
-    if (const Status drawn = session_->draw(window_.pixel_width, window_.pixel_height, seconds)) {
+    if (const Status drawn = session_->draw(width, window_.pixel_height, seconds)) {
       picture = session_->texture();
       background = session_->scene.background;
     } else {
@@ -242,15 +248,17 @@ Status Viewer::draw_picture(double seconds) {
     }
   }
   glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(target));
-  return screen_.show(picture, background, window_.pixel_width, window_.pixel_height);
+  glClearColor(0.1f, 0.1f, 0.11f, 1);
+  glClear(GL_COLOR_BUFFER_BIT);
+  return screen_.show(picture, background, left, width, window_.pixel_height);
 }
 
 void Viewer::draw_panel() {
   const float scale = static_cast<float>(window_.content_scale);
-  ImGui::SetNextWindowPos({8 * scale, 8 * scale});
-  ImGui::SetNextWindowSizeConstraints({320 * scale, 0}, {320 * scale, static_cast<float>(window_.height) - 16 * scale});
-  ImGui::Begin("svview", nullptr, ImGuiWindowFlags_NoMove | ImGuiWindowFlags_AlwaysAutoResize);
-  ImGui::PushItemWidth(190 * scale);
+  ImGui::SetNextWindowPos({0, 0});
+  ImGui::SetNextWindowSize({static_cast<float>(panel_width) * scale, static_cast<float>(window_.height)});
+  ImGui::Begin("panel", nullptr, ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar);
+  ImGui::PushItemWidth(220 * scale);
   if (session_) {
     Scene& scene = session_->scene;
     if (ImGui::BeginCombo("attribute", scene.attribute.c_str())) {
@@ -444,17 +452,16 @@ void Viewer::draw_help() {
 }
 
 void Viewer::draw_overlays() {
-  if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", window_.width, window_.height);
+  if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", place());
   const View& view = session_->view();
-  const double left = panel_ ? 328 * window_.content_scale : 0;
   if (cut_ && session_->frame())
-    draw_cut(view, *session_->frame(), session_->info().resolutions(), overlay_scale());
-  if (box_) draw_box(view, session_->bounds(), {230, 230, 230}, overlay_scale());
-  if (axes_) draw_axes(view, left, window_.height);
+    draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), place());
+  if (box_) draw_box(view, session_->bounds(), {230, 230, 230}, place());
+  if (axes_) draw_axes(view, place());
   if (scalar_bar_)
-    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), window_.width, window_.height);
+    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), place());
   if (const std::string reason = session_->explain(); !reason.empty())
-    draw_message(reason, window_.width, window_.height);
+    draw_message(reason, place());
   if (hud_) draw_hud();
   if (probe_ && !drag_ && !gui_->has_pointer()) draw_probe();
 }
@@ -462,9 +469,9 @@ void Viewer::draw_overlays() {
 // Beside the pointer. Follows the splats of the last frame.
 void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
-  if (!frame || pointer_.x < 0) return;
+  if (!frame || pointer_in_picture().x < 0) return;
   const auto found = probe(frame->data, frame->batches, session_->scene.transfer_function, session_->value_offset(),
-                           session_->view(), pointer_.x / overlay_scale().x, pointer_.y / overlay_scale().y);
+                           session_->view(), pointer_in_picture().x / place().unit_x, pointer_in_picture().y / place().unit_y);
   if (!found) return;
   const std::string& unit = session_->attribute().unit;
   ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->scene.attribute.c_str(), found->value,

@@ -60,8 +60,9 @@ class Viewer {
   void draw_overlays();
   void draw_probe();
   void save(const std::string& what, const Status& status);
-  [[nodiscard]] Viewport viewport() const;
-  [[nodiscard]] OverlayScale overlay_scale() const;
+  [[nodiscard]] Viewport viewport() const { return {place().width, place().height}; }
+  [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(place().left, 0); }
+  [[nodiscard]] PicturePlace place() const;
 
   std::unique_ptr<Gui> gui_;
   Screen screen_;
