@@ -1,7 +1,7 @@
 # Fails where a source includes a header of a layer that its own layer may not know. Run: cmake -D ROOT=... -P layers.cmake
 cmake_minimum_required(VERSION 3.25)
 
-set(layers base scene reference format builder streamer renderer tools)
+set(layers base scene reference format builder streamer renderer viewer tools)
 
 # What each layer may include, besides itself.
 set(base_knows)
@@ -11,11 +11,12 @@ set(format_knows base)
 set(builder_knows base format)
 set(streamer_knows base scene format)
 set(renderer_knows base scene streamer)
-set(tools_knows base scene reference format builder streamer renderer)
+set(viewer_knows base scene format streamer renderer)
+set(tools_knows base scene reference format builder streamer renderer viewer)
 
-# OpenGL is the renderer's and the programs' business alone.
+# OpenGL is the business of the renderer, the viewer and the programs alone.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
-set(gl_layers renderer tools)
+set(gl_layers renderer viewer tools)
 
 set(broken)
 foreach(layer IN LISTS layers)

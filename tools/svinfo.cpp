@@ -4,7 +4,7 @@
 
 #include "base/http_source.h"
 #include "format/volume.h"
-#include "tools/default_scene.h"
+#include "streamer/default_scene.h"
 #include "tools/tool.h"
 
 namespace splatvol {

@@ -34,7 +34,8 @@ constexpr double frame_seconds = 1.0 / 60;
 
 Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-  return ViewerOptions{options.volume, options.scene,
+  return ViewerOptions{options.volume,
+                       options.scene,
                        {memory, options.kernel == "octant" ? KernelKind::octant : KernelKind::moments,
                         options.tolerance, SortMode::exact}};
 }
@@ -72,8 +73,7 @@ Status look(const Options& options) {
 
 // Frames until nothing changes any more.
 Status settle(Viewer& viewer) {
-  do
-    SPLATVOL_TRY(viewer.frame({1, {}}));  // longer than any change lasts
+  do SPLATVOL_TRY(viewer.frame({1, {}}));  // longer than any change lasts
   while (!viewer.is_settled());
   return {};
 }
@@ -113,16 +113,14 @@ Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(path, load_camera_path(options.play));
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  if (!std::filesystem::is_directory(options.frames))
-    return fail(ErrorCode::io, "{}: no such folder", options.frames);
+  if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
   SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
   SPLATVOL_TRY_ASSIGN(session, Session::open(setup.volume, setup.scene, setup.settings));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
   ProgressBar bar("draw");
   for (int i = 0; i < count; ++i) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
-    do
-      SPLATVOL_TRY(session->draw(size[0], size[1], 1));
+    do SPLATVOL_TRY(session->draw(size[0], size[1], 1));
     while (!session->is_settled());
     SPLATVOL_TRY_ASSIGN(image, session->image());
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
@@ -156,21 +154,27 @@ int main(int argc, char** argv) {
         const auto size = parse_image_size(text);
         return size ? std::string() : size.error().message;
       });
-  app.add_option("--memory", options.memory, "Memory for what is read of the file")->type_name("SIZE")->capture_default_str();
+  app.add_option("--memory", options.memory, "Memory for what is read of the file")
+      ->type_name("SIZE")
+      ->capture_default_str();
   app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
   auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
   auto* replayed = app.add_option("--replay", options.replay, "Do what a recording says, without a window");
-  auto* screenshot = app.add_option("--screenshot", options.screenshot,
-                                    "Write what the window shows, after --replay, into this file (.png, .exr); no window is opened")
-                         ->check([](const std::string& path) {
-                           return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
-                         });
-  auto* path = app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
+  auto* screenshot =
+      app.add_option("--screenshot", options.screenshot,
+                     "Write what the window shows, after --replay, into this file (.png, .exr); no window is opened")
+          ->check([](const std::string& path) {
+            return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
+          });
+  auto* path =
+      app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
-  app.add_option("--fps", options.fps, "Frames of each of its seconds")->check(CLI::Range(0.01, 1000.0))->capture_default_str();
+  app.add_option("--fps", options.fps, "Frames of each of its seconds")
+      ->check(CLI::Range(0.01, 1000.0))
+      ->capture_default_str();
   record->excludes(replayed)->excludes(screenshot)->excludes(path);
   return run_tool(app, argc, argv, [&] { return run(options); });
 }

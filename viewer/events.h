@@ -39,15 +39,14 @@ struct TextTyped {
 };
 /// Also the first event of all.
 struct WindowResized {
-  int width, height;                // window units
-  int pixel_width, pixel_height;    // of the framebuffer; 0 while minimised
-  double content_scale;             // how large text should be, 1 for a plain screen
+  int width, height;              // window units
+  int pixel_width, pixel_height;  // of the framebuffer; 0 while minimised
+  double content_scale;           // how large text should be, 1 for a plain screen
 };
 struct FilesDropped {
   std::vector<std::string> paths;
 };
-using Event =
-    std::variant<PointerMoved, ButtonChanged, Scrolled, KeyChanged, TextTyped, WindowResized, FilesDropped>;
+using Event = std::variant<PointerMoved, ButtonChanged, Scrolled, KeyChanged, TextTyped, WindowResized, FilesDropped>;
 
 /// All that came before a frame, and the time since the frame before.
 struct FrameInput {

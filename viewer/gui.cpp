@@ -193,8 +193,10 @@ Status Gui::draw() {
     const ImDrawList& list = *data.CmdLists[l];
     for (const ImDrawCmd& command : list.CmdBuffer) {
       const ImVec2 scale = data.FramebufferScale;
-      const int left = static_cast<int>(command.ClipRect.x * scale.x), top = static_cast<int>(command.ClipRect.y * scale.y);
-      const int right = static_cast<int>(command.ClipRect.z * scale.x), bottom = static_cast<int>(command.ClipRect.w * scale.y);
+      const int left = static_cast<int>(command.ClipRect.x * scale.x),
+                top = static_cast<int>(command.ClipRect.y * scale.y);
+      const int right = static_cast<int>(command.ClipRect.z * scale.x),
+                bottom = static_cast<int>(command.ClipRect.w * scale.y);
       if (right <= left || bottom <= top) continue;
       glScissor(left, height - bottom, right - left, bottom - top);
       glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(command.ElemCount),

@@ -65,7 +65,8 @@ void draw_box(const View& view, const Box& box, const std::array<unsigned char, 
 void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PicturePlace& place) {
   for (const DrawnNode& node : nodes) {
     float r, g, b;
-    const auto part = static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
+    const auto part =
+        static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
     ImGui::ColorConvertHSVtoRGB(0.66f * (1 - part), 0.8f, 1, r, g, b);
     draw_edges(view, {node.cell.origin, node.cell.origin + node.cell.edge},
                ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), place);

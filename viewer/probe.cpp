@@ -30,8 +30,8 @@ struct Crossing {
 
 struct Gaussian {
   dvec3 center;
-  dmat3 axes;         // columns
-  dvec3 deviations;   // along them
+  dmat3 axes;        // columns
+  dvec3 deviations;  // along them
   double mass, value;
 };
 

@@ -30,8 +30,8 @@ void main() {
 
 Result<Screen> Screen::create() {
   Screen screen;
-  SPLATVOL_TRY_ASSIGN(program, build_program("screen", {{GL_VERTEX_SHADER, {vertex_source}},
-                                                        {GL_FRAGMENT_SHADER, {fragment_source}}}));
+  SPLATVOL_TRY_ASSIGN(
+      program, build_program("screen", {{GL_VERTEX_SHADER, {vertex_source}}, {GL_FRAGMENT_SHADER, {fragment_source}}}));
   screen.program_ = std::move(program);
   GLuint name = 0;
   glCreateVertexArrays(1, &name);

@@ -6,7 +6,7 @@
 
 #include "base/http_source.h"
 #include "renderer/sampling.h"
-#include "tools/default_scene.h"
+#include "streamer/default_scene.h"
 #include "viewer/probe.h"
 
 namespace splatvol {

@@ -92,7 +92,7 @@ class Session {
   const FrameSplats* frame_ = nullptr;
   std::uint64_t uploaded_serial_ = 0;
   bool settled_ = false;
-  double still_seconds_ = 0;    // since the scene changed last
+  double still_seconds_ = 0;     // since the scene changed last
   double moving_tolerance_ = 4;  // percent, as fine as there is time for
   double shown_tolerance_ = 0;
   double draw_seconds_ = 0;

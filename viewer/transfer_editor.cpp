@@ -100,7 +100,7 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   const float scale = ImGui::GetFontSize() / 13;
   const ImVec2 corner = ImGui::GetCursorScreenPos();
   const ImVec2 size(ImGui::GetContentRegionAvail().x, 110 * scale);
-  ImGui::InvisibleButton("opacity", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
+  ImGui::InvisibleButton("##densities", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
   const bool hovered = ImGui::IsItemHovered(), active = ImGui::IsItemActive();
   // A dragged point must not move the axis that it is dragged along.
   if (!density_) top_ = std::max(1.25 * largest_density(function), 1e-30);
@@ -163,7 +163,7 @@ void TransferEditor::edit_colors(TransferFunction& function) {
   const float scale = ImGui::GetFontSize() / 13;
   const ImVec2 corner = ImGui::GetCursorScreenPos();
   const ImVec2 size(ImGui::GetContentRegionAvail().x, 22 * scale);
-  ImGui::InvisibleButton("colors", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
+  ImGui::InvisibleButton("##colours", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
   const bool hovered = ImGui::IsItemHovered(), active = ImGui::IsItemActive();
   const Area area{corner, {corner.x + size.x, corner.y + size.y}, 1, false};
   ImDrawList& list = *ImGui::GetWindowDrawList();

@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "base/file.h"
-#include "tools/default_scene.h"
+#include "streamer/default_scene.h"
 
 namespace splatvol {
 namespace {
@@ -169,9 +169,8 @@ void Viewer::handle_key(int code) {
       camera = session_->first_scene().camera;
       break;
     case 'P':
-      set_projection(camera, camera.projection == Camera::Projection::perspective
-                                 ? Camera::Projection::orthographic
-                                 : Camera::Projection::perspective);
+      set_projection(camera, camera.projection == Camera::Projection::perspective ? Camera::Projection::orthographic
+                                                                                  : Camera::Projection::perspective);
       break;
     case 'L':
       if (session_->scene.lighting)
@@ -314,8 +313,7 @@ void Viewer::draw_view_section() {
   }
   bool orthographic = scene.camera.projection == Camera::Projection::orthographic;
   if (ImGui::Checkbox("orthographic", &orthographic))
-    set_projection(scene.camera,
-                   orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective);
+    set_projection(scene.camera, orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective);
   ImGui::SameLine();
   ImGui::Checkbox("fly", &flying_);
   ImGui::SameLine();
@@ -352,8 +350,7 @@ void Viewer::draw_path_section() {
   ImGui::SameLine();
   if (ImGui::SmallButton("remove last") && !path_.cameras.empty()) path_.cameras.pop_back();
   ImGui::SameLine();
-  if (ImGui::SmallButton(playing_ ? "stop" : "play"))
-    playing_ = playing_ ? std::nullopt : std::optional(0.0);
+  if (ImGui::SmallButton(playing_ ? "stop" : "play")) playing_ = playing_ ? std::nullopt : std::optional(0.0);
   const double shortest = 0.1, longest = 600;
   ImGui::SliderScalar("seconds", ImGuiDataType_Double, &path_.seconds, &shortest, &longest, "%.3g",
                       ImGuiSliderFlags_Logarithmic);
@@ -384,8 +381,9 @@ void Viewer::draw_file_section() {
     if (status && !is_image_path(picture_name_.data()))
       status = fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", picture_name_.data());
     if (status)
-      status = write_image(picture_name_.data(), *image, session_->scene.background,
-                           {{"software", "svview"}, {"file", session_->path()}, {"attribute", session_->scene.attribute}});
+      status =
+          write_image(picture_name_.data(), *image, session_->scene.background,
+                      {{"software", "svview"}, {"file", session_->path()}, {"attribute", session_->scene.attribute}});
     save(picture_name_.data(), status);
   }
 }
@@ -406,15 +404,14 @@ void Viewer::draw_hud() {
   const std::string text = fmt::format(
       "{:.0f} frames/s, picture {:.1f} ms\n{} points as {} splats\n{}tolerance {:.3g} %{}\n{} of {} in use\n{} of "
       "{} read\n{} parts pending ({})",
-      frame_seconds_ > 0 ? 1 / frame_seconds_ : 0, 1000 * session_->draw_seconds(),
-      session_->info().point_count(), frame->splats, resolutions,
-      session_->tolerance_shown(),
+      frame_seconds_ > 0 ? 1 / frame_seconds_ : 0, 1000 * session_->draw_seconds(), session_->info().point_count(),
+      frame->splats, resolutions, session_->tolerance_shown(),
       frame->detail.tolerance_percent > session_->tolerance_shown()
           ? fmt::format(" (memory allows {:.3g} %)", frame->detail.tolerance_percent)
           : "",
       bytes_text(static_cast<double>(statistics.bytes_resident)),
-      bytes_text(static_cast<double>(session_->settings.memory)), bytes_text(static_cast<double>(statistics.bytes_read)),
-      bytes_text(static_cast<double>(session_->file_bytes())),
+      bytes_text(static_cast<double>(session_->settings.memory)),
+      bytes_text(static_cast<double>(statistics.bytes_read)), bytes_text(static_cast<double>(session_->file_bytes())),
       frame->progress.missing_chunks + frame->progress.missing_pages,
       bytes_text(static_cast<double>(frame->progress.missing_bytes)));
   const float scale = static_cast<float>(window_.content_scale);
@@ -454,14 +451,11 @@ void Viewer::draw_help() {
 void Viewer::draw_overlays() {
   if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", place());
   const View& view = session_->view();
-  if (cut_ && session_->frame())
-    draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), place());
+  if (cut_ && session_->frame()) draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), place());
   if (box_) draw_box(view, session_->bounds(), {230, 230, 230}, place());
   if (axes_) draw_axes(view, place());
-  if (scalar_bar_)
-    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), place());
-  if (const std::string reason = session_->explain(); !reason.empty())
-    draw_message(reason, place());
+  if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), place());
+  if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, place());
   if (hud_) draw_hud();
   if (probe_ && !drag_ && !gui_->has_pointer()) draw_probe();
 }
@@ -470,8 +464,9 @@ void Viewer::draw_overlays() {
 void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
   if (!frame || pointer_in_picture().x < 0) return;
-  const auto found = probe(frame->data, frame->batches, session_->scene.transfer_function, session_->value_offset(),
-                           session_->view(), pointer_in_picture().x / place().unit_x, pointer_in_picture().y / place().unit_y);
+  const auto found =
+      probe(frame->data, frame->batches, session_->scene.transfer_function, session_->value_offset(), session_->view(),
+            pointer_in_picture().x / place().unit_x, pointer_in_picture().y / place().unit_y);
   if (!found) return;
   const std::string& unit = session_->attribute().unit;
   ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->scene.attribute.c_str(), found->value,

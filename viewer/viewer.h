@@ -69,7 +69,7 @@ class Viewer {
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
-  TransferFunction fitting_;  // of the attribute that is shown
+  TransferFunction fitting_;                   // of the attribute that is shown
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.

@@ -46,13 +46,15 @@ Result<std::unique_ptr<Window>> Window::open(int width, int height, const std::s
   ::glfwSetWindowUserPointer(window, &opened->input_);
   opened->input_.events.push_back(size_of(window));
 
-  ::glfwSetCursorPosCallback(window,
-                             [](GLFWwindow* w, double x, double y) { input_of(w).events.push_back(PointerMoved{x, y}); });
+  ::glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) {
+    input_of(w).events.push_back(PointerMoved{x, y});
+  });
   ::glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int) {
     input_of(w).events.push_back(ButtonChanged{button, action == GLFW_PRESS});
   });
-  ::glfwSetScrollCallback(window,
-                          [](GLFWwindow* w, double x, double y) { input_of(w).events.push_back(Scrolled{x, y}); });
+  ::glfwSetScrollCallback(window, [](GLFWwindow* w, double x, double y) {
+    input_of(w).events.push_back(Scrolled{x, y});
+  });
   ::glfwSetKeyCallback(window, [](GLFWwindow* w, int code, int, int action, int) {
     if (code >= 0 && code < key::count) input_of(w).events.push_back(KeyChanged{code, action != GLFW_RELEASE});
   });
@@ -61,10 +63,9 @@ Result<std::unique_ptr<Window>> Window::open(int width, int height, const std::s
   ::glfwSetDropCallback(window, [](GLFWwindow* w, int count, const char** paths) {
     input_of(w).events.push_back(FilesDropped{{paths, paths + count}});
   });
-  ::glfwSetFramebufferSizeCallback(window,
-                                   [](GLFWwindow* w, int, int) { input_of(w).events.push_back(size_of(w)); });
-  ::glfwSetWindowContentScaleCallback(
-      window, [](GLFWwindow* w, float, float) { input_of(w).events.push_back(size_of(w)); });
+  ::glfwSetFramebufferSizeCallback(window, [](GLFWwindow* w, int, int) { input_of(w).events.push_back(size_of(w)); });
+  ::glfwSetWindowContentScaleCallback(window,
+                                      [](GLFWwindow* w, float, float) { input_of(w).events.push_back(size_of(w)); });
   ::glfwSetWindowIconifyCallback(window, [](GLFWwindow* w, int) { input_of(w).events.push_back(size_of(w)); });
   ::glfwSetWindowRefreshCallback(window, [](GLFWwindow* w) { input_of(w).events.push_back(size_of(w)); });
   opened->last_ = ::glfwGetTime();

@@ -14,7 +14,7 @@
 #include "format/volume.h"
 #include "scene/scene.h"
 #include "tests/support/test_volume.h"
-#include "tools/default_scene.h"
+#include "streamer/default_scene.h"
 
 namespace splatvol {
 namespace {

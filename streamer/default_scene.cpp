@@ -1,4 +1,4 @@
-#include "tools/default_scene.h"
+#include "streamer/default_scene.h"
 
 #include <algorithm>
 #include <array>

@@ -1,0 +1,108 @@
+// What lies under the pointer, against what is put there.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "viewer/color_maps.h"
+#include "viewer/probe.h"
+
+namespace splatvol {
+namespace {
+
+TransferFunction constant(double extinction) {
+  TransferFunction function;
+  function.colors = {{0, dvec3(1)}};
+  function.densities = {{0, extinction}};
+  return function;
+}
+
+MomentsSplat ball(const dvec3& center, double deviation, double mass, double value) {
+  MomentsSplat splat{};
+  splat.position = vec3(center);
+  splat.deviations = vec3(static_cast<float>(deviation));
+  splat.mass = static_cast<float>(mass);
+  splat.value = static_cast<float>(value);
+  return splat;
+}
+
+View view_along_z(bool orthographic) {
+  Camera camera;
+  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
+  camera.parallel_height = 4;
+  camera.position = {1e6, 0, 10};
+  camera.focal_point = {1e6, 0, 0};
+  return make_view(camera, 200, 100).value();
+}
+
+const SplatBatch far_batch{{1e6, 0, 0}, 0, 2};
+
+TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
+  for (const bool orthographic : {false, true}) {
+    const std::vector<MomentsSplat> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
+    const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), 100,
+                             view_along_z(orthographic), 100, 50);
+    ASSERT_TRUE(found);
+    EXPECT_EQ(found->value, 105);  // the nearer one, with the offset
+    EXPECT_NEAR(found->position.z, 2, 1e-9);
+    EXPECT_NEAR(found->position.x, 1e6, 1e-6);
+    EXPECT_NEAR(found->opacity, 1, 1e-12);
+  }
+}
+
+TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
+  constexpr double deviation = 0.3, mass = 0.02, extinction = 2;
+  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
+  const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), 0,
+                           view_along_z(true), 100, 50);
+  ASSERT_TRUE(found);
+  // Through the middle: mass over the Gaussian's area.
+  const double depth = extinction * mass / (2 * 3.14159265358979 * deviation * deviation);
+  EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-6);
+}
+
+TEST(Probe, MeetsNothingBesideOrBehind) {
+  const std::vector<MomentsSplat> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
+  const auto at = [&](double x) {
+    return probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), 0, view_along_z(true), x, 50);
+  };
+  EXPECT_FALSE(at(100));
+  ASSERT_TRUE(at(100 + 1.5 * 25));
+  EXPECT_FALSE(
+      probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(0), 0, view_along_z(true), 137.5, 50));
+}
+
+TEST(Probe, SeesFlatSplatsAndOctants) {
+  std::vector<MomentsSplat> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
+  flat[0].deviations.z = 0;  // faces the eye
+  const auto found =
+      probe(std::span<const MomentsSplat>(flat), {&far_batch, 1}, constant(10), 0, view_along_z(true), 100, 50);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->value, 3);
+  EXPECT_NEAR(found->position.z, 0, 1e-9);
+
+  const std::vector<OctantSplat> octants = {{{0, 0, 1}, 7, 0.5f, 0}, {{0, 0, 0}, std::nanf(""), 0.5f, 0}};
+  const auto round =
+      probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), 0, view_along_z(true), 100, 50);
+  ASSERT_TRUE(round);
+  EXPECT_EQ(round->value, 7);
+}
+
+TEST(ColorMaps, AreCompleteAndInRange) {
+  for (const ColorMap& map : color_maps()) {
+    EXPECT_EQ(map.colors.front().t, 0) << map.name;
+    EXPECT_EQ(map.colors.back().t, 1) << map.name;
+    for (std::size_t i = 0; i < map.colors.size(); ++i) {
+      EXPECT_TRUE(i == 0 || map.colors[i].t > map.colors[i - 1].t) << map.name;
+      for (int k = 0; k < 3; ++k) {
+        EXPECT_GE(map.colors[i].rgb[k], 0);
+        EXPECT_LE(map.colors[i].rgb[k], 1);
+      }
+    }
+    const auto twice = reversed(reversed(map.colors));
+    EXPECT_EQ(twice.front().rgb, map.colors.front().rgb);
+    EXPECT_EQ(reversed(map.colors).front().rgb, map.colors.back().rgb);
+  }
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,257 @@
+// The viewer without a window: events in, pictures out.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "renderer/context.h"
+#include "renderer/sampling.h"
+#include "renderer/target.h"
+#include "tests/support/test_volume.h"
+#include "viewer/viewer.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+constexpr int width = 800, height = 600;
+constexpr double long_time = 1;  // seconds: longer than any change takes
+
+const HeadlessContext* shared_context() {
+  static const auto context = HeadlessContext::create();
+  return context ? context->get() : nullptr;
+}
+
+class ViewerTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(shared_context());
+    folder = fs::temp_directory_path() / fmt::format("splatvol_viewer_{}", ::getpid());
+    fs::create_directories(folder);
+    const auto points = test::random_points(3000, 1);
+    std::vector<double> heat, wind;
+    for (const dvec3& p : points) heat.push_back(p.x), wind.push_back(glm::length(p - 0.5));
+    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {heat, wind}), path("v.svol")));
+    ASSERT_TRUE(target.resize(width, height));
+    ViewerOptions options;
+    options.volume = path("v.svol");
+    auto made = Viewer::create(options);
+    ASSERT_TRUE(made) << made.error().message;
+    viewer = std::move(*made);
+    frame({WindowResized{width, height, width, height, 1}});
+  }
+  void TearDown() override {
+    viewer.reset();
+    fs::remove_all(folder);
+  }
+
+  std::string path(const std::string& name) const { return (folder / name).string(); }
+
+  void frame(std::vector<Event> events, double seconds = long_time) {
+    target.use();
+    const Status status = viewer->frame({seconds, std::move(events)});
+    ASSERT_TRUE(status) << status.error().message;
+  }
+  void settle() {
+    int frames = 0;
+    do {
+      frame({});
+      ASSERT_LT(++frames, 100000);
+    } while (!viewer->is_settled());
+  }
+  void press(int code) {
+    frame({KeyChanged{code, true}});
+    frame({KeyChanged{code, false}});
+  }
+  void click(double x, double y) {
+    frame({PointerMoved{x, y}});
+    frame({});  // the interface finds out what is under it a frame later
+    frame({ButtonChanged{0, true}});
+    frame({ButtonChanged{0, false}});
+  }
+  Image screen() {
+    target.use();
+    return read_framebuffer(width, height).value();
+  }
+  const Scene& scene() const { return viewer->session()->scene; }
+
+  // Of the picture alone.
+  static double brightness(const Image& image) {
+    double sum = 0;
+    for (const vec4& pixel : image.pixels) sum += static_cast<double>(pixel.r + pixel.g + pixel.b);
+    return sum;
+  }
+
+  fs::path folder;
+  Target target;
+  std::unique_ptr<Viewer> viewer;
+};
+
+TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
+  settle();
+  const Image shown = viewer->session()->image().value();
+  EXPECT_GT(brightness(shown), 0);
+  EXPECT_EQ(viewer->session()->tolerance_shown(), viewer->session()->settings.tolerance);
+  EXPECT_TRUE(viewer->session()->frame()->progress.complete);
+
+  // The saved scene, drawn by request as svrender does.
+  std::ofstream(path("scene.json")) << scene_to_json(scene());
+  const Scene saved = load_scene(path("scene.json")).value();
+  const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
+  const auto renderer = Renderer::create(KernelKind::moments).value();
+  ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->value_offset()));
+  const View view = make_view(saved.camera, saved.width, saved.height).value();
+  const auto splats = streamer->request(view, saved.transfer_function, {1.0, {}}).value();
+  ASSERT_TRUE(renderer->set_splats(splats->data, splats->batches));
+  ASSERT_TRUE(renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail)));
+  const auto difference = compare_images(shown, renderer->read_image().value()).value();
+  EXPECT_EQ(difference.max, 0);
+}
+
+TEST_F(ViewerTest, RestsWhenNothingHappens) {
+  settle();
+  const std::uint64_t serial = viewer->session()->frame()->serial;
+  const Image before = screen();
+  frame({});
+  EXPECT_TRUE(viewer->is_settled());
+  EXPECT_EQ(viewer->session()->frame()->serial, serial);
+  EXPECT_EQ(compare_images(before, screen())->max, 0);
+}
+
+TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
+  settle();
+  const Camera before = scene().camera;
+  frame({PointerMoved{600, 300}});
+  frame({});
+  frame({ButtonChanged{0, true}});
+  frame({PointerMoved{660, 320}});
+  frame({ButtonChanged{0, false}});
+  EXPECT_NE(scene().camera.position, before.position);
+  const Camera turned = scene().camera;
+  // Over the panel the same drag is not the camera's.
+  frame({PointerMoved{100, 500}});
+  frame({});
+  frame({ButtonChanged{0, true}});
+  frame({PointerMoved{160, 520}});
+  frame({ButtonChanged{0, false}});
+  EXPECT_EQ(scene().camera.position, turned.position);
+  press('R');
+  EXPECT_EQ(scene().camera.position, before.position);
+}
+
+TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
+  settle();
+  const std::uint64_t fine = viewer->session()->frame()->splats;
+  frame({PointerMoved{600, 300}}, 0.01);
+  frame({ButtonChanged{0, true}}, 0.01);
+  frame({PointerMoved{620, 300}}, 0.01);
+  EXPECT_FALSE(viewer->is_settled());
+  EXPECT_GE(viewer->session()->tolerance_shown(), 4);
+  EXPECT_LT(viewer->session()->frame()->splats, fine);
+  frame({ButtonChanged{0, false}}, 0.01);
+  settle();
+  EXPECT_EQ(viewer->session()->tolerance_shown(), viewer->session()->settings.tolerance);
+}
+
+TEST_F(ViewerTest, KeysChangeWhatTheySay) {
+  press('P');
+  EXPECT_EQ(scene().camera.projection, Camera::Projection::orthographic);
+  press('L');
+  EXPECT_TRUE(scene().lighting);
+  press('1');
+  EXPECT_LT(glm::length(axes_of(scene().camera).forward - dvec3(-1, 0, 0)), 1e-12);
+  settle();
+  const Image with_panel = screen();
+  press(key::tab);
+  settle();
+  EXPECT_EQ(scene().width, width);  // the picture has all of the window now
+  EXPECT_GT(compare_images(with_panel, screen())->max, 0);
+  EXPECT_FALSE(viewer->wants_to_close());
+  frame({KeyChanged{key::left_control, true}});
+  press('Q');
+  EXPECT_TRUE(viewer->wants_to_close());
+}
+
+TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
+  settle();
+  Scene other = scene();
+  other.camera.position += dvec3(1, 0, 0);
+  std::ofstream(path("other.json")) << scene_to_json(other);
+  frame({FilesDropped{{path("other.json")}}});
+  EXPECT_EQ(scene().camera.position, other.camera.position);
+  fs::copy_file(path("v.svol"), path("w.svol"));
+  frame({FilesDropped{{path("w.svol")}}});
+  EXPECT_EQ(viewer->session()->path(), path("w.svol"));
+  // What is no volume changes nothing.
+  std::ofstream(path("text.svol")) << "text";
+  frame({FilesDropped{{path("text.svol")}}});
+  EXPECT_EQ(viewer->session()->path(), path("w.svol"));
+  settle();
+}
+
+TEST_F(ViewerTest, ExplainsEmptyPictures) {
+  settle();
+  EXPECT_EQ(viewer->session()->explain(), "");
+  Scene away = scene();
+  away.camera.focal_point = away.camera.position + (away.camera.position - away.camera.focal_point);
+  std::ofstream(path("away.json")) << scene_to_json(away);
+  frame({FilesDropped{{path("away.json")}}});
+  settle();
+  EXPECT_THAT(viewer->session()->explain(), HasSubstr("outside of the view"));
+  Scene clear = viewer->session()->first_scene();
+  for (auto& density : clear.transfer_function.densities) density.extinction = 0;
+  std::ofstream(path("clear.json")) << scene_to_json(clear);
+  frame({FilesDropped{{path("clear.json")}}});
+  settle();
+  EXPECT_THAT(viewer->session()->explain(), HasSubstr("hides every value"));
+}
+
+TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
+  settle();
+  const TransferFunction before = scene().transfer_function;
+  // Adds a control point in the editor's area and draws it up.
+  frame({PointerMoved{170, 120}});
+  frame({});
+  frame({ButtonChanged{0, true}});
+  frame({PointerMoved{170, 70}});
+  frame({ButtonChanged{0, false}});
+  const TransferFunction& after = scene().transfer_function;
+  ASSERT_EQ(after.densities.size(), before.densities.size() + 1);
+  EXPECT_GT(after.extinction(0.5 * (after.lo + after.hi)), before.extinction(0.5 * (before.lo + before.hi)));
+  settle();
+}
+
+TEST_F(ViewerTest, SurvivesBeingMinimisedAndTiny) {
+  frame({WindowResized{0, 0, 0, 0, 1}});
+  frame({WindowResized{20, 10, 20, 10, 1}});
+  frame({WindowResized{width, height, width, height, 2}});
+  settle();
+  EXPECT_GT(brightness(viewer->session()->image().value()), 0);
+}
+
+TEST_F(ViewerTest, AHighDensityDisplayGetsItsPixels) {
+  frame({WindowResized{width / 2, height / 2, width, height, 1}});
+  settle();
+  EXPECT_EQ(scene().height, height);
+}
+
+TEST(ViewerAlone, SaysThatThereIsNoFile) {
+  ASSERT_TRUE(shared_context());
+  Target target;
+  ASSERT_TRUE(target.resize(width, height));
+  auto viewer = Viewer::create({}).value();
+  target.use();
+  ASSERT_TRUE(viewer->frame({0, {WindowResized{width, height, width, height, 1}}}));
+  EXPECT_EQ(viewer->session(), nullptr);
+  ViewerOptions missing;
+  missing.volume = "no/such.svol";
+  viewer.reset();
+  EXPECT_THAT(Viewer::create(missing).error().message, HasSubstr("no/such.svol"));
+}
+
+}  // namespace
+}  // namespace splatvol
