@@ -25,6 +25,7 @@ struct Options {
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
+  bool in_window = false;
   std::string play;        // camera path
   std::string frames;      // folder for its frames
   double fps = 30;
@@ -71,40 +72,80 @@ Status look(const Options& options) {
   return recording ? recording->commit() : Status{};
 }
 
-// Frames until nothing changes any more.
-Status settle(Viewer& viewer) {
-  do SPLATVOL_TRY(viewer.frame({1, {}}));  // longer than any change lasts
-  while (!viewer.is_settled());
-  return {};
+// Where a recording is drawn: a window, or a picture in its place.
+class Stage {
+ public:
+  static Result<std::unique_ptr<Stage>> create(bool in_window, const WindowResized& size) {
+    auto stage = std::make_unique<Stage>();
+    if (in_window) {
+      SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
+      stage->window_ = std::move(window);
+      return stage;
+    }
+    SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+    stage->context_ = std::move(context);
+    stage->target_.emplace();
+    return stage;
+  }
+
+  // For a frame of that size.
+  Status begin(const WindowResized& size) {
+    if (!target_) return {};
+    SPLATVOL_TRY(target_->resize(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
+    target_->use();
+    return {};
+  }
+  void end() {
+    if (!window_) return;
+    window_->swap();
+    static_cast<void>(window_->take_input(0));  // the recording's events are the ones that count
+  }
+
+ private:
+  std::unique_ptr<HeadlessContext> context_;
+  std::unique_ptr<Window> window_;
+  std::optional<Target> target_;
+};
+
+const WindowResized* last_size(const FrameInput& input) {
+  const WindowResized* size = nullptr;
+  for (const Event& event : input.events)
+    if (const auto* resized = std::get_if<WindowResized>(&event)) size = resized;
+  return size;
 }
 
-// What the window shows after a recording, without one.
+// What a recording leads to, once everything has come to rest.
 Status replay(const Options& options) {
-  SPLATVOL_TRY_ASSIGN(size, window_size(options));
-  std::vector<FrameInput> inputs = {{frame_seconds, {size}}};
+  std::vector<FrameInput> inputs;
   if (!options.replay.empty()) {
     SPLATVOL_TRY_ASSIGN(recorded, load_recording(options.replay));
-    inputs.insert(inputs.end(), recorded.begin(), recorded.end());
+    inputs = std::move(recorded);
+  }
+  if (inputs.empty() || !last_size(inputs.front())) {
+    SPLATVOL_TRY_ASSIGN(size, window_size(options));
+    inputs.insert(inputs.begin(), {frame_seconds, {size}});
   }
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
-  Target target;
-  const auto prepare = [&]() -> Status {
-    const WindowResized& window = viewer->window();
-    SPLATVOL_TRY(target.resize(std::max(1, window.pixel_width), std::max(1, window.pixel_height)));
-    target.use();
-    return {};
+  WindowResized size{};
+  const auto draw = [&](const FrameInput& input) -> Status {
+    if (const WindowResized* resized = last_size(input)) size = *resized;
+    SPLATVOL_TRY(stage->begin(size));
+    return viewer->frame(input);
   };
-  SPLATVOL_TRY(target.resize(size.pixel_width, size.pixel_height));
-  target.use();
   for (const FrameInput& input : inputs) {
-    SPLATVOL_TRY(viewer->frame(input));
-    SPLATVOL_TRY(prepare());
+    SPLATVOL_TRY(draw(input));
+    stage->end();
   }
-  SPLATVOL_TRY(settle(*viewer));
+  // Longer steps than any change lasts.
+  SPLATVOL_TRY(draw({1, {}}));
+  while (!viewer->is_settled()) {
+    stage->end();
+    SPLATVOL_TRY(draw({1, {}}));
+  }
   if (options.screenshot.empty()) return {};
-  SPLATVOL_TRY_ASSIGN(image, read_framebuffer(target.width(), target.height()));
+  SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
   return write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}});
 }
 
@@ -162,13 +203,14 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
   auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
-  auto* replayed = app.add_option("--replay", options.replay, "Do what a recording says, without a window");
+  auto* replayed = app.add_option("--replay", options.replay, "Do what a recording says, without a window; then end");
   auto* screenshot =
       app.add_option("--screenshot", options.screenshot,
                      "Write what the window shows, after --replay, into this file (.png, .exr); no window is opened")
           ->check([](const std::string& path) {
             return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
           });
+  app.add_flag("--window", options.in_window, "Replay in a window all the same");
   auto* path =
       app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));

@@ -1,0 +1,150 @@
+// svview as a user starts it: recordings, screenshots, camera paths, a real window.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+
+#include "base/file.h"
+#include "scene/image.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+struct Outcome {
+  int code;
+  std::string text;  // of stdout and stderr
+};
+
+class Svview : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder = fs::temp_directory_path() / fmt::format("splatvol_svview_{}", ::getpid());
+    fs::create_directories(folder);
+    const auto points = test::random_points(3000, 1);
+    std::vector<double> values;
+    for (const dvec3& p : points) values.push_back(p.x);
+    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
+    // Turns, zooms, hides the numbers, which tell times.
+    write("r.jsonl",
+          R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
+          "\n"
+          R"({"seconds":0.1,"events":[["button",0,true],["pointer",540,230],["button",0,false]]})"
+          "\n"
+          R"({"seconds":0.1,"events":[["scroll",0,2],["key",72,true],["key",72,false]]})"
+          "\n"
+          R"({"seconds":0.1,"events":[["pointer",350,400]]})"
+          "\n");
+  }
+  ~Svview() override { fs::remove_all(folder); }
+
+  std::string path(const std::string& name) const { return (folder / name).string(); }
+  void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
+
+  Outcome run(const std::string& arguments, const std::string& environment = "env -u DISPLAY -u WAYLAND_DISPLAY") const {
+    const std::string command =
+        environment + " " SPLATVOL_BIN "/svview " + arguments + " > " + path("text") + " 2>&1 < /dev/null";
+    const int status = std::system(command.c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(path("text"))};
+  }
+
+  fs::path folder;
+};
+
+TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
+  const Outcome first = run(path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot " + path("a.exr"));
+  ASSERT_EQ(first.code, 0) << first.text;
+  EXPECT_EQ(first.text, "");
+  ASSERT_EQ(run(path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot " + path("b.exr")).code, 0);
+  ASSERT_EQ(run(path("v.svol") + " --size 640x480 --screenshot " + path("c.exr")).code, 0);
+  const Image a = *read_exr(path("a.exr"));
+  EXPECT_EQ(a.width, 640);
+  EXPECT_EQ(a.height, 480);
+  EXPECT_EQ(compare_images(a, *read_exr(path("b.exr")))->max, 0);       // the same again
+  EXPECT_GT(compare_images(a, *read_exr(path("c.exr")))->rmse, 0.005);  // and not what it began with
+}
+
+TEST_F(Svview, DrawsACameraPath) {
+  write("path.json", R"({"seconds": 0.5, "cameras": [
+    {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30},
+    {"position": [4, 0.5, 0.5], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
+  fs::create_directories(path("frames"));
+  const Outcome outcome = run(path("v.svol") + " --play " + path("path.json") + " --frames " + path("frames") +
+                              " --fps 10 --size 64x48");
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  EXPECT_EQ(std::distance(fs::directory_iterator(path("frames")), {}), 5);
+  EXPECT_TRUE(fs::exists(path("frames/frame-00004.png")));
+}
+
+TEST_F(Svview, SaysWhatIsWrong) {
+  const auto refuses = [&](const std::string& arguments, int code, const std::string& reason) {
+    const Outcome outcome = run(arguments);
+    EXPECT_EQ(outcome.code, code) << arguments << "\n" << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr(reason)) << arguments;
+  };
+  write("bad.jsonl", "[]\n");
+  refuses("none.svol --screenshot " + path("a.png"), 1, "none.svol");
+  refuses(path("v.svol") + " --replay " + path("bad.jsonl"), 1, "bad.jsonl:1");
+  refuses(path("v.svol") + " --screenshot " + path("a.txt"), 2, "a.txt");
+  refuses(path("v.svol") + " --size 0x5", 2, "0x5");
+  refuses(path("v.svol") + " --play " + path("none.json") + " --frames " + path("."), 1, "none.json");
+  refuses(path("v.svol"), 1, "no window");  // without a display
+  EXPECT_FALSE(fs::exists(path("a.png")));
+}
+
+// A display server without a screen, for as long as it lives.
+class Xvfb {
+ public:
+  Xvfb() {
+    int ends[2];
+    if (::pipe(ends) != 0) return;
+    process_ = ::fork();
+    if (process_ == 0) {
+      const int null = ::open("/dev/null", O_RDWR);
+      ::dup2(null, 1);
+      ::dup2(null, 2);
+      const std::string write_end = std::to_string(ends[1]);
+      ::execlp("Xvfb", "Xvfb", "-displayfd", write_end.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp", nullptr);
+      ::_exit(127);
+    }
+    ::close(ends[1]);
+    std::string number;
+    for (char c; ::read(ends[0], &c, 1) == 1 && c != '\n';) number += c;
+    ::close(ends[0]);
+    if (!number.empty()) display_ = ":" + number;
+  }
+  ~Xvfb() {
+    ::kill(process_, SIGTERM);
+    ::waitpid(process_, nullptr, 0);
+  }
+  Xvfb(const Xvfb&) = delete;
+  Xvfb& operator=(const Xvfb&) = delete;
+
+  [[nodiscard]] const std::string& display() const { return display_; }  // empty: there is none
+
+ private:
+  pid_t process_ = -1;
+  std::string display_;
+};
+
+TEST_F(Svview, AWindowShowsWhatIsShownWithoutOne) {
+  const Xvfb server;
+  if (server.display().empty()) GTEST_SKIP() << "no Xvfb on this machine (package xvfb)";
+  const std::string options = path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot ";
+  const Outcome in_window = run(options + path("w.exr") + " --window", "env -u WAYLAND_DISPLAY DISPLAY=" + server.display());
+  ASSERT_EQ(in_window.code, 0) << in_window.text;
+  ASSERT_EQ(run(options + path("a.exr")).code, 0);
+  // A window's pixels have 8 bits.
+  EXPECT_LT(compare_images(*read_exr(path("w.exr")), *read_exr(path("a.exr")))->max, 0.02);
+}
+
+}  // namespace
+}  // namespace splatvol
