@@ -1,6 +1,7 @@
 // svview: a .svol file in a window.
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "base/file.h"
@@ -25,9 +26,10 @@ struct Options {
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
+  std::string stats;       // file
   bool in_window = false;
-  std::string play;        // camera path
-  std::string frames;      // folder for its frames
+  std::string play;    // camera path
+  std::string frames;  // folder for its frames
   double fps = 30;
 };
 
@@ -116,6 +118,7 @@ const WindowResized* last_size(const FrameInput& input) {
 
 // What a recording leads to, once everything has come to rest.
 Status replay(const Options& options) {
+  const double start = seconds_now();
   std::vector<FrameInput> inputs;
   if (!options.replay.empty()) {
     SPLATVOL_TRY_ASSIGN(recorded, load_recording(options.replay));
@@ -134,15 +137,28 @@ Status replay(const Options& options) {
     SPLATVOL_TRY(stage->begin(size));
     return viewer->frame(input);
   };
+  std::vector<double> frames;
+  double first_picture = 0;
   for (const FrameInput& input : inputs) {
+    const double frame_start = seconds_now();
     SPLATVOL_TRY(draw(input));
+    glFinish();
+    frames.push_back(seconds_now() - frame_start);
+    if (first_picture == 0) first_picture = seconds_now() - start;
     stage->end();
   }
   // Longer steps than any change lasts.
+  const double rest_start = seconds_now();
   SPLATVOL_TRY(draw({1, {}}));
   while (!viewer->is_settled()) {
     stage->end();
     SPLATVOL_TRY(draw({1, {}}));
+  }
+  if (!options.stats.empty()) {
+    const nlohmann::ordered_json statistics = {{"first_picture_seconds", first_picture},
+                                               {"frame_seconds", frames},
+                                               {"rest_seconds", seconds_now() - rest_start}};
+    SPLATVOL_TRY(write_text_file(options.stats, statistics.dump(1) + "\n"));
   }
   if (options.screenshot.empty()) return {};
   SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
@@ -172,7 +188,8 @@ Status play(const Options& options) {
 }
 
 Status run(const Options& options) {
-  SPLATVOL_TRY(check_outputs({options.record, options.screenshot}, {options.volume, options.scene, options.replay}));
+  SPLATVOL_TRY(check_outputs({options.record, options.screenshot, options.stats},
+                             {options.volume, options.scene, options.replay}));
   if (!options.play.empty()) return play(options);
   if (!options.replay.empty() || !options.screenshot.empty()) return replay(options);
   return look(options);
@@ -210,6 +227,8 @@ int main(int argc, char** argv) {
           ->check([](const std::string& path) {
             return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
           });
+  app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
+      ->needs(replayed);
   app.add_flag("--window", options.in_window, "Replay in a window all the same");
   auto* path =
       app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");

@@ -227,6 +227,7 @@ Status Viewer::frame(const FrameInput& input) {
   if (panel_) draw_panel();
   if (help_) draw_help();
   SPLATVOL_TRY(draw_picture(input.seconds));
+  if (session_ && !session_->is_settled()) pending_frames_ = 2;
   draw_overlays();
   return gui_->draw();
 }
