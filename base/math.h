@@ -40,6 +40,8 @@ struct Box {
     low = glm::min(low, other.low);
     high = glm::max(high, other.high);
   }
+
+  [[nodiscard]] bool operator==(const Box&) const = default;
 };
 
 }  // namespace splatvol

@@ -70,6 +70,7 @@ struct Scene {
   std::string attribute;
   TransferFunction transfer_function;
   std::optional<Lighting> lighting;
+  std::optional<Box> clip_box;  // nothing outside of it is drawn
 };
 
 /// Reads a scene from JSON text; the error names the field that is missing or out of range.
@@ -96,6 +97,7 @@ struct View {
   bool orthographic = false;
   int width = 0;
   int height = 0;
+  std::optional<Box> clip_box;  // Scene's; make_view leaves it out
 
   [[nodiscard]] dvec3 to_view(dvec3 world) const {
     const dvec3 d = world - eye;
@@ -105,5 +107,8 @@ struct View {
 
 /// Fails where the camera's axes are degenerate (position equals focal point, up along the line of sight).
 [[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);
+
+/// What a scene's camera sees of it.
+[[nodiscard]] Result<View> make_view(const Scene& scene);
 
 }  // namespace splatvol

@@ -204,6 +204,13 @@ Result<Scene> read_scene(const json& document) {
     SPLATVOL_TRY_ASSIGN(background, color_at(field, "background"));
     scene.background = background;
   }
+  if (field.has("clip_box")) {
+    SPLATVOL_TRY_ASSIGN(box_field, field.member("clip_box"));
+    SPLATVOL_TRY_ASSIGN(low, vector_at(box_field, "low"));
+    SPLATVOL_TRY_ASSIGN(high, vector_at(box_field, "high"));
+    if (!(low.x < high.x && low.y < high.y && low.z < high.z)) return box_field.wrong("low is not below high");
+    scene.clip_box = Box{low, high};
+  }
   if (field.has("lighting")) {
     SPLATVOL_TRY_ASSIGN(lighting_field, field.member("lighting"));
     SPLATVOL_TRY_ASSIGN(lighting, read_lighting(lighting_field));
@@ -267,6 +274,8 @@ std::string scene_to_json(const Scene& scene) {
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+  if (scene.clip_box)
+    document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   return text_of(document);
 }
 

@@ -23,6 +23,10 @@ double Frustum::farthest(const Plane& plane, const Cube& cell) const {
 }
 
 bool Frustum::touches(const Cube& cell, double reach) const {
+  if (const auto& box = view_.clip_box) {
+    const dvec3 low = cell.origin - reach, high = cell.origin + (cell.edge + reach);
+    if (!glm::all(glm::lessThan(low, box->high)) || !glm::all(glm::greaterThan(high, box->low))) return false;
+  }
   return std::ranges::all_of(planes_, [&](const Plane& plane) { return farthest(plane, cell) + reach > 0; });
 }
 

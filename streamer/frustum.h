@@ -8,8 +8,8 @@
 
 namespace splatvol {
 
-/// The part of space in front of the eye that projects into the image, or not farther outside of it than a splat
-/// without size reaches.
+/// The part of space in front of the eye, and in the clip box where there is one, that projects into the image, or not
+/// farther outside of it than a splat without size reaches.
 class Frustum {
  public:
   /// `smallest_reach_pixels`: how far a splat without size is drawn.

@@ -46,7 +46,7 @@ std::uint64_t directory_page_bytes(const format::Volume& volume) {
 
 bool same_view(const View& a, const View& b) {
   return a.eye == b.eye && a.right == b.right && a.up == b.up && a.forward == b.forward && a.focal == b.focal &&
-         a.orthographic == b.orthographic && a.width == b.width && a.height == b.height;
+         a.orthographic == b.orthographic && a.width == b.width && a.height == b.height && a.clip_box == b.clip_box;
 }
 
 bool same_detail(const DetailOptions& a, const DetailOptions& b) {
