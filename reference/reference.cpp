@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cmath>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <vector>
 
@@ -86,7 +87,8 @@ class CellProjection {
   void draw_tiles(const std::function<void(double)>& progress);
   void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
   void gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const;
-  [[nodiscard]] vec4 integrate(const PixelRay& ray, std::vector<Segment>& segments) const;
+  [[nodiscard]] std::array<double, 2> visible_depths(const PixelRay& ray) const;
+  vec4 integrate(const PixelRay& ray, std::vector<Segment>& segments) const;
 
   const TetMesh& mesh_;
   const View& view_;
@@ -240,19 +242,44 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   }
 }
 
+/// The depths between which a ray is in front of the eye and in the clip box.
+std::array<double, 2> CellProjection::visible_depths(const PixelRay& ray) const {
+  double from = 0, to = std::numeric_limits<double>::infinity();
+  if (!view_.clip_box) return {from, to};
+  const dvec3 aside = ray.a * view_.right + ray.b * view_.up;
+  const dvec3 origin = view_.orthographic ? view_.eye + aside : view_.eye;
+  const dvec3 along = view_.orthographic ? view_.forward : view_.forward + aside;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = view_.clip_box->low[axis] - origin[axis], high = view_.clip_box->high[axis] - origin[axis];
+    if (along[axis] == 0) {
+      if (low > 0 || high < 0) to = 0;
+      continue;
+    }
+    const auto [first, last] = std::minmax({low / along[axis], high / along[axis]});
+    from = std::max(from, first);
+    to = std::min(to, last);
+  }
+  return {from, to};
+}
+
 vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segments) const {
   std::ranges::sort(segments, [](const Segment& a, const Segment& b) {
     return a.enter != b.enter ? a.enter < b.enter : a.leave < b.leave;
   });
   const double world_per_depth = view_.orthographic ? 1 : std::sqrt(1 + ray.a * ray.a + ray.b * ray.b);
+  const auto [from, to] = visible_depths(ray);
   RayLight light;
   for (const Segment& segment : segments) {
-    // The part behind the eye is cut off here and not before, so that the order is that of the whole cells.
-    const double enter = std::max(segment.enter, 0.0);
-    const double share = (enter - segment.enter) / (segment.leave - segment.enter);
-    const double value = segment.value_enter + share * (segment.value_leave - segment.value_enter);
+    // What is not visible is cut off here and not before, so that the order is that of the whole cells.
+    const double enter = std::max(segment.enter, from), leave = std::min(segment.leave, to);
+    if (!(enter < leave)) continue;
+    const auto value_at = [&](double depth) {
+      const double share = (depth - segment.enter) / (segment.leave - segment.enter);
+      return segment.value_enter + share * (segment.value_leave - segment.value_enter);
+    };
     light.lighting = segment.lighting;
-    transfer_.add(value, segment.value_leave, (segment.leave - enter) * world_per_depth, light);
+    transfer_.add(value_at(enter), leave == segment.leave ? segment.value_leave : value_at(leave),
+                  (leave - enter) * world_per_depth, light);
   }
   return light.rgba();
 }
@@ -262,7 +289,7 @@ vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segmen
 Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                           const ReferenceOptions& options) try {
   SPLATVOL_TRY(check_mesh(mesh));
-  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   const int machine_threads = tbb::info::default_concurrency();
   tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, machine_threads) : machine_threads);
   return arena.execute([&] { return CellProjection(mesh, view, scene).render(options.progress); });

@@ -43,4 +43,10 @@ Result<View> make_view(const Camera& camera, int width, int height) {
   return view;
 }
 
+Result<View> make_view(const Scene& scene) {
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
+  view.clip_box = scene.clip_box;
+  return view;
+}
+
 }  // namespace splatvol

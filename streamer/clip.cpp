@@ -96,10 +96,8 @@ bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& spla
   m.value_deviation = std::sqrt(value_variance);
   m.covariance -= lost * with_value / variance * with;
   for (int k = 0; k < 3; ++k)
-    m.deviations[k] =
-        std::sqrt(std::max(0.0, m.deviations[k] * m.deviations[k] - lost * with[k] * with[k] / variance));
-  if (splat.boundary == 0 && share < softest)
-    splat.boundary = boundary_at(m, normal, distance - mean * deviation);
+    m.deviations[k] = std::sqrt(std::max(0.0, m.deviations[k] * m.deviations[k] - lost * with[k] * with[k] / variance));
+  if (splat.boundary == 0 && share < softest) splat.boundary = boundary_at(m, normal, distance - mean * deviation);
   return true;
 }
 

@@ -1,12 +1,15 @@
 #include "streamer/streamer.h"
 
 #include <fmt/ranges.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
+
+#include "streamer/clip.h"
 
 namespace splatvol {
 namespace {
@@ -37,6 +40,18 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
   for (const PointRange& range : cut.ranges)
     if (range.count > 0) jobs += range.count / info.points_per_chunk + 2;
   return cut.memory_bytes() + cut.splats * splat_bytes(kernel) + cut.items.size() * item_bytes + jobs * sizeof(CopyJob);
+}
+
+void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArray& array) {
+  tbb::parallel_for(std::size_t{0}, cut.items.size(), [&](std::size_t i) {
+    const std::uint64_t begin = i > 0 ? plan.item_ends[i - 1] : 0;
+    const dvec3 origin = cut.items[i].cell.origin + 0.5 * cut.items[i].cell.edge;
+    const std::uint64_t count = plan.item_ends[i] - begin;
+    if (std::holds_alternative<std::span<const MomentsSplat>>(array.splats()))
+      clip(array.as<MomentsSplat>().subspan(begin, count), origin, box);
+    else
+      clip(array.as<OctantSplat>().subspan(begin, count), origin, box);
+  });
 }
 
 std::uint64_t directory_page_bytes(const format::Volume& volume) {
@@ -72,6 +87,7 @@ struct Streamer::Frame {
   FadingCut fading;
   std::vector<std::uint32_t> items;  // [batch]: of the cut
   ValueVisibility visibility;
+  std::optional<Box> clip_box;
   Reservation reservation;
   SplatArray array;
   FrameSplats splats;
@@ -136,6 +152,7 @@ std::uint64_t Streamer::frame_limit() const {
 Result<const FrameSplats*> Streamer::request(const View& view, const TransferFunction& function,
                                              const DetailOptions& detail) {
   SPLATVOL_TRY(check_detail(detail));
+  clip_box_ = view.clip_box;
   aim_.reset();
   pager_.reset();
   coarsest_frame_.reset();
@@ -150,8 +167,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
     return tl::unexpected(choice.error());
   }
 
-  const bool same =
-      frame_ && frame_->fading.cut == choice->cut && frame_->fading.fades.empty() && frame_->visibility == visibility;
+  const bool same = shows(visibility) && frame_->fading.cut == choice->cut && frame_->fading.fades.empty();
   if (!same) {
     const auto fetch_start = std::chrono::steady_clock::now();
     SPLATVOL_TRY(fetch(std::move(choice->cut), visibility));
@@ -236,10 +252,16 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   return assemble({{}, std::move(cut), {}, {}}, visibility, std::move(*reservation));
 }
 
+// Whether the frame has been made for the same values and the same part of space.
+bool Streamer::shows(const ValueVisibility& visibility) const {
+  return frame_ && frame_->visibility == visibility && frame_->clip_box == clip_box_;
+}
+
 Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation) {
   const Cut& cut = fading.cut;
   SPLATVOL_TRY_ASSIGN(plan, gatherer_->plan(cut, visibility));
   SPLATVOL_TRY_ASSIGN(array, gatherer_->gather(cut, plan));
+  if (clip_box_) clip_items(cut, plan, *clip_box_, array);
 
   FrameSplats splats;
   splats.data = array.splats();
@@ -261,8 +283,8 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
     }
     begin += count;
   }
-  frame_ = std::make_unique<Frame>(Frame{std::move(fading), std::move(items), visibility, std::move(reservation),
-                                         std::move(array), std::move(splats)});
+  frame_ = std::make_unique<Frame>(Frame{std::move(fading), std::move(items), visibility, clip_box_,
+                                         std::move(reservation), std::move(array), std::move(splats)});
   return {};
 }
 
@@ -288,6 +310,7 @@ Status Streamer::start_paging() {
 Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
                                              const DetailOptions& detail, double wait_seconds, double change) {
   SPLATVOL_TRY(check_detail(detail));
+  clip_box_ = view.clip_box;
   if (!(change > 0 && change <= 1)) return fail(ErrorCode::invalid_argument, "{} is no share of a change", change);
   const auto start = std::chrono::steady_clock::now();
   const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
@@ -437,7 +460,7 @@ Status Streamer::show_resident(double change) {
   DetailOptions detail = aim_->choice.detail;
   auto cut = choose_resident(detail);
   if (!cut) return tl::unexpected(cut.error());
-  const bool same_values = frame_ && frame_->visibility == aim_->visibility;
+  const bool same_values = shows(aim_->visibility);
   FadingCut fading{aim_->view, std::move(*cut), {}, {}};
   if (same_values) {
     const FadeOptions options{change, fading_splats(fading.cut)};

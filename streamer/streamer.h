@@ -157,6 +157,7 @@ class Streamer {
                                                       const DetailOptions& detail, bool paging);
   [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
+  [[nodiscard]] bool shows(const ValueVisibility& visibility) const;
   [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
 
   [[nodiscard]] Status start_paging();
@@ -183,6 +184,7 @@ class Streamer {
   std::unique_ptr<Aim> aim_;
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when all else is taken
   std::unique_ptr<Frame> frame_;
+  std::optional<Box> clip_box_;  // of the view that is asked for
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;
   double fetch_seconds_ = 0;

@@ -340,7 +340,7 @@ Status render(const Options& options) {
   if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
     return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
-  const auto view = make_view(scene.camera, scene.width, scene.height);
+  const auto view = make_view(scene);
   if (!view) return fail_in(options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare(options, scene));
 

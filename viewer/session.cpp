@@ -176,7 +176,8 @@ Status Session::apply(const View& view) {
   if (scene.lighting != used_scene_.lighting) renderer_->set_lighting(scene.lighting);
   const bool other_size = view.width != view_.width || view.height != view_.height;
   if (other_file || other_function || other_size || !same_camera(scene.camera, used_scene_.camera) ||
-      scene.lighting != used_scene_.lighting || settings.tolerance != used_settings_.tolerance) {
+      scene.lighting != used_scene_.lighting || scene.clip_box != used_scene_.clip_box ||
+      settings.tolerance != used_settings_.tolerance) {
     still_seconds_ = 0;
     settled_ = false;
   }
@@ -189,7 +190,7 @@ Status Session::apply(const View& view) {
 Status Session::draw(int width, int height, double seconds) {
   scene.width = width;
   scene.height = height;
-  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, width, height));
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   still_seconds_ += seconds;
   SPLATVOL_TRY(apply(view));
   if (settled_) return {};
@@ -236,6 +237,11 @@ std::string Session::explain() const {
   const auto& a = attribute();
   if (!visibility.shows(static_cast<float>(a.min - a.offset), static_cast<float>(a.max - a.offset), ~std::uint64_t{0}))
     return "The transfer function hides every value: raise the opacity, or widen its range.";
+  if (const auto& box = used_scene_.clip_box) {
+    const bool apart =
+        glm::any(glm::greaterThan(box->low, bounds_.high)) || glm::any(glm::lessThan(box->high, bounds_.low));
+    if (apart) return "The clip box excludes all of the data.";
+  }
   if (frame_->splats == 0 && frame_->progress.settled) return "The transfer function hides every value in view.";
   return {};
 }

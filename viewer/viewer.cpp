@@ -329,6 +329,19 @@ void Viewer::draw_view_section() {
       ImGui::SameLine();
     }
   ImGui::NewLine();
+  bool clipped = scene.clip_box.has_value();
+  if (ImGui::Checkbox("clip box", &clipped))
+    scene.clip_box = clipped ? std::optional(session_->bounds()) : std::nullopt;
+  for (int axis = 0; scene.clip_box && axis < 3; ++axis) {
+    const Box& bounds = session_->bounds();
+    double range[2] = {scene.clip_box->low[axis], scene.clip_box->high[axis]};
+    const double span = bounds.high[axis] - bounds.low[axis];
+    const std::string name(1, "xyz"[axis]);
+    if (ImGui::DragScalarN(name.c_str(), ImGuiDataType_Double, range, 2, static_cast<float>(span / 200), nullptr,
+                           nullptr, "%.4g") &&
+        range[0] < range[1])
+      scene.clip_box->low[axis] = range[0], scene.clip_box->high[axis] = range[1];
+  }
   ImGui::Checkbox("axes", &axes_);
   ImGui::SameLine();
   ImGui::Checkbox("box", &box_);
@@ -454,6 +467,7 @@ void Viewer::draw_overlays() {
   const View& view = session_->view();
   if (cut_ && session_->frame()) draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), place());
   if (box_) draw_box(view, session_->bounds(), {230, 230, 230}, place());
+  if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, place());
   if (axes_) draw_axes(view, place());
   if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), place());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, place());

@@ -33,6 +33,30 @@ TEST(Slab, RaysInsideFacesEdgesAndVerticesCountOnce) {
   }
 }
 
+// Transmittances of what is in and beyond a face multiply to that of the whole, whatever the direction of the rays.
+TEST(Slab, AClipBoxCutsRaysWhereItsFacesAre) {
+  const Mesh mesh = make_box(4, constant);
+  Scene scene = make_scene(slab_extinction, 40, 30);
+  look(scene, {1.7, 2.1, 2.9}, dvec3(0.5));
+  const Image whole = render(mesh, scene).image;
+  for (int axis = 0; axis < 3; ++axis) {
+    Box low{dvec3(-1), dvec3(2)}, high{dvec3(-1), dvec3(2)};
+    low.high[axis] = high.low[axis] = 0.37;
+    scene.clip_box = low;
+    const Image first = render(mesh, scene).image;
+    scene.clip_box = high;
+    const Image second = render(mesh, scene).image;
+    double largest = 0;
+    for (std::size_t i = 0; i < whole.pixels.size(); ++i) {
+      EXPECT_NEAR((1 - first.pixels[i].a) * (1 - second.pixels[i].a), 1 - whole.pixels[i].a, exact);
+      largest = std::max(largest, static_cast<double>(first.pixels[i].a));
+    }
+    EXPECT_GT(largest, 0.3);
+  }
+  scene.clip_box = Box{dvec3(-2), dvec3(-1)};
+  for (const vec4& pixel : render(mesh, scene).image.pixels) EXPECT_EQ(pixel.a, 0);
+}
+
 TEST(Slab, RaysOnTheOuterFacesCountOnceOrNotAtAll) {
   const Mesh mesh = make_box(4, constant);
   Scene scene = make_scene(slab_extinction, 17, 17);

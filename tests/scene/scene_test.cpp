@@ -39,6 +39,21 @@ std::string error_of(const std::string& text) {
   return scene ? "accepted" : scene.error().message;
 }
 
+TEST(ParseScene, ReadsWhatItWrites) {
+  Scene scene = parse_scene(valid_scene().dump()).value();
+  EXPECT_FALSE(scene.clip_box);
+  scene.clip_box = Box{{-1, 0.1, 2}, {1, 0.2, 1e7}};
+  scene.lighting = Lighting{0.25, 2};
+  const auto again = parse_scene(scene_to_json(scene));
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(again->clip_box, scene.clip_box);
+  EXPECT_EQ(scene_to_json(*again), scene_to_json(scene));
+  EXPECT_EQ(make_view(*again)->clip_box, scene.clip_box);
+  const auto camera = parse_camera(camera_to_json(scene.camera));
+  ASSERT_TRUE(camera);
+  EXPECT_EQ(camera->position, scene.camera.position);
+}
+
 TEST(ParseScene, ReadsEveryField) {
   json text = valid_scene();
   text["background"] = {0.1, 0.2, 0.3};
@@ -125,6 +140,9 @@ TEST(ParseScene, NamesTheWrongField) {
   refuses("/attribute", 1, "attribute");
   refuses("/background", {0, 0, -0.1}, "background");
   refuses("/background", "black", "background");
+  refuses("/clip_box", json(1), "clip_box");
+  refuses("/clip_box", {{"low", {0, 0, 0}}}, "clip_box.high");
+  refuses("/clip_box", {{"low", {0, 0, 0}}, {"high", {1, 0, 1}}}, "clip_box");
   for (const json& lighting : {json(1), json("true"), json(nullptr), json::array({0.3, 0.7})})
     refuses("/lighting", lighting, "lighting");
   refuses("/lighting", json::object(), "lighting.ambient");

@@ -208,6 +208,12 @@ TEST_F(ViewerTest, ExplainsEmptyPictures) {
   frame({FilesDropped{{path("clear.json")}}});
   settle();
   EXPECT_THAT(viewer->session()->explain(), HasSubstr("hides every value"));
+  Scene clipped = viewer->session()->first_scene();
+  clipped.clip_box = Box{dvec3(5), dvec3(6)};
+  std::ofstream(path("clipped.json")) << scene_to_json(clipped);
+  frame({FilesDropped{{path("clipped.json")}}});
+  settle();
+  EXPECT_THAT(viewer->session()->explain(), HasSubstr("clip box excludes"));
 }
 
 TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
