@@ -155,18 +155,20 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
   return Connection{used};
 }
 
-// Runs all points through the pass: batches are read and taken in order, what lies between does not depend on order.
-Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, std::size_t attributes,
+// Runs all points through the pass: batches are read, taken and written in order, what lies between does not depend on
+// order.
+Status reduce(Batches& batches, ReductionPass& pass, RowStreams& rows, std::uint64_t points, std::size_t attributes,
               const BuildProgress& progress) {
   struct Item {
     PointBatch batch;
     ReducedBatch reduced;
+    std::vector<RowStreams::Chunk> chunks;
   };
   constexpr std::size_t items_in_flight = 8;
   std::vector<std::unique_ptr<Item>> spare;  // the last used, whose memory is still in a cache, first
   tbb::spin_mutex spare_mutex;
   for (std::size_t i = 0; i < items_in_flight; ++i)
-    spare.push_back(std::make_unique<Item>(Item{{}, ReducedBatch(attributes)}));
+    spare.push_back(std::make_unique<Item>(Item{{}, ReducedBatch(attributes), {}}));
   const auto take_spare = [&] {
     const tbb::spin_mutex::scoped_lock lock(spare_mutex);
     Item* item = spare.back().release();
@@ -177,7 +179,7 @@ Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, std::
     const tbb::spin_mutex::scoped_lock lock(spare_mutex);
     spare.emplace_back(item);
   };
-  Status read, taken;
+  Status read, taken, written;
   std::atomic<bool> failed = false;
   tbb::parallel_pipeline(
       items_in_flight,
@@ -193,17 +195,28 @@ Status reduce(Batches& batches, ReductionPass& pass, std::uint64_t points, std::
         batches.estimate(item->batch);
         pass.reduce(item->batch, item->reduced);
         return item;
+      }) & tbb::make_filter<Item*, Item*>(tbb::filter_mode::serial_in_order, [&](Item* item) {
+        if (failed) return item;
+        const PointBatch& batch = item->batch;
+        taken = pass.take(batch, item->reduced);
+        if (!taken) failed = true;
+        rows.take_complete(item->chunks);
+        progress("reducing", static_cast<double>(batch.first + batch.size()) / static_cast<double>(points));
+        return item;
+      }) & tbb::make_filter<Item*, Item*>(tbb::filter_mode::parallel, [&](Item* item) {
+        if (!failed)
+          for (RowStreams::Chunk& chunk : item->chunks) rows.pack(chunk);
+        return item;
       }) & tbb::make_filter<Item*, void>(tbb::filter_mode::serial_in_order, [&](Item* item) {
-        if (!failed) {
-          const PointBatch& batch = item->batch;
-          taken = pass.take(batch, item->reduced);
-          failed = !taken;
-          progress("reducing", static_cast<double>(batch.first + batch.size()) / static_cast<double>(points));
+        for (auto chunk = item->chunks.begin(); chunk != item->chunks.end() && !failed; ++chunk) {
+          written = rows.write(*chunk);
+          if (!written) failed = true;
         }
         give_back(item);
       }));
   SPLATVOL_TRY(read);
   SPLATVOL_TRY(taken);
+  SPLATVOL_TRY(written);
   return pass.finish();
 }
 
@@ -262,7 +275,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   const ReductionSettings settings{input.cube, options.leaf_points, batches.count() > coarsest_target,
                                    fits,       input.attributes,    offsets};
   ReductionPass pass(settings, rows, [&](const OpenLeaf& leaf) { return leaves.append(leaf); });
-  SPLATVOL_TRY(reduce(batches, pass, points.count(), input.attributes.size(), progress));
+  SPLATVOL_TRY(reduce(batches, pass, rows, points.count(), input.attributes.size(), progress));
 
   const std::vector<std::uint64_t> counts = pass.counts();
   progress("fitting densities", 0);

@@ -29,22 +29,33 @@ void MemberPool::put(Member* member) {
   free_.emplace_back(member);
 }
 
-void add_splat(Member& member, std::span<const double> offsets) {
-  member.splats.push_back(make_splat_row(member.point.position, member.point.error, member.moments, member.plane));
-  for (std::size_t a = 0; a < offsets.size(); ++a)
-    member.value_rows.push_back(make_value_row(member.values[a].moments, member.splats.back().shape, offsets[a]));
+void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets) {
+  for (; !members.empty(); members = members.subspan(std::min(members.size(), shapes_at_once))) {
+    const std::size_t count = std::min(members.size(), shapes_at_once);
+    std::array<const SpatialMoments*, shapes_at_once> moments{};
+    for (std::size_t m = 0; m < count; ++m) moments[m] = &members[m]->moments;
+    const auto shapes = shapes_of(std::span(moments).first(count));
+    for (std::size_t m = 0; m < count; ++m) {
+      Member& member = *members[m];
+      member.splats.push_back(
+          make_splat_row(member.point.position, member.point.error, member.moments, shapes[m], member.plane));
+      for (std::size_t a = 0; a < offsets.size(); ++a)
+        member.value_rows.push_back(make_value_row(member.values[a].moments, shapes[m], offsets[a]));
+    }
+  }
 }
 
 void Cascade::add_to_last(const Member& other, std::uint64_t parts) {
   Step& step = steps_[1];
-  Member& last = *step.entries.back().member;
+  const MemberPool::Handle& handle = step.entries.back().member;
+  Member& last = *handle;
   merge(last.moments, other.moments, dvec3(0));
   for (std::size_t a = 0; a < offsets_.size(); ++a) merge(last.values[a].moments, other.values[a].moments, dvec3(0));
   last.plane = merge_planes(std::array{last.plane, other.plane}, std::array{dvec3(0), dvec3(0)});
   const std::uint64_t number = last.splats.back().number;
   last.splats.pop_back();
   last.value_rows.resize(last.value_rows.size() - offsets_.size());
-  add_splat(last, offsets_);
+  add_splats({&handle, 1}, offsets_);
   last.splats.back().number = number;
   step.entries.back().parts += parts;
 }
@@ -53,7 +64,17 @@ void Cascade::push(std::size_t step, MemberPool::Handle member, std::uint64_t pa
   Step& at = steps_[step];
   member->splats.back().number = at.count++;
   at.entries.push_back({std::move(member), parts});
-  if (at.reduces()) close_leaves(step, false);
+}
+
+void Cascade::close_leaves(bool at_end) {
+  for (std::size_t step = 1; step < steps_.size() && steps_[step].count > 0; ++step) {
+    if (!at_end && !steps_[step].reduces()) return;
+    close_leaves(step, at_end);
+    add_splats(merged_, offsets_);
+    for (std::size_t m = 0; m < merged_.size(); ++m) push(step + 1, std::move(merged_[m]), parts_[m]);
+    merged_.clear();
+    parts_.clear();
+  }
 }
 
 // The first member's leaf is known once there are enough behind it to split any larger cell; it is whole then too, as
@@ -85,21 +106,20 @@ void Cascade::close_leaf(std::size_t step, std::size_t size, int depth) {
   }
   at.before = members.back()->key;
 
-  MemberPool::Handle merged{nullptr, {}};
   if (at.reduces() && step + 1 < max_steps) {
     const std::size_t kept =
         nearest_to_center(cube_, depth, size, [&](std::size_t m) { return members[m]->point.position; });
     merge_leaf(members, kept);
-    merged = std::move(members[kept]);
+    merged_.push_back(std::move(members[kept]));
+    parts_.push_back(size);
   }
   for (const MemberPool::Handle& member : members)
     if (member) sink_.point(step, *member);
   members.clear();
   leaf_ = std::move(members);
-  if (merged) push(step + 1, std::move(merged), size);
 }
 
-// The member that goes on gets the material of all, and its next splats.
+// The member that goes on gets the material of all.
 void Cascade::merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept) {
   Member& merged = *members[kept];
   planes_.clear();
@@ -117,11 +137,6 @@ void Cascade::merge_leaf(std::span<const MemberPool::Handle> members, std::size_
     shifts_.push_back(shift);
   }
   if (!planes_.empty()) merged.plane = merge_planes(planes_, shifts_);
-  add_splat(merged, offsets_);
-}
-
-void Cascade::finish() {
-  for (std::size_t step = 1; step < steps_.size() && steps_[step].count > 0; ++step) close_leaves(step, true);
 }
 
 std::uint64_t Cascade::first_open_leaf() const {

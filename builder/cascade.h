@@ -65,8 +65,8 @@ class MemberPool {
   std::vector<std::unique_ptr<Member>> free_;
 };
 
-/// Adds the splats of the member's next step, made from its moments. `offsets`: of the attributes.
-void add_splat(Member& member, std::span<const double> offsets);
+/// Adds the splats of the members' next steps, made from their moments. `offsets`: of the attributes.
+void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets);
 
 /// What of a leaf goes on: the point nearest to the leaf's centre (ties: the earlier). `position(i)` gives the places
 /// of `count` points.
@@ -105,11 +105,14 @@ class Cascade {
   /// The next member of step 1, its splats made; `parts` splats of the finest step are in it.
   void push(MemberPool::Handle member, std::uint64_t parts) { push(1, std::move(member), parts); }
 
+  /// Reduces what can be. Once in a while is enough, and faster than after each member.
+  void advance() { close_leaves(false); }
+
   /// Adds the material of another member to the last that was pushed; both are at the same place.
   void add_to_last(const Member& other, std::uint64_t parts);
 
   /// After the last member.
-  void finish();
+  void finish() { close_leaves(true); }
 
   /// Number of the first index leaf that can still get something.
   [[nodiscard]] std::uint64_t first_open_leaf() const;
@@ -131,6 +134,7 @@ class Cascade {
   };
 
   void push(std::size_t step, MemberPool::Handle member, std::uint64_t parts);
+  void close_leaves(bool at_end);
   void close_leaves(std::size_t step, bool at_end);
   void close_leaf(std::size_t step, std::size_t size, int depth);
   void merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept);
@@ -139,10 +143,12 @@ class Cascade {
   std::uint32_t leaf_points_;
   std::vector<double> offsets_;
   Sink sink_;
-  std::vector<Step> steps_;               // step 0 is not used
-  std::vector<MemberPool::Handle> leaf_;  // of the leaf that is being closed
-  std::vector<BoundaryPlane> planes_;     // theirs
-  std::vector<dvec3> shifts_;             // and where
+  std::vector<Step> steps_;                 // step 0 is not used
+  std::vector<MemberPool::Handle> leaf_;    // of the leaf that is being closed
+  std::vector<BoundaryPlane> planes_;       // theirs
+  std::vector<dvec3> shifts_;               // and where
+  std::vector<MemberPool::Handle> merged_;  // of the step whose leaves are being closed: what goes on
+  std::vector<std::uint64_t> parts_;        // [merged]
 };
 
 }  // namespace splatvol

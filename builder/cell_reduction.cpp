@@ -35,6 +35,7 @@ class CellReducer {
       const std::size_t first_point = result_.finest.size(), first_member = result_.members.size();
       OpenLeaf& leaf = result_.cells.emplace_back().leaf;
       for (std::size_t begin = cell.begin; begin < cell.end;) begin = reduce_leaf(begin, leaf);
+      add_splats(std::span(result_.members).subspan(first_member), settings_.offsets);
       describe(leaf, first_point, first_member);
       result_.cells.back().members_end = result_.members.size();
     }
@@ -137,7 +138,6 @@ class CellReducer {
       for (std::size_t i = begin; i < end; ++i) shifts_.push_back(shift(i));
       member.plane = merge_planes(std::span(batch_.planes).subspan(begin, end - begin), shifts_);
     }
-    add_splat(member, settings_.offsets);
     result_.parts.push_back(end - begin);
   }
 

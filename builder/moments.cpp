@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <utility>
 
@@ -100,40 +101,80 @@ void finish(ValueMoments& sums, double mass, double own) {
   sums.mean += own;
 }
 
-// Eigenvalues and, as columns, eigenvectors.
+// Numbers that belong to different matrices, side by side: what they wait for, roots and quotients, they wait for once.
+constexpr std::size_t lanes = shapes_at_once;
+using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
+using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
+
+constexpr LaneBits sign_bit = LaneBits{} + std::numeric_limits<std::int64_t>::min();
+
+inline void take_root(Lanes& x) {
+  for (std::size_t l = 0; l < lanes; ++l) x[l] = std::sqrt(x[l]);
+}
+inline Lanes magnitude(const Lanes& x) { return std::bit_cast<Lanes>(std::bit_cast<LaneBits>(x) & ~sign_bit); }
+inline bool any(const LaneBits& mask) {
+  std::int64_t all = 0;
+  for (std::size_t l = 0; l < lanes; ++l) all |= mask[l];
+  return all != 0;
+}
+
+// Symmetric matrices on their way to their eigenvalues and, as columns, eigenvectors.
 struct Decomposition {
-  std::array<double, 3> values;
-  dmat3 vectors{1};
+  Lanes diagonal[3] = {};
+  Lanes beside[3] = {};  // [k]: the entry in neither row k nor column k
+  Lanes vectors[3][3] = {};
+
+  void set(std::size_t lane, const SymmetricMatrix& m) {
+    diagonal[0][lane] = m.xx, diagonal[1][lane] = m.yy, diagonal[2][lane] = m.zz;
+    beside[0][lane] = m.yz, beside[1][lane] = m.xz, beside[2][lane] = m.xy;
+    for (const int k : {0, 1, 2}) vectors[k][k][lane] = 1;
+  }
+  [[nodiscard]] std::array<double, 3> values(std::size_t lane) const {
+    return {diagonal[0][lane], diagonal[1][lane], diagonal[2][lane]};
+  }
+  [[nodiscard]] dvec3 axis(std::size_t lane, std::size_t k) const {
+    return {vectors[k][0][lane], vectors[k][1][lane], vectors[k][2][lane]};
+  }
 };
 
-// Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow.
-Decomposition diagonalize(const SymmetricMatrix& m) {
-  constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
+// Makes the entry in row p and column q 0, unless it is already; r is the third.
+bool rotate(Decomposition& m, int p, int q, int r) {
   constexpr double epsilon = std::numeric_limits<double>::epsilon() / 4, negligible = epsilon * epsilon;
-  double a[3][3] = {{m.xx, m.xy, m.xz}, {m.xy, m.yy, m.yz}, {m.xz, m.yz, m.zz}};
-  Decomposition result;
+  Lanes& pivot = m.beside[r];
+  const LaneBits turns = pivot * pivot > negligible * magnitude(m.diagonal[p] * m.diagonal[q]);
+  if (!any(turns)) return false;
+  const Lanes rise = m.diagonal[q] - m.diagonal[p], twice = 2 * pivot;
+  Lanes hypotenuse = rise * rise + twice * twice;
+  take_root(hypotenuse);
+  const LaneBits sign = std::bit_cast<LaneBits>(rise) & sign_bit;
+  const Lanes signed_twice = std::bit_cast<Lanes>(std::bit_cast<LaneBits>(twice) ^ sign);
+  const Lanes t = turns ? signed_twice / (magnitude(rise) + hypotenuse) : Lanes{};
+  Lanes secant = 1 + t * t;
+  take_root(secant);
+  const Lanes cosine = 1 / secant, sine = t * cosine;
+  m.diagonal[p] -= t * pivot;
+  m.diagonal[q] += t * pivot;
+  pivot = turns ? Lanes{} : pivot;
+  const auto turn = [&](Lanes& a, Lanes& b) {
+    const Lanes old = a;
+    a = cosine * old - sine * b;
+    b = sine * old + cosine * b;
+  };
+  turn(m.beside[q], m.beside[p]);
+  for (int k = 0; k < 3; ++k) turn(m.vectors[p][k], m.vectors[q][k]);
+  return true;
+}
+
+// Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow. A lane does
+// not depend on the others.
+void diagonalize(Decomposition& m) {
+  constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
   bool rotated = true;
   for (int sweep = 0; rotated && sweep < sweeps; ++sweep) {
-    rotated = false;
-    for (const auto [p, q, r] : {std::array{0, 1, 2}, std::array{0, 2, 1}, std::array{1, 2, 0}}) {
-      if (a[p][q] * a[p][q] <= negligible * std::abs(a[p][p] * a[q][q])) continue;
-      rotated = true;
-      const double rise = a[q][q] - a[p][p], twice = 2 * a[p][q];
-      const double t = std::copysign(1.0, rise) * twice / (std::abs(rise) + std::sqrt(rise * rise + twice * twice));
-      const double cosine = 1 / std::sqrt(1 + t * t), sine = t * cosine;
-      a[p][p] -= t * a[p][q];
-      a[q][q] += t * a[p][q];
-      a[p][q] = a[q][p] = 0;
-      const double rp = a[r][p], rq = a[r][q];
-      a[r][p] = a[p][r] = cosine * rp - sine * rq;
-      a[r][q] = a[q][r] = sine * rp + cosine * rq;
-      const dvec3 axis = result.vectors[p];
-      result.vectors[p] = cosine * axis - sine * result.vectors[q];
-      result.vectors[q] = sine * axis + cosine * result.vectors[q];
-    }
+    rotated = rotate(m, 0, 1, 2);
+    rotated = rotate(m, 0, 2, 1) || rotated;
+    rotated = rotate(m, 1, 2, 0) || rotated;
   }
-  for (std::size_t k = 0; k < 3; ++k) result.values[k] = a[k][k];
-  return result;
 }
 
 using AxisOrder = std::array<std::uint8_t, 3>;
@@ -146,9 +187,8 @@ AxisOrder descending(const std::array<double, 3>& values) {
   return order;
 }
 
-// What turns x, y, z onto the axes in this order; the third as it makes them right-handed.
-glm::dquat orientation(const dmat3& axes, const AxisOrder& order) {
-  const dvec3 first = axes[order[0]], second = axes[order[1]];
+// What turns x and y onto these axes, and z onto the one that makes them right-handed.
+glm::dquat orientation(const dvec3& first, const dvec3& second) {
   return glm::normalize(glm::quat_cast(dmat3(first, second, glm::cross(first, second))));
 }
 
@@ -157,10 +197,32 @@ glm::dquat orientation_along_axes(const AxisOrder& order) {
     std::array<std::array<glm::dquat, 3>, 3> all{};  // [first axis][second]
     for (std::uint8_t first = 0; first < 3; ++first)
       for (std::uint8_t second = 0; second < 3; ++second)
-        if (first != second) all[first][second] = orientation(dmat3(1), {first, second, 0});
+        if (first != second) all[first][second] = orientation(dmat3(1)[first], dmat3(1)[second]);
     return all;
   }();
   return table[order[0]][order[1]];
+}
+
+bool has_extent(const SpatialMoments& moments) {
+  const SymmetricMatrix& s = moments.covariance;
+  return moments.mass > 0 && std::max({s.xx, s.yy, s.zz}) >= std::numeric_limits<double>::min();
+}
+
+// As the boxes of scattered points are, and what is nothing or a point.
+bool is_along_axes(const SpatialMoments& moments) {
+  const SymmetricMatrix& s = moments.covariance;
+  return (s.xy == 0 && s.xz == 0 && s.yz == 0) || !has_extent(moments);
+}
+
+format::SplatShape shape_along_axes(const SpatialMoments& moments) {
+  format::SplatShape shape{.mass = moments.mass};
+  if (!has_extent(moments)) return shape;
+  const SymmetricMatrix& s = moments.covariance;
+  const std::array<double, 3> squares = {s.xx, s.yy, s.zz};
+  const AxisOrder order = descending(squares);
+  for (int k = 0; k < 3; ++k) shape.deviations[k] = std::sqrt(std::max(0.0, squares[order[k]]));
+  shape.orientation = orientation_along_axes(order);
+  return shape;
 }
 
 }  // namespace
@@ -252,21 +314,34 @@ dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> value
   return gradient;
 }
 
-format::SplatShape shape_of(const SpatialMoments& moments) {
-  const SymmetricMatrix& covariance = moments.covariance;
-  const double scale = std::max({covariance.xx, covariance.yy, covariance.zz});
-  if (!(moments.mass > 0) || !(scale >= std::numeric_limits<double>::min())) return {.mass = moments.mass};
+std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
+  std::array<format::SplatShape, shapes_at_once> shapes;
+  std::array<double, shapes_at_once> scales{};  // 0: done
+  Decomposition axes;
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    const SymmetricMatrix& s = moments[l]->covariance;
+    if (is_along_axes(*moments[l])) {
+      shapes[l] = shape_along_axes(*moments[l]);
+    } else {
+      scales[l] = std::max({s.xx, s.yy, s.zz});
+      axes.set(l, 1 / scales[l] * s);
+    }
+  }
+  diagonalize(axes);
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    if (scales[l] == 0) continue;
+    const std::array<double, 3> values = axes.values(l);
+    const AxisOrder order = descending(values);
+    shapes[l].mass = moments[l]->mass;
+    for (int k = 0; k < 3; ++k)
+      shapes[l].deviations[k] = std::sqrt(std::max(0.0, values[order[k]])) * std::sqrt(scales[l]);
+    shapes[l].orientation = orientation(axes.axis(l, order[0]), axes.axis(l, order[1]));
+  }
+  return shapes;
+}
 
-  const bool along_axes = covariance.xy == 0 && covariance.xz == 0 && covariance.yz == 0;
-  const SymmetricMatrix scaled = 1 / scale * covariance;
-  const Decomposition axes =
-      along_axes ? Decomposition{{scaled.xx, scaled.yy, scaled.zz}, dmat3(1)} : diagonalize(scaled);
-  const AxisOrder order = descending(axes.values);
-  format::SplatShape shape{.mass = moments.mass};
-  for (std::size_t k = 0; k < 3; ++k)
-    shape.deviations[static_cast<int>(k)] = std::sqrt(std::max(0.0, axes.values[order[k]])) * std::sqrt(scale);
-  shape.orientation = along_axes ? orientation_along_axes(order) : orientation(axes.vectors, order);
-  return shape;
+format::SplatShape shape_of(const SpatialMoments& moments) {
+  return is_along_axes(moments) ? shape_along_axes(moments) : shapes_of(std::array{&moments})[0];
 }
 
 format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape) {

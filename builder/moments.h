@@ -73,6 +73,10 @@ class VertexMaterial {
 /// Mass and principal axes, as the file stores them; deviations to a few units of rounding of the largest one's square.
 [[nodiscard]] format::SplatShape shape_of(const SpatialMoments& moments);
 
+/// The same of up to so many together, which takes a third of the time of one by one. The first moments.size() count.
+inline constexpr std::size_t shapes_at_once = 4;
+[[nodiscard]] std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments);
+
 /// A value's distribution, as the file stores it but for the mean, which keeps the attribute's offset. `shape` is of
 /// all the material that `value` is a part of. Never larger than 1 what must not be, however thin the material.
 [[nodiscard]] format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape);

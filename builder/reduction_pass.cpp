@@ -48,9 +48,8 @@ Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
       cascade_.push(std::move(member), reduced.parts[m]);
     }
   }
+  cascade_.advance();
   points_ += batch.size();
-  reduced.clear();
-  SPLATVOL_TRY(rows_.pack());
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
   const std::uint64_t too_old = end > most_open_leaves_ ? end - most_open_leaves_ : 0;

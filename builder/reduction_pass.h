@@ -27,10 +27,14 @@ class ReductionPass {
   ReductionPass(const ReductionPass&) = delete;
   ReductionPass& operator=(const ReductionPass&) = delete;
 
-  /// Reduces the cells of a batch. Thread-safe, also beside take().
-  void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_cells(batch, settings_, pool_, result); }
+  /// Reduces the cells of a batch; what `result` held is gone. Thread-safe, also beside take().
+  void reduce(const PointBatch& batch, ReducedBatch& result) {
+    result.clear();
+    reduce_cells(batch, settings_, pool_, result);
+  }
 
-  /// The next points, and what their cells come to, which is empty afterwards.
+  /// The next points, and what their cells come to. What stays in `reduced` is rows that may be in use until they are
+  /// packed (RowStreams::add_finest).
   [[nodiscard]] Status take(const PointBatch& batch, ReducedBatch& reduced);
 
   /// After the last.

@@ -37,23 +37,36 @@ RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_spla
 }
 
 std::vector<RowStreams::Stream>& RowStreams::streams(std::size_t segment) {
-  while (streams_.size() <= segment) streams_.emplace_back(streams_.size() + 1);
+  while (streams_.size() <= segment) {
+    std::vector<Stream>& at = streams_.emplace_back(streams_.size() + 1);
+    for (Stream& stream : at) stream.columns = &stream == &at.back() ? &all_columns_ : &resolution_columns_;
+  }
   return streams_[segment];
 }
 
 // Where the stream's next row goes.
 SplatRows& RowStreams::open_chunk(Stream& stream) {
-  if (stream.rows.empty() || stream.rows.back().size() == points_per_chunk_) {
-    if (spare_.empty()) spare_.emplace_back(attributes_.size());
-    stream.rows.push_back(std::move(spare_.back()));
+  if (stream.chunks.empty() || !stream.chunks.back().own_ || stream.chunks.back().own_->size() == points_per_chunk_) {
+    if (spare_.empty()) spare_.push_back(std::make_unique<SplatRows>(attributes_.size()));
+    Chunk& chunk = stream.chunks.emplace_back();
+    chunk.stream_ = &stream;
+    chunk.own_ = std::move(spare_.back());
     spare_.pop_back();
   }
-  return stream.rows.back();
+  return *stream.chunks.back().own_;
 }
 
 void RowStreams::add_finest(const SplatRows& rows) {
   Stream& stream = streams(0)[0];
   for (std::size_t begin = 0; begin < rows.size();) {
+    const bool is_open = !stream.chunks.empty() && stream.chunks.back().rows().size() < points_per_chunk_;
+    if (!is_open && rows.size() - begin >= points_per_chunk_ && !fit(0).wanted) {
+      Chunk& chunk = stream.chunks.emplace_back();
+      chunk.stream_ = &stream;
+      chunk.others_ = {&rows, begin, begin + points_per_chunk_};
+      begin = chunk.others_.end;
+      continue;
+    }
     SplatRows& chunk = open_chunk(stream);
     const std::size_t end = std::min(rows.size(), begin + points_per_chunk_ - chunk.size());
     chunk.append(rows, begin, end);
@@ -92,44 +105,32 @@ void RowStreams::add_point(std::size_t segment, const Member& member) {
     own->add_point_value(a, member.values[a].value, member.values[a].gradient);
 }
 
-Status RowStreams::pack(bool at_end) {
-  struct Job {
-    Stream* stream;
-    const SplatRows* rows;
-    const std::vector<format::Column>* columns;
-    Bytes bytes;
-  };
-  std::vector<Job> jobs;
+void RowStreams::take(std::vector<Chunk>& chunks, bool at_end) {
+  for (Chunk& chunk : chunks)
+    if (chunk.own_) {
+      chunk.own_->clear();
+      spare_.push_back(std::move(chunk.own_));
+    }
+  chunks.clear();
   for (std::size_t segment = 0; segment < streams_.size(); ++segment)
     for (std::size_t step = 0; step <= segment; ++step) {
       if (!at_end && fit(step).wanted) continue;
-      Stream& stream = streams_[segment][step];
-      for (const SplatRows& rows : stream.rows)
-        if (at_end || rows.size() == points_per_chunk_) jobs.push_back({&stream, &rows, &columns(step, segment), {}});
+      std::deque<Chunk>& waiting = streams_[segment][step].chunks;
+      while (!waiting.empty() && (at_end || waiting.front().rows().size() == points_per_chunk_)) {
+        chunks.push_back(std::move(waiting.front()));
+        waiting.pop_front();
+      }
     }
-
-  // Not all at once: what is packed is held until it is written.
-  constexpr std::size_t jobs_in_flight = 256;
-  for (std::size_t first = 0; first < jobs.size(); first += jobs_in_flight) {
-    const std::size_t last = std::min(first + jobs_in_flight, jobs.size());
-    tbb::parallel_for(first, last, [&](std::size_t j) {
-      jobs[j].bytes = serialize(pack_rows(*jobs[j].rows, *jobs[j].columns, attributes_));
-    });
-    for (std::size_t j = first; j < last; ++j) {
-      Stream& stream = *jobs[j].stream;
-      SPLATVOL_TRY(append(stream, jobs[j].bytes));
-      jobs[j].bytes = {};
-      spare_.push_back(std::move(stream.rows.front()));
-      spare_.back().clear();
-      stream.rows.pop_front();
-    }
-  }
-  return {};
 }
 
-Status RowStreams::append(Stream& stream, std::span<const std::byte> row) {
-  // With 15 resolutions each stream has its own; of what is coarser there is little.
+void RowStreams::pack(Chunk& chunk) const {
+  chunk.packed_ = serialize(pack_rows(chunk.rows(), *chunk.stream_->columns, attributes_));
+}
+
+Status RowStreams::write(const Chunk& chunk) {
+  // With 15 resolutions each stream has its own file; of what is coarser there is little.
   constexpr std::size_t most_files = 128;
+  Stream& stream = *chunk.stream_;
   if (!stream.file) {
     if (files_.size() < most_files) {
       SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
@@ -137,11 +138,9 @@ Status RowStreams::append(Stream& stream, std::span<const std::byte> row) {
     }
     stream.file = &files_.back();
   }
-  stream.packed.push_back({stream.file->size(), row.size()});
-  return stream.file->append(row);
+  stream.packed.push_back({stream.file->size(), chunk.packed_.size()});
+  return stream.file->append(chunk.packed_);
 }
-
-Status RowStreams::pack() { return pack(false); }
 
 // From fine to coarse: a splat looks where its parts are.
 void RowStreams::fit_step(std::size_t step) {
@@ -153,9 +152,11 @@ void RowStreams::fit_step(std::size_t step) {
     fit_densities(at.shapes);
   }
   for (std::size_t segment = step; segment < streams_.size(); ++segment)
-    for (SplatRows& rows : streams_[segment][step].rows)
-      for (std::size_t i = 0; i < rows.size(); ++i)
-        rows.splats.shapes[i].density = at.shapes[rows.splats.numbers[i]].shape.density;
+    for (const Chunk& chunk : streams_[segment][step].chunks) {
+      SplatRows::Splats& splats = chunk.own_->splats;
+      for (std::size_t i = 0; i < splats.shapes.size(); ++i)
+        splats.shapes[i].density = at.shapes[splats.numbers[i]].shape.density;
+    }
 }
 
 Status RowStreams::finish(std::size_t steps) {
@@ -163,7 +164,18 @@ Status RowStreams::finish(std::size_t steps) {
     if (fit(step).wanted) fit_step(step);
   fits_.clear();
   fits_.resize(steps);
-  SPLATVOL_TRY(pack(true));
+  std::vector<Chunk> chunks;
+  take(chunks, true);
+  // Not all at once: what is packed is held until it is written.
+  constexpr std::size_t chunks_in_flight = 256;
+  for (std::size_t first = 0; first < chunks.size(); first += chunks_in_flight) {
+    const std::size_t last = std::min(first + chunks_in_flight, chunks.size());
+    tbb::parallel_for(first, last, [&](std::size_t c) { pack(chunks[c]); });
+    for (std::size_t c = first; c < last; ++c) {
+      SPLATVOL_TRY(write(chunks[c]));
+      chunks[c] = {};
+    }
+  }
   return {};
 }
 
@@ -172,9 +184,9 @@ Status RowStreams::read(const Visit& visit) {
   Bytes bytes;
   for (std::size_t step = steps; step-- > 0;) {
     for (std::size_t segment = std::min(steps, streams_.size()); segment-- > step;) {
-      std::vector<format::ChunkEntry> entries(columns(step, segment).size());
-      const std::size_t head = entries.size() * sizeof(format::ChunkEntry);
       Stream& stream = streams_[segment][step];
+      std::vector<format::ChunkEntry> entries(stream.columns->size());
+      const std::size_t head = entries.size() * sizeof(format::ChunkEntry);
       for (const Extent& extent : stream.packed) {
         bytes.resize(extent.bytes);
         SPLATVOL_TRY(stream.file->read(extent.offset, bytes));

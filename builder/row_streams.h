@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,9 +22,13 @@ namespace splatvol {
 /// The densities of steps with at most `fitted_splats` splats are fitted (density.h), which needs all of them at once;
 /// others are packed as they come.
 class RowStreams {
+  struct Stream;
+
  public:
   /// `info`: attributes, columns and points_per_chunk; not what is only known at the end. `folder`: for the files.
   RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder);
+  RowStreams(const RowStreams&) = delete;
+  RowStreams& operator=(const RowStreams&) = delete;
 
   /// The next splat of a step, in Morton order; `first_part`: see Cascade.
   void add_splat(std::size_t step, const SplatRow& splat, std::uint64_t first_part);
@@ -31,14 +36,33 @@ class RowStreams {
   /// Says beforehand that a step will have too many splats; they need not be added then.
   void leave_unfitted(std::size_t step) { fit(step).wanted = false; }
 
-  /// The next points of segment 0, with their splats at step 0.
+  /// The next points of segment 0, with their splats at step 0. They must stay until chunks that refer to them are
+  /// packed.
   void add_finest(const SplatRows& rows);
 
   /// The next point of a segment, with its splats at all steps that draw it.
   void add_point(std::size_t segment, const Member& member);
 
-  /// Packs what is complete. Once in a while is enough.
-  [[nodiscard]] Status pack();
+  /// Rows for one chunk of each column, on their way into a file.
+  class Chunk {
+    friend RowStreams;
+    [[nodiscard]] RowRange rows() const { return own_ ? RowRange{own_.get(), 0, own_->size()} : others_; }
+
+    Stream* stream_ = nullptr;
+    std::unique_ptr<SplatRows> own_;  // null: others' rows
+    RowRange others_{};
+    format::Bytes packed_;
+  };
+
+  /// Replaces `chunks`, which have been written, by those that are complete: to be packed, and written in this order.
+  /// Once in a while is enough.
+  void take_complete(std::vector<Chunk>& chunks) { take(chunks, false); }
+
+  /// Thread-safe, also beside the other functions.
+  void pack(Chunk& chunk) const;
+
+  /// Allowed beside the other functions, but those below.
+  [[nodiscard]] Status write(const Chunk& chunk);
 
   /// Fits and packs the rest; `steps`: how many there are.
   [[nodiscard]] Status finish(std::size_t steps);
@@ -60,20 +84,17 @@ class RowStreams {
     std::uint64_t offset, bytes;
   };
   struct Stream {
-    std::deque<SplatRows> rows;  // not packed yet: chunks, of which only the last may be smaller than others
+    const std::vector<format::Column>* columns;
+    std::deque<Chunk> chunks;    // of which only the last may be smaller than others
     TempFile* file = nullptr;    // once there is something in it
     std::vector<Extent> packed;  // rows in the file
   };
 
   std::vector<Stream>& streams(std::size_t segment);
   SplatRows& open_chunk(Stream& stream);
+  void take(std::vector<Chunk>& chunks, bool at_end);
   Fit& fit(std::size_t step);
   void fit_step(std::size_t step);
-  [[nodiscard]] Status pack(bool at_end);
-  [[nodiscard]] Status append(Stream& stream, std::span<const std::byte> row);
-  [[nodiscard]] const std::vector<format::Column>& columns(std::size_t step, std::size_t segment) const {
-    return step == segment ? all_columns_ : resolution_columns_;
-  }
 
   std::vector<format::Attribute> attributes_;
   std::vector<format::Column> all_columns_, resolution_columns_;
@@ -81,9 +102,9 @@ class RowStreams {
   std::uint64_t fitted_splats_;
   std::string folder_;
   std::deque<TempFile> files_;
-  std::vector<std::vector<Stream>> streams_;  // [segment][step]
-  std::vector<SplatRows> spare_;              // empty ones, whose memory the next chunks take
-  std::vector<Fit> fits_;                     // [step]
+  std::vector<std::vector<Stream>> streams_;       // [segment][step]
+  std::vector<std::unique_ptr<SplatRows>> spare_;  // empty ones, whose memory the next chunks take
+  std::vector<Fit> fits_;                          // [step]
 };
 
 }  // namespace splatvol

@@ -82,10 +82,14 @@ struct SplatRows {
   void clear();
 };
 
-/// The splat of `moments`, cut at `plane`, about a point at `position`. `point_error`: of the position, for a splat
-/// without extent. Depth, count and number are left 0.
+/// The splat of `moments`, whose shape_of is `shape`, cut at `plane`, about a point at `position`. `point_error`: of
+/// the position, for a splat without extent. Depth, count and number are left 0.
 [[nodiscard]] SplatRow make_splat_row(const dvec3& position, double point_error, const SpatialMoments& moments,
-                                      const BoundaryPlane& plane);
+                                      const format::SplatShape& shape, const BoundaryPlane& plane);
+[[nodiscard]] inline SplatRow make_splat_row(const dvec3& position, double point_error, const SpatialMoments& moments,
+                                             const BoundaryPlane& plane) {
+  return make_splat_row(position, point_error, moments, shape_of(moments), plane);
+}
 
 /// What `shape` of all material holds of an attribute with this offset.
 [[nodiscard]] ValueRow make_value_row(const ValueMoments& moments, const format::SplatShape& shape, double offset);
@@ -100,8 +104,16 @@ inline constexpr double error_per_deviation = 1.0 / 64;
 /// low > high.
 [[nodiscard]] format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins);
 
+/// Some of the rows in arrays.
+struct RowRange {
+  const SplatRows* rows = nullptr;
+  std::size_t begin = 0, end = 0;
+
+  [[nodiscard]] std::size_t size() const { return end - begin; }
+};
+
 /// A chunk for each of `columns`. Thread-safe.
-[[nodiscard]] std::vector<format::PackedChunk> pack_rows(const SplatRows& rows,
+[[nodiscard]] std::vector<format::PackedChunk> pack_rows(const RowRange& rows,
                                                          const std::vector<format::Column>& columns,
                                                          const std::vector<format::Attribute>& attributes);
 

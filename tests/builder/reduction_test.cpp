@@ -188,6 +188,7 @@ struct Streamed {
         else
           cascade.push(std::move(reduced.members[m]), reduced.parts[m]);
       }
+    if (batch.first % 2 == 0) cascade.advance();  // sometimes; what comes of it does not depend on it
   }
 
   void add_splat(std::size_t step, const Member& member, std::uint64_t first_part) {

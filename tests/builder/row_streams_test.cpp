@@ -22,12 +22,18 @@ using format::ColumnScope;
 
 constexpr std::uint32_t chunk_points = 64, leaf_points = 8;
 
-void run(Batches& batches, ReductionPass& pass) {
+void run(Batches& batches, ReductionPass& pass, RowStreams& rows) {
   PointBatch batch;
   ReducedBatch reduced(1);
+  std::vector<RowStreams::Chunk> chunks;
   while (*batches.next(batch)) {
     pass.reduce(batch, reduced);
     EXPECT_TRUE(pass.take(batch, reduced));
+    rows.take_complete(chunks);
+    for (RowStreams::Chunk& chunk : chunks) {
+      rows.pack(chunk);
+      EXPECT_TRUE(rows.write(chunk));
+    }
   }
 }
 
@@ -68,7 +74,7 @@ struct Rows {
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenLeaf&) -> Status { return {}; });
-    run(batches, pass);
+    run(batches, pass, rows);
     EXPECT_TRUE(pass.finish());
     EXPECT_TRUE(rows.finish(pass.counts().size()));
     EXPECT_TRUE(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
@@ -231,7 +237,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   LeafSpool spool(*TempFile::create(testing::TempDir()));
   ReductionPass pass(
       settings, rows, [&](const OpenLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);
-  run(batches, pass);
+  run(batches, pass, rows);
   EXPECT_TRUE(pass.finish());
   late = pass.late_leaves().size();
   std::vector<IndexLeaf> leaves;
