@@ -32,12 +32,13 @@ std::uint64_t grid_cell(double coordinate, double origin, double step) {
 bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& header) {
   if (!(error > 0)) return false;
   const double step = std::ldexp(1.0, std::ilogb(error / error_in_steps));
+  Box box;
+  for (const dvec3& p : positions) box.include({p, p});
   for (int axis = 0; axis < 3; ++axis) {
-    const auto [low, high] = std::ranges::minmax(positions, {}, [axis](const dvec3& p) { return p[axis]; });
-    const double origin = std::round(low[axis] / step) * step;
-    const double reach = std::max(std::abs(origin), std::abs(high[axis])) / step;
+    const double origin = std::round(box.low[axis] / step) * step;
+    const double reach = std::max(std::abs(origin), std::abs(box.high[axis])) / step;
     if (!std::isfinite(origin) || !(reach < std::exp2(max_grid_bits))) return false;
-    const std::uint64_t span = grid_cell(high[axis], origin, step);
+    const std::uint64_t span = grid_cell(box.high[axis], origin, step);
     if (!std::isfinite(step * static_cast<double>(span))) return false;
     header.origin[axis] = origin;
     header.width[axis] = static_cast<std::uint8_t>(bytes_for(span));

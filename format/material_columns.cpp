@@ -18,13 +18,28 @@ namespace {
 constexpr unsigned codes_per_octave = 128;
 constexpr unsigned largest_log_code = 65535;
 
+// Within 1e-8 of the logarithm to base 2, exact for powers of two; the library's is a call.
+inline double fast_log2(double number) {
+  if (!(number >= std::numeric_limits<double>::min())) return std::log2(number);
+  constexpr unsigned mantissa_bits = 52;
+  constexpr std::uint64_t root = std::bit_cast<std::uint64_t>(0.5 * std::numbers::sqrt2);
+  // number = mantissa 2^exponent with sqrt(1/2) <= mantissa < sqrt(2), and ln(mantissa) = 2 artanh(s).
+  const auto bits = std::bit_cast<std::uint64_t>(number);
+  const std::uint64_t exponent = (bits - root) >> mantissa_bits << mantissa_bits;
+  const double mantissa = std::bit_cast<double>(bits - exponent);
+  const double s = (mantissa - 1) / (mantissa + 1), x = s * s;
+  const double series = 1 + x * (1.0 / 3 + x * (1.0 / 5 + x * (1.0 / 7 + x * (1.0 / 9))));
+  return static_cast<double>(static_cast<std::int64_t>(exponent) >> mantissa_bits) +
+         2 * std::numbers::log2e * s * series;
+}
+
 class LogEncoder {
  public:
-  explicit LogEncoder(double scale) : log_scale_(std::log2(scale)) {}
+  explicit LogEncoder(double scale) : log_scale_(fast_log2(scale)) {}
 
   std::uint16_t operator()(double number) const {
     if (!(number > 0)) return 0;
-    const double code = largest_log_code + codes_per_octave * (std::log2(number) - log_scale_);
+    const double code = largest_log_code + codes_per_octave * (fast_log2(number) - log_scale_);
     return static_cast<std::uint16_t>(nearest_integer(std::clamp(code, 1.0, double{largest_log_code})));
   }
 
@@ -75,18 +90,17 @@ int bits_of_component(int width) { return (8 * width - 2) / 3; }
 std::int64_t middle_code(int bits) { return (std::int64_t{1} << (bits - 1)) - 1; }
 
 std::uint64_t orientation_code(const glm::dquat& q, int bits) {
-  const std::array<double, 4> components = {q.x, q.y, q.z, q.w};
-  const auto size = [](double component) { return std::abs(component); };
-  const auto largest = static_cast<std::size_t>(std::ranges::max_element(components, {}, size) - components.begin());
+  const double x = std::abs(q.x), y = std::abs(q.y), z = std::abs(q.z), w = std::abs(q.w);
+  const bool late = std::max(z, w) > std::max(x, y);
+  const unsigned largest = late ? (w > z ? 3u : 2u) : (y > x ? 1u : 0u);
+  const double left_out = late ? (w > z ? q.w : q.z) : (y > x ? q.y : q.x);
+  const double others[3] = {largest == 0 ? q.y : q.x, largest <= 1 ? q.z : q.y, largest <= 2 ? q.w : q.z};
   const std::int64_t middle = middle_code(bits);
-  const double scale = static_cast<double>(middle) / std::copysign(largest_component, components[largest]);
+  const double scale = static_cast<double>(middle) / std::copysign(largest_component, left_out);
   std::uint64_t code = largest;
-  int shift = 2;
-  for (std::size_t k = 0; k < 4; ++k) {
-    if (k == largest) continue;
-    const std::int64_t steps = std::clamp<std::int64_t>(nearest_integer(components[k] * scale), -middle, middle);
-    code |= static_cast<std::uint64_t>(steps + middle) << shift;
-    shift += bits;
+  for (int k = 0; k < 3; ++k) {
+    const std::int64_t steps = std::clamp<std::int64_t>(nearest_integer(others[k] * scale), -middle, middle);
+    code |= static_cast<std::uint64_t>(steps + middle) << (2 + k * bits);
   }
   return code;
 }
@@ -212,12 +226,21 @@ std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest
 
 std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
 
-template <class Code, class Objects, class Encode>
-void append_plane_of(Bytes& payload, const Objects& objects, Encode encode) {
-  std::vector<Code> codes(objects.size());
-  std::ranges::transform(objects, codes.begin(), encode);
-  append_planes<Code>(payload, codes);
-}
+// Codes of `fields` fields, each for all points.
+template <class Code, int fields>
+class PlanesOf {
+ public:
+  explicit PlanesOf(std::size_t count) : count_(count), codes_(fields * count) {}
+
+  Code* operator[](int field) { return codes_.data() + static_cast<std::size_t>(field) * count_; }
+  void append_to(Bytes& payload) {
+    for (int k = 0; k < fields; ++k) append_planes<Code>(payload, std::span<const Code>((*this)[k], count_));
+  }
+
+ private:
+  std::size_t count_;
+  std::vector<Code> codes_;
+};
 
 // Numbers whose bytes lie in planes.
 class Planes {
@@ -264,24 +287,27 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
   header.orientation_width = static_cast<std::uint8_t>(width);
 
   // Splats of one form have masses in proportion to the product of their deviations: what is left varies little.
-  std::array<std::vector<std::uint16_t>, 4> codes;  // mass, deviations
-  for (auto& plane : codes) plane.resize(shapes.size());
+  PlanesOf<std::uint16_t, 4> sizes(shapes.size());  // mass, deviations
+  PlanesOf<std::int16_t, 3> boundaries(shapes.size());
+  PlanesOf<std::uint8_t, 1> densities(shapes.size());
   const LogEncoder mass_code(header.mass_scale), deviation_code(header.deviation_scale);
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    unsigned mass = mass_code(shapes[i].mass);
-    for (std::size_t k = 0; k < 3; ++k)
-      mass -= codes[1 + k][i] = deviation_code(shapes[i].deviations[static_cast<int>(k)]);
-    codes[0][i] = static_cast<std::uint16_t>(mass);
+    const SplatShape& shape = shapes[i];
+    unsigned mass = mass_code(shape.mass);
+    for (int k = 0; k < 3; ++k) {
+      mass -= sizes[k + 1][i] = deviation_code(shape.deviations[k]);
+      boundaries[k][i] = boundary_code(shape.boundary[k]);
+    }
+    sizes[0][i] = static_cast<std::uint16_t>(mass);
+    densities[0][i] = density_code(shape.density);
   }
 
   Bytes payload;
   append_record(payload, header);
-  for (const auto& plane : codes) append_planes<std::uint16_t>(payload, plane);
+  sizes.append_to(payload);
   append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
-  for (int k = 0; k < 3; ++k)
-    append_plane_of<std::int16_t>(payload, shapes,
-                                  [k](const SplatShape& shape) { return boundary_code(shape.boundary[k]); });
-  append_plane_of<std::uint8_t>(payload, shapes, [](const SplatShape& shape) { return density_code(shape.density); });
+  boundaries.append_to(payload);
+  densities.append_to(payload);
   return pack_payload(payload);
 }
 
@@ -298,19 +324,24 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
   for (const SplatValue& value : present) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
   const std::vector<std::uint32_t> cells = encode_means(present, error, header);
 
+  PlanesOf<std::uint16_t, 1> deviations(present.size());
+  PlanesOf<std::int8_t, 3> correlations(present.size());
+  PlanesOf<std::uint8_t, 2> shares(present.size());  // residual, coverage
+  const LogEncoder deviation_code(header.deviation_scale);
+  for (std::size_t i = 0; i < present.size(); ++i) {
+    const SplatValue& value = present[i];
+    deviations[0][i] = deviation_code(value.deviation);
+    for (int k = 0; k < 3; ++k) correlations[k][i] = signed_code(value.correlation[k]);
+    shares[0][i] = share_code(value.residual);
+    shares[1][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
+  }
+
   Bytes payload;
   append_record(payload, header);
   append_planes<std::uint32_t>(payload, cells, header.width);
-  const LogEncoder deviation_code(header.deviation_scale);
-  append_plane_of<std::uint16_t>(payload, present,
-                                 [&](const SplatValue& value) { return deviation_code(value.deviation); });
-  for (int k = 0; k < 3; ++k)
-    append_plane_of<std::int8_t>(payload, present,
-                                 [k](const SplatValue& value) { return signed_code(value.correlation[k]); });
-  append_plane_of<std::uint8_t>(payload, present, [](const SplatValue& value) { return share_code(value.residual); });
-  append_plane_of<std::uint8_t>(payload, present, [](const SplatValue& value) {
-    return std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
-  });
+  deviations.append_to(payload);
+  correlations.append_to(payload);
+  shares.append_to(payload);
   PackedChunk chunk = pack_payload(payload);
   chunk.entry.min = summary.min;
   chunk.entry.max = summary.max;
@@ -319,13 +350,15 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
 }
 
 PackedChunk pack_gradients(std::span<const vec3> directions) {
+  PlanesOf<std::int8_t, 3> codes(directions.size());
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    const dvec3 d(directions[i]);  // in which no square of a float overflows or vanishes
+    const double length = glm::length(d);
+    if (!(length > 0 && std::isfinite(length))) continue;
+    for (int k = 0; k < 3; ++k) codes[k][i] = signed_code(d[k] / length);
+  }
   Bytes payload;
-  for (int k = 0; k < 3; ++k)
-    append_plane_of<std::int8_t>(payload, directions, [k](const vec3& direction) {
-      const dvec3 d(direction);  // in which no square of a float overflows or vanishes
-      const double length = glm::length(d);
-      return length > 0 && std::isfinite(length) ? signed_code(d[k] / length) : std::int8_t{0};
-    });
+  codes.append_to(payload);
   return pack_payload(payload);
 }
 
