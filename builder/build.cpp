@@ -187,7 +187,10 @@ Status reduce(Batches& batches, ReductionPass& pass, RowStreams& rows, std::uint
         Item* item = take_spare();
         const auto more = batches.next(item->batch);
         if (!more) read = tl::unexpected(more.error());
-        if (more && *more && !failed) return item;
+        if (more && *more && !failed) {
+          pass.prepare(item->batch, item->reduced);
+          return item;
+        }
         give_back(item);
         control.stop();
         return nullptr;
@@ -272,8 +275,10 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   LeafSpool leaves(std::move(leaf_file));
   std::vector<double> offsets;
   for (const format::Attribute& attribute : input.attributes) offsets.push_back(attribute.offset);
-  const ReductionSettings settings{input.cube, options.leaf_points, batches.count() > coarsest_target,
-                                   fits,       input.attributes,    offsets};
+  ReductionSettings settings{input.cube, options.leaf_points, batches.count() > coarsest_target,
+                             fits,       input.attributes,    offsets};
+  if (!fits) settings.pack = [&rows](const SplatRows& chunk) { return rows.pack_finest(chunk); };
+  settings.points_per_chunk = options.points_per_chunk;
   ReductionPass pass(settings, rows, [&](const OpenLeaf& leaf) { return leaves.append(leaf); });
   SPLATVOL_TRY(reduce(batches, pass, rows, points.count(), input.attributes.size(), progress));
 

@@ -7,24 +7,20 @@
 namespace splatvol {
 
 MemberPool::Handle MemberPool::take() {
-  std::unique_ptr<Member> member;
-  {
-    const tbb::spin_mutex::scoped_lock lock(mutex_);
-    if (!free_.empty()) {
-      member = std::move(free_.back());
-      free_.pop_back();
-    }
-  }
-  if (!member) return {new Member, {this}};
+  const tbb::spin_mutex::scoped_lock lock(mutex_);
+  if (free_.empty()) return {new Member, {this}};
+  Handle member(free_.back().release(), {this});
+  free_.pop_back();
+  return member;
+}
+
+void MemberPool::put(Member* member) {
+  // Here, while it is in the cache.
   member->moments = {};
   member->plane = {};
   for (MemberValue& value : member->values) value.moments = {};
   member->splats.clear();
   member->value_rows.clear();
-  return {member.release(), {this}};
-}
-
-void MemberPool::put(Member* member) {
   const tbb::spin_mutex::scoped_lock lock(mutex_);
   free_.emplace_back(member);
 }
@@ -37,10 +33,12 @@ void add_splats(std::span<const MemberPool::Handle> members, std::span<const dou
     const auto shapes = shapes_of(std::span(moments).first(count));
     for (std::size_t m = 0; m < count; ++m) {
       Member& member = *members[m];
-      member.splats.push_back(
-          make_splat_row(member.point.position, member.point.error, member.moments, shapes[m], member.plane));
+      member.splats.emplace_back(InPlace{[&] {
+        return make_splat_row(member.point.position, member.point.error, member.moments, shapes[m], member.plane);
+      }});
       for (std::size_t a = 0; a < offsets.size(); ++a)
-        member.value_rows.push_back(make_value_row(member.values[a].moments, shapes[m], offsets[a]));
+        member.value_rows.emplace_back(
+            InPlace{[&] { return make_value_row(member.values[a].moments, shapes[m], offsets[a]); }});
     }
   }
 }

@@ -18,7 +18,8 @@ inline vec3 direction(const dvec3& gradient) {
   const double largest = std::max({std::abs(gradient.x), std::abs(gradient.y), std::abs(gradient.z)});
   if (!(largest > 0 && std::isfinite(largest))) return vec3(0);
   const dvec3 scaled = gradient * (1 / largest);
-  return vec3(scaled * (1 / std::sqrt(glm::dot(scaled, scaled))));
+  const double factor = 1 / std::sqrt(glm::dot(scaled, scaled));
+  return {scaled.x * factor, scaled.y * factor, scaled.z * factor};
 }
 
 class CellReducer {
@@ -26,69 +27,61 @@ class CellReducer {
   CellReducer(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result)
       : batch_(batch), settings_(settings), pool_(pool), result_(result) {
     for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
-    result_.finest.reserve(batch.size());
+    result_.tail.reserve(settings.pack ? settings.points_per_chunk : batch.size());
   }
 
   void run() {
     for (const PointCell& cell : batch_.cells) {
       cell_ = cell;
-      const std::size_t first_point = result_.finest.size(), first_member = result_.members.size();
+      const std::size_t first_member = result_.members.size();
       OpenLeaf& leaf = result_.cells.emplace_back().leaf;
-      for (std::size_t begin = cell.begin; begin < cell.end;) begin = reduce_leaf(begin, leaf);
+      leaf.key = batch_.keys[cell.begin];
+      leaf.depth = cell.depth;
+      leaf.summaries.resize(attributes());
+      while (leaf_begin_ < cell.end) reduce_leaf(leaf);
       add_splats(std::span(result_.members).subspan(first_member), settings_.offsets);
-      describe(leaf, first_point, first_member);
+      include_members(leaf, first_member);
       result_.cells.back().members_end = result_.members.size();
     }
+    if (!settings_.pack) std::swap(result_.finest, result_.tail);
   }
 
  private:
   std::size_t attributes() const { return settings_.attributes.size(); }
+  double offset(std::size_t attribute) const { return settings_.attributes[attribute].offset; }
   BoundaryPlane plane(std::size_t i) const { return batch_.planes.empty() ? BoundaryPlane{} : batch_.planes[i]; }
-  SplatRow& splat(std::size_t i) { return leaf_splats_[i - leaf_begin_]; }
-
-  // A leaf of the octree over the points, which lies in a leaf of the index. Returns where the next one begins.
-  std::size_t reduce_leaf(std::size_t begin, OpenLeaf& leaf) {
-    const std::vector<MortonKey>& keys = batch_.keys;
-    const std::size_t n = settings_.leaf_points;
-    const int shared = begin == cell_.begin ? cell_.depth - 1 : common_depth(keys[begin - 1], keys[begin]);
-    const int depth = leaf_depth(shared, keys[begin], begin + n < cell_.end ? &keys[begin + n] : nullptr);
-    std::size_t end = begin + 1;
-    while (end < cell_.end && common_depth(keys[begin], keys[end]) >= depth) ++end;
+  // The next leaf of the octree over the points, which lies in a leaf of the index.
+  void reduce_leaf(OpenLeaf& leaf) {
+    const auto [end, depth] = result_.leaves[leaf_++];
+    const std::size_t begin = leaf_begin_;
 
     // A part of a cell that is not whole has more points than can be counted.
-    const std::size_t count = std::min<std::size_t>(cell_.continued ? 255 : end - begin, 255);
-    leaf_begin_ = begin;
-    leaf_splats_.clear();
-    for (std::size_t i = begin; i < end; ++i) add_splat_of(i, depth, count, leaf);
-    if (settings_.wants_splats) result_.splats.insert(result_.splats.end(), leaf_splats_.begin(), leaf_splats_.end());
-
+    depth_ = depth;
+    count_ = std::min<std::size_t>(cell_.continued ? 255 : end - begin, 255);
     const std::size_t kept = settings_.reduces
                                  ? begin + nearest_to_center(settings_.cube, depth, end - begin,
                                                              [&](std::size_t k) { return batch_.positions[begin + k]; })
                                  : end;
-    for (std::size_t i = begin; i < end; ++i)
-      if (i != kept || cell_.continued) add_finest(i);
-    if (kept != end) add_member(begin, end, kept);
-    return end;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (i != kept || cell_.continued) add_finest(i, leaf);
+      if (i == kept) add_member(begin, end, kept, leaf);
+    }
+    leaf_begin_ = end;
   }
 
-  void add_splat_of(std::size_t i, int depth, std::size_t count, OpenLeaf& leaf) {
-    SplatRow row = make_splat_row(batch_.positions[i], 0, batch_.moments[i], plane(i));
-    if (!(row.error > 0)) row.error = spacing_at(i, depth, count) * error_per_spacing;
-    row.number = batch_.first + i;
-    row.depth = static_cast<std::uint8_t>(depth);
-    row.count = static_cast<std::uint8_t>(count);
-    leaf.splats_at(0).include(row, batch_.moments[i]);
-    leaf_splats_.push_back(row);
+  // A splat's centroid may move by so much, and its point.
+  double error_of(std::size_t i, const format::SplatShape& shape) const {
+    const double shortest = shortest_deviation(shape);
+    return shortest > 0 ? shortest * error_per_deviation : spacing_at(i) * error_per_spacing;
   }
 
   // Of the nearest neighbours in Morton order. Coincident points set no bound.
-  double spacing_at(std::size_t i, int depth, std::size_t count) const {
+  double spacing_at(std::size_t i) const {
     const auto distance = [&](const dvec3& other) {
       const double length = glm::length(batch_.positions[i] - other);
       return length > 0 ? length : infinity;
     };
-    double spacing = std::ldexp(settings_.cube.edge, -depth) / std::cbrt(count);
+    double spacing = cell_edge(settings_.cube, depth_) / std::cbrt(count_);
     if (i > 0)
       spacing = std::min(spacing, distance(batch_.positions[i - 1]));
     else if (batch_.before)
@@ -101,35 +94,98 @@ class CellReducer {
   }
 
   float stored(std::size_t attribute, std::size_t i) const {
-    return static_cast<float>(batch_.values[attribute][i] - settings_.attributes[attribute].offset);
-  }
-  ValueRow value_row(std::size_t attribute, std::size_t i) {
-    return make_value_row(batch_.value_moments[attribute][i], splat(i).shape, settings_.attributes[attribute].offset);
+    return static_cast<float>(batch_.values[attribute][i] - offset(attribute));
   }
 
-  void add_finest(std::size_t i) {
-    SplatRows& rows = result_.finest;
-    value_rows_.clear();
-    for (std::size_t a = 0; a < attributes(); ++a) value_rows_.push_back(value_row(a, i));
-    rows.add_splat(splat(i), value_rows_);
-    rows.add_point({batch_.positions[i], splat(i).error});
-    for (std::size_t a = 0; a < attributes(); ++a)
-      rows.add_point_value(a, stored(a, i), direction(batch_.gradients[a][i]));
+  // All is made where it stays: the processor would wait before it copies what was just written.
+  void add_finest(std::size_t i, OpenLeaf& leaf) {
+    SplatRows& rows = result_.tail;
+    const SpatialMoments& moments = batch_.moments[i];
+    const dvec3& position = batch_.positions[i];
+    format::SplatShape& shape = rows.splats.shapes.emplace_back(InPlace{[&] { return shape_of(moments); }});
+    if (!batch_.planes.empty()) shape.boundary = boundary_foot(batch_.planes[i], moments, shape);
+    const dvec3& centroid = rows.splats.centroids.emplace_back(position + moments.centroid);
+    const double error = error_of(i, shape);
+    rows.splats.errors.push_back(error);
+    rows.splats.numbers.push_back(batch_.first + i);
+    rows.splats.depths.push_back(static_cast<std::uint8_t>(depth_));
+    rows.splats.counts.push_back(static_cast<std::uint8_t>(count_));
+    rows.points.positions.push_back(position);
+    rows.points.errors.push_back(error);
+    for (std::size_t a = 0; a < attributes(); ++a) {
+      const ValueMoments& material = batch_.value_moments[a][i];
+      rows.splat_values[a].moments.emplace_back(InPlace{[&] { return stored_value(material, shape, offset(a)); }});
+      const auto [low, high] = stored_range(material, offset(a));
+      const float value = stored(a, i);
+      rows.splat_values[a].min.push_back(low);
+      rows.splat_values[a].max.push_back(high);
+      rows.point_values[a].values.push_back(value);
+      rows.point_values[a].gradients.push_back(direction(batch_.gradients[a][i]));
+      count(a, value);
+      include(leaf, a, low, high, value);
+    }
+    leaf.count(0);
+    leaf.splats_at(0).include(centroid, shape, moments, depth_, count_);
+    ++finest_;
+    if (settings_.wants_splats)
+      result_.splats.push_back(
+          {centroid, error, shape, batch_.first + i, rows.splats.depths.back(), rows.splats.counts.back()});
+    if (settings_.pack && (result_.first_finest + finest_) % settings_.points_per_chunk == 0) close_chunk();
   }
 
-  void add_member(std::size_t begin, std::size_t end, std::size_t kept) {
+  void close_chunk() {
+    if (result_.tail.size() < settings_.points_per_chunk)
+      std::swap(result_.finest, result_.tail);
+    else
+      result_.packed.push_back(settings_.pack(result_.tail));
+    result_.tail.clear();
+  }
+
+  void count(std::size_t attribute, float value) {
+    if (std::isnan(value))
+      ++result_.missing[attribute];
+    else
+      ++result_.histograms[attribute][static_cast<std::size_t>(bins_[attribute].bin(double{value}))];
+  }
+
+  void include(OpenLeaf& leaf, std::size_t attribute, float low, float high, float value) const {
+    leaf.summaries[attribute].include(summarize_range(low, high, bins_[attribute]));
+    leaf.summaries[attribute].include(bins_[attribute].summarize(std::span(&value, 1)));
+  }
+
+  void include_members(OpenLeaf& leaf, std::size_t first) {
+    for (std::size_t m = first; m < result_.members.size(); ++m) {
+      const Member& member = *result_.members[m];
+      for (std::size_t a = 0; a < attributes(); ++a) {
+        // Of a cell that is continued, all points have been counted.
+        if (!cell_.continued) count(a, member.values[a].value);
+        include(leaf, a, member.value_rows[a].min, member.value_rows[a].max, member.values[a].value);
+      }
+    }
+  }
+
+  void add_member(std::size_t begin, std::size_t end, std::size_t kept, OpenLeaf& leaf) {
     Member& member = *result_.members.emplace_back(pool_.take());
     member.key = batch_.keys[kept];
     member.leaf = cell_.leaf;
-    member.point = {batch_.positions[kept], splat(kept).error};
-    member.splats.push_back(splat(kept));
+    SplatRow& splat = member.splats.emplace_back(
+        InPlace{[&] { return make_splat_row(batch_.positions[kept], 0, batch_.moments[kept], plane(kept)); }});
+    splat.error = error_of(kept, splat.shape);
+    splat.number = batch_.first + kept;
+    splat.depth = static_cast<std::uint8_t>(depth_);
+    splat.count = static_cast<std::uint8_t>(count_);
+    member.point = {batch_.positions[kept], splat.error};
+    // Of a cell that is continued, all points are finest ones as well.
+    if (!cell_.continued) leaf.splats_at(0).include(splat, batch_.moments[kept]);
+    if (!cell_.continued && settings_.wants_splats) result_.splats.push_back(splat);
     const auto shift = [&](std::size_t i) { return batch_.positions[i] - batch_.positions[kept]; };
     member.values.resize(attributes());
     for (std::size_t a = 0; a < attributes(); ++a) {
       MemberValue& value = member.values[a];
       value.value = stored(a, kept);
       value.gradient = direction(batch_.gradients[a][kept]);
-      member.value_rows.push_back(value_row(a, kept));
+      member.value_rows.emplace_back(
+          InPlace{[&] { return make_value_row(batch_.value_moments[a][kept], splat.shape, offset(a)); }});
       for (std::size_t i = begin; i < end; ++i) merge(value.moments, batch_.value_moments[a][i], shift(i));
     }
     for (std::size_t i = begin; i < end; ++i) merge(member.moments, batch_.moments[i], shift(i));
@@ -141,37 +197,17 @@ class CellReducer {
     result_.parts.push_back(end - begin);
   }
 
-  void describe(OpenLeaf& leaf, std::size_t first_point, std::size_t first_member) const {
-    leaf.key = batch_.keys[cell_.begin];
-    leaf.depth = cell_.depth;
-    leaf.count(0, result_.finest.size() - first_point);
-    for (std::size_t a = 0; a < attributes(); ++a) {
-      const format::ValueBins& bins = bins_[a];
-      format::ValueSummary summary;
-      const auto include = [&](float min, float max, float value) {
-        summary.include(summarize_range(min, max, bins));
-        summary.include(bins.summarize(std::span(&value, 1)));
-      };
-      const SplatRows::SplatValues& values = result_.finest.splat_values[a];
-      for (std::size_t k = first_point; k < result_.finest.size(); ++k)
-        include(values.min[k], values.max[k], result_.finest.point_values[a].values[k]);
-      for (std::size_t m = first_member; m < result_.members.size(); ++m) {
-        const Member& member = *result_.members[m];
-        include(member.value_rows[a].min, member.value_rows[a].max, member.values[a].value);
-      }
-      leaf.summaries.push_back(summary);
-    }
-  }
-
   const PointBatch& batch_;
   const ReductionSettings& settings_;
   MemberPool& pool_;
   std::vector<format::ValueBins> bins_;  // [attribute]
   ReducedBatch& result_;
   PointCell cell_{};            // the present one
-  std::size_t leaf_begin_ = 0;  // of the present leaf
-  std::vector<SplatRow> leaf_splats_;
-  std::vector<ValueRow> value_rows_;  // [attribute]: of the present point
+  std::size_t leaf_ = 0;        // the next one of the octree over the points
+  std::size_t leaf_begin_ = 0;  // its first point
+  std::uint64_t finest_ = 0;    // points that no coarser resolution has, so far
+  int depth_ = 0;               // its own
+  std::size_t count_ = 0;       // its points, at most 255
   std::vector<dvec3> shifts_;
 };
 
@@ -198,11 +234,33 @@ void OpenLeaf::include(const OpenLeaf& other) {
 }
 
 void ReducedBatch::clear() {
+  leaves.clear();
   splats.clear();
   finest.clear();
+  packed.clear();
+  tail.clear();
   members.clear();
   parts.clear();
   cells.clear();
+  for (auto& histogram : histograms) histogram.fill(0);
+  std::ranges::fill(missing, 0);
+}
+
+std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result) {
+  const std::vector<MortonKey>& keys = batch.keys;
+  const std::size_t n = settings.leaf_points;
+  std::uint64_t finest = 0;
+  for (const PointCell& cell : batch.cells)
+    for (std::size_t begin = cell.begin; begin < cell.end;) {
+      const int shared = begin == cell.begin ? cell.depth - 1 : common_depth(keys[begin - 1], keys[begin]);
+      const int depth = leaf_depth(shared, keys[begin], begin + n < cell.end ? &keys[begin + n] : nullptr);
+      std::size_t end = begin + 1;
+      while (end < cell.end && common_depth(keys[begin], keys[end]) >= depth) ++end;
+      result.leaves.push_back({end, depth});
+      finest += end - begin - (settings.reduces && !cell.continued ? 1 : 0);
+      begin = end;
+    }
+  return finest;
 }
 
 void reduce_cells(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result) {

@@ -32,12 +32,11 @@ Box cell_box(const MortonKey& key, const Cube& cube, int depth) {
 }
 
 // What the splat `moments` may fill; at a boundary, with what its reflection adds.
-Box splat_box(const SplatRow& splat, const SpatialMoments& moments) {
-  const format::SplatShape& shape = splat.shape;
+Box splat_box(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments) {
   const SymmetricMatrix& s = moments.covariance;
   dvec3 shift(0);
   if (shape.boundary != dvec3(0)) shift = glm::mat3_cast(shape.orientation) * (shape.boundary * shape.deviations);
-  const dvec3 center = splat.centroid + shift;
+  const dvec3 center = centroid + shift;
   const dvec3 deviations = glm::sqrt(glm::max(dvec3(s.xx, s.yy, s.zz) + shift * shift, 0.0));
   const dvec3 half = uniform_width * (tilted_stretch * deviations + resolved_tilt * shape.deviations[0]) +
                      error_per_deviation * shortest_deviation(shape);
@@ -51,7 +50,7 @@ double overreach(const Box& box, const Box& cell) {
 }
 
 // The size codes of all octant splats: logarithms and roots for each point would take longer than the rest.
-std::uint8_t octant_code(std::uint8_t depth, std::uint8_t count) {
+std::uint8_t octant_code(int depth, std::size_t count) {
   static const auto codes = [] {
     std::array<std::array<std::uint8_t, 256>, max_morton_depth + 1> table{};
     for (int d = 0; d <= max_morton_depth; ++d)
@@ -60,7 +59,7 @@ std::uint8_t octant_code(std::uint8_t depth, std::uint8_t count) {
             format::size_code(std::ldexp(1.0, -d) / std::cbrt(c), 1.0);
     return table;
   }();
-  return codes[depth][count];
+  return codes[static_cast<std::size_t>(depth)][count];
 }
 
 std::uint8_t first_resolution(std::span<const SplatBounds> splats, int depth) {
@@ -90,12 +89,13 @@ void merge_child(IndexLeaf& parent, const IndexLeaf& child) {
 
 }  // namespace
 
-void SplatBounds::include(const SplatRow& splat, const SpatialMoments& moments) {
-  least_depth = std::min(least_depth, splat.depth);
-  octant_code = std::min(octant_code, splatvol::octant_code(splat.depth, splat.count));
+void SplatBounds::include(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments,
+                          int depth, std::size_t count) {
+  least_depth = std::min(least_depth, static_cast<std::uint8_t>(depth));
+  octant_code = std::min(octant_code, splatvol::octant_code(depth, count));
   if (!(moments.mass > 0)) return;
-  width = std::max(width, uniform_width * stretch * splat.shape.deviations[0]);
-  box.include(splat_box(splat, moments));
+  width = std::max(width, uniform_width * stretch * shape.deviations[0]);
+  box.include(splat_box(centroid, shape, moments));
 }
 
 void SplatBounds::include(const SplatBounds& other) {

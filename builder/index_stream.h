@@ -19,8 +19,12 @@ struct SplatBounds {
   double width = 0;                // of the widest moments splat
   Box box;                         // round all moments splats
 
-  /// Adds a splat, of both kernels; `moments` are what it was made from.
-  void include(const SplatRow& splat, const SpatialMoments& moments);
+  /// Adds a splat, of both kernels; `moments` are what it was made from. `depth` and `count` as in SplatRow.
+  void include(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments, int depth,
+               std::size_t count);
+  void include(const SplatRow& splat, const SpatialMoments& moments) {
+    include(splat.centroid, splat.shape, moments, splat.depth, splat.count);
+  }
 
   void include(const SplatBounds& other);
 };

@@ -192,15 +192,21 @@ glm::dquat orientation(const dvec3& first, const dvec3& second) {
   return glm::normalize(glm::quat_cast(dmat3(first, second, glm::cross(first, second))));
 }
 
-glm::dquat orientation_along_axes(const AxisOrder& order) {
+// What turns x, y, z onto themselves, those with the larger numbers first and else as they are.
+const glm::dquat& orientation_along_axes(double x, double y, double z) {
   static const auto table = [] {
-    std::array<std::array<glm::dquat, 3>, 3> all{};  // [first axis][second]
-    for (std::uint8_t first = 0; first < 3; ++first)
-      for (std::uint8_t second = 0; second < 3; ++second)
-        if (first != second) all[first][second] = orientation(dmat3(1)[first], dmat3(1)[second]);
+    std::array<glm::dquat, 8> all{};  // [whether y > x, z > y, z > x], in bits
+    const dmat3 axes(1);
+    all[0] = orientation(axes[0], axes[1]);
+    all[1] = orientation(axes[1], axes[0]);
+    all[2] = orientation(axes[0], axes[2]);
+    all[5] = orientation(axes[1], axes[2]);
+    all[6] = orientation(axes[2], axes[0]);
+    all[7] = orientation(axes[2], axes[1]);
     return all;
   }();
-  return table[order[0]][order[1]];
+  return table[static_cast<std::size_t>(y > x) | static_cast<std::size_t>(z > y) << 1 |
+               static_cast<std::size_t>(z > x) << 2];
 }
 
 bool has_extent(const SpatialMoments& moments) {
@@ -218,16 +224,17 @@ format::SplatShape shape_along_axes(const SpatialMoments& moments) {
   format::SplatShape shape{.mass = moments.mass};
   if (!has_extent(moments)) return shape;
   const SymmetricMatrix& s = moments.covariance;
-  const std::array<double, 3> squares = {s.xx, s.yy, s.zz};
-  const AxisOrder order = descending(squares);
-  for (int k = 0; k < 3; ++k) shape.deviations[k] = std::sqrt(std::max(0.0, squares[order[k]]));
-  shape.orientation = orientation_along_axes(order);
+  const double low = std::min(s.xx, s.yy), high = std::max(s.xx, s.yy);
+  shape.deviations.x = std::sqrt(std::max(high, s.zz));
+  shape.deviations.y = std::sqrt(std::max(0.0, std::max(low, std::min(high, s.zz))));
+  shape.deviations.z = std::sqrt(std::max(0.0, std::min(low, s.zz)));
+  shape.orientation = orientation_along_axes(s.xx, s.yy, s.zz);
   return shape;
 }
 
 }  // namespace
 
-void merge(SpatialMoments& a, const SpatialMoments& b, dvec3 shift) {
+void merge(SpatialMoments& a, const SpatialMoments& b, const dvec3& shift) {
   if (!(b.mass > 0)) return;
   const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
   const dvec3 between = b.centroid + shift - a.centroid;
@@ -236,7 +243,7 @@ void merge(SpatialMoments& a, const SpatialMoments& b, dvec3 shift) {
   a.mass = mass;
 }
 
-void merge(ValueMoments& a, const ValueMoments& b, dvec3 shift) {
+void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift) {
   if (!(b.mass > 0)) return;
   const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
   const dvec3 between = b.centroid + shift - a.centroid;
@@ -348,11 +355,15 @@ format::SplatValue value_of(const ValueMoments& value, const format::SplatShape&
   if (!(value.mass > 0)) return {};
   format::SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
   const dmat3 axes = glm::mat3_cast(shape.orientation);
-  for (int k = 0; k < 3; ++k) {
-    const double largest = result.deviation * shape.deviations[k];
-    if (largest > 0) result.correlation[k] = std::clamp(glm::dot(axes[k], value.covariance) / largest, -1.0, 1.0);
-  }
-  result.residual = std::sqrt(std::max(0.0, 1 - glm::dot(result.correlation, result.correlation)));
+  const auto correlation = [&](const dvec3& axis, double deviation) {
+    const double largest = result.deviation * deviation;
+    return largest > 0 ? std::clamp(glm::dot(axis, value.covariance) / largest, -1.0, 1.0) : 0;
+  };
+  const double x = correlation(axes[0], shape.deviations.x);
+  const double y = correlation(axes[1], shape.deviations.y);
+  const double z = correlation(axes[2], shape.deviations.z);
+  result.correlation = {x, y, z};
+  result.residual = std::sqrt(std::max(0.0, 1 - (x * x + y * y + z * z)));
   result.coverage = std::min(1.0, value.mass / shape.mass);
   return result;
 }

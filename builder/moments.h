@@ -38,8 +38,8 @@ struct ValueMoments {
 using Tetrahedron = std::array<std::uint32_t, 4>;
 
 /// Adds b to a, both of disjoint materials; `shift` is b's point less a's. Exact up to rounding, in any order.
-void merge(SpatialMoments& a, const SpatialMoments& b, dvec3 shift);
-void merge(ValueMoments& a, const ValueMoments& b, dvec3 shift);
+void merge(SpatialMoments& a, const SpatialMoments& b, const dvec3& shift);
+void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift);
 
 /// What each vertex owns of its tetrahedra: the quarter where its barycentric coordinate is the largest, in closed form
 /// (values are linear in each tetrahedron). Absolute volumes; what is flat, or too large for double precision, gives

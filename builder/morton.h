@@ -72,10 +72,15 @@ inline constexpr int max_morton_depth = 42;
   return static_cast<unsigned>(half >> (60 - 3 * (depth % 21)) & 7);
 }
 
+/// Edge of a cell at `depth`.
+[[nodiscard]] inline double cell_edge(const Cube& cube, int depth) {
+  return cube.edge * (1.0 / static_cast<double>(std::uint64_t{1} << depth));
+}
+
 /// Centre of the cell at `depth` that holds `position`.
 [[nodiscard]] inline dvec3 cell_center(const dvec3& position, const Cube& cube, int depth) {
   const auto cell = finest_cell(position, cube);
-  const double edge = std::ldexp(cube.edge, -depth);
+  const double edge = cell_edge(cube, depth);
   dvec3 center;
   for (int axis = 0; axis < 3; ++axis)
     center[axis] =

@@ -22,15 +22,23 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
                   rows_.add_point(step, member);
                 }}),
       histograms_(settings.attributes.size()),
-      missing_(settings.attributes.size()) {
-  for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
+      missing_(settings.attributes.size()) {}
+
+void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
+  result.clear();
+  result.first_finest = finest_;
+  finest_ += find_leaves(batch, settings_, result);
 }
 
 Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
   for (const SplatRow& splat : reduced.splats) rows_.add_splat(0, splat, 0);
   rows_.add_finest(reduced.finest);
-  for (std::size_t a = 0; a < missing_.size(); ++a)
-    for (const float value : reduced.finest.point_values[a].values) count_value(a, value);
+  for (format::Bytes& chunk : reduced.packed) rows_.add_packed_finest(std::move(chunk));
+  rows_.add_finest(reduced.tail);
+  for (std::size_t a = 0; a < missing_.size(); ++a) {
+    missing_[a] += reduced.missing[a];
+    for (std::size_t bin = 0; bin < histograms_[a].size(); ++bin) histograms_[a][bin] += reduced.histograms[a][bin];
+  }
   std::size_t m = 0;
   for (std::size_t c = 0; c < batch.cells.size(); ++c) {
     const PointCell& cell = batch.cells[c];
@@ -40,12 +48,10 @@ Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
       open_leaves_.push_back(std::move(reduced.cells[c].leaf));
     for (; m < reduced.cells[c].members_end; ++m) {
       MemberPool::Handle& member = reduced.members[m];
-      if (cell.continued) {
+      if (cell.continued)
         cascade_.add_to_last(*member, reduced.parts[m]);
-        continue;
-      }
-      for (std::size_t a = 0; a < missing_.size(); ++a) count_value(a, member->values[a].value);
-      cascade_.push(std::move(member), reduced.parts[m]);
+      else
+        cascade_.push(std::move(member), reduced.parts[m]);
     }
   }
   cascade_.advance();
@@ -58,13 +64,6 @@ Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
 
 OpenLeaf& ReductionPass::leaf(std::uint64_t number) {
   return number < first_leaf_ ? late_leaves_[number] : open_leaves_[number - first_leaf_];
-}
-
-void ReductionPass::count_value(std::size_t attribute, float value) {
-  if (std::isnan(value))
-    ++missing_[attribute];
-  else
-    ++histograms_[attribute][static_cast<std::size_t>(bins_[attribute].bin(static_cast<double>(value)))];
 }
 
 Status ReductionPass::close_leaves(std::uint64_t end) {

@@ -27,14 +27,13 @@ class ReductionPass {
   ReductionPass(const ReductionPass&) = delete;
   ReductionPass& operator=(const ReductionPass&) = delete;
 
-  /// Reduces the cells of a batch; what `result` held is gone. Thread-safe, also beside take().
-  void reduce(const PointBatch& batch, ReducedBatch& result) {
-    result.clear();
-    reduce_cells(batch, settings_, pool_, result);
-  }
+  /// Before the next points are reduced; what `result` held is gone.
+  void prepare(const PointBatch& batch, ReducedBatch& result);
 
-  /// The next points, and what their cells come to. What stays in `reduced` is rows that may be in use until they are
-  /// packed (RowStreams::add_finest).
+  /// Reduces the cells of a batch. Thread-safe, also beside prepare() and take().
+  void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_cells(batch, settings_, pool_, result); }
+
+  /// The next points, and what their cells come to, of which members are taken out.
   [[nodiscard]] Status take(const PointBatch& batch, ReducedBatch& reduced);
 
   /// After the last.
@@ -50,7 +49,6 @@ class ReductionPass {
   [[nodiscard]] const std::vector<std::uint64_t>& missing() const { return missing_; }  // [attribute]
 
  private:
-  void count_value(std::size_t attribute, float value);
   [[nodiscard]] Status close_leaves(std::uint64_t end);
   OpenLeaf& leaf(std::uint64_t number);
 
@@ -60,11 +58,11 @@ class ReductionPass {
   std::uint64_t most_open_leaves_;
   MemberPool pool_;
   Cascade cascade_;
+  std::uint64_t finest_ = 0;  // points that no coarser step has, of all that are prepared
   std::uint64_t points_ = 0;
   std::deque<OpenLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one
   std::map<std::uint64_t, OpenLeaf> late_leaves_;
-  std::vector<format::ValueBins> bins_;
   format::Histograms histograms_;
   std::vector<std::uint64_t> missing_;
 };

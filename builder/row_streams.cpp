@@ -44,34 +44,41 @@ std::vector<RowStreams::Stream>& RowStreams::streams(std::size_t segment) {
   return streams_[segment];
 }
 
+bool RowStreams::is_complete(const Chunk& chunk) const {
+  return !chunk.rows_ || chunk.rows_->size() == points_per_chunk_;
+}
+
 // Where the stream's next row goes.
 SplatRows& RowStreams::open_chunk(Stream& stream) {
-  if (stream.chunks.empty() || !stream.chunks.back().own_ || stream.chunks.back().own_->size() == points_per_chunk_) {
+  if (stream.chunks.empty() || is_complete(stream.chunks.back())) {
     if (spare_.empty()) spare_.push_back(std::make_unique<SplatRows>(attributes_.size()));
     Chunk& chunk = stream.chunks.emplace_back();
     chunk.stream_ = &stream;
-    chunk.own_ = std::move(spare_.back());
+    chunk.rows_ = std::move(spare_.back());
     spare_.pop_back();
   }
-  return *stream.chunks.back().own_;
+  return *stream.chunks.back().rows_;
 }
 
 void RowStreams::add_finest(const SplatRows& rows) {
   Stream& stream = streams(0)[0];
   for (std::size_t begin = 0; begin < rows.size();) {
-    const bool is_open = !stream.chunks.empty() && stream.chunks.back().rows().size() < points_per_chunk_;
-    if (!is_open && rows.size() - begin >= points_per_chunk_ && !fit(0).wanted) {
-      Chunk& chunk = stream.chunks.emplace_back();
-      chunk.stream_ = &stream;
-      chunk.others_ = {&rows, begin, begin + points_per_chunk_};
-      begin = chunk.others_.end;
-      continue;
-    }
     SplatRows& chunk = open_chunk(stream);
     const std::size_t end = std::min(rows.size(), begin + points_per_chunk_ - chunk.size());
     chunk.append(rows, begin, end);
     begin = end;
   }
+}
+
+void RowStreams::add_packed_finest(Bytes chunk) {
+  Stream& stream = streams(0)[0];
+  Chunk& added = stream.chunks.emplace_back();
+  added.stream_ = &stream;
+  added.packed_ = std::move(chunk);
+}
+
+Bytes RowStreams::pack_finest(const SplatRows& rows) const {
+  return serialize(pack_rows(rows, all_columns_, attributes_));
 }
 
 RowStreams::Fit& RowStreams::fit(std::size_t step) {
@@ -107,16 +114,16 @@ void RowStreams::add_point(std::size_t segment, const Member& member) {
 
 void RowStreams::take(std::vector<Chunk>& chunks, bool at_end) {
   for (Chunk& chunk : chunks)
-    if (chunk.own_) {
-      chunk.own_->clear();
-      spare_.push_back(std::move(chunk.own_));
+    if (chunk.rows_) {
+      chunk.rows_->clear();
+      spare_.push_back(std::move(chunk.rows_));
     }
   chunks.clear();
   for (std::size_t segment = 0; segment < streams_.size(); ++segment)
     for (std::size_t step = 0; step <= segment; ++step) {
       if (!at_end && fit(step).wanted) continue;
       std::deque<Chunk>& waiting = streams_[segment][step].chunks;
-      while (!waiting.empty() && (at_end || waiting.front().rows().size() == points_per_chunk_)) {
+      while (!waiting.empty() && (at_end || is_complete(waiting.front()))) {
         chunks.push_back(std::move(waiting.front()));
         waiting.pop_front();
       }
@@ -124,7 +131,7 @@ void RowStreams::take(std::vector<Chunk>& chunks, bool at_end) {
 }
 
 void RowStreams::pack(Chunk& chunk) const {
-  chunk.packed_ = serialize(pack_rows(chunk.rows(), *chunk.stream_->columns, attributes_));
+  if (chunk.rows_) chunk.packed_ = serialize(pack_rows(*chunk.rows_, *chunk.stream_->columns, attributes_));
 }
 
 Status RowStreams::write(const Chunk& chunk) {
@@ -153,7 +160,7 @@ void RowStreams::fit_step(std::size_t step) {
   }
   for (std::size_t segment = step; segment < streams_.size(); ++segment)
     for (const Chunk& chunk : streams_[segment][step].chunks) {
-      SplatRows::Splats& splats = chunk.own_->splats;
+      SplatRows::Splats& splats = chunk.rows_->splats;
       for (std::size_t i = 0; i < splats.shapes.size(); ++i)
         splats.shapes[i].density = at.shapes[splats.numbers[i]].shape.density;
     }

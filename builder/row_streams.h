@@ -13,6 +13,7 @@
 #include "builder/cascade.h"
 #include "builder/density.h"
 #include "builder/splat_rows.h"
+#include "format/codec.h"
 #include "format/volume_info.h"
 
 namespace splatvol {
@@ -36,9 +37,15 @@ class RowStreams {
   /// Says beforehand that a step will have too many splats; they need not be added then.
   void leave_unfitted(std::size_t step) { fit(step).wanted = false; }
 
-  /// The next points of segment 0, with their splats at step 0. They must stay until chunks that refer to them are
-  /// packed.
+  /// The next points of segment 0, with their splats at step 0.
   void add_finest(const SplatRows& rows);
+
+  /// The same of a whole chunk, which may be packed beforehand where step 0 is not fitted. Requires that before it
+  /// there are whole chunks only.
+  void add_packed_finest(format::Bytes chunk);
+
+  /// Thread-safe, also beside the other functions.
+  [[nodiscard]] format::Bytes pack_finest(const SplatRows& rows) const;
 
   /// The next point of a segment, with its splats at all steps that draw it.
   void add_point(std::size_t segment, const Member& member);
@@ -46,11 +53,8 @@ class RowStreams {
   /// Rows for one chunk of each column, on their way into a file.
   class Chunk {
     friend RowStreams;
-    [[nodiscard]] RowRange rows() const { return own_ ? RowRange{own_.get(), 0, own_->size()} : others_; }
-
     Stream* stream_ = nullptr;
-    std::unique_ptr<SplatRows> own_;  // null: others' rows
-    RowRange others_{};
+    std::unique_ptr<SplatRows> rows_;  // null: packed already
     format::Bytes packed_;
   };
 
@@ -91,6 +95,7 @@ class RowStreams {
   };
 
   std::vector<Stream>& streams(std::size_t segment);
+  [[nodiscard]] bool is_complete(const Chunk& chunk) const;
   SplatRows& open_chunk(Stream& stream);
   void take(std::vector<Chunk>& chunks, bool at_end);
   Fit& fit(std::size_t step);

@@ -35,41 +35,36 @@ void for_each_array(A& a, B& b, const Visit& visit) {
 // The rows that one chunk holds.
 class ChunkPacker {
  public:
-  ChunkPacker(const RowRange& range, const std::vector<format::Attribute>& attributes)
-      : range_(range), rows_(*range.rows), attributes_(attributes) {}
+  ChunkPacker(const SplatRows& rows, const std::vector<format::Attribute>& attributes)
+      : rows_(rows), attributes_(attributes) {}
 
   format::PackedChunk pack(const format::Column& column) const {
     const auto a = static_cast<std::size_t>(std::max(column.attribute, 0));
     switch (column.kind) {
       case format::ColumnKind::position:
-        return format::pack_positions(part(rows_.points.positions), std::ranges::min(part(rows_.points.errors)));
+        return format::pack_positions(rows_.points.positions, std::ranges::min(rows_.points.errors));
       case format::ColumnKind::octant:
-        return format::pack_octants(part(rows_.splats.depths), part(rows_.splats.counts));
+        return format::pack_octants(rows_.splats.depths, rows_.splats.counts);
       case format::ColumnKind::centroid:
-        return format::pack_positions(part(rows_.splats.centroids), std::ranges::min(part(rows_.splats.errors)));
+        return format::pack_positions(rows_.splats.centroids, std::ranges::min(rows_.splats.errors));
       case format::ColumnKind::moments:
-        return format::pack_moments(part(rows_.splats.shapes));
+        return format::pack_moments(rows_.splats.shapes);
       case format::ColumnKind::value_moments:
         return pack_value_moments(a);
       case format::ColumnKind::gradient:
-        return format::pack_gradients(part(rows_.point_values[a].gradients));
+        return format::pack_gradients(rows_.point_values[a].gradients);
       default:
-        return format::pack_values(part(rows_.point_values[a].values), format::bins_of(attributes_[a]));
+        return format::pack_values(rows_.point_values[a].values, format::bins_of(attributes_[a]));
     }
   }
 
  private:
-  template <class T>
-  std::span<const T> part(const std::vector<T>& all) const {
-    return std::span(all).subspan(range_.begin, range_.size());
-  }
-
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
     const format::ValueBins bins = format::bins_of(attributes_[attribute]);
     const SplatRows::SplatValues& values = rows_.splat_values[attribute];
     format::ValueSummary summary;
     double smallest = infinity;
-    for (std::size_t i = range_.begin; i < range_.end; ++i) {
+    for (std::size_t i = 0; i < rows_.size(); ++i) {
       summary.include(summarize_range(values.min[i], values.max[i], bins));
       const double deviation = values.moments[i].deviation;
       if (deviation > 0) smallest = std::min(smallest, deviation);
@@ -77,10 +72,9 @@ class ChunkPacker {
     const double range = bins.max > bins.min ? bins.max - bins.min : 0;
     const double error =
         std::max(range * error_per_range, std::isfinite(smallest) ? smallest * error_per_deviation : 0);
-    return format::pack_value_moments(part(values.moments), error, summary);
+    return format::pack_value_moments(values.moments, error, summary);
   }
 
-  RowRange range_;
   const SplatRows& rows_;
   const std::vector<format::Attribute>& attributes_;
 };
@@ -126,32 +120,25 @@ void SplatRows::clear() {
   for_each_array(*this, *this, [](auto& items, const auto&) { items.clear(); });
 }
 
-double shortest_deviation(const format::SplatShape& shape) {
-  int shortest = 2;
-  while (shortest > 0 && !(shape.deviations[shortest] > 0)) --shortest;
-  return shape.deviations[shortest];
-}
-
 SplatRow make_splat_row(const dvec3& position, double point_error, const SpatialMoments& moments,
                         const format::SplatShape& shape, const BoundaryPlane& plane) {
-  SplatRow row;
-  row.shape = shape;
-  row.shape.boundary = boundary_foot(plane, moments, row.shape);
-  row.centroid = position + moments.centroid;
-  const double shortest = shortest_deviation(row.shape);
-  row.error = shortest > 0 ? shortest * error_per_deviation : point_error;
+  const double shortest = shortest_deviation(shape);
+  SplatRow row{.centroid = position + moments.centroid,
+               .error = shortest > 0 ? shortest * error_per_deviation : point_error,
+               .shape = shape};
+  if (plane.area != dvec3(0)) row.shape.boundary = boundary_foot(plane, moments, shape);
   return row;
+}
+
+format::SplatValue stored_value(const ValueMoments& moments, const format::SplatShape& shape, double offset) {
+  format::SplatValue value = value_of(moments, shape);
+  value.mean -= offset;
+  return value;
 }
 
 ValueRow make_value_row(const ValueMoments& moments, const format::SplatShape& shape, double offset) {
-  ValueRow row{value_of(moments, shape), std::numeric_limits<float>::infinity(),
-               -std::numeric_limits<float>::infinity()};
-  row.value.mean -= offset;
-  if (moments.mass > 0) {
-    row.min = static_cast<float>(moments.min - offset);
-    row.max = static_cast<float>(moments.max - offset);
-  }
-  return row;
+  const auto [low, high] = stored_range(moments, offset);
+  return {stored_value(moments, shape, offset), low, high};
 }
 
 format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins) {
@@ -160,7 +147,7 @@ format::ValueSummary summarize_range(float low, float high, const format::ValueB
   return {low, high, all << bins.bin(low) & all >> (63 - bins.bin(high))};
 }
 
-std::vector<format::PackedChunk> pack_rows(const RowRange& rows, const std::vector<format::Column>& columns,
+std::vector<format::PackedChunk> pack_rows(const SplatRows& rows, const std::vector<format::Column>& columns,
                                            const std::vector<format::Attribute>& attributes) {
   const ChunkPacker packer(rows, attributes);
   std::vector<format::PackedChunk> chunks;

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/math.h"
@@ -91,29 +94,39 @@ struct SplatRows {
   return make_splat_row(position, point_error, moments, shape_of(moments), plane);
 }
 
-/// What `shape` of all material holds of an attribute with this offset.
+/// What `shape` of all material holds of an attribute with this offset, and between which values.
+[[nodiscard]] format::SplatValue stored_value(const ValueMoments& moments, const format::SplatShape& shape,
+                                              double offset);
+[[nodiscard]] inline std::pair<float, float> stored_range(const ValueMoments& moments, double offset) {
+  if (!(moments.mass > 0)) return {std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()};
+  return {static_cast<float>(moments.min - offset), static_cast<float>(moments.max - offset)};
+}
 [[nodiscard]] ValueRow make_value_row(const ValueMoments& moments, const format::SplatShape& shape, double offset);
+
+/// For emplace_back(InPlace{make}): the element is made where it is to be, by make().
+template <class Make>
+struct InPlace {
+  Make make;
+  operator std::invoke_result_t<Make>() const { return make(); }
+};
+template <class Make>
+InPlace(Make) -> InPlace<Make>;
 
 /// What share of a splat's smallest deviation its centroid, and its point's position, may move by.
 inline constexpr double error_per_deviation = 1.0 / 64;
 
 /// The smallest deviation that is not 0, what is too thin for rounding; 0 for no material.
-[[nodiscard]] double shortest_deviation(const format::SplatShape& shape);
+[[nodiscard]] inline double shortest_deviation(const format::SplatShape& shape) {
+  const dvec3& d = shape.deviations;
+  return d.z > 0 ? d.z : d.y > 0 ? d.y : d.x;
+}
 
 /// Bounds what values the material takes whose least is `low` and whose largest `high`, stored values; none where
 /// low > high.
 [[nodiscard]] format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins);
 
-/// Some of the rows in arrays.
-struct RowRange {
-  const SplatRows* rows = nullptr;
-  std::size_t begin = 0, end = 0;
-
-  [[nodiscard]] std::size_t size() const { return end - begin; }
-};
-
 /// A chunk for each of `columns`. Thread-safe.
-[[nodiscard]] std::vector<format::PackedChunk> pack_rows(const RowRange& rows,
+[[nodiscard]] std::vector<format::PackedChunk> pack_rows(const SplatRows& rows,
                                                          const std::vector<format::Column>& columns,
                                                          const std::vector<format::Attribute>& attributes);
 

@@ -164,6 +164,7 @@ struct Streamed {
       EXPECT_EQ(batch.first, steps[0].splats.size());
       for (const PointCell& cell : batch.cells)
         cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
+      find_leaves(batch, settings, reduced);
       reduce_cells(batch, settings, pool_, reduced);
       take(batch, reduced, cascade);
       reduced.clear();

@@ -27,6 +27,7 @@ void run(Batches& batches, ReductionPass& pass, RowStreams& rows) {
   ReducedBatch reduced(1);
   std::vector<RowStreams::Chunk> chunks;
   while (*batches.next(batch)) {
+    pass.prepare(batch, reduced);
     pass.reduce(batch, reduced);
     EXPECT_TRUE(pass.take(batch, reduced));
     rows.take_complete(chunks);
