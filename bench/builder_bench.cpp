@@ -32,7 +32,10 @@ void block_estimate(benchmark::State& state) {
   const auto points = random_points(total);
   const auto values = values_at(points);
   BlockEstimate estimate;
-  BlockMaterial material;
+  std::vector<SpatialMoments> moments(block);
+  std::vector<ValueMoments> value_moments(block);
+  std::vector<dvec3> gradients(block);
+  const BlockMaterial material{moments, {value_moments}, {gradients}};
   for (auto run : state)
     for (std::size_t begin = 0; begin + block <= total; begin += block) {
       const std::span<const double> part = std::span(values).subspan(begin, block);

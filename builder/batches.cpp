@@ -27,18 +27,14 @@ void resize_material(PointBatch& batch) {
   for (auto& gradients : batch.gradients) gradients.resize(batch.size());
 }
 
-struct Estimator {
-  BlockEstimate blocks;
-  BlockMaterial result;
-};
-
 Box cell_box(const dvec3& position, const Cube& cube, int depth) {
   const dvec3 center = cell_center(position, cube, depth);
-  const double half = std::ldexp(cube.edge, -depth - 1);
+  const double half = cell_edge(cube, depth) / 2;
   return {center - half, center + half};
 }
 
-void estimate_block(const Box& box, const Cube& cube, const PointCell& block, PointBatch& batch, Estimator& estimator) {
+void estimate_block(const Box& box, const Cube& cube, const PointCell& block, PointBatch& batch,
+                    BlockEstimate& estimate) {
   const std::size_t count = block.end - block.begin;
   const auto positions = std::span<const dvec3>(batch.positions).subspan(block.begin, count);
   Box bounds = cell_box(positions[0], cube, block.depth);
@@ -47,15 +43,10 @@ void estimate_block(const Box& box, const Cube& cube, const PointCell& block, Po
   for (const dvec3& p : positions) bounds.include({p, p});
   std::vector<std::span<const double>> values;
   for (const auto& all : batch.values) values.push_back(std::span(all).subspan(block.begin, count));
-  estimator.blocks.estimate(positions, values, bounds, estimator.result);
-  const auto put = [&](const auto& items, auto& all) {
-    std::ranges::copy(items, all.begin() + static_cast<std::ptrdiff_t>(block.begin));
-  };
-  put(estimator.result.moments, batch.moments);
-  for (std::size_t a = 0; a < values.size(); ++a) {
-    put(estimator.result.value_moments[a], batch.value_moments[a]);
-    put(estimator.result.gradients[a], batch.gradients[a]);
-  }
+  BlockMaterial result{std::span(batch.moments).subspan(block.begin, count), {}, {}};
+  for (auto& all : batch.value_moments) result.value_moments.push_back(std::span(all).subspan(block.begin, count));
+  for (auto& all : batch.gradients) result.gradients.push_back(std::span(all).subspan(block.begin, count));
+  estimate.estimate(positions, values, bounds, result);
 }
 
 }  // namespace
@@ -112,9 +103,9 @@ void Batches::estimate(PointBatch& batch) const {
   const std::vector<PointCell>& blocks = batch.blocks;
   if (blocks.empty()) return;
   resize_material(batch);
-  tbb::enumerable_thread_specific<Estimator> estimators;
+  tbb::enumerable_thread_specific<BlockEstimate> estimates;
   tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimators.local());
+    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimates.local());
   });
 }
 

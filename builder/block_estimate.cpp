@@ -21,12 +21,14 @@ int longest_axis(const dvec3& extent) {
   return extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
 }
 
+double half_way(double below, double above) { return below + (above - below) / 2; }
+
 }  // namespace
 
 void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const std::span<const double>> values,
-                             const Box& bounds, BlockMaterial& result) {
+                             const Box& bounds, const BlockMaterial& result) {
   places_.clear();
-  for (const dvec3& p : positions) places_.push_back({p - bounds.low, static_cast<std::uint32_t>(places_.size())});
+  for (const dvec3& p : positions) places_.push_back({p - bounds.low, places_.size()});
   boxes_.resize(positions.size());
   neighbourhoods_.clear();
   groups_.clear();
@@ -35,14 +37,8 @@ void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const s
   const double widest = widest_spacing();
   for (const Range& neighbourhood : neighbourhoods_) cut_off_voids(neighbourhood, widest);
 
-  result.moments.assign(positions.size(), {});
-  result.value_moments.resize(values.size());
-  result.gradients.resize(values.size());
   store_boxes(result.moments);
-  for (std::size_t a = 0; a < values.size(); ++a) {
-    result.value_moments[a].assign(positions.size(), {});
-    result.gradients[a].assign(positions.size(), vec3(0));
-    if (count == 0) continue;
+  for (std::size_t a = 0; a < values.size() && count > 0; ++a) {
     const dvec3 whole = fit_gradient({0, count}, values[a], dvec3(0));
     auto group = groups_.begin();
     for (const Range& neighbourhood : neighbourhoods_) {
@@ -51,7 +47,7 @@ void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const s
         const dvec3 gradient = fit_gradient(*group, values[a], around);
         store_values(*group, values[a], gradient, result.moments, result.value_moments[a]);
         for (std::uint32_t i = group->begin; i < group->end; ++i)
-          if (!std::isnan(values[a][places_[i].point])) result.gradients[a][places_[i].point] = vec3(gradient);
+          if (!std::isnan(values[a][places_[i].point])) result.gradients[a][places_[i].point] = gradient;
       }
     }
   }
@@ -84,23 +80,21 @@ void BlockEstimate::split(Range range, const Box& box, Level level) {
     boxes_[range.begin] = box;
     return;
   }
-  const std::uint32_t middle = find_split(range, axis);
-  double below = -infinity, above = infinity;
-  for (std::uint32_t i = range.begin; i < middle; ++i) below = std::max(below, places_[i].position[axis]);
-  for (std::uint32_t i = middle; i < range.end; ++i) above = std::min(above, places_[i].position[axis]);
+  const auto [middle, plane] = find_split(range, axis);
   Box lower = box, upper = box;
-  lower.high[axis] = upper.low[axis] = below + (above - below) / 2;
+  lower.high[axis] = upper.low[axis] = plane;
   split({range.begin, middle}, lower, level);
   split({middle, range.end}, upper, level);
 }
 
-// Orders the range so that all before the result have a smaller coordinate than the others.
-std::uint32_t BlockEstimate::find_split(Range range, int axis) {
+// Orders the range so that all before the middle have a smaller coordinate than the others; the plane lies half way
+// between.
+BlockEstimate::Split BlockEstimate::find_split(Range range, int axis) {
   return range.end - range.begin <= sorted_points ? split_at_gap(range, axis) : split_at_median(range, axis);
 }
 
 // At wide gaps near the middle: boxes are rounder and points nearer to their centres than with medians.
-std::uint32_t BlockEstimate::split_at_gap(Range range, int axis) {
+BlockEstimate::Split BlockEstimate::split_at_gap(Range range, int axis) {
   // Insertion sort; std::sort takes twice as long for so few.
   for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
     const Place place = places_[i];
@@ -115,28 +109,32 @@ std::uint32_t BlockEstimate::split_at_gap(Range range, int axis) {
     const double score = gap * std::min(i - range.begin, range.end - i);
     if (gap > 0 && score > best_score) best = i, best_score = score;
   }
-  return best;
+  return {best, half_way(places_[best - 1].position[axis], places_[best].position[axis])};
 }
 
 // Points with the very same coordinate stay on one side, that of the smaller part.
-std::uint32_t BlockEstimate::split_at_median(Range range, int axis) {
-  const auto first = places_.begin();
-  const std::uint32_t middle = range.begin + (range.end - range.begin) / 2;
-  const auto less = [axis](const Place& a, const Place& b) {
+BlockEstimate::Split BlockEstimate::split_at_median(Range range, int axis) {
+  const auto first = places_.begin() + range.begin, last = places_.begin() + range.end;
+  const auto middle = first + (last - first) / 2;
+  std::nth_element(first, middle, last, [axis](const Place& a, const Place& b) {
     return a.position[axis] != b.position[axis] ? a.position[axis] < b.position[axis] : a.point < b.point;
-  };
-  std::nth_element(first + range.begin, first + middle, first + range.end, less);
-  const double value = places_[middle].position[axis];
-  const auto before =
-      static_cast<std::uint32_t>(std::partition(first + range.begin, first + middle,
-                                                [&](const Place& place) { return place.position[axis] < value; }) -
-                                 first);
-  if (before == middle) return middle;
-  const auto after =
-      static_cast<std::uint32_t>(std::partition(first + middle, first + range.end,
-                                                [&](const Place& place) { return place.position[axis] <= value; }) -
-                                 first);
-  return before == range.begin || (after < range.end && after - middle < middle - before) ? after : before;
+  });
+  const double value = middle->position[axis];
+  double below = -infinity;
+  for (auto place = first; place != middle; ++place) below = std::max(below, place->position[axis]);
+  const auto at = [&](auto place) { return static_cast<std::uint32_t>(place - places_.begin()); };
+  if (below < value) return {at(middle), half_way(below, value)};
+
+  const auto before = std::partition(first, middle, [&](const Place& place) { return place.position[axis] < value; });
+  const auto after = std::partition(middle, last, [&](const Place& place) { return place.position[axis] <= value; });
+  const bool up = before == first || (after < last && after - middle < middle - before);
+  double low = -infinity, high = infinity;
+  for (auto place = first; place != last; ++place) {
+    const double x = place->position[axis];
+    if (up ? x <= value : x < value) low = std::max(low, x);
+    if (up ? x > value : x >= value) high = std::min(high, x);
+  }
+  return {at(up ? after : before), half_way(low, high)};
 }
 
 // Of a volume, a plane or a line that the points fill evenly, whatever its direction; 0 for one place.
@@ -178,7 +176,7 @@ void BlockEstimate::cut_off_voids(Range neighbourhood, double widest) {
   }
 }
 
-void BlockEstimate::store_boxes(std::vector<SpatialMoments>& moments) const {
+void BlockEstimate::store_boxes(std::span<SpatialMoments> moments) const {
   for (std::size_t i = 0; i < places_.size(); ++i) {
     const Box& box = boxes_[i];
     if (box.low[0] > box.high[0]) continue;

@@ -10,11 +10,11 @@
 
 namespace splatvol {
 
-/// What the points of a block stand for.
+/// What the points of a block stand for; where it is to be written.
 struct BlockMaterial {
-  std::vector<SpatialMoments> moments;                   // [point]
-  std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][point]
-  std::vector<std::vector<vec3>> gradients;              // [attribute][point]; 0: none
+  std::span<SpatialMoments> moments;                   // [point]
+  std::vector<std::span<ValueMoments>> value_moments;  // [attribute][point]
+  std::vector<std::span<dvec3>> gradients;             // [attribute][point]; 0: none
 };
 
 /// Shares a block's volume out by a k-d tree over its points: each has a box, and the boxes tile the block. Sides that
@@ -26,14 +26,14 @@ class BlockEstimate {
   /// Of coincident points the first has the whole box, the others have no mass. Values are linear in a box, with the
   /// gradient that fits some 16 points there best; no mass where a value is missing (NaN). The result depends on the
   /// arguments alone. Best at some hundred to some thousand points. Requires finite positions inside `bounds`, borders
-  /// included, fewer than 2^32, and as many values of each attribute.
+  /// included, fewer than 2^32, as many values of each attribute, and room in `result` for all, without material.
   void estimate(std::span<const dvec3> positions, std::span<const std::span<const double>> values, const Box& bounds,
-                BlockMaterial& result);
+                const BlockMaterial& result);
 
  private:
   struct Place {
-    dvec3 position;  // less the block's lowest corner
-    std::uint32_t point;
+    dvec3 position;       // less the block's lowest corner
+    std::uint64_t point;  // without padding behind it, so that a place is copied as two vectors
   };
   struct Range {
     std::uint32_t begin, end;  // of places
@@ -42,12 +42,16 @@ class BlockEstimate {
     bool in_neighbourhood = false, in_group = false;
   };
   void split(Range range, const Box& box, Level level);
-  [[nodiscard]] std::uint32_t find_split(Range range, int axis);
-  [[nodiscard]] std::uint32_t split_at_gap(Range range, int axis);
-  [[nodiscard]] std::uint32_t split_at_median(Range range, int axis);
+  struct Split {
+    std::uint32_t middle;
+    double plane;
+  };
+  [[nodiscard]] Split find_split(Range range, int axis);
+  [[nodiscard]] Split split_at_gap(Range range, int axis);
+  [[nodiscard]] Split split_at_median(Range range, int axis);
   [[nodiscard]] double widest_spacing() const;
   void cut_off_voids(Range neighbourhood, double widest);
-  void store_boxes(std::vector<SpatialMoments>& moments) const;
+  void store_boxes(std::span<SpatialMoments> moments) const;
   [[nodiscard]] dvec3 fit_gradient(Range range, std::span<const double> values, const dvec3& around) const;
   void store_values(Range group, std::span<const double> values, const dvec3& gradient,
                     std::span<const SpatialMoments> moments, std::span<ValueMoments> result) const;

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <random>
+
 #include "tests/builder/point_sets.h"
 
 namespace splatvol {
@@ -30,20 +31,33 @@ Points lattice(int n, dvec3 spacing) {
 double linear(const dvec3& p) { return 3 + 2 * p.x - p.y + 0.5 * p.z; }
 const dvec3 slope(2, -1, 0.5);
 
-BlockMaterial estimate(const Points& points, const Box& bounds, const std::vector<double>& values) {
-  BlockMaterial material;
+struct Material {
+  std::vector<SpatialMoments> moments;                   // [point]
+  std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][point]
+  std::vector<std::vector<dvec3>> gradients;             // [attribute][point]
+};
+
+Material estimate(BlockEstimate& estimate, const Points& points, const Box& bounds, const std::vector<double>& values) {
+  const std::size_t n = points.size();
+  Material material{std::vector<SpatialMoments>(n), {std::vector<ValueMoments>(n)}, {std::vector<dvec3>(n)}};
   const std::span<const double> attribute = values;
-  BlockEstimate().estimate(points, {&attribute, 1}, bounds, material);
+  estimate.estimate(points, {&attribute, 1}, bounds,
+                    {material.moments, {material.value_moments[0]}, {material.gradients[0]}});
   return material;
 }
 
-BlockMaterial estimate(const Points& points, const Box& bounds) {
+Material estimate(const Points& points, const Box& bounds, const std::vector<double>& values) {
+  BlockEstimate fresh;
+  return estimate(fresh, points, bounds, values);
+}
+
+Material estimate(const Points& points, const Box& bounds) {
   std::vector<double> values;
   for (const dvec3& p : points) values.push_back(linear(p));
   return estimate(points, bounds, values);
 }
 
-double total_mass(const BlockMaterial& material) {
+double total_mass(const Material& material) {
   double sum = 0;
   for (const SpatialMoments& moments : material.moments) sum += moments.mass;
   return sum;
@@ -73,7 +87,7 @@ TEST(BlockEstimate, CellsOfALatticeAreItsBoxesWhateverItsAspectRatio) {
     for (const double thin : {1.0, 1e-4, 1e-8}) {
       const dvec3 spacing(1, 0.5, thin);
       const Points points = lattice(n, spacing);
-      const BlockMaterial material = estimate(points, {dvec3(0), static_cast<double>(n) * spacing});
+      const Material material = estimate(points, {dvec3(0), static_cast<double>(n) * spacing});
       for (std::size_t i = 0; i < points.size(); ++i) {
         // Coordinates up to 11 are rounded to 1e-15 of them.
         ASSERT_NEAR(material.moments[i].mass / (0.5 * thin), 1, 1e-12);
@@ -88,10 +102,10 @@ TEST(BlockEstimate, ALinearFieldKeepsItsGradient) {
   for (const Points& points : {test::uniform_points(3000), lattice(9, {1, 0.5, 1e-4})}) {
     dvec3 high(0);
     for (const dvec3& p : points) high = glm::max(high, p);
-    const BlockMaterial material = estimate(points, {dvec3(0), high});
+    const Material material = estimate(points, {dvec3(0), high});
     for (std::size_t i = 0; i < points.size(); ++i) {
       // Values near 20 are rounded to 2e-15, over a spacing of 1e-4; and what keeps the matrix regular weighs 1e-12.
-      ASSERT_LT(glm::length(dvec3(material.gradients[0][i]) - slope), 1e-6) << i;
+      ASSERT_LT(glm::length(material.gradients[0][i] - slope), 1e-6) << i;
       const SpatialMoments& own = material.moments[i];
       const ValueMoments& value = material.value_moments[0][i];
       const double variance =
@@ -107,7 +121,7 @@ TEST(BlockEstimate, ALinearFieldKeepsItsGradient) {
 
 TEST(BlockEstimate, DoesNotDependOnPlaceOrScale) {
   const Points points = test::uniform_points(2000);
-  const BlockMaterial here = estimate(points, {dvec3(0), dvec3(1)});
+  const Material here = estimate(points, {dvec3(0), dvec3(1)});
   struct Change {
     double scale;
     dvec3 shift;
@@ -118,7 +132,7 @@ TEST(BlockEstimate, DoesNotDependOnPlaceOrScale) {
                                Change{0x1p20, dvec3(0), 1e-12}, Change{1e-6, dvec3(0), 1e-9}}) {
     Points moved;
     for (const dvec3& p : points) moved.push_back(change.shift + change.scale * p);
-    const BlockMaterial there = estimate(moved, {change.shift, change.shift + change.scale});
+    const Material there = estimate(moved, {change.shift, change.shift + change.scale});
     const double volume = std::pow(change.scale, 3);
     for (std::size_t i = 0; i < points.size(); ++i)
       ASSERT_NEAR(there.moments[i].mass / volume / here.moments[i].mass, 1, change.tolerance) << change.scale;
@@ -141,7 +155,7 @@ TEST(BlockEstimate, PointsWithoutAVolumeGetTheThicknessOfTheirSpacing) {
   }
   // One place has the whole block, once.
   EXPECT_DOUBLE_EQ(total_mass(estimate({dvec3(5)}, bounds)), 8000);
-  const BlockMaterial coincident = estimate(Points(500, dvec3(1, 2, 3)), bounds);
+  const Material coincident = estimate(Points(500, dvec3(1, 2, 3)), bounds);
   EXPECT_DOUBLE_EQ(coincident.moments[0].mass, 8000);
   EXPECT_DOUBLE_EQ(total_mass(coincident), 8000);
   EXPECT_TRUE(estimate({}, bounds).moments.empty());
@@ -164,7 +178,7 @@ TEST(BlockEstimate, CoincidentPointsShareNothing) {
   Points points = lattice(5, dvec3(1));
   const std::size_t distinct = points.size();
   points.insert(points.end(), points.begin(), points.begin() + 40);
-  const BlockMaterial material = estimate(points, {dvec3(0), dvec3(5)});
+  const Material material = estimate(points, {dvec3(0), dvec3(5)});
   for (std::size_t i = 0; i < points.size(); ++i) {
     ASSERT_NEAR(material.moments[i].mass, i < distinct ? 1 : 0, 1e-12);
     ASSERT_EQ(material.value_moments[0][i].mass, material.moments[i].mass);
@@ -178,7 +192,7 @@ TEST(BlockEstimate, SurvivesHardDistributions) {
   for (int i = 0; i < 600; ++i)
     graded.push_back(std::pow(0.9, i) * test::uniform_points(1, static_cast<unsigned>(i)).front());
   for (const Points& points : {crowded, column, graded}) {
-    const BlockMaterial material = estimate(points, {dvec3(0), dvec3(1)});
+    const Material material = estimate(points, {dvec3(0), dvec3(1)});
     EXPECT_GT(total_mass(material), 0);
     EXPECT_LE(total_mass(material), 1 + 1e-12);
     for (std::size_t i = 0; i < points.size(); ++i) {
@@ -194,28 +208,27 @@ TEST(BlockEstimate, MissingValuesHaveNoMassAndDoNotSpread) {
   std::vector<double> values;
   for (const dvec3& p : points) values.push_back(linear(p));
   for (std::size_t i = 0; i < points.size(); i += 7) values[i] = nan;
-  const BlockMaterial material = estimate(points, {dvec3(0), dvec3(6)}, values);
+  const Material material = estimate(points, {dvec3(0), dvec3(6)}, values);
   for (std::size_t i = 0; i < points.size(); ++i) {
     ASSERT_NEAR(material.moments[i].mass, 1, 1e-12);
     ASSERT_EQ(material.value_moments[0][i].mass, i % 7 == 0 ? 0 : material.moments[i].mass);
     if (i % 7 == 0) continue;
     ASSERT_NEAR(material.value_moments[0][i].mean, linear(points[i]), 1e-9);
-    ASSERT_LT(glm::length(dvec3(material.gradients[0][i]) - slope), 1e-6);
+    ASSERT_LT(glm::length(material.gradients[0][i] - slope), 1e-6);
   }
-  const BlockMaterial nothing = estimate(points, {dvec3(0), dvec3(6)}, std::vector<double>(points.size(), nan));
+  const Material nothing = estimate(points, {dvec3(0), dvec3(6)}, std::vector<double>(points.size(), nan));
   for (const ValueMoments& value : nothing.value_moments[0]) ASSERT_EQ(value.mass, 0);
 }
 
 TEST(BlockEstimate, DoesNotDependOnThreadsOrOnWhatCameBefore) {
   const auto all_blocks = [] {
-    std::vector<BlockMaterial> materials(32);
+    std::vector<Material> materials(32);
     tbb::parallel_for(std::size_t{0}, materials.size(), [&](std::size_t b) {
       thread_local BlockEstimate kept;
       const Points points = test::uniform_points(100 + 50 * static_cast<int>(b), static_cast<unsigned>(b));
       std::vector<double> values;
       for (const dvec3& p : points) values.push_back(linear(p));
-      const std::span<const double> attribute = values;
-      kept.estimate(points, {&attribute, 1}, {dvec3(0), dvec3(1)}, materials[b]);
+      materials[b] = estimate(kept, points, {dvec3(0), dvec3(1)}, values);
     });
     return materials;
   };
