@@ -10,11 +10,14 @@
 #include <cstring>
 #include <filesystem>
 #include <random>
+#include <vector>
 
 namespace splatvol {
 namespace {
 
 constexpr std::uint64_t max_text_bytes = 64u << 20;  // scenes and mesh headers are a few kilobytes
+constexpr std::uint64_t begun_together = 32u << 20;
+constexpr std::uint64_t moved_together = 4u << 20;
 
 tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
@@ -23,6 +26,18 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
 std::string unpredictable_name(const std::string& path) {
   std::random_device random;
   return fmt::format("{}.{:08x}{:08x}", path, random(), random());
+}
+
+Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
+  while (!out.empty()) {
+    const ssize_t got = ::pread(descriptor, out.data(), out.size(), static_cast<off_t>(offset));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return fail_errno(path, "cannot read");
+    if (got == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
+    out = out.subspan(static_cast<std::size_t>(got));
+    offset += static_cast<std::uint64_t>(got);
+  }
+  return {};
 }
 
 class FileSource final : public ByteSource {
@@ -40,15 +55,7 @@ class FileSource final : public ByteSource {
     if (offset > size_ || out.size() > size_ - offset)
       return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", path_,
                   out.size(), offset, size_);
-    while (!out.empty()) {
-      const ssize_t got = ::pread(descriptor_, out.data(), out.size(), static_cast<off_t>(offset));
-      if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return fail_errno(path_, "cannot read");
-      if (got == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path_);
-      out = out.subspan(static_cast<std::size_t>(got));
-      offset += static_cast<std::uint64_t>(got);
-    }
-    return {};
+    return read_exactly(descriptor_, offset, out, path_);
   }
 
  private:
@@ -134,7 +141,8 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
     : descriptor_(std::exchange(other.descriptor_, -1)),
       path_(std::move(other.path_)),
       temporary_path_(std::move(other.temporary_path_)),
-      end_(other.end_) {}
+      end_(other.end_),
+      begun_(other.begun_) {}
 
 AtomicFile::~AtomicFile() {
   if (descriptor_ < 0) return;
@@ -145,6 +153,29 @@ AtomicFile::~AtomicFile() {
 Status AtomicFile::append(std::span<const std::byte> bytes) {
   SPLATVOL_TRY(write_at(end_, bytes));
   end_ += bytes.size();
+  if (end_ >= begun_ + begun_together) {
+    // Otherwise all of it would wait until commit. Nothing is lost where this fails.
+    (void)::sync_file_range(descriptor_, static_cast<off_t>(begun_), static_cast<off_t>(end_ - begun_),
+                            SYNC_FILE_RANGE_WRITE);
+    begun_ = end_;
+  }
+  return {};
+}
+
+Status AtomicFile::insert_front(std::uint64_t bytes) {
+  std::uint64_t left = std::exchange(end_, end_ + bytes);
+  begun_ = end_;
+  if (bytes == 0 || left == 0) return {};
+  if (::fallocate(descriptor_, FALLOC_FL_INSERT_RANGE, 0, static_cast<off_t>(bytes)) == 0) return {};
+
+  // Block by block from the end, so that none is overwritten before it is read.
+  std::vector<std::byte> block(std::min(left, moved_together));
+  while (left > 0) {
+    const auto part = std::span(block).first(std::min<std::uint64_t>(left, block.size()));
+    left -= part.size();
+    SPLATVOL_TRY(read_exactly(descriptor_, left, part, path_));
+    SPLATVOL_TRY(write_at(left + bytes, part));
+  }
   return {};
 }
 

@@ -55,11 +55,16 @@ class AtomicFile {
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
 
-  /// Appends bytes at the end.
+  /// Appends bytes at the end. The disk begins to write them before `commit`.
   [[nodiscard]] Status append(std::span<const std::byte> bytes);
 
   /// Overwrites bytes at `offset`; a hole left before it reads as zeros. Does not move the end of `append`.
   [[nodiscard]] Status write_at(std::uint64_t offset, std::span<const std::byte> bytes);
+
+  /// Moves all bytes back by `bytes`, and the end of `append`; what is in front means nothing then. Nothing is copied
+  /// where the file system can insert blocks (ext4, XFS) and `bytes` is a multiple of insertable_bytes.
+  [[nodiscard]] Status insert_front(std::uint64_t bytes);
+  static constexpr std::uint64_t insertable_bytes = 4096;
 
   /// Moves the place of the next `append`.
   void seek(std::uint64_t offset) { end_ = offset; }
@@ -79,6 +84,7 @@ class AtomicFile {
   std::string path_;
   std::string temporary_path_;  // empty: none
   std::uint64_t end_ = 0;
+  std::uint64_t begun_ = 0;  // what the disk has been told to write
 };
 
 /// Writes a whole file through an AtomicFile.

@@ -256,7 +256,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
                 "a leaf must be allowed 8 points or more: with {}, a cell could be split without losing any",
                 options.leaf_points);
   // What cannot be written is better known before the work.
-  SPLATVOL_TRY(AtomicFile::create(output).map([](const AtomicFile&) {}));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   // Where there will be room for the file there is room for parts of it.
   const std::string folder = options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
@@ -269,7 +269,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   const InputSummary& input = points.summary();
   format::VolumeInfo info = describe(options, input.cube, input.attributes);
   SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder));
-  RowStreams rows(info, fitted_splats, folder);
+  RowStreams rows(info, fitted_splats, folder, file);
   const bool fits = batches.count() <= fitted_splats;
   if (!fits) rows.leave_unfitted(0);
   LeafSpool leaves(std::move(leaf_file));
@@ -296,11 +296,12 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
                      .cells = input.cells,
                      .uncertain = connection.blocks ? connection.blocks->uncertain() : 0};
   info.provenance = provenance(options, report).dump(-1, ' ', false, json::error_handler_t::replace);
-  SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(output, info, std::move(index), folder));
+  SPLATVOL_TRY_ASSIGN(
+      writer, format::VolumeWriter::create(std::move(file), rows.coarse_bytes(), info, std::move(index), folder));
   std::uint64_t row = 0;
   SPLATVOL_TRY(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
     progress("writing", static_cast<double>(++row) / static_cast<double>(writer->rows().row_count()));
-    return writer->append_row(entries, bytes);
+    return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
   }));
   SPLATVOL_TRY(writer->finish(pass.histograms()));
 

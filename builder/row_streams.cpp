@@ -26,12 +26,14 @@ Bytes serialize(std::span<const PackedChunk> chunks) {
 
 }  // namespace
 
-RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder)
+RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder,
+                       AtomicFile& finest)
     : attributes_(info.attributes),
       all_columns_(info.columns),
       points_per_chunk_(info.points_per_chunk),
       fitted_splats_(fitted_splats),
-      folder_(std::move(folder)) {
+      folder_(std::move(folder)),
+      finest_(finest) {
   std::ranges::copy_if(all_columns_, std::back_inserter(resolution_columns_),
                        [](const format::Column& column) { return column.scope == format::ColumnScope::resolution; });
 }
@@ -40,6 +42,7 @@ std::vector<RowStreams::Stream>& RowStreams::streams(std::size_t segment) {
   while (streams_.size() <= segment) {
     std::vector<Stream>& at = streams_.emplace_back(streams_.size() + 1);
     for (Stream& stream : at) stream.columns = &stream == &at.back() ? &all_columns_ : &resolution_columns_;
+    at.front().finest = streams_.size() == 1;
   }
   return streams_[segment];
 }
@@ -145,8 +148,16 @@ Status RowStreams::write(const Chunk& chunk) {
     }
     stream.file = &files_.back();
   }
-  stream.packed.push_back({stream.file->size(), chunk.packed_.size()});
-  return stream.file->append(chunk.packed_);
+  std::span<const std::byte> row = chunk.packed_;
+  const std::size_t head = stream.columns->size() * sizeof(format::ChunkEntry);
+  if (stream.finest) {
+    SPLATVOL_TRY(finest_.append(row.subspan(head)));
+    row = row.first(head);
+  } else {
+    coarse_bytes_ += row.size() - head;
+  }
+  stream.packed.push_back({stream.file->size(), row.size()});
+  return stream.file->append(row);
 }
 
 // From fine to coarse: a splat looks where its parts are.

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "base/file.h"
 #include "base/temp_file.h"
 #include "builder/cascade.h"
 #include "builder/density.h"
@@ -19,7 +20,8 @@
 namespace splatvol {
 
 /// Collects the points of each segment and their splats at each step, packs them and keeps them in temporary files: one
-/// for each pair, so that each is read from its beginning to its end.
+/// for each pair, so that each is read from its beginning to its end. Chunks of the finest rows, which are the file's
+/// last and more than half of it, go where they are to stay.
 /// The densities of steps with at most `fitted_splats` splats are fitted (density.h), which needs all of them at once;
 /// others are packed as they come.
 class RowStreams {
@@ -27,7 +29,8 @@ class RowStreams {
 
  public:
   /// `info`: attributes, columns and points_per_chunk; not what is only known at the end. `folder`: for the files.
-  RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder);
+  /// `finest`: gets the chunks of segment 0 at step 0, side by side; must outlive this.
+  RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder, AtomicFile& finest);
   RowStreams(const RowStreams&) = delete;
   RowStreams& operator=(const RowStreams&) = delete;
 
@@ -71,7 +74,10 @@ class RowStreams {
   /// Fits and packs the rest; `steps`: how many there are.
   [[nodiscard]] Status finish(std::size_t steps);
 
-  /// Gets the entries of a row's chunks and their bytes, which lie side by side.
+  /// Bytes of all chunks but the finest rows'.
+  [[nodiscard]] std::uint64_t coarse_bytes() const { return coarse_bytes_; }
+
+  /// Gets the entries of a row's chunks and their bytes, which lie side by side; no bytes for the finest rows.
   using Visit = std::function<Status(std::span<const format::ChunkEntry>, std::span<const std::byte>)>;
 
   /// Visits each row in file order, and gives its disk space back. After finish.
@@ -89,6 +95,7 @@ class RowStreams {
   };
   struct Stream {
     const std::vector<format::Column>* columns;
+    bool finest = false;
     std::deque<Chunk> chunks;    // of which only the last may be smaller than others
     TempFile* file = nullptr;    // once there is something in it
     std::vector<Extent> packed;  // rows in the file
@@ -106,6 +113,8 @@ class RowStreams {
   std::size_t points_per_chunk_;
   std::uint64_t fitted_splats_;
   std::string folder_;
+  AtomicFile& finest_;
+  std::uint64_t coarse_bytes_ = 0;
   std::deque<TempFile> files_;
   std::vector<std::vector<Stream>> streams_;       // [segment][step]
   std::vector<std::unique_ptr<SplatRows>> spare_;  // empty ones, whose memory the next chunks take

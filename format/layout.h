@@ -46,6 +46,7 @@ enum class SectionKind : std::uint32_t {
   index_pages = 5,
   directory_pages = 6,
   histograms = 7,
+  padding = 8,
 };
 
 /// R7: the longest metadata that so many packed bytes may hold. JSON takes many times its length in memory.

@@ -7,8 +7,11 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t section_count = 7;
-constexpr std::uint64_t front_bytes = sizeof(Superblock) + section_count * sizeof(SectionEntry);
+constexpr std::uint64_t section_count = 7;  // without padding
+
+// Rows of so many bytes are moved by whole blocks of the disk, for which the file is padded. Depends on the file alone.
+constexpr std::uint64_t padded_rows_bytes = 16u << 20;
+
 constexpr std::uint64_t copied_at_once = 1u << 20;
 constexpr std::uint64_t directory_page_target_bytes = 8u << 10;  // a quarter of the shortest first read
 
@@ -50,20 +53,25 @@ VolumeWriter::VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, 
 
 Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& path, VolumeInfo info, PackedIndex index,
                                                            const std::string& temporary_folder) {
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  return create(std::move(file), 0, std::move(info), std::move(index), temporary_folder);
+}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std::uint64_t bytes_before, VolumeInfo info,
+                                                           PackedIndex index, const std::string& temporary_folder) {
   SPLATVOL_TRY(metadata_to_json(info));
   if (index.shape.resolutions != info.resolutions() || index.shape.size_bounds != info.size_bounds.size() ||
       index.shape.attributes != info.attributes.size())
     return fail(ErrorCode::invalid_argument, "the index is of another shape than the metadata");
   info.rows_per_directory_page = choose_rows_per_page(info, RowLayout(info));
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
   SPLATVOL_TRY_ASSIGN(directory_tail, TempFile::create(temporary_folder));
   std::unique_ptr<VolumeWriter> writer(
       new VolumeWriter(std::move(file), std::move(info), std::move(index), std::move(directory_tail)));
-  SPLATVOL_TRY(writer->reserve_front());
+  SPLATVOL_TRY(writer->reserve_front(bytes_before));
   return writer;
 }
 
-Status VolumeWriter::reserve_front() {
+Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
   SPLATVOL_TRY_ASSIGN(json, metadata_to_json(info_));
   const auto json_bytes = std::as_bytes(std::span(json));
   metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
@@ -72,11 +80,16 @@ Status VolumeWriter::reserve_front() {
   page_count_ = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
   const std::uint64_t root_bytes =
       sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
-  rows_offset_ = front_bytes + metadata_.size() + index_.root.bytes.size() + root_bytes;
+  const bool padded = file_.position() >= padded_rows_bytes;
+  front_bytes_ = sizeof(Superblock) + (section_count + (padded ? 1 : 0)) * sizeof(SectionEntry);
+  padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + root_bytes;
+  const std::uint64_t unpadded = padding_offset_ + bytes_before, block = AtomicFile::insertable_bytes;
+  rows_offset_ = padding_offset_ + (padded ? block - unpadded % block : 0);
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 info_.attributes.size());
-  file_.seek(rows_offset_);
+  SPLATVOL_TRY(file_.insert_front(rows_offset_ + bytes_before));
+  rows_end_ = rows_offset_;
   return {};
 }
 
@@ -97,22 +110,29 @@ Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
 }
 
 Status VolumeWriter::append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes) {
-  if (next_row_ >= rows_.row_count() || entries.size() != rows_.columns_of_row(next_row_).size())
-    return fail(ErrorCode::invalid_argument, "row {} has {} chunks", next_row_, entries.size());
   std::uint64_t packed_bytes = 0;
   for (const ChunkEntry& entry : entries) packed_bytes += entry.packed_bytes;
   if (packed_bytes != bytes.size())
     return fail(ErrorCode::invalid_argument, "row {} has {} bytes for chunks of {}", next_row_, bytes.size(),
                 packed_bytes);
+  const std::uint64_t begin = rows_end_;
+  SPLATVOL_TRY(add_written_row(entries));
+  return file_.write_at(begin, bytes);
+}
 
-  if (directory_page_.empty()) append_record(directory_page_, file_.position());
-  for (const ChunkEntry& entry : entries) append_record(directory_page_, entry);
-  SPLATVOL_TRY(file_.append(bytes));
+Status VolumeWriter::add_written_row(std::span<const ChunkEntry> entries) {
+  if (next_row_ >= rows_.row_count() || entries.size() != rows_.columns_of_row(next_row_).size())
+    return fail(ErrorCode::invalid_argument, "row {} has {} chunks", next_row_, entries.size());
+  if (directory_page_.empty()) append_record(directory_page_, rows_end_);
+  for (const ChunkEntry& entry : entries) {
+    append_record(directory_page_, entry);
+    rows_end_ += entry.packed_bytes;
+  }
   const std::size_t resolution = rows_.resolution_of_row(next_row_);
   ++next_row_;
   const bool last = next_row_ == rows_.row_count();
   if (last || next_row_ % info_.rows_per_directory_page == 0) SPLATVOL_TRY(close_directory_page());
-  if (last || rows_.resolution_of_row(next_row_) != resolution) resolution_ends_.push_back(file_.position());
+  if (last || rows_.resolution_of_row(next_row_) != resolution) resolution_ends_.push_back(rows_end_);
   return {};
 }
 
@@ -153,7 +173,8 @@ Status VolumeWriter::finish(const Histograms& histograms) {
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", next_row_, rows_.row_count());
 
   // Behind the rows.
-  const std::uint64_t rows_end = file_.position();
+  const std::uint64_t rows_end = rows_end_;
+  file_.seek(rows_end);
   const auto histogram_raw = std::as_bytes(std::span(histograms));
   const Bytes histogram_packed = pack(histogram_raw);
   SPLATVOL_TRY(file_.append(histogram_packed));
@@ -165,7 +186,7 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   file_bytes_ = footer_offset + sizeof(Footer);
 
   // The preamble's parts, now that every offset is known.
-  const std::uint64_t metadata_offset = front_bytes;
+  const std::uint64_t metadata_offset = front_bytes_;
   const std::uint64_t index_root_offset = metadata_offset + metadata_.size();
   const std::uint64_t directory_root_offset = index_root_offset + index_.root.bytes.size();
   const std::uint64_t head_offset =
@@ -186,6 +207,8 @@ Status VolumeWriter::finish(const Histograms& histograms) {
                        index_.root.ref.front_bytes, index_.root.ref.hash, Codec::extent, 0});
   add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(),
               Codec::raw);
+  const Bytes padding(rows_offset_ - padding_offset_);
+  if (!padding.empty()) add_section(SectionKind::padding, false, padding_offset_, padding, padding.size(), Codec::raw);
   add_extent(SectionKind::rows, rows_offset_, rows_end - rows_offset_);
   add_section(SectionKind::histograms, false, rows_end, histogram_packed, histogram_raw.size(),
               codec_of(histogram_raw, histogram_packed));
@@ -215,6 +238,7 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   front.insert(front.end(), metadata_.begin(), metadata_.end());
   front.insert(front.end(), index_.root.bytes.begin(), index_.root.bytes.end());
   front.insert(front.end(), directory_root.begin(), directory_root.end());
+  front.insert(front.end(), padding.begin(), padding.end());
   SPLATVOL_TRY(file_.write_at(0, front));
   return file_.commit();
 }

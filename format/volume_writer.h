@@ -30,11 +30,21 @@ class VolumeWriter {
                                                                     PackedIndex index,
                                                                     const std::string& temporary_folder);
 
+  /// The same of a file that holds the bytes of the last rows already, and nothing else; those of the rows before them
+  /// will be `bytes_before`. They are moved to their place without being copied, if there are many and the file system
+  /// can; the file is the same however.
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(AtomicFile file, std::uint64_t bytes_before,
+                                                                    VolumeInfo info, PackedIndex index,
+                                                                    const std::string& temporary_folder);
+
   /// Appends the next row: one chunk for each of its columns, in order.
   [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
 
   /// The same of chunks whose bytes lie side by side.
   [[nodiscard]] Status append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes);
+
+  /// Names the chunks of the next row, whose bytes were in the file before.
+  [[nodiscard]] Status add_written_row(std::span<const ChunkEntry> entries);
 
   /// Writes what follows the rows, then the preamble, and gives the file its name. Requires all rows.
   [[nodiscard]] Status finish(const Histograms& histograms);
@@ -46,7 +56,7 @@ class VolumeWriter {
 
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
-  [[nodiscard]] Status reserve_front();
+  [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t page) const;
   [[nodiscard]] Status close_directory_page();
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
@@ -58,7 +68,10 @@ class VolumeWriter {
   VolumeInfo info_;
   RowLayout rows_;
   std::uint64_t page_count_ = 0;
+  std::uint64_t front_bytes_ = 0;  // superblock and section table
+  std::uint64_t padding_offset_ = 0;
   std::uint64_t rows_offset_ = 0;
+  std::uint64_t rows_end_ = 0;  // of those that are appended or named
   std::uint64_t next_row_ = 0;
   std::uint64_t file_bytes_ = 0;
   Bytes metadata_raw_;

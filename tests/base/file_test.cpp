@@ -266,6 +266,31 @@ TEST_F(FileTest, HolesReadAsZeros) {
   EXPECT_EQ(content("holed"), std::string("\0\0\0\0end", 7));
 }
 
+// By whole blocks, which some file systems insert, and by less, which is always copied.
+TEST_F(FileTest, InsertFrontMovesAllBytesAndTheEnd) {
+  std::string text(9'000'000, ' ');  // more than is copied together
+  for (std::size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>('a' + i * i % 23);
+  for (const std::uint64_t front : {std::uint64_t{0}, std::uint64_t{5}, AtomicFile::insertable_bytes,
+                                    3 * AtomicFile::insertable_bytes, std::uint64_t{10'000'000}}) {
+    auto file = AtomicFile::create(path("moved")).value();
+    ASSERT_TRUE(file.append(bytes_of(text)));
+    ASSERT_TRUE(file.insert_front(front));
+    EXPECT_EQ(file.position(), front + text.size());
+    ASSERT_TRUE(file.append(bytes_of("end")));
+    ASSERT_TRUE(file.write_at(0, bytes_of(std::string(front, '.'))));
+    ASSERT_TRUE(file.commit());
+    EXPECT_TRUE(content("moved") == std::string(front, '.') + text + "end") << front;
+  }
+}
+
+TEST_F(FileTest, InsertFrontOfNothingMovesTheEnd) {
+  auto file = AtomicFile::create(path("empty")).value();
+  ASSERT_TRUE(file.insert_front(AtomicFile::insertable_bytes));
+  EXPECT_EQ(file.position(), AtomicFile::insertable_bytes);
+  ASSERT_TRUE(file.commit());
+  EXPECT_EQ(content("empty"), "");
+}
+
 TEST_F(FileTest, WriteAtRefusesOffsetsThatNoFileHas) {
   auto file = AtomicFile::create(path("far")).value();
   EXPECT_FALSE(file.write_at(std::numeric_limits<std::uint64_t>::max(), bytes_of("x")));

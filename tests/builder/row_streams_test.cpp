@@ -71,17 +71,32 @@ struct Rows {
                     {ColumnKind::octant, ColumnScope::resolution, -1},
                     {ColumnKind::moments, ColumnScope::resolution, -1},
                     {ColumnKind::value, ColumnScope::segment, 0}};
-    RowStreams rows(info, fitted_splats, testing::TempDir());
+    AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
+    RowStreams rows(info, fitted_splats, testing::TempDir(), finest);
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenLeaf&) -> Status { return {}; });
     run(batches, pass, rows);
     EXPECT_TRUE(pass.finish());
     EXPECT_TRUE(rows.finish(pass.counts().size()));
+    const auto written = *open_file(finest.path_to_write());
+    std::uint64_t coarse_bytes = 0, finest_bytes = 0;
     EXPECT_TRUE(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
-      take(entries, bytes);
+      coarse_bytes += bytes.size();
+      if (!bytes.empty()) {
+        take(entries, bytes);
+        return {};
+      }
+      format::Bytes row(
+          std::accumulate(entries.begin(), entries.end(), std::size_t{0},
+                          [](std::size_t sum, const format::ChunkEntry& entry) { return sum + entry.packed_bytes; }));
+      EXPECT_TRUE(written->read(finest_bytes, row));
+      finest_bytes += row.size();
+      take(entries, row);
       return {};
     }));
+    EXPECT_EQ(coarse_bytes, rows.coarse_bytes());
+    EXPECT_EQ(finest_bytes, finest.position());
   }
 
  private:
@@ -231,7 +246,8 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   }));
   format::VolumeInfo info;
   info.attributes.emplace_back();
-  RowStreams rows(info, 0, testing::TempDir());
+  AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
+  RowStreams rows(info, 0, testing::TempDir(), finest);
   const double offset = 0;
   const ReductionSettings settings{stream.summary().cube, leaf_points,          true, true,
                                    info.attributes,       std::span(&offset, 1)};

@@ -488,6 +488,53 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
   EXPECT_TRUE(std::ranges::equal(std::as_bytes(std::span(text)), expected));
 }
 
+// Few stay as they are; many are moved by whole blocks, for which the file is padded.
+TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
+  const Folder folder;
+  VolumeInfo info;
+  info.points_per_chunk = 64;
+  info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
+  info.cube = {dvec3(0), 1};
+  constexpr std::size_t chunk_bytes = 4097, row_bytes = 2 * chunk_bytes, first_rows = 3;
+  const auto row_of = [](std::uint64_t row) { return Bytes(row_bytes, static_cast<std::byte>(row % 251)); };
+  const auto entry_of = [](const Bytes& row) {
+    return ChunkEntry{hash_bytes(std::span(row).first(chunk_bytes)), chunk_bytes, chunk_bytes, 0, 0, 0};
+  };
+  for (const std::uint64_t rows : {10, 2200}) {
+    info.resolution_counts = {rows * 64};
+    const std::string path = folder.file("rows.svol");
+    auto file = AtomicFile::create(path);
+    ASSERT_TRUE(file);
+    for (std::uint64_t row = first_rows; row < rows; ++row) ASSERT_TRUE(file->append(row_of(row)));
+    auto pages = TempFile::create(folder.file(""));
+    ASSERT_TRUE(pages);
+    PackedIndex index{{1, 1, 0}, {{0, 8, 8, 0}, Bytes(8)}, std::move(*pages)};
+    const auto writer =
+        VolumeWriter::create(std::move(*file), first_rows * row_bytes, info, std::move(index), folder.file(""));
+    ASSERT_TRUE(writer) << writer.error().message;
+    for (std::uint64_t row = 0; row < rows; ++row) {
+      const Bytes bytes = row_of(row);
+      const std::array entries = {entry_of(bytes), entry_of(bytes)};
+      ASSERT_TRUE(row < first_rows ? (*writer)->append_row(entries, bytes) : (*writer)->add_written_row(entries));
+    }
+    ASSERT_TRUE((*writer)->finish({}));
+
+    const std::string text = read_text_file(path).value();
+    const auto all = std::as_bytes(std::span(text));
+    const auto volume = Volume::open(open_file(path).value());
+    ASSERT_TRUE(volume) << volume.error().message;
+    for (std::uint64_t row = 0; row < rows; ++row) {
+      const DirectoryPage page = (*volume)->read_directory_page((*volume)->directory_page_of_row(row)).value();
+      const ChunkPlace& place = (*volume)->find_chunk(page, row, 0);
+      if (row == first_rows && rows > 1000) {
+        EXPECT_EQ(place.offset % AtomicFile::insertable_bytes, 0u);
+      }
+      ASSERT_TRUE(std::ranges::equal(all.subspan(place.offset, row_bytes), row_of(row))) << row;
+    }
+    EXPECT_EQ(all.size(), (*writer)->file_bytes());
+  }
+}
+
 // 19 MB of directory and 32 MB of index pages; what is counted is the directory root, and the 1 MiB of a copy.
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
   const Folder folder;
