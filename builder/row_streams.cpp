@@ -13,6 +13,8 @@ namespace {
 using format::Bytes;
 using format::PackedChunk;
 
+constexpr std::uint64_t given_back_together = 4u << 20;  // a call for each row takes longer than its copying
+
 // A row in the temporary file: the entries of its chunks, then their bytes.
 Bytes serialize(std::span<const PackedChunk> chunks) {
   std::size_t size = chunks.size() * sizeof(format::ChunkEntry);
@@ -205,13 +207,24 @@ Status RowStreams::read(const Visit& visit) {
       Stream& stream = streams_[segment][step];
       std::vector<format::ChunkEntry> entries(stream.columns->size());
       const std::size_t head = entries.size() * sizeof(format::ChunkEntry);
+      Extent done{0, 0};  // read, but not given back yet
+      const auto give_back = [&] {
+        if (done.bytes > 0) stream.file->release(done.offset, done.bytes);
+        done = {done.offset + done.bytes, 0};
+      };
       for (const Extent& extent : stream.packed) {
         bytes.resize(extent.bytes);
         SPLATVOL_TRY(stream.file->read(extent.offset, bytes));
         std::memcpy(entries.data(), bytes.data(), head);
         SPLATVOL_TRY(visit(entries, std::span(bytes).subspan(head)));
-        stream.file->release(extent.offset, extent.bytes);
+        if (extent.offset != done.offset + done.bytes) {
+          give_back();
+          done.offset = extent.offset;
+        }
+        done.bytes += extent.bytes;
+        if (done.bytes >= given_back_together) give_back();
       }
+      give_back();
     }
   }
   return {};
