@@ -57,6 +57,8 @@ const char* name_of(format::SectionKind kind) {
       return "directory_pages";
     case format::SectionKind::histograms:
       return "histograms";
+    case format::SectionKind::padding:
+      return "padding";
   }
   return "unknown";
 }
