@@ -18,6 +18,18 @@
 
 namespace splatvol {
 
+/// A cut by its expected error, instead of a tolerance.
+struct ErrorGoal {
+  /// Of the picture's RGB against the exact one (root mean square). No finer than this takes; 0: as fine as the splats
+  /// allow.
+  double max_error = 0;
+
+  /// No more splats than these, unless even the coarsest cut has more.
+  std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();
+
+  [[nodiscard]] bool operator==(const ErrorGoal&) const = default;
+};
+
 struct CutOptions {
   /// The largest share of the image's shorter side that one splat's size may cover, in percent. 0: all points;
   /// infinity: the coarsest.
@@ -27,6 +39,9 @@ struct CutOptions {
 
   /// Draw everything at this resolution, whatever the tolerance.
   std::optional<std::size_t> resolution;
+
+  /// Instead of both: where the expected error for each splat is largest, first.
+  std::optional<ErrorGoal> goal;
 
   /// A node that would draw more splats than this is compared with its children, of which only some may need the detail
   /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.
@@ -49,8 +64,9 @@ struct CutItem {
   Cube cell;
   std::uint64_t first_range;  // index into Cut::ranges: one for each segment 0 to resolution
   std::uint32_t resolution;
-  float error;  // percent of the image that a splat covers, times the share of its values that is visible; 0: not worth
-                // reading, what is wanted shows with an index page that is missing
+  float error;  // what goes first where it is largest: percent of the image that a splat covers, times the share of its
+                // values that is visible; for an ErrorGoal, the squared error that a splat saves. 0: not worth reading,
+                // what is wanted shows with an index page that is missing
 };
 
 /// Nodes and resolutions chosen for a view, back to front: no item hides one that comes after it.
@@ -58,7 +74,8 @@ struct Cut {
   std::vector<CutItem> items;
   std::vector<PointRange> ranges;
   std::uint64_t splats = 0;
-  bool complete = true;  // no index page was missing
+  double squared_error = 0;  // expected, mean of the picture's RGB
+  bool complete = true;      // no index page was missing
 
   [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
     return std::span(ranges).subspan(item.first_range, item.resolution + 1);
@@ -104,6 +121,10 @@ class Residency {
 /// but in a page that is not there, counts at its first resolution. Fails with out_of_budget past max_bytes, with
 /// invalid_data where the tree is deeper than the format allows, and with unsupported where the file has no sizes for
 /// the kernel.
+///
+/// For an ErrorGoal: of all valid cuts about the one with the least expected error for its splats, by the model of
+/// streamer/error_model.h: nodes without anything to gain stay coarse, whatever their size. Fewer splats or a larger
+/// error never give a finer cut. The goal is met within some per cent of its splats or its error, never passed.
 [[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                                      const ValueVisibility& visibility, const CutOptions& options);
 

@@ -65,11 +65,26 @@ bool same_view(const View& a, const View& b) {
 }
 
 bool same_detail(const DetailOptions& a, const DetailOptions& b) {
-  return a.tolerance_percent == b.tolerance_percent && a.resolution == b.resolution && a.max_splats == b.max_splats;
+  return a.tolerance_percent == b.tolerance_percent && a.resolution == b.resolution && a.max_splats == b.max_splats &&
+         a.goal == b.goal;
+}
+
+// What is raised for less detail: the tolerance, or the inverse of a goal's splats.
+double coarseness(const DetailOptions& detail) {
+  return detail.goal ? 1 / static_cast<double>(detail.goal->max_splats) : detail.tolerance_percent;
+}
+
+DetailOptions with_coarseness(DetailOptions detail, double coarseness) {
+  if (detail.goal)
+    detail.goal->max_splats = static_cast<std::uint64_t>(1 / coarseness);
+  else
+    detail.tolerance_percent = coarseness;
+  return detail;
 }
 
 // False where it is the coarsest.
 bool make_coarser(DetailOptions& detail) {
+  if (detail.goal) return detail.goal->max_splats > 1 && (detail.goal->max_splats /= 2, true);
   if (detail.resolution) return *detail.resolution > 0 && (--*detail.resolution, true);
   if (std::isinf(detail.tolerance_percent)) return false;
   detail.tolerance_percent = next_tolerance(detail.tolerance_percent);
@@ -77,6 +92,8 @@ bool make_coarser(DetailOptions& detail) {
 }
 
 Status check_detail(const DetailOptions& detail) {
+  if (detail.goal && !(detail.goal->max_error >= 0))
+    return fail(ErrorCode::invalid_argument, "an error of {} is out of range", detail.goal->max_error);
   if (detail.tolerance_percent >= 0) return {};
   return fail(ErrorCode::invalid_argument, "a tolerance of {} % is out of range", detail.tolerance_percent);
 }
@@ -183,6 +200,7 @@ CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_
   options.tolerance_percent = detail.tolerance_percent;
   options.kernel = kernel_;
   options.resolution = detail.resolution;
+  options.goal = detail.goal;
   options.max_bytes = max_bytes;
   return options;
 }
@@ -199,6 +217,9 @@ Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibilit
 // The finest detail that fits, not finer than `detail`. Fails with the error of try_cut for the coarsest.
 Result<Streamer::Choice> Streamer::choose(DetailOptions detail, const TryCut& try_cut) const {
   if (detail.resolution) detail.resolution = std::min(*detail.resolution, info().resolutions() - 1);
+  if (detail.goal)
+    detail.goal->max_splats = std::min({detail.goal->max_splats, detail.max_splats, info().point_count(),
+                                        std::max<std::uint64_t>(frame_limit() / splat_bytes(kernel_), 1)});
 
   // Coarser, until it fits.
   DetailOptions refused = detail;
@@ -212,16 +233,16 @@ Result<Streamer::Choice> Streamer::choose(DetailOptions detail, const TryCut& tr
   if (detail.resolution) return best;
 
   // Finer again, as far as it still does.
-  double refused_percent = refused.tolerance_percent;
+  double too_fine = coarseness(refused);
   for (int i = 0; i < refinements; ++i) {
-    const double fits = best.detail.tolerance_percent;
-    if (!(refused_percent > 0 && refused_percent < fits && std::isfinite(fits))) break;
-    detail.tolerance_percent = std::sqrt(refused_percent * fits);
+    const double fits = coarseness(best.detail);
+    if (!(too_fine > 0 && too_fine < fits && std::isfinite(fits))) break;
+    detail = with_coarseness(detail, std::sqrt(too_fine * fits));
     cut = try_cut(detail);
     if (cut)
       best = Choice{std::move(*cut), detail};
     else
-      refused_percent = detail.tolerance_percent;
+      too_fine = coarseness(detail);
   }
   return best;
 }
@@ -266,6 +287,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
   FrameSplats splats;
   splats.data = array.splats();
   splats.serial = next_serial_++;
+  splats.expected_error = std::sqrt(cut.squared_error);
   splats.splats = plan.splats;
   splats.nodes_by_resolution.resize(info().resolutions());
   splats.splats_by_resolution.resize(info().resolutions());
@@ -380,6 +402,9 @@ void Streamer::aim_in_steps(const View& view, const ValueVisibility& visibility)
     if (aimed.resolution) {
       if (*aimed.resolution < static_cast<std::size_t>(2 * step)) continue;
       *detail.resolution -= static_cast<std::size_t>(2 * step);
+    } else if (aimed.goal) {
+      const double share = std::pow(20, -step);
+      detail.goal = ErrorGoal{0, static_cast<std::uint64_t>(share * static_cast<double>(aim_->choice.cut.splats))};
     } else {
       detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, step);
     }

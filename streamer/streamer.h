@@ -35,8 +35,9 @@ struct StreamerOptions {
 /// What a view asks for.
 struct DetailOptions {
   double tolerance_percent = 1;                                          // see CutOptions
-  std::optional<std::size_t> resolution;                                 // fixed; the finest where the file has fewer
+  std::optional<std::size_t> resolution = std::nullopt;                  // fixed; the finest where the file has fewer
   std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // what the renderer can hold
+  std::optional<ErrorGoal> goal = std::nullopt;                          // by expected error, instead of both
 };
 
 /// How far a frame is from what its view asks for.
@@ -66,6 +67,7 @@ struct FrameSplats {
   std::vector<std::uint64_t> nodes_by_resolution;   // [resolution]
   std::vector<std::uint64_t> splats_by_resolution;  // [resolution]
   DetailOptions detail;
+  double expected_error = 0;  // root mean square of RGB against the exact picture
 
   FrameProgress progress;
 };
@@ -99,9 +101,9 @@ class Streamer {
 
   /// The splats for a view: chosen, read and gathered before it returns; none of this is repeated for a view whose cut
   /// is that of the request before. Where they would pass the budget or max_splats, detail is lost and never coverage:
-  /// the tolerance is raised, or the fixed resolution lowered, until they fit. Fails with out_of_budget where not even
-  /// the coarsest fits, with the number of bytes that would do, and with the reader's error where the file fails or is
-  /// damaged.
+  /// the tolerance is raised, the fixed resolution lowered, or the splats of a goal made fewer, until they fit. Fails
+  /// with out_of_budget where not even the coarsest fits, with the number of bytes that would do, and with the reader's
+  /// error where the file fails or is damaged.
   ///
   /// The result stays valid until the next request, also one that fails.
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,

@@ -1,8 +1,10 @@
 #include "streamer/visibility.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace splatvol {
 
@@ -16,8 +18,70 @@ bool extinction_within(const TransferFunction& function, double low, double high
   });
 }
 
+ValueContrast::ValueContrast(const TransferFunction& function, const format::Attribute& attribute) {
+  if (std::isnan(attribute.min)) return;
+  bin_width_ = (attribute.max - attribute.min) / 64;
+
+  // Running sums over samples: red, green, blue, extinction; and of their squares, weighted.
+  constexpr std::size_t each = 8, count = 64 * each;
+  struct Sums {
+    dvec3 emission{0};
+    double extinction = 0, squares = 0, emission_squares = 0;
+  };
+  std::vector<Sums> sums(count + 1);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double value = attribute.min + (static_cast<double>(i) + 0.5) / each * bin_width_;
+    const double extinction = function.extinction(value);
+    const dvec3 emission = extinction * function.color(value);
+    const double square = glm::dot(emission, emission);
+    sums[i + 1] = {sums[i].emission + emission, sums[i].extinction + extinction,
+                   sums[i].squares + square + 0.5 * extinction * extinction, sums[i].emission_squares + square};
+  }
+  for (std::size_t b = 0; b < 64; ++b)
+    for (std::size_t level = 0; level < levels; ++level) {
+      const std::size_t half = (each << level) / 2, middle = each * b + each / 2;
+      const Sums &low = sums[middle - std::min(middle, half)], &high = sums[std::min(middle + half, count)];
+      const double share = 1.0 / static_cast<double>(&high - &low);
+      const dvec3 emission = share * (high.emission - low.emission);
+      const double extinction = share * (high.extinction - low.extinction);
+      const double variance =
+          share * (high.squares - low.squares) - glm::dot(emission, emission) - 0.5 * extinction * extinction;
+      bins_[b].variances[level] = static_cast<float>(std::max(variance, 0.0));
+      if (level > 0) continue;
+      bins_[b].extinction = static_cast<float>(extinction);
+      bins_[b].emission_squared = static_cast<float>(share * (high.emission_squares - low.emission_squares));
+    }
+}
+
+ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const {
+  Node node;
+  const int count = std::popcount(summary.occupancy);
+  if (count == 0 || !(summary.min <= summary.max)) return node;
+  if (bin_width_ > 0) node.range = (static_cast<double>(summary.max) - static_cast<double>(summary.min)) / bin_width_;
+  for (std::uint64_t left = summary.occupancy; left != 0; left &= left - 1) {
+    const Bin& bin = bins_[static_cast<std::size_t>(std::countr_zero(left))];
+    node.extinction += bin.extinction;
+    node.emission_squared += bin.emission_squared;
+    for (std::size_t level = 0; level < levels; ++level) node.variances[level] += bin.variances[level];
+  }
+  node.extinction /= count;
+  node.emission_squared /= count;
+  for (float& variance : node.variances) variance /= static_cast<float>(count);
+  return node;
+}
+
+// Within a bin the function is about linear.
+double ValueContrast::Node::variance(double share) const {
+  const double width = share * range;
+  if (width <= 1) return width * width * static_cast<double>(variances[0]);
+  const double level = std::min(std::log2(width), levels - 1.001);
+  const auto below = static_cast<std::size_t>(level);
+  const double part = level - static_cast<double>(below);
+  return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
+}
+
 ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute)
-    : function_(function), offset_(attribute.offset) {
+    : function_(function), offset_(attribute.offset), contrast_(function, attribute) {
   if (std::isnan(attribute.min)) return;
 
   // Values near a border may have been put into either bin by rounding.

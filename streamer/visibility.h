@@ -1,6 +1,7 @@
 // What a transfer function leaves visible, told from ranges and occupancy masks alone.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "format/volume_info.h"
@@ -10,6 +11,36 @@ namespace splatvol {
 
 /// Whether any value in [low, high] has extinction above 0. Requires low <= high.
 [[nodiscard]] bool extinction_within(const TransferFunction& function, double low, double high);
+
+/// How much colour times extinction varies among values that are near each other, for the 64 bins of an attribute.
+class ValueContrast {
+ public:
+  static constexpr std::size_t levels = 8;
+  using Levels = std::array<float, levels>;
+
+  ValueContrast(const TransferFunction& function, const format::Attribute& attribute);
+
+  /// Of the values of a node, each of its occupied bins counting alike.
+  struct Node {
+    double range = 0;             // from the least value to the largest, in bins
+    double extinction = 0;        // mean
+    double emission_squared = 0;  // mean of the squared colour times extinction: of the three channels together
+    Levels variances{};           // among values within 2^level bins: colour times extinction, and half for extinction
+
+    /// Among the values within a share of the range.
+    [[nodiscard]] double variance(double share) const;
+  };
+  [[nodiscard]] Node of(const format::ValueSummary& summary) const;
+
+ private:
+  struct Bin {
+    float extinction = 0;
+    float emission_squared = 0;
+    Levels variances{};
+  };
+  std::array<Bin, 64> bins_{};
+  double bin_width_ = 0;
+};
 
 /// A transfer function, seen through the 64 bins of an attribute (spec/svol-1.md, section 7).
 class ValueVisibility {
@@ -23,6 +54,8 @@ class ValueVisibility {
   /// An empty range (min > max) holds missing values only, and shows nothing.
   [[nodiscard]] bool shows(float min, float max, std::uint64_t occupancy) const;
 
+  [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }
+
   /// Whether both leave the same values visible.
   [[nodiscard]] bool operator==(const ValueVisibility& other) const;
 
@@ -30,6 +63,7 @@ class ValueVisibility {
   TransferFunction function_;
   double offset_;
   std::uint64_t bins_ = 0;
+  ValueContrast contrast_;
 };
 
 }  // namespace splatvol

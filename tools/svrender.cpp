@@ -13,6 +13,7 @@
 #include "renderer/renderer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "streamer/frame_pacer.h"
 #include "streamer/streamer.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -34,6 +35,9 @@ struct Options {
   std::string kernel = "moments";
   std::string sampling = "auto";
   DetailOptions detail;
+  std::optional<double> max_error;
+  std::optional<std::uint64_t> splats;
+  std::optional<double> milliseconds;
   int repeat = 1;
 };
 
@@ -53,6 +57,7 @@ struct PathFrame {
 struct Timings {
   std::vector<ProgressFrame> progress;
   std::vector<PathFrame> path;
+  std::vector<std::uint64_t> pacing;  // splats of the frames that found out how many are drawn in time
   double first_image = 0;
   double fetch = 0;
   double upload = 0;
@@ -97,7 +102,7 @@ SortMode sort_of(const Options& options) {
 // Pixels between samples: a twelfth of what a splat may cover loses next to nothing (docs/accuracy.md).
 int sample_spacing(const Options& options, const View& view, const FrameSplats& frame) {
   if (options.sampling != "auto") return std::atoi(options.sampling.c_str());
-  if (frame.detail.resolution) return 1;
+  if (frame.detail.resolution || frame.detail.goal) return 1;
   const double covered = frame.detail.tolerance_percent / 100 * std::min(view.width, view.height);
   return std::clamp(static_cast<int>(std::min(covered, 1e6) / 12), 1, 6);
 }
@@ -115,6 +120,9 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(kernel));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
+  if (options.max_error || options.splats || options.milliseconds)
+    drawing.detail.goal =
+        ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
   drawing.detail.max_splats = drawing.renderer->max_splats();
   drawing.renderer->set_lighting(scene.lighting);
   const double offset = drawing.streamer->value_offset();
@@ -173,6 +181,29 @@ Status draw_steady_frames(const Options& options, const Scene& scene, View view,
   return {};
 }
 
+// The time of a frame whose splats are resident, for a camera that moves by next to nothing.
+Result<double> time_frame(const Options& options, const Scene& scene, View view, Drawing& drawing) {
+  Timings timings;
+  view.eye += 1e-9 * glm::length(scene.camera.focal_point - scene.camera.position) * view.right;
+  SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+  return timings.frame.back();
+}
+
+// Finds out how many splats can be drawn in the time asked for, in a few frames.
+Status pace(const Options& options, const Scene& scene, const View& view, Drawing& drawing, Timings& timings) {
+  constexpr int most_frames = 8;
+  FramePacer pacer(1e-3 * *options.milliseconds);
+  for (int i = 0; i < most_frames; ++i) {
+    drawing.detail.goal->max_splats = pacer.splats();
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(seconds, time_frame(options, scene, view, drawing));
+    timings.pacing.push_back(drawing.frame->splats);
+    if (pacer.is_near(seconds)) break;
+    pacer.add(drawing.frame->splats, seconds);
+  }
+  return {};
+}
+
 Provenance provenance_of(const Options& options, const Scene& scene, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.frame;
   Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
@@ -184,7 +215,9 @@ Provenance provenance_of(const Options& options, const Scene& scene, const Drawi
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
                            {"renderer", drawing.context->description()}};
-  if (frame.detail.resolution)
+  if (frame.detail.goal)
+    provenance["expected_error"] = fmt::format("{}", frame.expected_error);
+  else if (frame.detail.resolution)
     provenance["resolution"] = fmt::format("{}", *frame.detail.resolution);
   else
     provenance["tolerance"] = fmt::format("{}", frame.detail.tolerance_percent);
@@ -263,11 +296,10 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                  {"kernel", options.kernel},
                                  {"sort", options.sort},
                                  {"lighting", lighting_of(scene)},
-                                 {"tolerance", options.detail.tolerance_percent},
-                                 {"effective_tolerance", frame.detail.tolerance_percent},
                                  {"sample_spacing", drawing.sample_spacing},
                                  {"splats", frame.splats},
                                  {"nodes", frame.nodes},
+                                 {"expected_error", frame.expected_error},
                                  {"resolution_histogram", frame.nodes_by_resolution},
                                  {"splats_by_resolution", frame.splats_by_resolution},
                                  {"file_bytes", drawing.streamer->volume().file_bytes()},
@@ -298,6 +330,18 @@ nlohmann::ordered_json statistics_of(const Options& options, const Scene& scene,
                                        {"missing_bytes", shown.missing_bytes}});
   for (const PathFrame& drawn : timings.path)
     json["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.step}});
+  if (frame.detail.goal) {
+    if (options.max_error) json["max_error"] = *options.max_error;
+    if (options.splats) json["max_splats"] = *options.splats;
+    if (options.milliseconds) {
+      json["milliseconds"] = *options.milliseconds;
+      json["splats_while_pacing"] = timings.pacing;
+    }
+    json["effective_max_splats"] = frame.detail.goal->max_splats;
+  } else {
+    json["tolerance"] = options.detail.tolerance_percent;
+    json["effective_tolerance"] = frame.detail.tolerance_percent;
+  }
   if (frame.detail.resolution) {
     json["resolution"] = *options.detail.resolution;
     json["effective_resolution"] = *frame.detail.resolution;
@@ -312,11 +356,27 @@ Result<std::optional<AtomicFile>> create_statistics(const std::string& path) {
   return std::optional<AtomicFile>(std::move(file));
 }
 
+// What became of the goal.
+void print_goal(const Options& options, const Drawing& drawing) {
+  const FrameSplats& frame = *drawing.frame;
+  fmt::print("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
+  if (frame.splats > drawing.detail.goal->max_splats)
+    fmt::print("{}: more than {} splats: the coarsest that the view has\n", options.output,
+               drawing.detail.goal->max_splats);
+  else if (options.max_error && frame.expected_error > *options.max_error)
+    fmt::print("{}: more than {:.2g}, to stay within {} of memory and {} splats, or with all points\n", options.output,
+               *options.max_error, options.memory, frame.detail.goal->max_splats);
+}
+
 void print_summary(const Options& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
   const FrameSplats& frame = *drawing.frame;
   fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.output, scene.width,
              scene.height, frame.splats, frame.nodes, drawing.streamer->statistics().bytes_read,
              drawing.streamer->volume().file_bytes(), timings.first_image);
+  if (frame.detail.goal) {
+    print_goal(options, drawing);
+    return;
+  }
   if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
       frame.splats_by_resolution.size() > *options.detail.resolution)
     fmt::print("{}: resolution {} instead of {}, to stay within {} of memory and {} splats\n", options.output,
@@ -348,6 +408,8 @@ Status render(const Options& options) {
   std::vector<Error> unreadable;
   if (!options.path.empty()) {
     SPLATVOL_TRY(draw_path(options, scene, drawing, timings));
+  } else if (options.milliseconds) {
+    SPLATVOL_TRY(pace(options, scene, *view, drawing, timings));
   } else if (options.progress_frames.empty()) {
     SPLATVOL_TRY(draw_frame(options, scene, *view, drawing, timings));
   } else {
@@ -393,16 +455,39 @@ int main(int argc, char** argv) {
       ->check([](const std::string& path) {
         return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .exr nor .png";
       });
-  app.add_option("--tolerance", options.detail.tolerance_percent,
-                 "Largest share of the image's shorter side that one splat may cover; 0: all points")
-      ->type_name("PERCENT")
-      ->check([](const std::string& text) {
-        return std::strtod(text.c_str(), nullptr) >= 0 ? std::string() : "'" + text + "' is not a number from 0 up";
-      })
-      ->capture_default_str();
-  app.add_option("--resolution", options.detail.resolution,
-                 "One resolution for everything, 0 the coarsest, instead of a tolerance")
-      ->check(CLI::NonNegativeNumber);
+  auto* tolerance =
+      app.add_option("--tolerance", options.detail.tolerance_percent,
+                     "Largest share of the image's shorter side that one splat may cover; 0: all points")
+          ->type_name("PERCENT")
+          ->check([](const std::string& text) {
+            return std::strtod(text.c_str(), nullptr) >= 0 ? std::string() : "'" + text + "' is not a number from 0 up";
+          })
+          ->capture_default_str();
+  auto* resolution = app.add_option("--resolution", options.detail.resolution,
+                                    "One resolution for everything, 0 the coarsest, instead of a tolerance")
+                         ->check(CLI::NonNegativeNumber);
+  auto* max_error =
+      app.add_option("--max-error", options.max_error,
+                     "Expected error of the picture (root mean square of linear RGB), instead of a tolerance: as few "
+                     "splats as do for it, where they gain most")
+          ->type_name("RMSE")
+          ->check(CLI::NonNegativeNumber)
+          ->excludes(tolerance)
+          ->excludes(resolution);
+  auto* splats = app.add_option("--splats", options.splats,
+                                "The best picture that is expected of so many splats, instead of a tolerance")
+                     ->check(CLI::PositiveNumber)
+                     ->excludes(tolerance)
+                     ->excludes(resolution)
+                     ->excludes(max_error);
+  auto* milliseconds =
+      app.add_option("--milliseconds", options.milliseconds,
+                     "The same, of as many splats as are drawn in this time, which a few frames find out")
+          ->check(CLI::PositiveNumber)
+          ->excludes(tolerance)
+          ->excludes(resolution)
+          ->excludes(max_error)
+          ->excludes(splats);
   app.add_option("--kernel", options.kernel,
                  "How a splat looks: an ellipsoid that matches the material, or round as in the paper of 2001")
       ->check(CLI::IsMember({"moments", "octant"}))
@@ -416,7 +501,7 @@ int main(int argc, char** argv) {
   app.add_option(
          "--sampling", options.sampling,
          "Pixels from one sample of the picture to the next, between which it is interpolated: 1 to 64, or auto: "
-         "a twelfth of what the tolerance lets a splat cover, at most 6; 1 with --resolution")
+         "a twelfth of what the tolerance lets a splat cover, at most 6; 1 without one")
       ->type_name("PIXELS")
       ->check([](const std::string& text) {
         return text == "auto" ? std::string() : CLI::Range(1, max_sample_spacing)(text);
@@ -441,7 +526,8 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--progress-frames", options.progress_frames,
                  "Draw what is there while the rest is read, and write each of these frames into this folder")
-      ->type_name("DIR");
+      ->type_name("DIR")
+      ->excludes(milliseconds);
   app.add_option("--path", options.path,
                  "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all while its distance "
                  "becomes FACTOR times as long; --progress-frames writes them, --stats has the steps between them")

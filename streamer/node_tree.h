@@ -1,0 +1,84 @@
+// The nodes of a volume's index as a view sees them. Internal to the streamer.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/octree.h"
+#include "format/volume_info.h"
+#include "scene/scene.h"
+#include "streamer/cut.h"
+#include "streamer/frustum.h"
+#include "streamer/splat.h"
+#include "streamer/visibility.h"
+
+namespace splatvol {
+
+/// Where a node's points begin in each segment.
+using Begins = std::array<std::uint64_t, format::max_resolutions>;
+
+struct Node {
+  std::shared_ptr<const format::IndexPage> page;
+  std::uint32_t index;
+  Cube cell;
+  Begins begins;
+  std::size_t depth;
+
+  [[nodiscard]] std::uint8_t child_mask() const { return page->nodes.child_masks[index]; }
+  [[nodiscard]] std::size_t first_resolution() const { return page->nodes.first_resolutions[index]; }
+  [[nodiscard]] std::span<const std::uint64_t> counts() const { return page->nodes.counts_of(index); }
+  [[nodiscard]] const format::ValueSummary& summary() const { return page->nodes.summaries[index]; }
+
+  /// Points of resolution r.
+  [[nodiscard]] std::uint64_t splat_count(std::size_t resolution) const;
+};
+
+/// Keeps references to all that it is made of.
+class NodeTree {
+ public:
+  /// `size_bound`: which of the index's arrays of sizes is the kernel's.
+  NodeTree(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
+           KernelKind kernel, std::size_t size_bound);
+
+  [[nodiscard]] Result<Node> root() const;
+
+  /// By octant; nullopt where their page is not there. Fails where the tree is deeper than the format allows.
+  using Children = std::array<std::optional<Node>, 8>;
+  [[nodiscard]] Result<std::optional<Children>> children_of(const Node& node) const;
+
+  /// Descending in i, the octants i ^ nearest_octant are back to front: whatever differs from the nearest on more axes
+  /// is behind.
+  [[nodiscard]] unsigned nearest_octant(const Cube& cell) const;
+
+  [[nodiscard]] std::size_t finest() const { return info_.resolutions() - 1; }
+  [[nodiscard]] const View& view() const { return view_; }
+  [[nodiscard]] const ValueVisibility& visibility() const { return visibility_; }
+
+  /// No splat of the node is larger; world units. Requires a resolution from the node's first on.
+  [[nodiscard]] double splat_bound(const Node& node, std::size_t resolution) const;
+
+  /// Percent of the image's shorter side that a splat of the node may cover.
+  [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;
+
+  /// Whether something of the node may show.
+  [[nodiscard]] bool is_visible(const Node& node) const;
+
+  /// Whether the node's splats may reach into the picture.
+  [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
+
+ private:
+  const format::VolumeInfo& info_;
+  IndexPages& index_;
+  const View& view_;
+  const Frustum frustum_;
+  const ValueVisibility& visibility_;
+  const KernelKind kernel_;
+  const std::size_t size_bound_;
+};
+
+}  // namespace splatvol
