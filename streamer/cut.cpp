@@ -116,23 +116,24 @@ class CutSelector {
     Refinement refinement(tree_);
     SPLATVOL_TRY(refinement.choose(*options_.goal));
     if (refinement.items().empty()) return Outcome::wanted;
-    return visit_chosen(refinement.items(), 0);
+    return visit_chosen(refinement, 0);
   }
 
-  Result<Outcome> visit_chosen(const std::vector<Refinement::Item>& items, std::uint32_t index) {
-    const Refinement::Item& item = items[index];
-    if (item.wants_opening && item.absent) return draw_unasked(item.node);
-    if (!item.opened) return draw(item.node, item.resolution);
+  Result<Outcome> visit_chosen(const Refinement& chosen, std::uint32_t index) {
+    const Refinement::Item& item = chosen.items()[index];
+    const Node& node = chosen.node(index);
+    if (item.wants_opening && item.absent) return draw_unasked(node);
+    if (!item.opened) return draw(node, item.resolution);
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
-    const unsigned nearest = tree_.nearest_octant(item.node.cell);
+    const unsigned nearest = tree_.nearest_octant(node.cell);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
       if (child == 0) continue;
-      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(items, child));
+      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(chosen, child));
       worst = std::min(worst, outcome);
     }
-    return residency_ ? settle(item.node, worst, wanted_.splats - before.splats, drawn_before) : worst;
+    return residency_ ? settle(node, worst, wanted_.splats - before.splats, drawn_before) : worst;
   }
 
   std::optional<std::size_t> choose_resolution(const Node& node) const {
@@ -197,12 +198,13 @@ class CutSelector {
 
   Status append(const Node& node, std::size_t resolution, Cut& cut) {
     if (!tree_.is_within_reach(node, resolution)) return {};
-    model_.evaluate(node, std::span(node_errors_).first(finest() + 1), std::span(node_seams_).first(finest() + 1));
-    cut.items.push_back(
-        {node.cell, cut.ranges.size(), static_cast<std::uint32_t>(resolution), error_of(node, resolution)});
+    const std::uint64_t splats = node.splat_count(resolution);
+    const ErrorModel::OfNode model = model_.of(node);
+    cut.items.push_back({node.cell, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
+                         options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution)});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
-    cut.splats += node.splat_count(resolution);
-    cut.squared_error += static_cast<double>(node_errors_[resolution]);
+    cut.splats += splats;
+    cut.squared_error += model.at(resolution, splats).error;
     if (residency_ && &cut == &wanted_) return {};
     const std::uint64_t bytes_each = splat_bytes(options_.kernel);
     if (cut.splats > options_.max_bytes / bytes_each ||
@@ -211,12 +213,14 @@ class CutSelector {
     return {};
   }
 
-  // What goes first where it is largest. Without the splats there would be coarser ones, of a greater error.
-  float error_of(const Node& node, std::size_t resolution) const {
-    if (options_.goal) {
-      const float error = node_errors_[node.first_resolution()] / static_cast<float>(node.splat_count(resolution));
-      return std::max(error, std::numeric_limits<float>::min());
-    }
+  // Without the node's splats there would be coarser ones, with a greater error.
+  static float saved_by_a_splat(const Node& node, const ErrorModel::OfNode& model, std::uint64_t splats) {
+    const std::size_t first = node.first_resolution();
+    const double error = model.at(first, node.splat_count(first)).error;
+    return static_cast<float>(std::clamp(error / std::max(1.0, static_cast<double>(splats)), 1e-30, 1e6));
+  }
+
+  float covered_visibly(const Node& node, std::size_t resolution) const {
     const std::uint64_t occupied = node.summary().occupancy;
     const double visible =
         std::popcount(occupied & tree_.visibility().bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
@@ -230,7 +234,6 @@ class CutSelector {
   Cut wanted_;
   Cut drawn_;  // with residency
   std::array<PointRange, format::max_resolutions> node_ranges_;
-  std::array<float, format::max_resolutions> node_errors_, node_seams_;
 };
 
 Result<Cut> select(const format::VolumeInfo& info, IndexPages& index, Residency* residency, const View& view,

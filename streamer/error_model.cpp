@@ -7,7 +7,7 @@ namespace splatvol {
 namespace {
 
 // Against the true error on the scenes of docs/accuracy.md.
-constexpr double calibration = 1.0 / 72;
+constexpr double calibration = 1.0 / 110;
 
 constexpr double shape_share = 1.0 / 300;
 constexpr double seam_share = 1.0 / 200;
@@ -17,12 +17,12 @@ constexpr double smallest_pixels = 0.5;  // splats of this width show half of th
 constexpr double smallest_share_in_view = 0.01;
 constexpr int samples_along_edge = 4;
 
-}  // namespace
+struct Footprint {
+  double area;   // pixels that a section of the cell covers
+  double scale;  // pixels per world unit
+};
 
-ErrorModel::ErrorModel(const NodeTree& tree) : tree_(tree) {}
-
-ErrorModel::Footprint ErrorModel::footprint_of(const Cube& cell) const {
-  const View& view = tree_.view();
+Footprint footprint_of(const View& view, const Cube& cell) {
   const auto scale_at = [&](double depth) {
     return view.orthographic ? view.focal : view.focal / std::max(depth, 0.1 * cell.edge);
   };
@@ -51,27 +51,29 @@ ErrorModel::Footprint ErrorModel::footprint_of(const Cube& cell) const {
   return {std::min(cell.edge * cell.edge * squares_in_view, largest_area), std::sqrt(squares)};
 }
 
-void ErrorModel::evaluate(const Node& node, std::span<float> errors, std::span<float> seams) const {
-  std::ranges::fill(errors, 0.0F);
-  std::ranges::fill(seams, 0.0F);
-  const View& view = tree_.view();
-  const double edge = node.cell.edge;
-  const Footprint footprint = footprint_of(node.cell);
-  const ValueContrast::Node values = tree_.visibility().contrast().of(node.summary());
-  const double scaling = calibration / (3.0 * view.width * view.height);
-  for (std::size_t r = node.first_resolution(); r <= tree_.finest(); ++r) {
-    if (!tree_.is_within_reach(node, r)) continue;
-    const double count = std::max<double>(1, static_cast<double>(node.splat_count(r)));
-    const double bound = std::min(tree_.splat_bound(node, r), 4 * edge);
-    const double width = std::min(std::cbrt(edge * edge * bound / std::cbrt(count * count)), edge);
-    const double pixels_squared = width * width * footprint.scale * footprint.scale;
-    const double damping = 1 + values.extinction * width;
-    const double geometry = scaling * footprint.area * edge * width / (damping * damping) * pixels_squared /
-                            (pixels_squared + smallest_pixels * smallest_pixels);
-    const double contrast = values.variance(width / edge);
-    errors[r] = static_cast<float>(geometry * (contrast + shape_share * values.emission_squared));
-    seams[r] = static_cast<float>(geometry * seam_share * values.emission_squared);
-  }
+}  // namespace
+
+ErrorModel::ErrorModel(const NodeTree& tree)
+    : tree_(tree), scaling_(calibration / (3.0 * tree.view().width * tree.view().height)) {}
+
+ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
+    : model_(model), node_(node), values_(model.tree_.visibility().contrast().of(node.summary())) {
+  const Footprint footprint = footprint_of(model.tree_.view(), node.cell);
+  area_ = footprint.area;
+  pixels_per_edge_ = footprint.scale * node.cell.edge;
+}
+
+ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t splats) const {
+  const double edge = node_.cell.edge;
+  const double bound = std::min(model_.tree_.splat_bound(node_, resolution) / edge, 4.0);
+  const double count = std::max(static_cast<double>(splats), 1.0);
+  const double share = std::min(std::exp2((std::log2(bound) - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
+  const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
+  const double damping = 1 + values_.extinction * share * edge;
+  const double geometry = model_.scaling_ * area_ * edge * edge * share / (damping * damping) * pixels_squared /
+                          (pixels_squared + smallest_pixels * smallest_pixels);
+  return {geometry * (values_.variance(share) + shape_share * values_.emission_squared),
+          geometry * seam_share * values_.emission_squared};
 }
 
 }  // namespace splatvol

@@ -2,9 +2,10 @@
 #pragma once
 
 #include <cstddef>
-#include <span>
+#include <cstdint>
 
 #include "streamer/node_tree.h"
+#include "streamer/visibility.h"
 
 namespace splatvol {
 
@@ -19,22 +20,36 @@ namespace splatvol {
 /// material exactly. docs/accuracy.md has how far this is right.
 class ErrorModel {
  public:
+  struct Terms {
+    double error = 0;  // the node's part in the expected mean squared error of the picture's RGB
+    double seam = 0;   // what it adds where the node meets one that is one step finer: densities are fitted to one
+                       // resolution
+  };
+
+  /// A node as the model sees it. Keeps references to it and to the model.
+  class OfNode {
+   public:
+    /// Requires a resolution from the node's first on, and the number of its splats.
+    [[nodiscard]] Terms at(std::size_t resolution, std::uint64_t splats) const;
+
+   private:
+    friend class ErrorModel;
+    OfNode(const ErrorModel& model, const Node& node);
+    const ErrorModel& model_;
+    const Node& node_;
+    double area_;             // pixels that a section of the cell covers
+    double pixels_per_edge_;  // of the cell
+    ValueContrast::Node values_;
+  };
+
   /// Keeps a reference.
   explicit ErrorModel(const NodeTree& tree);
 
-  /// For each resolution the node's part in the expected mean squared error of the picture's RGB, and what a resolution
-  /// next to it that is one step finer adds where they meet: densities are fitted to one resolution. 0 below the
-  /// node's first, and where no splat reaches into the picture. Both spans have one element for each resolution.
-  void evaluate(const Node& node, std::span<float> errors, std::span<float> seams) const;
+  [[nodiscard]] OfNode of(const Node& node) const { return {*this, node}; }
 
  private:
-  struct Footprint {
-    double area;   // pixels that a section of the cell covers
-    double scale;  // pixels per world unit
-  };
-  [[nodiscard]] Footprint footprint_of(const Cube& cell) const;
-
   const NodeTree& tree_;
+  double scaling_;
 };
 
 }  // namespace splatvol

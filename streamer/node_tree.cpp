@@ -84,6 +84,7 @@ double NodeTree::covered_percent(const Node& node, std::size_t resolution) const
 bool NodeTree::is_visible(const Node& node) const {
   const format::ValueSummary& summary = node.summary();
   if (!visibility_.shows(summary.min, summary.max, summary.occupancy)) return false;
+  if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;
   return false;

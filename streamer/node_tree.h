@@ -68,7 +68,8 @@ class NodeTree {
   /// Whether something of the node may show.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
-  /// Whether the node's splats may reach into the picture.
+  /// Whether the node's splats may reach into the picture; without a resolution: its cell.
+  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cell, 0); }
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:

@@ -24,19 +24,21 @@ class Refinement {
   /// Nodes that were looked at. What is chosen holds for those that are reached from the first, the root, through
   /// `children` of nodes that are opened.
   struct Item {
-    Node node;
     std::array<std::uint32_t, 8> children{};  // by octant; 0: none, or nothing of it visible
     bool expanded = false;
     bool absent = false;  // the page of its children is not there: to be drawn at its first resolution, for now
     bool reached = false;
     bool wants_opening = false;  // at the price
     bool opened = false;
-    std::uint32_t resolution = 0;  // where it is not opened
+    bool is_leaf = false;
+    std::uint8_t first_resolution = 0;
+    std::uint8_t resolution = 0;  // where it is not opened
   };
 
   /// Fails as NodeTree::children_of. The same index gives the same choice. Empty where nothing is visible.
   [[nodiscard]] Status choose(const ErrorGoal& goal);
   [[nodiscard]] const std::vector<Item>& items() const { return items_; }
+  [[nodiscard]] const Node& node(std::uint32_t item) const { return nodes_[item]; }
 
  private:
   /// What the cheapest cut at a price comes to.
@@ -51,12 +53,15 @@ class Refinement {
   [[nodiscard]] bool is_worth_opening(std::uint32_t item, float price) const;
   void settle_costs(std::uint32_t item, float price);
   [[nodiscard]] Result<Sum> evaluate(int price);
+  [[nodiscard]] static int step_to(const ErrorGoal& goal, const Sum& from);
   [[nodiscard]] Status bisect(const ErrorGoal& goal, Sum coarse, Sum fine);
 
   const NodeTree& tree_;
   const ErrorModel model_;
   const std::size_t resolutions_;
+  float least_gain_ = 0;  // splats: what is not worth more is not opened
   std::vector<Item> items_;
+  std::vector<Node> nodes_;  // [item]
 
   // [item][resolution]
   std::vector<float> splats_;  // that reach into the picture
