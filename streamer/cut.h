@@ -123,8 +123,8 @@ class Residency {
 /// the kernel.
 ///
 /// For an ErrorGoal: of all valid cuts about the one with the least expected error for its splats, by the model of
-/// streamer/error_model.h: nodes without anything to gain stay coarse, whatever their size. Fewer splats or a larger
-/// error never give a finer cut. The goal is met within some per cent of its splats or its error, never passed.
+/// streamer/error_model.h: nodes without anything to gain stay coarse, whatever their size. The goal's splats are met
+/// within some per cent from below, unless there is nothing left to gain or a step takes more; so is its error.
 [[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                                      const ValueVisibility& visibility, const CutOptions& options);
 

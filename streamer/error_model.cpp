@@ -72,8 +72,8 @@ ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t s
   const double damping = 1 + values_.extinction * share * edge;
   const double geometry = model_.scaling_ * area_ * edge * edge * share / (damping * damping) * pixels_squared /
                           (pixels_squared + smallest_pixels * smallest_pixels);
-  return {geometry * (values_.variance(share) + shape_share * values_.emission_squared),
-          geometry * seam_share * values_.emission_squared};
+  return {geometry * (values_.variance(share) + shape_share * values_.squares),
+          geometry * seam_share * values_.squares};
 }
 
 }  // namespace splatvol

@@ -114,7 +114,6 @@ void Refinement::settle_costs(std::uint32_t index, float price) {
 
 Result<Refinement::Sum> Refinement::evaluate(int steps) {
   const float price = price_of(steps);
- 
   for (Item& item : items_) item.reached = false;
   items_[0].reached = true;
   for (std::uint32_t i = 0; i < items_.size(); ++i) {
@@ -171,8 +170,8 @@ Status Refinement::choose(const ErrorGoal& goal) {
   SPLATVOL_TRY_ASSIGN(root, tree_.root());
   if (!tree_.is_visible(root)) return {};
   static_cast<void>(add(root));
-  least_gain_ =
-      std::clamp(static_cast<float>(least_share * static_cast<double>(goal.max_splats)), smallest_gain, largest_gain);
+  least_gain_ = std::clamp(static_cast<float>(least_share * static_cast<double>(goal.max_splats)), smallest_gain,
+                           goal.max_error > 0 ? gain_for_error : largest_gain);
 
   const float error = *std::ranges::max_element(errors_);
   const int highest = error > 0 ? static_cast<int>(steps_per_octave * std::log2(error)) : 0;

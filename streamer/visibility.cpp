@@ -26,16 +26,15 @@ ValueContrast::ValueContrast(const TransferFunction& function, const format::Att
   constexpr std::size_t each = 8, count = 64 * each;
   struct Sums {
     dvec3 emission{0};
-    double extinction = 0, squares = 0, emission_squares = 0;
+    double extinction = 0, squares = 0;
   };
   std::vector<Sums> sums(count + 1);
   for (std::size_t i = 0; i < count; ++i) {
     const double value = attribute.min + (static_cast<double>(i) + 0.5) / each * bin_width_;
     const double extinction = function.extinction(value);
     const dvec3 emission = extinction * function.color(value);
-    const double square = glm::dot(emission, emission);
     sums[i + 1] = {sums[i].emission + emission, sums[i].extinction + extinction,
-                   sums[i].squares + square + 0.5 * extinction * extinction, sums[i].emission_squares + square};
+                   sums[i].squares + glm::dot(emission, emission) + 0.5 * extinction * extinction};
   }
   for (std::size_t b = 0; b < 64; ++b)
     for (std::size_t level = 0; level < levels; ++level) {
@@ -49,7 +48,7 @@ ValueContrast::ValueContrast(const TransferFunction& function, const format::Att
       bins_[b].variances[level] = static_cast<float>(std::max(variance, 0.0));
       if (level > 0) continue;
       bins_[b].extinction = static_cast<float>(extinction);
-      bins_[b].emission_squared = static_cast<float>(share * (high.emission_squares - low.emission_squares));
+      bins_[b].squares = static_cast<float>(share * (high.squares - low.squares));
     }
 }
 
@@ -61,11 +60,11 @@ ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const
   for (std::uint64_t left = summary.occupancy; left != 0; left &= left - 1) {
     const Bin& bin = bins_[static_cast<std::size_t>(std::countr_zero(left))];
     node.extinction += bin.extinction;
-    node.emission_squared += bin.emission_squared;
+    node.squares += bin.squares;
     for (std::size_t level = 0; level < levels; ++level) node.variances[level] += bin.variances[level];
   }
   node.extinction /= count;
-  node.emission_squared /= count;
+  node.squares /= count;
   for (float& variance : node.variances) variance /= static_cast<float>(count);
   return node;
 }

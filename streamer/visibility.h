@@ -22,10 +22,11 @@ class ValueContrast {
 
   /// Of the values of a node, each of its occupied bins counting alike.
   struct Node {
-    double range = 0;             // from the least value to the largest, in bins
-    double extinction = 0;        // mean
-    double emission_squared = 0;  // mean of the squared colour times extinction: of the three channels together
-    Levels variances{};           // among values within 2^level bins: colour times extinction, and half for extinction
+    double range = 0;       // from the least value to the largest, in bins
+    double extinction = 0;  // mean
+    double squares = 0;     // mean of colour times extinction squared, the three channels together, and of half of
+                            // extinction squared: it hides
+    Levels variances{};     // the same of the deviations from the mean, among values within 2^level bins
 
     /// Among the values within a share of the range.
     [[nodiscard]] double variance(double share) const;
@@ -35,7 +36,7 @@ class ValueContrast {
  private:
   struct Bin {
     float extinction = 0;
-    float emission_squared = 0;
+    float squares = 0;
     Levels variances{};
   };
   std::array<Bin, 64> bins_{};

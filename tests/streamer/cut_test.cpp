@@ -485,5 +485,191 @@ TEST(Cut, NeedsTheSizesOfItsKernel) {
   EXPECT_THAT(refused.error().message, testing::HasSubstr("octant"));
 }
 
+// Cuts by expected error.
+
+CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
+  CutOptions options;
+  options.goal = ErrorGoal{max_error, max_splats};
+  return options;
+}
+
+// Extinction 1, and colours that change over a small part of attribute 1 only, which is 100 z.
+TransferFunction edge_at(double value) {
+  TransferFunction function = test::opaque();
+  function.lo = 0;
+  function.hi = 100;
+  function.colors = {{0, dvec3(0)}, {value / 100 - 0.02, dvec3(0)}, {value / 100 + 0.02, dvec3(1)}, {1, dvec3(1)}};
+  return function;
+}
+
+TEST(CutByError, NeverPassesItsSplatsAndStandsForEveryPointOnce) {
+  for (const KernelKind kind : {KernelKind::octant, KernelKind::moments}) {
+    Bench bench(test::sample_volume(2500, 21), edge_at(40), 1, kind);
+    std::mt19937 random(21);
+    std::set<std::uint64_t> numbers;
+    for (int trial = 0; trial < 30; ++trial) {
+      const auto most = static_cast<std::uint64_t>(std::exp2(std::uniform_real_distribution<double>(0, 12)(random)));
+      const Cut cut = bench.cut(test::view_of_all(random), goal(most));
+      ASSERT_LE(cut.splats, std::max(most, bench.volume.info.resolution_counts[0])) << "trial " << trial;
+      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << most << " splats";
+      numbers.insert(cut.splats);
+    }
+    EXPECT_GT(numbers.size(), 8u) << "the goals are all alike";
+  }
+}
+
+TEST(CutByError, ExtremesAreTheCoarsestResolutionAndNearlyAllPoints) {
+  Bench bench(test::sample_volume(2000, 22), edge_at(50));
+  std::mt19937 random(22);
+  for (int trial = 0; trial < 5; ++trial) {
+    const View view = test::view_of_all(random);
+    const std::uint64_t coarsest = bench.volume.info.resolution_counts[0];
+    EXPECT_EQ(bench.cut(view, goal(0)).splats, coarsest);
+    EXPECT_EQ(bench.cut(view, goal(1)).splats, coarsest);
+    EXPECT_EQ(bench.cut(view, goal(1u << 20, 1e3)).splats, coarsest);
+    // But for nodes in which more splats gain nothing.
+    EXPECT_GT(bench.cut(view, goal(1u << 20)).splats, 1500u);
+  }
+}
+
+// Nodes that are not worth comparing with their children are fewer where more splats are to be had: so it is not
+// exactly so.
+TEST(CutByError, MoreSplatsLessenTheError) {
+  Bench bench(test::sample_volume(4000, 23), edge_at(30));
+  std::mt19937 random(23);
+  for (int trial = 0; trial < 15; ++trial) {
+    const View view = test::random_view(random);
+    double last = infinity, first = 0;
+    for (double most = 50; most < 5000; most *= 1.3) {
+      const double error = std::sqrt(bench.cut(view, goal(static_cast<std::uint64_t>(most))).squared_error);
+      ASSERT_LE(error, 1.05 * last) << "trial " << trial << ", " << most << " splats";
+      last = error;
+      first = std::max(first, error);
+    }
+    EXPECT_LE(last, first);
+  }
+}
+
+TEST(CutByError, MeetsAnError) {
+  Bench bench(test::sample_volume(4000, 24), edge_at(60));
+  std::mt19937 random(24);
+  int between = 0;
+  for (int trial = 0; trial < 15; ++trial) {
+    const View view = test::view_of_all(random);
+    const double least = std::sqrt(bench.cut(view, goal(1u << 20)).squared_error);
+    std::uint64_t last = std::numeric_limits<std::uint64_t>::max();
+    for (double share = 1.05; share < 20; share *= 1.5) {
+      const Cut cut = bench.cut(view, goal(1u << 20, share * least));
+      ASSERT_LE(std::sqrt(cut.squared_error), share * least);
+      ASSERT_LE(cut.splats, last);
+      last = cut.splats;
+      between += cut.splats > bench.volume.info.resolution_counts[0] && cut.splats < 4000;
+    }
+  }
+  EXPECT_GT(between, 20);
+}
+
+// At equal splats. The sum that is made as small as can be has the seams between resolutions too, so that a tolerance
+// may leave a little less of the rest.
+TEST(CutByError, ExpectsNoMoreThanATolerance) {
+  Bench bench(test::sample_volume(4000, 25), edge_at(70));
+  std::mt19937 random(25);
+  double gains = 0;
+  int compared = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const View view = test::random_view(random);
+    const Cut plain = bench.cut(view, tolerance(std::exp2(trial % 6 - 1)));
+    if (plain.splats == 0 || plain.squared_error == 0) continue;
+    const double ratio = std::sqrt(bench.cut(view, goal(plain.splats)).squared_error / plain.squared_error);
+    ASSERT_LE(ratio, 1.1) << "trial " << trial << ", " << plain.splats << " splats";
+    gains += std::log(1 / ratio);
+    ++compared;
+  }
+  ASSERT_GT(compared, 20);
+  EXPECT_GT(std::exp(gains / compared), 1.1);
+}
+
+TEST(CutByError, RefinesWhereColoursChange) {
+  Bench bench(test::sample_volume(4000, 26), edge_at(80));
+  std::mt19937 random(26);
+  double near = 0, elsewhere = 0;
+  for (int trial = 0; trial < 5; ++trial) {
+    const Cut cut = bench.cut(test::view_of_all(random), goal(1500));
+    for (const CutItem& item : cut.items) {
+      const bool holds_edge = item.cell.origin.z < 0.8 && item.cell.origin.z + item.cell.edge > 0.8;
+      std::uint64_t splats = 0;
+      for (const PointRange& range : cut.ranges_of(item)) splats += range.count;
+      const double density = static_cast<double>(splats) / std::pow(item.cell.edge, 3);
+      (holds_edge ? near : elsewhere) = std::max(holds_edge ? near : elsewhere, density);
+    }
+  }
+  EXPECT_GE(near, elsewhere);
+}
+
+TEST(CutByError, LeavesOutWhatTheTransferFunctionHides) {
+  std::mt19937 random(27);
+  Bench nothing(test::sample_volume(4000, 27), test::window(200, 300));
+  EXPECT_TRUE(nothing.cut(test::view_of_all(random), goal(1000)).items.empty());
+  Bench some(test::sample_volume(4000, 27), test::window(30, 31));
+  EXPECT_LT(some.cut(test::view_of_all(random), goal(1u << 20)).splats, 2500u);
+}
+
+TEST(CutByError, OfASinglePointAndOfCoincidentPointsAndOfOneValue) {
+  std::mt19937 random(28);
+  Bench one(test::make_test_volume({dvec3(0.5)}, {{1}, {1}}));
+  EXPECT_EQ(one.cut(test::view_of_all(random), goal(1)).splats, 1u);
+
+  const std::vector<double> values(100, 1.0);
+  Bench many(test::make_test_volume(std::vector<dvec3>(100, dvec3(0.3)), {values, values}));
+  EXPECT_LE(many.cut(test::view_of_all(random), goal(1)).splats, many.volume.info.resolution_counts[0]);
+  const Cut all = many.cut(test::view_of_all(random), goal(1000));
+  EXPECT_GT(all.splats, 0u);
+  EXPECT_TRUE(std::isfinite(all.squared_error));
+
+  // Nothing but the splats' shape is wrong: little is expected, and it takes few splats to be content.
+  Bench varied(test::sample_volume(2000, 29), edge_at(50)), alike(test::sample_volume(2000, 29));
+  const View view = test::view_of_all(random);
+  EXPECT_LT(alike.cut(view, goal(500)).squared_error, 0.2 * varied.cut(view, goal(500)).squared_error);
+}
+
+TEST(CutByError, IsBackToFront) {
+  Bench bench(test::sample_volume(2500, 30), edge_at(20));
+  std::mt19937 random(30);
+  std::size_t pairs = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const View view = test::random_view(random);
+    const Cut cut = bench.cut(view, goal(1200));
+    for (std::size_t i = 0; i < cut.items.size(); ++i)
+      for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
+        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell)) << "trial " << trial;
+  }
+  EXPECT_GT(pairs, 1000u);
+}
+
+TEST(CutByError, OfWhatIsThere) {
+  struct There final : Residency {
+    explicit There(std::size_t most_resolutions) : most(most_resolutions) {}
+    bool holds(std::span<const PointRange> ranges) override { return ranges.size() <= most; }
+    std::size_t most;
+  };
+  Bench bench(test::sample_volume(2500, 31), edge_at(45));
+  std::mt19937 random(31);
+  for (int trial = 0; trial < 10; ++trial) {
+    const View view = test::view_of_all(random);
+    CutOptions options = goal(1500);
+    options.kernel = bench.kernel;
+    There all(64), coarsest(1), some(2);
+    const auto resident = [&](Residency& there) {
+      auto cut = select_resident_cut(bench.opened->info(), bench.paged, there, view, bench.visibility, options);
+      EXPECT_TRUE(cut);
+      return cut.value_or(Cut{});
+    };
+    EXPECT_EQ(resident(all), bench.cut(view, options));
+    EXPECT_EQ(resident(coarsest).splats, bench.volume.info.resolution_counts[0]);
+    for (There* there : {&all, &coarsest, &some})
+      ASSERT_THAT(coverage(bench.volume, resident(*there)), testing::Each(1));
+  }
+}
+
 }  // namespace
 }  // namespace splatvol

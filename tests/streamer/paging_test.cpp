@@ -199,6 +199,7 @@ TEST_P(Paging, EndsInTheSynchronousFrame) {
     const TransferFunction function = i % 5 == 0 ? test::window(10, 40) : test::opaque();
     DetailOptions detail = percent(std::exp2(i % 7 - 2));
     if (i % 4 == 1) detail.resolution = i % 6;
+    if (i % 4 == 3) detail.goal = ErrorGoal{0, std::uint64_t{64} << i % 8};
     const FrameSplats* frame = nullptr;
     int calls = 0;
     for (bool settled = false; !settled; settled = frame->progress.settled) {

@@ -111,5 +111,29 @@ TEST(ValueVisibility, EqualityIsThatOfExtinction) {
   EXPECT_FALSE(ValueVisibility(test::window(0.2, 0.41), a) == ValueVisibility(test::window(0.2, 0.4), a));
 }
 
+TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
+  // Colour rises from 0 to 1 over the range, extinction 1: a uniform window of width w has the variance w^2 / 12 in
+  // each of three channels.
+  TransferFunction function = test::opaque();
+  function.lo = 0;
+  function.hi = 64;
+  function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};
+  const ValueContrast contrast(function, attribute(0, 64));
+  format::ValueSummary summary;
+  summary.min = 24;
+  summary.max = 40;
+  summary.occupancy = std::uint64_t{0xFFFF} << 24;
+  const ValueContrast::Node node = contrast.of(summary);
+  EXPECT_EQ(node.range, 16);
+  EXPECT_NEAR(node.extinction, 1, 1e-6);
+  for (const double width : {0.25, 1.0, 4.0, 16.0})
+    EXPECT_NEAR(node.variance(width / 16) / (3 * std::pow(width / 64, 2) / 12), 1, 0.05) << width;
+
+  const ValueContrast alike(test::opaque(), attribute(0, 64));
+  EXPECT_EQ(alike.of(summary).variance(1), 0);
+  EXPECT_EQ(contrast.of({}).variance(1), 0);
+  EXPECT_EQ(ValueContrast(function, attribute(7, 7)).of({7, 7, 1}).variance(1), 0);
+}
+
 }  // namespace
 }  // namespace splatvol
