@@ -466,24 +466,27 @@ int main(int argc, char** argv) {
   auto* resolution = app.add_option("--resolution", options.detail.resolution,
                                     "One resolution for everything, 0 the coarsest, instead of a tolerance")
                          ->check(CLI::NonNegativeNumber);
+  const auto is_positive = [](const std::string& text) {
+    return std::strtod(text.c_str(), nullptr) > 0 ? std::string() : "'" + text + "' is not a number above 0";
+  };
   auto* max_error =
       app.add_option("--max-error", options.max_error,
                      "Expected error of the picture (root mean square of linear RGB), instead of a tolerance: as few "
                      "splats as do for it, where they gain most")
           ->type_name("RMSE")
-          ->check(CLI::NonNegativeNumber)
+          ->check(is_positive)
           ->excludes(tolerance)
           ->excludes(resolution);
   auto* splats = app.add_option("--splats", options.splats,
                                 "The best picture that is expected of so many splats, instead of a tolerance")
-                     ->check(CLI::PositiveNumber)
+                     ->check(is_positive)
                      ->excludes(tolerance)
                      ->excludes(resolution)
                      ->excludes(max_error);
   auto* milliseconds =
       app.add_option("--milliseconds", options.milliseconds,
                      "The same, of as many splats as are drawn in this time, which a few frames find out")
-          ->check(CLI::PositiveNumber)
+          ->check(is_positive)
           ->excludes(tolerance)
           ->excludes(resolution)
           ->excludes(max_error)

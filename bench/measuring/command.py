@@ -12,7 +12,7 @@ from .measure import ProgramError, measure, mesh_of
 from .peers import PeerError
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ["scattered", "lit", "reference"]
+PARTS = ["equal", "scattered", "lit", "reference"]
 EXTRAS = {
     "peers": ["vtk", "numpy", "OpenEXR"],
     "flip": ["flip_evaluator", "numpy", "OpenEXR"],
@@ -117,11 +117,13 @@ def plan_of(options):
     plan["kernels"], plan["sorts"] = options.kernels, options.sorts
     plan["kernel"] = "moments" if "moments" in options.kernels else options.kernels[-1]
     plan["connectivities"] = ["delaunay", "none"]
+    plan["equal_tolerances"] = [1, 2, 3, 5, 8, 12, 20]
 
     scenes = sorted(path.stem for path in (options.shared / "scenes").glob("*.json"))
     views = plan["views"] = options.views or scenes[: 1 if options.quick else None]
     whole = [view for view in views if view == mesh_of(view)]
     parts = plan.pop("parts")
+    plan["equal"] = views if "equal" in parts else []
     plan["scattered"] = whole if "scattered" in parts else []
     plan["lit"] = whole if "lit" in parts else []
     plan["reference"] = views if "reference" in parts else []

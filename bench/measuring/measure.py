@@ -18,8 +18,8 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity kernel tolerance resolution sort sampling sample_spacing points splats nodes bytes_read file_bytes "
-    "first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s rmse psnr max light flip"
+    "part view mesh connectivity kernel tolerance resolution max_splats sort sampling sample_spacing points splats nodes bytes_read file_bytes "
+    "first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s expected_error rmse psnr max light flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
@@ -31,24 +31,30 @@ class ProgramError(Exception):
 
 @dataclass(frozen=True)
 class Setting:
-    """Of svrender; `resolution` None: by tolerance."""
+    """Of svrender; `resolution` and `splats` None: by tolerance."""
 
     kernel: str
     tolerance: float = 0
     resolution: int | None = None
     sort: str = "exact"
     sampling: str = "auto"
+    splats: int | None = None
 
     def detail(self):
+        if self.splats is not None:
+            return {"splats": self.splats}
         if self.resolution is None:
             return {"tolerance": f"{self.tolerance:g}"}
         return {"resolution": self.resolution}
 
-    def row(self):
+    def options(self):
         return {"kernel": self.kernel, "sort": self.sort, "sampling": self.sampling, **self.detail()}
 
+    def row(self):
+        return {"max_splats" if name == "splats" else name: value for name, value in self.options().items()}
+
     def arguments(self):
-        return [word for name, value in self.row().items() for word in (f"--{name}", value)]
+        return [word for name, value in self.options().items() for word in (f"--{name}", value)]
 
 
 @dataclass
@@ -179,7 +185,8 @@ class Splats(Contender):
     def first_picture(self, exr):
         stats = self.draw(exr, 1)
         self.renderer = stats["renderer"]
-        return {name: stats[name] for name in ("sample_spacing", "splats", "nodes", "bytes_read", "file_bytes")}
+        names = ("sample_spacing", "splats", "nodes", "bytes_read", "file_bytes", "expected_error")
+        return {name: stats[name] for name in names}
 
     def turn(self, frames):
         stats = self.draw(self.bench.work / "turn.exr", frames)
@@ -247,6 +254,20 @@ def measure_view(bench, view, finest, points, note):
     return rows
 
 
+def measure_equal(bench, view, finest, points):
+    """Tolerances and fixed resolutions, each followed by the cut by expected error with as many splats. No times."""
+    plan, kernel = bench.plan, bench.plan["kernel"]
+    plain = [Setting(kernel, tolerance, sampling="1") for tolerance in plan["equal_tolerances"]]
+    plain += [Setting(kernel, resolution=r, sampling="1") for r in range(1, finest)]
+    for setting in plain:
+        contender = Splats(bench, view, bench.scene(view), bench.truth(view), setting)
+        contender.start()
+        by_error = Setting(kernel, splats=contender.row["splats"], sampling="1")
+        other = Splats(bench, view, bench.scene(view), bench.truth(view), by_error)
+        other.start()
+        yield from ({"part": "equal", "points": points, **c.row} for c in (contender, other))
+
+
 def measure_scattered(bench, view, points):
     """The mesh's own cells, beside the same points without them: both against the mesh's exact picture."""
     scene, truth = bench.scene(view), bench.truth(view)
@@ -301,6 +322,9 @@ def measure_builds(bench, say):
 def measure_frames(bench, view, points, finest, note, say):
     say(f"view {view}")
     yield from measure_view(bench, view, finest, points, note)
+    if view in bench.plan["equal"]:
+        say(f"equal splats {view}")
+        yield from measure_equal(bench, view, finest, points)
     if view in bench.plan["scattered"]:
         say(f"scattered {view}")
         yield from measure_scattered(bench, view, points)

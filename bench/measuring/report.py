@@ -87,7 +87,10 @@ def kernel_name(row):
 def setting(row):
     if row.kernel in PEER_NAMES:
         return None
-    words = [f"{row.tolerance:g} %" if row.tolerance is not None else f"resolution {row.resolution:.0f}"]
+    if row.get("max_splats") is not None:
+        words = [f"{row.max_splats:.0f} splats"]
+    else:
+        words = [f"{row.tolerance:g} %" if row.tolerance is not None else f"resolution {row.resolution:.0f}"]
     if row.sort != "exact":
         words.append(f"sort {row.sort}")
     if row.sample_spacing > 1:
@@ -283,6 +286,38 @@ def every_frame(results):
     ]
 
 
+def equal(results):
+    rows = results.of("equal")
+    if not rows:
+        return []
+    pairs = [(plain, by_error) for plain, by_error in zip(rows[::2], rows[1::2])]
+
+    def gain(which):
+        ratios = [plain.rmse / by_error.rmse for plain, by_error in pairs if plain[which] is not None]
+        return f"{geometric_mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+
+    offsets = [by_error.expected_error / by_error.rmse for _, by_error in pairs]
+    columns = [
+        ("view", lambda pair: pair[0].view),
+        ("setting", lambda pair: setting(pair[0])),
+        ("splats", lambda pair: SPLATS[1](pair[0])),
+        ("RMSE", lambda pair: RMSE[1](pair[0])),
+        ("by error: splats", lambda pair: SPLATS[1](pair[1])),
+        ("RMSE", lambda pair: RMSE[1](pair[1])),
+        ("RMSE expected", lambda pair: number("expected_error", ".4f")(pair[1])),
+        ("times closer", lambda pair: f"{pair[0].rmse / pair[1].rmse:.2f}"),
+    ]
+    return [
+        "## By expected error, at equal splats",
+        "",
+        *paragraph(f"""Each tolerance and fixed resolution of `{results.kernel}` beside `--splats` with as many splats, a
+            sample for every pixel. RMSE over that by expected error, geometric means (smallest to largest): tolerances
+            {gain("tolerance")}, fixed resolutions {gain("resolution")}. The expected error over the true one:
+            {geometric_mean(offsets):.2f} ({min(offsets):.2f} to {max(offsets):.2f})."""),
+        *table(columns, pairs),
+    ]
+
+
 def sorting(results):
     def cell(sort, say):
         return lambda key: (row := results.all_points(*key, sort)) and say(row)
@@ -445,6 +480,6 @@ def write(results, docs, plotted):
     for kind in PEER_NAMES:
         lines += against_peer(results, kind)
     lines += against_prototype(results) + gallery(results, docs)
-    for section in (sorting, building, scattered, lit, reference, every_frame):
+    for section in (equal, sorting, building, scattered, lit, reference, every_frame):
         lines += section(results)
     (docs / "results.md").write_text("\n".join(lines).rstrip() + "\n")

@@ -108,6 +108,15 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
     EXPECT_THAT(exr, HasSubstr(key));
 }
 
+TEST_F(Svrender, TakesOneGoalOnly) {
+  for (const char* options : {"--splats 5 --tolerance 1", "--max-error .01 --splats 5", "--milliseconds 9 --splats 5",
+                              "--max-error .01 --resolution 1", "--max-error -1", "--milliseconds 0", "--splats 0"}) {
+    const Outcome outcome = run(fmt::format("v.svol --scene s.json -o out.png {}", options));
+    EXPECT_EQ(outcome.code, 2) << options;
+    EXPECT_LT(outcome.text.size(), 250u) << outcome.text;
+  }
+}
+
 TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   const auto statistics = [&](const std::string& options) {
     const Outcome outcome = run("v.svol --scene s.json -o out.png --stats - " + options);
@@ -118,6 +127,12 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_LT(statistics("--tolerance 50 --kernel octant").at("splats"), 100);
   EXPECT_EQ(statistics("--resolution 0").at("splats"), statistics("--tolerance 1e9").at("splats"));
   EXPECT_EQ(statistics("--resolution 100").at("splats"), 2000);
+  const auto best = statistics("--splats 900");
+  EXPECT_LE(best.at("splats"), 900);
+  EXPECT_GT(best.at("expected_error"), 0);
+  const double expected = best.at("expected_error");
+  EXPECT_LE(statistics(fmt::format("--max-error {}", expected)).at("expected_error"), expected);
+  EXPECT_FALSE(statistics("--milliseconds 50").at("splats_while_pacing").empty());
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
