@@ -35,6 +35,7 @@ Refinement::Refinement(const NodeTree& tree) : tree_(tree), model_(tree), resolu
 
 std::uint32_t Refinement::add(const Node& node) {
   const std::size_t first = items_.size() * resolutions_;
+  for (auto* numbers : {&hidden_, &floors_}) numbers->push_back(0);
   items_.push_back(
       {.is_leaf = node.child_mask() == 0, .first_resolution = static_cast<std::uint8_t>(node.first_resolution())});
   nodes_.push_back(node);
@@ -86,11 +87,21 @@ void Refinement::settle_costs(std::uint32_t index, float price) {
   std::array<float, format::max_resolutions> opened{};
   for (const std::uint32_t child : item.children)
     for (std::size_t r = 0; child != 0 && r < resolutions_; ++r) opened[r] += offers_[child * resolutions_ + r];
+
+  // The parts of a node tell more than the whole: it is not better, at any resolution, than they add up to.
+  const float whole = errors_[begin + resolutions_ - 1];
+  float parts = 0;
+  if (item.wants_opening)
+    for (const std::uint32_t child : item.children) parts += child != 0 ? floors_[child] : 0;
+  const float hidden = std::max(parts - whole, 0.0F);
+  hidden_[index] = hidden;
+  floors_[index] = whole + hidden;
+
   float* const costs = &costs_[begin];
   for (std::size_t r = 0; r < resolutions_; ++r) {
     const bool drawable =
         r == first || (r > first && !is_absent && (item.is_leaf || splats_[begin + r] <= most_splats));
-    costs[r] = drawable ? (is_absent ? 0 : errors_[begin + r]) + price * splats_[begin + r] : none;
+    costs[r] = drawable ? (is_absent ? 0 : errors_[begin + r] + hidden) + price * splats_[begin + r] : none;
     opens_[begin + r] = item.wants_opening && !item.absent && opened[r] < costs[r];
     if (opens_[begin + r] != 0) costs[r] = opened[r];
   }
@@ -142,7 +153,7 @@ Result<Refinement::Sum> Refinement::evaluate(int steps) {
     }
     if (!item.reached || item.opened || splats_[begin + r] == 0) continue;
     sum.splats += static_cast<std::uint64_t>(splats_[begin + r]);
-    sum.error += static_cast<double>(errors_[begin + r]);
+    sum.error += static_cast<double>(errors_[begin + r] + hidden_[i]);
     sum.finest = sum.finest && !(errors_[begin + resolutions_ - 1] < errors_[begin + r]);
   }
   return sum;
@@ -164,7 +175,7 @@ int Refinement::step_to(const ErrorGoal& goal, const Sum& from) {
 Status Refinement::choose(const ErrorGoal& goal) {
   items_.clear();
   nodes_.clear();
-  for (auto* numbers : {&splats_, &errors_, &seams_, &costs_, &offers_}) numbers->clear();
+  for (auto* numbers : {&splats_, &errors_, &seams_, &costs_, &offers_, &hidden_, &floors_}) numbers->clear();
   levels_.clear();
   opens_.clear();
   SPLATVOL_TRY_ASSIGN(root, tree_.root());

@@ -61,7 +61,9 @@ class Refinement {
   const std::size_t resolutions_;
   float least_gain_ = 0;  // splats: what is not worth more is not opened
   std::vector<Item> items_;
-  std::vector<Node> nodes_;  // [item]
+  std::vector<Node> nodes_;    // [item]
+  std::vector<float> floors_;  // [item]: the least error that it and its parts admit
+  std::vector<float> hidden_;  // [item]: of that, what its own errors do not show
 
   // [item][resolution]
   std::vector<float> splats_;  // that reach into the picture

@@ -532,8 +532,8 @@ TEST(CutByError, ExtremesAreTheCoarsestResolutionAndNearlyAllPoints) {
   }
 }
 
-// Nodes that are not worth comparing with their children are fewer where more splats are to be had: so it is not
-// exactly so.
+// What is made as small as can be has the seams between resolutions too, and what a node's parts tell of it: so it is
+// not exactly so.
 TEST(CutByError, MoreSplatsLessenTheError) {
   Bench bench(test::sample_volume(4000, 23), edge_at(30));
   std::mt19937 random(23);
@@ -542,7 +542,7 @@ TEST(CutByError, MoreSplatsLessenTheError) {
     double last = infinity, first = 0;
     for (double most = 50; most < 5000; most *= 1.3) {
       const double error = std::sqrt(bench.cut(view, goal(static_cast<std::uint64_t>(most))).squared_error);
-      ASSERT_LE(error, 1.05 * last) << "trial " << trial << ", " << most << " splats";
+      ASSERT_LE(error, 1.1 * last) << "trial " << trial << ", " << most << " splats";
       last = error;
       first = std::max(first, error);
     }
@@ -569,8 +569,7 @@ TEST(CutByError, MeetsAnError) {
   EXPECT_GT(between, 20);
 }
 
-// At equal splats. The sum that is made as small as can be has the seams between resolutions too, so that a tolerance
-// may leave a little less of the rest.
+// At equal splats. For the same reason a tolerance may leave a little less.
 TEST(CutByError, ExpectsNoMoreThanATolerance) {
   Bench bench(test::sample_volume(4000, 25), edge_at(70));
   std::mt19937 random(25);
@@ -586,7 +585,7 @@ TEST(CutByError, ExpectsNoMoreThanATolerance) {
     ++compared;
   }
   ASSERT_GT(compared, 20);
-  EXPECT_GT(std::exp(gains / compared), 1.1);
+  EXPECT_GT(std::exp(gains / compared), 1.05);
 }
 
 TEST(CutByError, RefinesWhereColoursChange) {
