@@ -19,7 +19,6 @@ float price_of(int price) { return std::exp2(static_cast<float>(price) / steps_p
 constexpr double least_share = 1.0 / 128;
 constexpr float smallest_gain = 4, largest_gain = 512;
 constexpr float gain_for_error = 64;  // where it is not known how many there will be
-
 constexpr float most_splats = 256;
 
 // How near to its goal a cut need not be nearer.
@@ -83,17 +82,17 @@ bool Refinement::is_worth_opening(std::uint32_t item, float price) const {
 void Refinement::settle_costs(std::uint32_t index, float price) {
   const Item& item = items_[index];
   const std::size_t begin = index * resolutions_, first = item.first_resolution;
-  const bool is_absent = item.wants_opening && item.absent;
+  const bool is_absent = item.wants_opening && item.absent, may_open = item.wants_opening && !item.absent;
   std::array<float, format::max_resolutions> opened{};
-  for (const std::uint32_t child : item.children)
-    for (std::size_t r = 0; child != 0 && r < resolutions_; ++r) opened[r] += offers_[child * resolutions_ + r];
+  float parts = 0;
+  for (const std::uint32_t child : item.children) {
+    if (!may_open || child == 0) continue;
+    for (std::size_t r = 0; r < resolutions_; ++r) opened[r] += offers_[child * resolutions_ + r];
+    parts += floors_[child];
+  }
 
   // The parts of a node tell more than the whole: it is not better, at any resolution, than they add up to.
-  const float whole = errors_[begin + resolutions_ - 1];
-  float parts = 0;
-  if (item.wants_opening)
-    for (const std::uint32_t child : item.children) parts += child != 0 ? floors_[child] : 0;
-  const float hidden = std::max(parts - whole, 0.0F);
+  const float whole = errors_[begin + resolutions_ - 1], hidden = std::max(parts - whole, 0.0F);
   hidden_[index] = hidden;
   floors_[index] = whole + hidden;
 
@@ -102,7 +101,7 @@ void Refinement::settle_costs(std::uint32_t index, float price) {
     const bool drawable =
         r == first || (r > first && !is_absent && (item.is_leaf || splats_[begin + r] <= most_splats));
     costs[r] = drawable ? (is_absent ? 0 : errors_[begin + r] + hidden) + price * splats_[begin + r] : none;
-    opens_[begin + r] = item.wants_opening && !item.absent && opened[r] < costs[r];
+    opens_[begin + r] = may_open && opened[r] < costs[r];
     if (opens_[begin + r] != 0) costs[r] = opened[r];
   }
 
