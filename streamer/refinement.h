@@ -15,7 +15,7 @@ namespace splatvol {
 /// Chooses for a whole view at once. At a price for a splat - so much squared error - every valid cut has a cost, its
 /// expected error and its splats together, and the cheapest cut is found from the leaves up: a node is drawn at one of
 /// its resolutions or opened, and pays for the steps between its own resolution and the one that its parent took as
-/// the level of the neighbourhood. The price is then what meets the goal; at a lower one there are never fewer splats.
+/// the level of the neighbourhood. The price is then what meets the goal: the lower, the more splats.
 class Refinement {
  public:
   /// Keeps a reference.
