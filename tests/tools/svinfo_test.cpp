@@ -13,8 +13,8 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "scene/scene.h"
-#include "tests/support/test_volume.h"
 #include "streamer/default_scene.h"
+#include "tests/support/test_volume.h"
 
 namespace splatvol {
 namespace {

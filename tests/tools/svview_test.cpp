@@ -34,22 +34,22 @@ class Svview : public testing::Test {
     for (const dvec3& p : points) values.push_back(p.x);
     ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
     // Turns, zooms, hides the numbers, which tell times.
-    write("r.jsonl",
-          R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
-          "\n"
-          R"({"seconds":0.1,"events":[["button",0,true],["pointer",540,230],["button",0,false]]})"
-          "\n"
-          R"({"seconds":0.1,"events":[["scroll",0,2],["key",72,true],["key",72,false]]})"
-          "\n"
-          R"({"seconds":0.1,"events":[["pointer",350,400]]})"
-          "\n");
+    write("r.jsonl", R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
+                     "\n"
+                     R"({"seconds":0.1,"events":[["button",0,true],["pointer",540,230],["button",0,false]]})"
+                     "\n"
+                     R"({"seconds":0.1,"events":[["scroll",0,2],["key",72,true],["key",72,false]]})"
+                     "\n"
+                     R"({"seconds":0.1,"events":[["pointer",350,400]]})"
+                     "\n");
   }
   ~Svview() override { fs::remove_all(folder); }
 
   std::string path(const std::string& name) const { return (folder / name).string(); }
   void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
 
-  Outcome run(const std::string& arguments, const std::string& environment = "env -u DISPLAY -u WAYLAND_DISPLAY") const {
+  Outcome run(const std::string& arguments,
+              const std::string& environment = "env -u DISPLAY -u WAYLAND_DISPLAY") const {
     const std::string command =
         environment + " " SPLATVOL_BIN "/svview " + arguments + " > " + path("text") + " 2>&1 < /dev/null";
     const int status = std::system(command.c_str());
@@ -77,8 +77,8 @@ TEST_F(Svview, DrawsACameraPath) {
     {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30},
     {"position": [4, 0.5, 0.5], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
   fs::create_directories(path("frames"));
-  const Outcome outcome = run(path("v.svol") + " --play " + path("path.json") + " --frames " + path("frames") +
-                              " --fps 10 --size 64x48");
+  const Outcome outcome =
+      run(path("v.svol") + " --play " + path("path.json") + " --frames " + path("frames") + " --fps 10 --size 64x48");
   ASSERT_EQ(outcome.code, 0) << outcome.text;
   EXPECT_EQ(std::distance(fs::directory_iterator(path("frames")), {}), 5);
   EXPECT_TRUE(fs::exists(path("frames/frame-00004.png")));
@@ -112,7 +112,8 @@ class Xvfb {
       ::dup2(null, 1);
       ::dup2(null, 2);
       const std::string write_end = std::to_string(ends[1]);
-      ::execlp("Xvfb", "Xvfb", "-displayfd", write_end.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp", nullptr);
+      ::execlp("Xvfb", "Xvfb", "-displayfd", write_end.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp",
+               nullptr);
       ::_exit(127);
     }
     ::close(ends[1]);
@@ -139,7 +140,8 @@ TEST_F(Svview, AWindowShowsWhatIsShownWithoutOne) {
   const Xvfb server;
   if (server.display().empty()) GTEST_SKIP() << "no Xvfb on this machine (package xvfb)";
   const std::string options = path("v.svol") + " --replay " + path("r.jsonl") + " --screenshot ";
-  const Outcome in_window = run(options + path("w.exr") + " --window", "env -u WAYLAND_DISPLAY DISPLAY=" + server.display());
+  const Outcome in_window =
+      run(options + path("w.exr") + " --window", "env -u WAYLAND_DISPLAY DISPLAY=" + server.display());
   ASSERT_EQ(in_window.code, 0) << in_window.text;
   ASSERT_EQ(run(options + path("a.exr")).code, 0);
   // A window's pixels have 8 bits.
