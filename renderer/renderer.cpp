@@ -156,6 +156,17 @@ std::uint64_t Renderer::max_splats() const {
   return std::min<std::uint64_t>(by_buffer, std::numeric_limits<std::uint32_t>::max());
 }
 
+std::uint64_t Renderer::max_splats(int width, int height, std::uint64_t gpu_bytes) const {
+  // The picture, the samples that it is made of where they are apart, and rows between the two.
+  const std::uint64_t picture = sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  const std::uint64_t table =
+      kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
+  const std::uint64_t fixed = 2 * picture + table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes();
+  // Its record, its key, its place in the order; a batch of its own at worst. And a run of quads for many.
+  const std::uint64_t each = kernel_.record_bytes + 2 * sizeof(std::uint32_t) + sizeof(vec4) + 1;
+  return gpu_bytes > fixed ? std::min(max_splats(), (gpu_bytes - fixed) / each) : 0;
+}
+
 Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batches) {
   splat_count_ = 0;
   ordered_view_.reset();

@@ -55,6 +55,10 @@ class Renderer {
   /// How many splats the device's shaders can see.
   [[nodiscard]] std::uint64_t max_splats() const;
 
+  /// The same within `gpu_bytes` of the device's memory, for pictures of that size and one order of drawing. 0 where the
+  /// picture alone takes more.
+  [[nodiscard]] std::uint64_t max_splats(int width, int height, std::uint64_t gpu_bytes) const;
+
   /// Replaces the splats by those of `batches`, parts of `splats`, back to front where they are to be drawn with
   /// SortMode::none. They are copied, and resident until the next call. Fails where the splats are of another kernel or
   /// a batch reaches beyond them; with ErrorCode::device where the GPU cannot hold them. There are no splats then.

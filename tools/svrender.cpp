@@ -31,6 +31,7 @@ struct Options {
   std::vector<double> path;     // frames, degrees, factor; empty: none
   int fade = 1;                 // frames that a change of resolution takes
   std::string memory = "512M";
+  std::string gpu_memory = "1G";
   std::string sort = "exact";
   std::string kernel = "moments";
   std::string sampling = "auto";
@@ -123,7 +124,11 @@ Result<Drawing> prepare(const Options& options, const Scene& scene) {
   if (options.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
         ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
-  drawing.detail.max_splats = drawing.renderer->max_splats();
+  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
+  drawing.detail.max_splats = drawing.renderer->max_splats(scene.width, scene.height, gpu_memory);
+  if (drawing.detail.max_splats == 0)
+    return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
+                options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);
   const double offset = drawing.streamer->value_offset();
   if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
@@ -512,6 +517,13 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; detail is lost where it would need more")
+      ->type_name("SIZE")
+      ->check([](const std::string& text) {
+        const auto bytes = parse_bytes(text);
+        return bytes ? std::string() : bytes.error().message;
+      })
+      ->capture_default_str();
+  app.add_option("--gpu-memory", options.gpu_memory, "Bytes that the renderer may hold on the graphics card; likewise")
       ->type_name("SIZE")
       ->check([](const std::string& text) {
         const auto bytes = parse_bytes(text);

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <tuple>
 
 #include "base/file.h"
 #include "renderer/context.h"
@@ -21,6 +22,7 @@ struct Options {
   std::string scene;
   std::string size = "1200x800";
   std::string memory = "512M";
+  std::string gpu_memory = "1G";
   std::string kernel = "moments";
   double tolerance = 1;
   std::string record;      // file; empty: none
@@ -37,9 +39,10 @@ constexpr double frame_seconds = 1.0 / 60;
 
 Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
+  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
   return ViewerOptions{options.volume,
                        options.scene,
-                       {memory, options.kernel == "octant" ? KernelKind::octant : KernelKind::moments,
+                       {memory, gpu_memory, options.kernel == "octant" ? KernelKind::octant : KernelKind::moments,
                         options.tolerance, SortMode::exact}};
 }
 
@@ -212,9 +215,13 @@ int main(int argc, char** argv) {
         const auto size = parse_image_size(text);
         return size ? std::string() : size.error().message;
       });
-  app.add_option("--memory", options.memory, "Memory for what is read of the file")
-      ->type_name("SIZE")
-      ->capture_default_str();
+  for (const auto& [name, value, what] :
+       {std::tuple{"--memory", &options.memory, "Memory for what is read of the file"},
+        std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
+    app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check([](const std::string& text) {
+      const auto bytes = parse_bytes(text);
+      return bytes ? std::string() : bytes.error().message;
+    });
   app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();

@@ -205,7 +205,7 @@ Status Session::draw(int width, int height, double seconds) {
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
-  detail.max_splats = renderer_->max_splats();
+  detail.max_splats = std::max<std::uint64_t>(renderer_->max_splats(width, height, settings.gpu_memory), 1);
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
   SPLATVOL_TRY_ASSIGN(frame, streamer_->advance(view, scene.transfer_function, detail, 0, change));

@@ -19,6 +19,7 @@ namespace splatvol {
 /// How the file is to be shown, with the names that svrender's options have.
 struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
+  std::uint64_t gpu_memory = std::uint64_t{1} << 30;
   KernelKind kernel = KernelKind::moments;
   double tolerance = 1;  // percent, at rest
   SortMode sort = SortMode::exact;
@@ -63,6 +64,7 @@ class Session {
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
+  [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->gpu_bytes(); }
   [[nodiscard]] double value_offset() const { return streamer_->value_offset(); }
 
   /// Errors of parts that could not be read, the newest last.

@@ -676,6 +676,26 @@ TEST_F(RendererTest, RefusesMoreThanTheDeviceHolds) {
   EXPECT_GT(total_alpha(picture({{{0, 0, -1}, 0, 5}}, orthographic_view(20, 10), four_colors(1))), 1);
 }
 
+TEST_F(RendererTest, AsManySplatsAsFitTakeNoMore) {
+  for (const std::uint64_t budget : {std::uint64_t{8} << 20, std::uint64_t{40} << 20}) {
+    const std::uint64_t most = renderer_->max_splats(100, 50, budget);
+    ASSERT_GT(most, 1000U);
+    ASSERT_LT(most, budget / sizeof(OctantSplat));
+    const std::vector<Splat> splats(most, {{0, 0, -1}, 0, 0.01f});
+    std::vector<SplatBatch> batches;  // the worst case
+    for (std::uint64_t i = 0; i < most; ++i) batches.push_back({dvec3(0), i, 1});
+    ASSERT_TRUE(set_splats(splats, batches));
+    ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1)));
+    for (const int spacing : {1, 4}) {
+      ASSERT_TRUE(renderer_->draw(orthographic_view(100, 50), SortMode::exact, spacing));
+      EXPECT_LE(renderer_->gpu_bytes(), budget);
+    }
+    EXPECT_GT(renderer_->gpu_bytes(), budget / 2);
+  }
+  EXPECT_EQ(renderer_->max_splats(4000, 4000, 1 << 20), 0U);
+  EXPECT_LE(renderer_->max_splats(100, 50, std::uint64_t{1} << 60), renderer_->max_splats());
+}
+
 TEST_F(RendererTest, CountsItsMemoryAndKeepsIt) {
   const std::uint64_t empty = renderer_->gpu_bytes();
   const std::vector<Splat> splats(1000, {{0, 0, -1}, 0, 1});
