@@ -416,7 +416,8 @@ void Viewer::draw_hud() {
       resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
                                  frame->nodes_by_resolution[r]);
   const std::string text = fmt::format(
-      "{:.0f} frames/s, picture {:.1f} ms\n{} points as {} splats\n{}tolerance {:.3g} %{}\n{} of {} in use, {} on the "
+      "{:.0f} frames/s, picture {:.1f} ms\n{} points as {} splats\n{}tolerance {:.3g} %{}, an error of about "
+      "{:.1g}\n{} of {} in use, {} on the "
       "GPU\n{} of "
       "{} read\n{} parts pending ({})",
       frame_seconds_ > 0 ? 1 / frame_seconds_ : 0, 1000 * session_->draw_seconds(), session_->info().point_count(),
@@ -424,7 +425,7 @@ void Viewer::draw_hud() {
       frame->detail.tolerance_percent > session_->tolerance_shown()
           ? fmt::format(" (memory allows {:.3g} %)", frame->detail.tolerance_percent)
           : "",
-      bytes_text(static_cast<double>(statistics.bytes_resident)),
+      frame->expected_error, bytes_text(static_cast<double>(statistics.bytes_resident)),
       bytes_text(static_cast<double>(session_->settings.memory)),
       bytes_text(static_cast<double>(session_->gpu_bytes())), bytes_text(static_cast<double>(statistics.bytes_read)),
       bytes_text(static_cast<double>(session_->file_bytes())),

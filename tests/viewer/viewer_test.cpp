@@ -231,6 +231,35 @@ TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
   settle();
 }
 
+TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
+  const auto session = Session::open(path("v.svol"), "", ViewSettings()).value();
+  const auto settled = [&] {
+    int frames = 0;
+    do {
+      EXPECT_TRUE(session->draw(200, 150, long_time));
+    } while (!session->is_settled() && ++frames < 100000);
+    return session->image().value();
+  };
+  const Image heat = settled();
+  const Camera camera = session->scene.camera;
+  ASSERT_TRUE(session->show_attribute("a1"));
+  EXPECT_FALSE(session->show_attribute("no such"));
+  const Image wind = settled();
+  EXPECT_EQ(session->attribute().name, "a1");
+  EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
+  EXPECT_EQ(session->scene.camera.position, camera.position);
+  EXPECT_GT(compare_images(heat, wind)->rmse, 0.01);
+  // Too little memory for any picture: told, and all goes on as it was.
+  session->settings.memory = 1000;
+  EXPECT_EQ(compare_images(settled(), wind)->max, 0);
+  EXPECT_EQ(session->troubles().size(), 1U);
+  EXPECT_NE(session->settings.memory, 1000U);
+  // The other kernel, lit.
+  session->settings.kernel = KernelKind::octant;
+  session->scene.lighting = Lighting();
+  EXPECT_GT(compare_images(settled(), wind)->rmse, 0.001);
+}
+
 TEST_F(ViewerTest, SurvivesBeingMinimisedAndTiny) {
   frame({WindowResized{0, 0, 0, 0, 1}});
   frame({WindowResized{20, 10, 20, 10, 1}});
