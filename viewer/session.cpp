@@ -12,16 +12,14 @@
 namespace splatvol {
 namespace {
 
-// A frame while something moves: 20 of them a second, the window's own share of the time left out.
-constexpr double moving_seconds = 0.030;
-
 // Without a change for so long, the picture becomes finer.
 constexpr double pause_seconds = 0.15;
 
 // How long a change of resolution takes.
 constexpr double fade_seconds = 0.2;
 
-constexpr double coarsest_percent = 50;
+// Where sharpening begins.
+constexpr double first_percent_at_rest = 4;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -42,6 +40,14 @@ bool same_function(const TransferFunction& a, const TransferFunction& b) {
   };
   return a.lo == b.lo && a.hi == b.hi && std::ranges::equal(a.colors, b.colors, same_color) &&
          std::ranges::equal(a.densities, b.densities, same_density);
+}
+
+// For splats of which so many fill the picture. Three times as wide as what loses nothing: many small splats are a
+// better picture than few sharp ones in the same time.
+int moving_sample_spacing(const View& view, std::uint64_t splats) {
+  const double covered =
+      std::min(view.width, view.height) / std::cbrt(static_cast<double>(std::max<std::uint64_t>(splats, 1)));
+  return std::clamp(static_cast<int>(covered / 4), 1, 6);
 }
 
 bool is_in_sight(const View& view, const Box& box) {
@@ -197,15 +203,15 @@ Status Session::draw(int width, int height, double seconds) {
 
   // At rest in steps: whoever moves again does not wait for the finest picture.
   const bool moves = still_seconds_ < pause_seconds;
-  const double coarse = std::max(moving_tolerance_, settings.tolerance);
   if (moves || shown_tolerance_ == 0)
-    shown_tolerance_ = coarse;
-  else if (frame_ && frame_->progress.settled)
+    shown_tolerance_ = std::max(first_percent_at_rest, settings.tolerance);
+  else if (frame_ && frame_->progress.settled && !frame_->detail.goal)
     shown_tolerance_ = std::max(settings.tolerance, shown_tolerance_ / 2);
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
   detail.max_splats = std::max<std::uint64_t>(renderer_->max_splats(width, height, settings.gpu_memory), 1);
+  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
   SPLATVOL_TRY_ASSIGN(frame, streamer_->advance(view, scene.transfer_function, detail, 0, change));
@@ -216,17 +222,13 @@ Status Session::draw(int width, int height, double seconds) {
   else
     SPLATVOL_TRY(renderer_->set_weights(frame->batches));
   uploaded_serial_ = frame->serial;
-  SPLATVOL_TRY(renderer_->draw(view, settings.sort, automatic_sample_spacing(view, frame->detail)).map([](auto) {}));
+  const int spacing =
+      moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
+  SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
   draw_seconds_ = seconds_since(start);
-
-  // Splats go as the inverse square of the tolerance, more or less.
-  if (moves) {
-    const double ratio = std::sqrt(draw_seconds_ / moving_seconds);
-    if (ratio > 1 || ratio < 0.8)
-      moving_tolerance_ =
-          std::clamp(moving_tolerance_ * std::clamp(ratio, 0.7, 2.0), settings.tolerance, coarsest_percent);
-  }
-  settled_ = !moves && frame->progress.settled && shown_tolerance_ == settings.tolerance;
+  // By what was allowed: the next finer cut may have many times the splats of this one.
+  if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
+  settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
   return {};
 }
 

@@ -12,6 +12,7 @@
 #include "format/volume.h"
 #include "renderer/renderer.h"
 #include "scene/scene.h"
+#include "streamer/frame_pacer.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -94,8 +95,8 @@ class Session {
   const FrameSplats* frame_ = nullptr;
   std::uint64_t uploaded_serial_ = 0;
   bool settled_ = false;
-  double still_seconds_ = 0;     // since the scene changed last
-  double moving_tolerance_ = 4;  // percent, as fine as there is time for
+  double still_seconds_ = 0;  // since the scene changed last
+  FramePacer pacer_{0.030};   // while something moves: 20 frames a second and more, the window's own share left out
   double shown_tolerance_ = 0;
   double draw_seconds_ = 0;
   std::vector<std::string> troubles_;

@@ -415,22 +415,21 @@ void Viewer::draw_hud() {
     if (frame->splats_by_resolution[r] > 0)
       resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
                                  frame->nodes_by_resolution[r]);
-  const std::string text = fmt::format(
-      "{:.0f} frames/s, picture {:.1f} ms\n{} points as {} splats\n{}tolerance {:.3g} %{}, an error of about "
-      "{:.1g}\n{} of {} in use, {} on the "
-      "GPU\n{} of "
-      "{} read\n{} parts pending ({})",
-      frame_seconds_ > 0 ? 1 / frame_seconds_ : 0, 1000 * session_->draw_seconds(), session_->info().point_count(),
-      frame->splats, resolutions, session_->tolerance_shown(),
-      frame->detail.tolerance_percent > session_->tolerance_shown()
-          ? fmt::format(" (memory allows {:.3g} %)", frame->detail.tolerance_percent)
-          : "",
-      frame->expected_error, bytes_text(static_cast<double>(statistics.bytes_resident)),
-      bytes_text(static_cast<double>(session_->settings.memory)),
-      bytes_text(static_cast<double>(session_->gpu_bytes())), bytes_text(static_cast<double>(statistics.bytes_read)),
-      bytes_text(static_cast<double>(session_->file_bytes())),
-      frame->progress.missing_chunks + frame->progress.missing_pages,
-      bytes_text(static_cast<double>(frame->progress.missing_bytes)));
+  const auto bytes = [](std::uint64_t count) { return bytes_text(static_cast<double>(count)); };
+  const double asked = session_->tolerance_shown(), drawn = frame->detail.tolerance_percent;
+  std::string detail = "coarse while it moves";
+  if (!frame->detail.goal) detail = fmt::format("tolerance {:.3g} %", asked);
+  if (!frame->detail.goal && drawn > asked) detail += fmt::format(" (memory allows {:.3g} %)", drawn);
+  const FrameProgress& progress = frame->progress;
+  std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
+                                 1000 * session_->draw_seconds());
+  text += fmt::format("{} points as {} splats\n{}", session_->info().point_count(), frame->splats, resolutions);
+  text += fmt::format("{}, an error of about {:.1g}\n", detail, frame->expected_error);
+  text += fmt::format("{} of {} in use, {} on the GPU\n", bytes(statistics.bytes_resident),
+                      bytes(session_->settings.memory), bytes(session_->gpu_bytes()));
+  text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
+  text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
+                      bytes(progress.missing_bytes));
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
   ImGui::SetNextWindowBgAlpha(0.5f);
