@@ -145,15 +145,17 @@ TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
 
 TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
   settle();
-  const std::uint64_t fine = viewer->session()->frame()->splats;
+  EXPECT_FALSE(viewer->session()->frame()->detail.goal);
   frame({PointerMoved{600, 300}}, 0.01);
   frame({ButtonChanged{0, true}}, 0.01);
   frame({PointerMoved{620, 300}}, 0.01);
   EXPECT_FALSE(viewer->is_settled());
-  EXPECT_GE(viewer->session()->tolerance_shown(), 4);
-  EXPECT_LT(viewer->session()->frame()->splats, fine);
+  const FrameSplats& moving = *viewer->session()->frame();
+  ASSERT_TRUE(moving.detail.goal);
+  EXPECT_LE(moving.splats, std::max<std::uint64_t>(moving.detail.goal->max_splats, 20)) << "the coarsest have 20";
   frame({ButtonChanged{0, false}}, 0.01);
   settle();
+  EXPECT_FALSE(viewer->session()->frame()->detail.goal);
   EXPECT_EQ(viewer->session()->tolerance_shown(), viewer->session()->settings.tolerance);
 }
 
