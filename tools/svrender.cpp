@@ -11,6 +11,7 @@
 #include "base/http_source.h"
 #include "renderer/context.h"
 #include "renderer/renderer.h"
+#include "renderer/sampling.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/frame_pacer.h"
@@ -100,12 +101,9 @@ SortMode sort_of(const Options& options) {
   return options.sort == "axis" ? SortMode::axis : SortMode::exact;
 }
 
-// Pixels between samples: a twelfth of what a splat may cover loses next to nothing (docs/accuracy.md).
 int sample_spacing(const Options& options, const View& view, const FrameSplats& frame) {
   if (options.sampling != "auto") return std::atoi(options.sampling.c_str());
-  if (frame.detail.resolution || frame.detail.goal) return 1;
-  const double covered = frame.detail.tolerance_percent / 100 * std::min(view.width, view.height);
-  return std::clamp(static_cast<int>(std::min(covered, 1e6) / 12), 1, 6);
+  return automatic_sample_spacing(view, frame.detail);
 }
 
 Result<Drawing> prepare(const Options& options, const Scene& scene) {

@@ -1,16 +1,14 @@
 #include "viewer/color_maps.h"
 
 #include <array>
-#include <cmath>
 #include <cstdint>
+
+#include "viewer/srgb.h"
 
 namespace splatvol {
 namespace {
 
-double linear(std::uint32_t byte) {
-  const double c = byte / 255.0;
-  return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
-}
+double linear(std::uint32_t byte) { return linear_of(byte / 255.0); }
 
 // From sRGB, equally spaced.
 std::vector<TransferFunction::Color> spread(std::initializer_list<std::uint32_t> codes) {

@@ -47,8 +47,8 @@ constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImG
                                                                   {'V', ImGuiKey_V},
                                                                   {'X', ImGuiKey_X}}};
 
-// Dear ImGui 1.87 takes events; before, there was nothing but state.
-#if IMGUI_VERSION_NUM >= 18700
+// Dear ImGui takes events from 1.87 on, with these names from 1.89 on; before, there was nothing but state.
+#if IMGUI_VERSION_NUM >= 18900
 void feed(ImGuiIO& io, const PointerMoved& e) { io.AddMousePosEvent(float(e.x), float(e.y)); }
 void feed(ImGuiIO& io, const ButtonChanged& e) {
   if (e.button >= 0 && e.button < 3) io.AddMouseButtonEvent(e.button, e.down);

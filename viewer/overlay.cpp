@@ -8,6 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "viewer/srgb.h"
+
 namespace splatvol {
 namespace {
 
@@ -49,10 +51,7 @@ void draw_edges(const View& view, const Box& box, ImU32 color, const PicturePlac
 }
 
 ImU32 srgb(const dvec3& rgb) {
-  const auto encode = [](double c) {
-    c = std::clamp(c, 0.0, 1.0);
-    return static_cast<float>(c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055);
-  };
+  const auto encode = [](double c) { return static_cast<float>(srgb_of(c)); };
   return ImGui::ColorConvertFloat4ToU32(ImVec4(encode(rgb.r), encode(rgb.g), encode(rgb.b), 1));
 }
 

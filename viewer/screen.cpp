@@ -1,7 +1,8 @@
 #include "viewer/screen.h"
 
-#include <cmath>
 #include <vector>
+
+#include "viewer/srgb.h"
 
 namespace splatvol {
 namespace {
@@ -59,10 +60,7 @@ Result<Image> read_framebuffer(int width, int height) {
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
   glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, bytes.data());
   SPLATVOL_TRY(check_gl("reading the window"));
-  const auto linear = [](std::uint8_t byte) {
-    const float c = static_cast<float>(byte) / 255;
-    return c <= 0.04045f ? c / 12.92f : std::pow((c + 0.055f) / 1.055f, 2.4f);
-  };
+  const auto linear = [](std::uint8_t byte) { return static_cast<float>(linear_of(byte / 255.0)); };
   Image image{width, height, std::vector<vec4>(bytes.size() / 4)};
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {

@@ -6,19 +6,14 @@
 #include <cmath>
 
 #include "viewer/color_maps.h"
+#include "viewer/srgb.h"
 
 namespace splatvol {
 namespace {
 
-float srgb(double c) {
-  c = std::clamp(c, 0.0, 1.0);
-  return static_cast<float>(c <= 0.0031308 ? 12.92 * c : 1.055 * std::pow(c, 1 / 2.4) - 0.055);
-}
+float srgb(double linear) { return static_cast<float>(srgb_of(linear)); }
 
-double linear(float c) {
-  const double x = static_cast<double>(c);
-  return x <= 0.04045 ? x / 12.92 : std::pow((x + 0.055) / 1.055, 2.4);
-}
+double linear(float srgb) { return linear_of(static_cast<double>(srgb)); }
 
 ImU32 color_of(const dvec3& rgb) {
   return ImGui::ColorConvertFloat4ToU32(ImVec4(srgb(rgb.r), srgb(rgb.g), srgb(rgb.b), 1));
