@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <numeric>
@@ -40,8 +41,15 @@ test::Mesh graded_mesh(std::uint32_t cells) {
 
 double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
 
+// In a folder of this process, gone at its end: tests run beside each other.
 std::string temporary_path(const std::string& name) {
-  return (std::filesystem::path(testing::TempDir()) / name).string();
+  struct Folder {
+    std::string path = (std::filesystem::path(testing::TempDir()) / "splatvol-build-XXXXXX").string();
+    Folder() { static_cast<void>(::mkdtemp(path.data())); }
+    ~Folder() { std::filesystem::remove_all(path); }
+  };
+  static const Folder folder;
+  return folder.path + "/" + name;
 }
 
 struct Splat {
