@@ -7,7 +7,6 @@
 #include "base/http_source.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
-#include "viewer/probe.h"
 
 namespace splatvol {
 namespace {
@@ -76,9 +75,9 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
   std::unique_ptr<Session> session(new Session);
   session->path_ = path;
   session->settings = settings;
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path));
-  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
   if (scene_path.empty()) {
+    SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path));
+    SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
     SPLATVOL_TRY_ASSIGN(scene, default_scene(*volume, ""));
     session->scene = std::move(scene);
   } else {

@@ -8,7 +8,6 @@
 #include <filesystem>
 
 #include "base/file.h"
-#include "streamer/default_scene.h"
 
 namespace splatvol {
 namespace {
