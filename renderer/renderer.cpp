@@ -48,11 +48,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-bool same_view(const View& a, const View& b) {
-  return a.eye == b.eye && a.right == b.right && a.up == b.up && a.forward == b.forward && a.focal == b.focal &&
-         a.orthographic == b.orthographic && a.width == b.width && a.height == b.height;
-}
-
 void bind(const Buffer& buffer, Binding binding) {
   buffer.bind(GL_SHADER_STORAGE_BUFFER, static_cast<GLuint>(binding));
 }
@@ -293,7 +288,7 @@ Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort,
       return order;
     }
     case SortMode::exact:
-      if (!ordered_view_ || !same_view(*ordered_view_, view)) {
+      if (ordered_view_ != view) {
         ordered_view_.reset();
         SPLATVOL_TRY_ASSIGN(count, sort_keys(false, order_, times));
         ordered_count_ = count;

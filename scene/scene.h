@@ -22,6 +22,8 @@ struct Camera {
   dvec3 position{0};
   dvec3 focal_point{0};
   dvec3 up{0, 1, 0};
+
+  [[nodiscard]] bool operator==(const Camera&) const = default;
 };
 
 /// Colour and extinction as functions of the value, piecewise linear in t = (value - lo) / (hi - lo), clamped outside.
@@ -30,10 +32,14 @@ struct TransferFunction {
   struct Color {
     double t;
     dvec3 rgb;  // linear
+
+    [[nodiscard]] bool operator==(const Color&) const = default;
   };
   struct Density {
     double t;
     double extinction;  // per world length unit, >= 0
+
+    [[nodiscard]] bool operator==(const Density&) const = default;
   };
 
   double lo = 0;
@@ -46,6 +52,8 @@ struct TransferFunction {
 
   /// (r, g, b, extinction) at `count` >= 2 equally spaced values from lo to hi, both included.
   [[nodiscard]] std::vector<vec4> table(std::size_t count) const;
+
+  [[nodiscard]] bool operator==(const TransferFunction&) const = default;
 };
 
 /// A light at the eye: colours are multiplied by ambient + diffuse |cos a|, a between the ray and the value's gradient;
@@ -103,7 +111,13 @@ struct View {
     const dvec3 d = world - eye;
     return {glm::dot(d, right), glm::dot(d, up), glm::dot(d, forward)};
   }
+
+  [[nodiscard]] bool operator==(const View&) const = default;
 };
+
+/// The octant (x + 2 y + 4 z) of a cell that is in front. Descending in i, the octants i ^ nearest_octant are back to
+/// front: whatever differs from the nearest on more axes is behind.
+[[nodiscard]] unsigned nearest_octant(const View& view, const Cube& cell);
 
 /// Fails where the camera's axes are degenerate (position equals focal point, up along the line of sight).
 [[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);

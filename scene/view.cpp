@@ -13,6 +13,11 @@ bool is_finite(dvec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std
 
 }  // namespace
 
+unsigned nearest_octant(const View& view, const Cube& cell) {
+  const dvec3 towards_eye = view.orthographic ? -view.forward : view.eye - (cell.origin + 0.5 * cell.edge);
+  return (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
+}
+
 Result<View> make_view(const Camera& camera, int width, int height) {
   if (width < 1 || height < 1) return fail(ErrorCode::invalid_argument, "image: {} x {} pixels", width, height);
 

@@ -37,6 +37,10 @@ class CutSelector {
         options_(options) {}
 
   Result<Cut> run() {
+    if (options_.filled) {
+      SPLATVOL_TRY_ASSIGN(found, tree_.find_hidden(*options_.filled));
+      wanted_.complete = drawn_.complete = found;
+    }
     SPLATVOL_TRY_ASSIGN(outcome, options_.goal ? visit_refined() : visit_all());
     if (!residency_) return std::move(wanted_);
     if (outcome == Outcome::absent) return fail(ErrorCode::invalid_argument, "not even the coarsest splats are there");
@@ -90,7 +94,7 @@ class CutSelector {
   Result<std::optional<Outcome>> visit_children(const Node& node) {
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
     if (!children) return std::nullopt;
-    const unsigned nearest = tree_.nearest_octant(node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0 && worst != Outcome::invalid;) {
       const std::optional<Node>& child = (*children)[i ^ nearest];
@@ -125,7 +129,7 @@ class CutSelector {
     if (item.wants_opening && item.absent) return draw_unasked(node);
     if (!item.opened) return draw(node, item.resolution);
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
-    const unsigned nearest = tree_.nearest_octant(node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
@@ -227,7 +231,7 @@ class CutSelector {
     return static_cast<float>(std::clamp(tree_.covered_percent(node, resolution) * visible, 1e-30, 1e6));
   }
 
-  const NodeTree tree_;
+  NodeTree tree_;
   const ErrorModel model_;
   Residency* const residency_;
   const CutOptions& options_;

@@ -18,6 +18,8 @@
 
 namespace splatvol {
 
+class FilledNodes;
+
 /// A cut by its expected error, instead of a tolerance.
 struct ErrorGoal {
   /// Of the picture's RGB against the exact one (root mean square). No finer than this takes; 0: as fine as the splats
@@ -42,6 +44,9 @@ struct CutOptions {
 
   /// Instead of both: where the expected error for each splat is largest, first.
   std::optional<ErrorGoal> goal;
+
+  /// What may hide something: with it, nodes behind an opaque front are left out. Null: nothing is hidden.
+  const FilledNodes* filled = nullptr;
 
   /// A node that would draw more splats than this is compared with its children, of which only some may need the detail
   /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.

@@ -91,8 +91,11 @@ class Fader {
     auto shown = split(cell, region.shown);
     auto leaving = split(cell, region.leaving);
     auto coming = split(cell, region.coming);
-    for (const unsigned octant : back_to_front(cell))
+    const unsigned nearest = nearest_octant(view_, cell);
+    for (unsigned i = 8; i-- > 0;) {
+      const unsigned octant = i ^ nearest;
       visit(child_of(cell, octant), {std::move(shown[octant]), std::move(leaving[octant]), std::move(coming[octant])});
+    }
   }
 
   bool fades(const Region& region, const Cube& cell) const {
@@ -167,8 +170,9 @@ class Fader {
     for (const Entry& entry : std::ranges::subrange(entries.begin(), within.begin())) append(entry);
     if (within.empty()) return;
     auto octants = split(cell, {within.begin(), within.end()});
-    for (const unsigned octant : back_to_front(cell))
-      if (!octants[octant].empty()) draw(child_of(cell, octant), std::move(octants[octant]));
+    const unsigned nearest = nearest_octant(view_, cell);
+    for (unsigned i = 8; i-- > 0;)
+      if (!octants[i ^ nearest].empty()) draw(child_of(cell, i ^ nearest), std::move(octants[i ^ nearest]));
   }
 
   void append(const Entry& entry) {
@@ -189,16 +193,6 @@ class Fader {
       octants[(origin.x >= middle.x ? 1u : 0u) | (origin.y >= middle.y ? 2u : 0u) | (origin.z >= middle.z ? 4u : 0u)]
           .push_back(entry);
     }
-    return octants;
-  }
-
-  // As cuts have it: whatever differs from the nearest octant on more axes is behind.
-  std::array<unsigned, 8> back_to_front(const Cube& cell) const {
-    const dvec3 towards_eye = view_.orthographic ? -view_.forward : view_.eye - (cell.origin + 0.5 * cell.edge);
-    const unsigned nearest =
-        (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
-    std::array<unsigned, 8> octants{};
-    for (unsigned i = 0; i < 8; ++i) octants[i] = (7 - i) ^ nearest;
     return octants;
   }
 

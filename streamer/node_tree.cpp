@@ -1,5 +1,6 @@
 #include "streamer/node_tree.h"
 
+#include <cmath>
 #include <numeric>
 #include <utility>
 
@@ -11,6 +12,11 @@ using format::IndexPage;
 // Rounding may move a point out of its cell, and what is drawn of a splat past its size, by less than this part of the
 // size.
 constexpr double position_slack = 1.0 / 16;
+
+bool is_clipped(const Cube& cell, const std::optional<Box>& box) {
+  return box && !(glm::all(glm::greaterThanEqual(cell.origin, box->low)) &&
+                  glm::all(glm::lessThanEqual(cell.origin + cell.edge, box->high)));
+}
 
 // On all sides, along the axes.
 Cube grown(const Cube& cell, double by) { return {cell.origin - by, cell.edge + 2 * by}; }
@@ -30,7 +36,8 @@ NodeTree::NodeTree(const format::VolumeInfo& info, IndexPages& index, const View
       frustum_(view, kernel == KernelKind::octant ? octant_smallest_reach_pixels : moments_smallest_reach_pixels),
       visibility_(visibility),
       kernel_(kernel),
-      size_bound_(size_bound) {}
+      size_bound_(size_bound),
+      occlusion_(view) {}
 
 Result<Node> NodeTree::root() const {
   SPLATVOL_TRY_ASSIGN(page, index_.root());
@@ -65,11 +72,6 @@ Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node
   return children;
 }
 
-unsigned NodeTree::nearest_octant(const Cube& cell) const {
-  const dvec3 towards_eye = view_.orthographic ? -view_.forward : view_.eye - (cell.origin + 0.5 * cell.edge);
-  return (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
-}
-
 double NodeTree::splat_bound(const Node& node, std::size_t resolution) const {
   return format::size_bound(node.page->nodes.size_code_at(node.index, size_bound_, resolution), info_.cube.edge);
 }
@@ -81,9 +83,44 @@ double NodeTree::covered_percent(const Node& node, std::size_t resolution) const
   return frustum_.covered_percent(size, frustum_.nearest_depth(centres));
 }
 
+Result<bool> NodeTree::find_hidden(const FilledNodes& filled) {
+  if (!filled.any()) return true;
+  SPLATVOL_TRY_ASSIGN(root, this->root());
+  root_page_ = root.page.get();
+  return hide_behind(filled, root, false);
+}
+
+// Front to back. A node that closes what it covers is taken whole, of others the parts, which may be denser.
+Result<bool> NodeTree::hide_behind(const FilledNodes& filled, const Node& node, bool parent_filled) {
+  // Nothing is closed by what is not dense enough, however much there is of it.
+  const format::ValueSummary& summary = node.summary();
+  const auto [least, most] = visibility_.extinctions(summary.min, summary.max);
+  if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return true;
+
+  const bool in_root_page = node.page.get() == root_page_;
+  const bool is_filled = in_root_page ? filled.has(node.index) : parent_filled;
+  const bool has_parts = node.page->first_children[node.index] != IndexPage::no_node ||
+                         (is_filled && node.page->links[node.index] != IndexPage::no_node);
+  const bool closes = is_filled && least * node.cell.edge >= Occlusion::closed;
+  if (has_parts && !closes && !occlusion_.is_small(node.cell)) {
+    SPLATVOL_TRY_ASSIGN(children, children_of(node));
+    if (!children) return false;
+    bool complete = true;
+    const unsigned nearest = nearest_octant(view_, node.cell);
+    for (unsigned i = 0; i < 8; ++i)
+      if (const std::optional<Node>& child = (*children)[i ^ nearest]) {
+        SPLATVOL_TRY_ASSIGN(found, hide_behind(filled, *child, is_filled));
+        complete = complete && found;
+      }
+    return complete;
+  }
+  if (is_filled && least > 0 && !is_clipped(node.cell, view_.clip_box)) occlusion_.add(node.cell, least);
+  return true;
+}
+
 bool NodeTree::is_visible(const Node& node) const {
   const format::ValueSummary& summary = node.summary();
-  if (!visibility_.shows(summary.min, summary.max, summary.occupancy)) return false;
+  if (!visibility_.shows(summary.min, summary.max, summary.occupancy) || occlusion_.hides(node.cell)) return false;
   if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;

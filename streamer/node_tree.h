@@ -14,6 +14,7 @@
 #include "scene/scene.h"
 #include "streamer/cut.h"
 #include "streamer/frustum.h"
+#include "streamer/occlusion.h"
 #include "streamer/splat.h"
 #include "streamer/visibility.h"
 
@@ -51,10 +52,6 @@ class NodeTree {
   using Children = std::array<std::optional<Node>, 8>;
   [[nodiscard]] Result<std::optional<Children>> children_of(const Node& node) const;
 
-  /// Descending in i, the octants i ^ nearest_octant are back to front: whatever differs from the nearest on more axes
-  /// is behind.
-  [[nodiscard]] unsigned nearest_octant(const Cube& cell) const;
-
   [[nodiscard]] std::size_t finest() const { return info_.resolutions() - 1; }
   [[nodiscard]] const View& view() const { return view_; }
   [[nodiscard]] const ValueVisibility& visibility() const { return visibility_; }
@@ -65,6 +62,10 @@ class NodeTree {
   /// Percent of the image's shorter side that a splat of the node may cover.
   [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;
 
+  /// Finds what hides other nodes, among those that are large in the picture. False where a page that would tell is not
+  /// there. Fails as children_of.
+  [[nodiscard]] Result<bool> find_hidden(const FilledNodes& filled);
+
   /// Whether something of the node may show.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
@@ -73,6 +74,8 @@ class NodeTree {
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:
+  [[nodiscard]] Result<bool> hide_behind(const FilledNodes& filled, const Node& node, bool parent_filled);
+
   const format::VolumeInfo& info_;
   IndexPages& index_;
   const View& view_;
@@ -80,6 +83,8 @@ class NodeTree {
   const ValueVisibility& visibility_;
   const KernelKind kernel_;
   const std::size_t size_bound_;
+  Occlusion occlusion_;
+  const format::IndexPage* root_page_ = nullptr;
 };
 
 }  // namespace splatvol

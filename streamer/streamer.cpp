@@ -59,16 +59,6 @@ std::uint64_t directory_page_bytes(const format::Volume& volume) {
   return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
 }
 
-bool same_view(const View& a, const View& b) {
-  return a.eye == b.eye && a.right == b.right && a.up == b.up && a.forward == b.forward && a.focal == b.focal &&
-         a.orthographic == b.orthographic && a.width == b.width && a.height == b.height && a.clip_box == b.clip_box;
-}
-
-bool same_detail(const DetailOptions& a, const DetailOptions& b) {
-  return a.tolerance_percent == b.tolerance_percent && a.resolution == b.resolution && a.max_splats == b.max_splats &&
-         a.goal == b.goal;
-}
-
 // What is raised for less detail: the tolerance, or the inverse of a goal's splats.
 double coarseness(const DetailOptions& detail) {
   return detail.goal ? 1 / static_cast<double>(detail.goal->max_splats) : detail.tolerance_percent;
@@ -153,6 +143,8 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
+  if (kernel_ == KernelKind::moments) filled_ = FilledNodes::find(*volume_, paged_.attribute());
+  working_bytes_ += filled_.memory_bytes();
   auto preamble = budget_.reserve(volume_->memory_bytes());
   if (!preamble || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
@@ -201,6 +193,7 @@ CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_
   options.kernel = kernel_;
   options.resolution = detail.resolution;
   options.goal = detail.goal;
+  options.filled = &filled_;
   options.max_bytes = max_bytes;
   return options;
 }
@@ -340,8 +333,7 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
   const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
-  const bool steady =
-      aim_ && same_view(aim_->view, view) && aim_->visibility == visibility && same_detail(aim_->asked, detail);
+  const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
   const std::optional<View> last = aim_ && !steady ? std::optional(aim_->view) : std::nullopt;
   if (!steady) aim_.reset();
 

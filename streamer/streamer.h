@@ -18,6 +18,7 @@
 #include "streamer/cut.h"
 #include "streamer/fade.h"
 #include "streamer/gather.h"
+#include "streamer/occlusion.h"
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
 #include "streamer/splat.h"
@@ -38,6 +39,8 @@ struct DetailOptions {
   std::optional<std::size_t> resolution = std::nullopt;                  // fixed; the finest where the file has fewer
   std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // what the renderer can hold
   std::optional<ErrorGoal> goal = std::nullopt;                          // by expected error, instead of both
+
+  [[nodiscard]] bool operator==(const DetailOptions&) const = default;
 };
 
 /// How far a frame is from what its view asks for.
@@ -179,6 +182,7 @@ class Streamer {
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
   Reservation preamble_;
+  FilledNodes filled_;
   Cache cache_;
   PagedVolume paged_;
   std::optional<Gatherer> gatherer_;

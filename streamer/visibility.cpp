@@ -98,12 +98,24 @@ bool ValueVisibility::shows(float min, float max, std::uint64_t occupancy) const
   return extinction_within(function_, offset_ + static_cast<double>(min), offset_ + static_cast<double>(max));
 }
 
+// A function linear in pieces is least and largest at control points or ends.
+ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) const {
+  if (!(min <= max)) return {};
+  const double low = offset_ + static_cast<double>(min), high = offset_ + static_cast<double>(max);
+  const auto [least, most] = std::minmax({function_.extinction(low), function_.extinction(high)});
+  Extinctions result{least, most};
+  for (const TransferFunction::Density& d : function_.densities) {
+    const double value = function_.lo + d.t * (function_.hi - function_.lo);
+    if (!(value >= low && value <= high)) continue;
+    result.least = std::min(result.least, d.extinction);
+    result.most = std::max(result.most, d.extinction);
+  }
+  return result;
+}
+
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
-  const auto same = [](const TransferFunction::Density& a, const TransferFunction::Density& b) {
-    return a.t == b.t && a.extinction == b.extinction;
-  };
   return bins_ == other.bins_ && offset_ == other.offset_ && function_.lo == other.function_.lo &&
-         function_.hi == other.function_.hi && std::ranges::equal(function_.densities, other.function_.densities, same);
+         function_.hi == other.function_.hi && function_.densities == other.function_.densities;
 }
 
 }  // namespace splatvol

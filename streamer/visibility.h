@@ -55,6 +55,12 @@ class ValueVisibility {
   /// An empty range (min > max) holds missing values only, and shows nothing.
   [[nodiscard]] bool shows(float min, float max, std::uint64_t occupancy) const;
 
+  struct Extinctions {
+    double least = 0, most = 0;
+  };
+  /// Of the stored values in [min, max]; 0 of an empty range.
+  [[nodiscard]] Extinctions extinctions(float min, float max) const;
+
   [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }
 
   /// Whether both leave the same values visible.

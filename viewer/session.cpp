@@ -24,23 +24,6 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-bool same_camera(const Camera& a, const Camera& b) {
-  return a.projection == b.projection && a.vertical_fov_degrees == b.vertical_fov_degrees &&
-         a.parallel_height == b.parallel_height && a.position == b.position && a.focal_point == b.focal_point &&
-         a.up == b.up;
-}
-
-bool same_function(const TransferFunction& a, const TransferFunction& b) {
-  const auto same_color = [](const TransferFunction::Color& x, const TransferFunction::Color& y) {
-    return x.t == y.t && x.rgb == y.rgb;
-  };
-  const auto same_density = [](const TransferFunction::Density& x, const TransferFunction::Density& y) {
-    return x.t == y.t && x.extinction == y.extinction;
-  };
-  return a.lo == b.lo && a.hi == b.hi && std::ranges::equal(a.colors, b.colors, same_color) &&
-         std::ranges::equal(a.densities, b.densities, same_density);
-}
-
 // For splats of which so many fill the picture. Three times as wide as what loses nothing: many small splats are a
 // better picture than few sharp ones in the same time.
 int moving_sample_spacing(const View& view, std::uint64_t splats) {
@@ -175,12 +158,12 @@ Status Session::apply(const View& view) {
       troubles_.push_back(opened.error().message);
     }
   }
-  const bool other_function = !same_function(scene.transfer_function, used_scene_.transfer_function);
+  const bool other_function = scene.transfer_function != used_scene_.transfer_function;
   if (other_function)
     SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->value_offset()));
   if (scene.lighting != used_scene_.lighting) renderer_->set_lighting(scene.lighting);
   const bool other_size = view.width != view_.width || view.height != view_.height;
-  if (other_file || other_function || other_size || !same_camera(scene.camera, used_scene_.camera) ||
+  if (other_file || other_function || other_size || scene.camera != used_scene_.camera ||
       scene.lighting != used_scene_.lighting || scene.clip_box != used_scene_.clip_box ||
       settings.tolerance != used_settings_.tolerance) {
     still_seconds_ = 0;

@@ -1,0 +1,176 @@
+#include "streamer/occlusion.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "format/columns.h"
+
+namespace splatvol {
+namespace {
+
+using format::ColumnKind;
+using format::IndexPage;
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double most_rays = 64;     // along the picture's longer side
+constexpr double smallest_edge = 6;  // of cells that are looked at, in distances between rays
+
+// Points own what is nearest to them, also past the border of a cell: so much may be missing by chance.
+constexpr double least_filling = 0.95;
+
+// The finest resolution all of whose rows lie in the preamble.
+std::optional<std::size_t> find_finest_held(const format::Volume& volume, const format::DirectoryPage& directory) {
+  const format::RowLayout& rows = volume.rows();
+  std::optional<std::size_t> finest;
+  for (std::size_t r = 0; r < volume.info().resolutions(); ++r) {
+    const std::uint64_t last = rows.first_row(r + 1) - 1;
+    if (volume.directory_page_of_row(last) > 0) break;
+    const format::ChunkPlace& place = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
+    if (place.offset + place.entry.packed_bytes > volume.preamble_bytes()) break;
+    finest = r;
+  }
+  return finest;
+}
+
+// [i]: mass of the splats before number i of a resolution.
+Result<std::vector<double>> sum_masses(const format::Volume& volume, const format::DirectoryPage& directory,
+                                       std::size_t resolution, int column) {
+  const format::RowLayout& rows = volume.rows();
+  std::vector<double> sums{0};
+  std::vector<format::SplatShape> shapes;
+  for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
+    const format::ChunkPlace& place = volume.find_chunk(directory, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    shapes.resize(rows.group(rows.group_of_row(row)).count);
+    SPLATVOL_TRY(format::unpack_moments(place.entry, packed, shapes, volume.name()));
+    for (const format::SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
+  }
+  return sums;
+}
+
+}  // namespace
+
+FilledNodes FilledNodes::find(const format::Volume& volume, int attribute) {
+  const format::VolumeInfo& info = volume.info();
+  const auto column = std::ranges::find(info.columns, ColumnKind::moments, &format::Column::kind);
+  if (column == info.columns.end() || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
+  const auto directory = volume.read_directory_page(0);
+  const auto root = volume.read_index_root(-1);
+  if (!directory || !root) return {};
+  const auto resolution = find_finest_held(volume, *directory);
+  if (!resolution) return {};
+  const auto masses = sum_masses(volume, *directory, *resolution, static_cast<int>(column - info.columns.begin()));
+  if (!masses) return {};
+
+  // Down the page, as NodeTree goes: a child's points begin where those of the siblings before it end.
+  const format::NodeArrays& nodes = root->nodes;
+  const std::size_t segments = *resolution + 1;
+  FilledNodes found;
+  found.filled_.resize(nodes.size());
+  std::vector<double> volumes(nodes.size());
+  std::vector<std::uint64_t> begins(nodes.size() * segments);
+  volumes[0] = info.cube.edge * info.cube.edge * info.cube.edge;
+  for (std::size_t s = 1; s < segments; ++s) begins[s] = info.resolution_counts[s - 1];
+  for (std::uint32_t node = 0; node < nodes.size(); ++node) {
+    const auto counts = nodes.counts_of(node).first(segments);
+    const auto begin = std::span(begins).subspan(node * segments, segments);
+    if (nodes.first_resolutions[node] <= *resolution) {
+      double mass = 0;
+      for (std::size_t s = 0; s < segments; ++s) mass += (*masses)[begin[s] + counts[s]] - (*masses)[begin[s]];
+      found.filled_[node] = mass >= least_filling * volumes[node];
+    }
+    std::uint32_t child = root->first_children[node];
+    if (child == IndexPage::no_node) continue;
+    std::vector<std::uint64_t> next(begin.begin(), begin.end());
+    for (int left = std::popcount(nodes.child_masks[node]); left > 0; --left, ++child) {
+      volumes[child] = volumes[node] / 8;
+      found.filled_[child] = found.filled_[node];  // unless its own splats tell
+      for (std::size_t s = 0; s < segments; ++s) {
+        begins[child * segments + s] = next[s];
+        next[s] += nodes.counts_of(child)[s];
+      }
+    }
+  }
+  return found;
+}
+
+Occlusion::Occlusion(const View& view)
+    : view_(view), spacing_(std::max(1.0, std::max(view.width, view.height) / most_rays)) {
+  columns_ = static_cast<int>(view.width / spacing_) + 1;
+  rows_ = static_cast<int>(view.height / spacing_) + 1;
+}
+
+Occlusion::Rays Occlusion::rays_through(const Cube& cell, int margin) const {
+  Rays rays{0, -1, 0, -1, infinity};
+  dvec2 low(infinity), high(-infinity);  // pixels
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    const dvec3 p = view_.to_view(cell.origin + cell.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+    rays.near = std::min(rays.near, p.z);
+    if (!(p.z > 0)) return rays;
+    const double scale = view_.orthographic ? view_.focal : view_.focal / p.z;
+    low = glm::min(low, scale * dvec2(p));
+    high = glm::max(high, scale * dvec2(p));
+  }
+  const dvec2 middle = 0.5 * dvec2(view_.width, view_.height);
+  const auto first = [&](double pixel) {
+    return std::max(static_cast<int>(std::ceil(std::clamp(pixel / spacing_, -1e6, 1e6))) - margin, 0);
+  };
+  const auto last = [&](double pixel, int count) {
+    return std::min(static_cast<int>(std::floor(std::clamp(pixel / spacing_, -1e6, 1e6))) + margin, count - 1);
+  };
+  rays.left = first(low.x + middle.x);
+  rays.right = last(high.x + middle.x, columns_);
+  rays.bottom = first(low.y + middle.y);
+  rays.top = last(high.y + middle.y, rows_);
+  return rays;
+}
+
+bool Occlusion::is_small(const Cube& cell) const {
+  const double depth = view_.to_view(cell.origin + 0.5 * cell.edge).z;
+  return cell.edge * (view_.orthographic ? view_.focal : view_.focal / depth) < smallest_edge * spacing_;
+}
+
+void Occlusion::add(const Cube& cell, double extinction) {
+  const Rays rays = rays_through(cell, 0);
+  if (rays.empty()) return;
+  if (depths_.empty()) {
+    depths_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), 0);
+    closed_.assign(depths_.size(), infinity);
+  }
+  const dvec3 low = cell.origin - view_.eye, high = low + cell.edge;
+  for (int row = rays.bottom; row <= rays.top; ++row)
+    for (int column = rays.left; column <= rays.right; ++column) {
+      const auto ray = static_cast<std::size_t>(row * columns_ + column);
+      if (depths_[ray] >= closed) continue;
+      // origin + s direction, s being the depth
+      const dvec2 k = (dvec2(column, row) * spacing_ - 0.5 * dvec2(view_.width, view_.height)) / view_.focal;
+      const dvec3 across = k.x * view_.right + k.y * view_.up;
+      const dvec3 origin = view_.orthographic ? across : dvec3(0);
+      const dvec3 direction = view_.orthographic ? view_.forward : across + view_.forward;
+      const dvec3 a = (low - origin) / direction, b = (high - origin) / direction;
+      const dvec3 enters = glm::min(a, b), leaves = glm::max(a, b);
+      const double enter = std::max({enters.x, enters.y, enters.z}), leave = std::min({leaves.x, leaves.y, leaves.z});
+      if (!(enter > 0 && leave > enter)) continue;
+      const double rate = extinction * glm::length(direction), left = closed - depths_[ray];
+      depths_[ray] += rate * (leave - enter);
+      if (depths_[ray] < closed) continue;
+      closed_[ray] = enter + left / rate;
+      any_ = true;
+    }
+}
+
+bool Occlusion::hides(const Cube& cell) const {
+  if (!any_) return false;
+  const Rays rays = rays_through(cell, 1);
+  if (rays.empty()) return false;
+  for (int row = rays.bottom; row <= rays.top; ++row)
+    for (int column = rays.left; column <= rays.right; ++column)
+      if (!(closed_[static_cast<std::size_t>(row * columns_ + column)] <= rays.near)) return false;
+  return true;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,70 @@
+// What lies behind an opaque front. Internal to the streamer.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "base/math.h"
+#include "format/volume.h"
+#include "scene/scene.h"
+
+namespace splatvol {
+
+/// Nodes of the index's root page that material fills without a gap, as far as the preamble tells: the mass of their
+/// splats, at the finest resolution that it holds, comes to the volume of their cell. What is smaller than those splats
+/// is taken to be as what it lies in.
+class FilledNodes {
+ public:
+  /// None.
+  FilledNodes() = default;
+
+  /// None where the file has no moments, or points without a value of the attribute: these hide nothing. Reads nothing
+  /// but the preamble; none either where that is damaged: reading it for a picture tells.
+  static FilledNodes find(const format::Volume& volume, int attribute);
+
+  [[nodiscard]] bool any() const { return !filled_.empty(); }
+  [[nodiscard]] bool has(std::uint32_t node) const { return filled_[node]; }
+  [[nodiscard]] std::uint64_t memory_bytes() const { return filled_.size() / 8; }
+
+ private:
+  std::vector<bool> filled_;  // [node of the root page]; empty: none
+};
+
+/// How far one can see into a view, along rays through a grid of pixels. A ray is closed where no more than a
+/// thousandth of the light comes through.
+class Occlusion {
+ public:
+  explicit Occlusion(const View& view);
+
+  /// Adds a cell whose material has an extinction of at least this (per world length unit) throughout. Requires that
+  /// cells come front to back.
+  void add(const Cube& cell, double extinction);
+
+  /// Whether nothing in the cell can be seen behind what was added: it lies behind where all rays through it, and those
+  /// next to them, are closed. False of what reaches the eye's plane and of what lies outside of the picture.
+  [[nodiscard]] bool hides(const Cube& cell) const;
+
+  /// Whether a cell is so small in the picture that a ray might miss it.
+  [[nodiscard]] bool is_small(const Cube& cell) const;
+
+  /// Optical depth that closes a ray.
+  static constexpr double closed = 7;
+
+ private:
+  struct Rays {
+    int left, right, bottom, top;  // first and last column and row that pass through a cell's box on the screen
+    double near;                   // least depth of the cell
+    [[nodiscard]] bool empty() const { return right < left || top < bottom; }
+  };
+  [[nodiscard]] Rays rays_through(const Cube& cell, int margin) const;
+
+  View view_;
+  double spacing_;  // pixels
+  int columns_, rows_;
+  bool any_ = false;            // closed
+  std::vector<double> depths_;  // [row][column]: optical, so far
+  std::vector<double> closed_;  // [row][column]: view depth behind which nothing is seen; infinity: none
+};
+
+}  // namespace splatvol
