@@ -118,23 +118,25 @@ class CutSelector {
   // The cut for a goal is chosen first, as a whole.
   Result<Outcome> visit_refined() {
     Refinement refinement(tree_);
-    SPLATVOL_TRY(refinement.choose(*options_.goal));
+    SPLATVOL_TRY(refinement.choose(*options_.goal, options_.max_choice_bytes));
     if (refinement.items().empty()) return Outcome::wanted;
-    return visit_chosen(refinement, 0);
+    SPLATVOL_TRY_ASSIGN(root, tree_.root());
+    return visit_chosen(refinement, 0, root);
   }
 
-  Result<Outcome> visit_chosen(const Refinement& chosen, std::uint32_t index) {
+  Result<Outcome> visit_chosen(const Refinement& chosen, std::uint32_t index, const Node& node) {
     const Refinement::Item& item = chosen.items()[index];
-    const Node& node = chosen.node(index);
     if (item.wants_opening && item.absent) return draw_unasked(node);
     if (!item.opened) return draw(node, item.resolution);
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
+    SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
+    if (!children) return draw_unasked(node);
     const unsigned nearest = nearest_octant(tree_.view(), node.cell);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
       if (child == 0) continue;
-      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(chosen, child));
+      SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(chosen, child, *(*children)[i ^ nearest]));
       worst = std::min(worst, outcome);
     }
     return residency_ ? settle(node, worst, wanted_.splats - before.splats, drawn_before) : worst;

@@ -52,6 +52,9 @@ struct CutOptions {
   /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.
   std::uint64_t compare_above = 512;
 
+  /// Give up where choosing for a goal would take more memory than this.
+  std::uint64_t max_choice_bytes = std::numeric_limits<std::uint64_t>::max();
+
   /// Give up where the splats and their cut would take more memory than this.
   std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();
 };

@@ -70,7 +70,7 @@ ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t s
   const double share = std::min(std::exp2((std::log2(bound) - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
   const double damping = 1 + values_.extinction * share * edge;
-  const double geometry = model_.scaling_ * area_ * edge * edge * share / (damping * damping) * pixels_squared /
+  const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * pixels_squared /
                           (pixels_squared + smallest_pixels * smallest_pixels);
   return {geometry * (values_.variance(share) + shape_share * values_.squares),
           geometry * seam_share * values_.squares};

@@ -32,94 +32,103 @@ bool is_good(const ErrorGoal& goal, double error) { return error <= goal.max_err
 
 Refinement::Refinement(const NodeTree& tree) : tree_(tree), model_(tree), resolutions_(tree.finest() + 1) {}
 
+std::span<Refinement::Choice> Refinement::choices(const Item& item) {
+  return std::span(choices_).subspan(item.begin, resolutions_ - item.first_resolution);
+}
+
+std::span<const Refinement::Choice> Refinement::choices(const Item& item) const {
+  return std::span(choices_).subspan(item.begin, resolutions_ - item.first_resolution);
+}
+
 std::uint32_t Refinement::add(const Node& node) {
-  const std::size_t first = items_.size() * resolutions_;
-  for (auto* numbers : {&hidden_, &floors_}) numbers->push_back(0);
-  items_.push_back(
-      {.is_leaf = node.child_mask() == 0, .first_resolution = static_cast<std::uint8_t>(node.first_resolution())});
-  nodes_.push_back(node);
-  for (auto* numbers : {&splats_, &errors_, &seams_, &costs_, &offers_}) numbers->resize(first + resolutions_);
-  levels_.resize(first + resolutions_);
-  opens_.resize(first + resolutions_);
+  const std::size_t first = node.first_resolution();
+  items_.push_back({.is_leaf = node.child_mask() == 0,
+                    .first_resolution = static_cast<std::uint8_t>(first),
+                    .begin = static_cast<std::uint32_t>(choices_.size())});
+  places_.push_back({node.page, node.index, node.cell, node.depth});
   const ErrorModel::OfNode model = model_.of(node);
   const bool is_in_view = tree_.is_within_reach(node);
-  std::uint64_t splats = 0;
-  for (std::size_t r = 0; r < resolutions_; ++r) {
-    splats += node.counts()[r];
-    if (r < node.first_resolution() || !(is_in_view || tree_.is_within_reach(node, r))) continue;
+  std::uint64_t splats = node.splat_count(first);
+  for (std::size_t r = first; r < resolutions_; ++r) {
+    if (r > first) splats += node.counts()[r];
+    Choice& choice = choices_.emplace_back();
+    if (!(is_in_view || tree_.is_within_reach(node, r))) continue;
     const ErrorModel::Terms terms = model.at(r, splats);
-    splats_[first + r] = static_cast<float>(splats);
-    errors_[first + r] = static_cast<float>(terms.error);
-    seams_[first + r] = static_cast<float>(terms.seam);
+    choice.splats = static_cast<float>(splats);
+    choice.error = static_cast<float>(terms.error);
+    choice.seam = static_cast<float>(terms.seam);
   }
   return static_cast<std::uint32_t>(items_.size() - 1);
 }
 
 Status Refinement::expand(std::uint32_t item) {
-  SPLATVOL_TRY_ASSIGN(children, tree_.children_of(nodes_[item]));
+  const Place& place = places_[item];
+  SPLATVOL_TRY_ASSIGN(children, tree_.children_of({place.page, place.index, place.cell, {}, place.depth}));
   items_[item].expanded = true;
   items_[item].absent = !children;
   if (!children) return {};
   for (std::size_t octant = 0; octant < 8; ++octant) {
     const std::optional<Node>& child = (*children)[octant];
-    if (child && tree_.is_visible(*child)) items_[item].children[octant] = add(*child);
+    if (!child || !tree_.is_visible(*child)) continue;
+    const std::uint32_t added = add(*child);
+    items_[item].children[octant] = added;
   }
+  const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Place)) + choices_.size() * sizeof(Choice);
+  if (bytes > max_bytes_ / 2)  // a vector that grows holds twice what it needs
+    return fail(ErrorCode::out_of_budget, "choosing by expected error takes more than {} bytes", max_bytes_);
   return {};
 }
 
-bool Refinement::is_worth_opening(std::uint32_t item, float price) const {
-  if (items_[item].is_leaf) return false;
-  const std::size_t begin = item * resolutions_, first = items_[item].first_resolution;
-  std::size_t best = first;
-  const auto cost = [&](std::size_t r) { return errors_[begin + r] + price * splats_[begin + r]; };
-  for (std::size_t r = first + 1; r < resolutions_; ++r)
-    if (cost(r) < cost(best)) best = r;
-  return (best > first && splats_[begin + best] > most_splats) ||
-         cost(best) - price * splats_[begin + first] > price * least_gain_;
+bool Refinement::is_worth_opening(const Item& item, float price) const {
+  if (item.is_leaf) return false;
+  const auto of_item = choices(item);
+  const auto cost = [&](const Choice& choice) { return choice.error + price * choice.splats; };
+  const auto best = std::ranges::min_element(of_item, {}, cost);
+  return (best != of_item.begin() && best->splats > most_splats) ||
+         cost(*best) - price * of_item.front().splats > price * least_gain_;
 }
 
 // Requires that its children's offers are made.
-void Refinement::settle_costs(std::uint32_t index, float price) {
-  const Item& item = items_[index];
-  const std::size_t begin = index * resolutions_, first = item.first_resolution;
+void Refinement::settle_costs(Item& item, float price) {
+  const std::size_t first = item.first_resolution;
   const bool is_absent = item.wants_opening && item.absent, may_open = item.wants_opening && !item.absent;
-  std::array<float, format::max_resolutions> opened{};
+  std::array<float, format::max_resolutions> opened{};  // from the first resolution on
   float parts = 0;
-  for (const std::uint32_t child : item.children) {
-    if (!may_open || child == 0) continue;
-    for (std::size_t r = 0; r < resolutions_; ++r) opened[r] += offers_[child * resolutions_ + r];
-    parts += floors_[child];
+  const auto of_item = choices(item);
+  for (const std::uint32_t index : item.children) {
+    if (!may_open || index == 0) continue;
+    const Item& child = items_[index];
+    // Below the child's first resolution it offers what it does there, and as many seams.
+    const auto offers = choices(child);
+    for (std::size_t r = first; r < child.first_resolution; ++r)
+      opened[r - first] += offers.front().offer + static_cast<float>(child.first_resolution - r) * offers.front().seam;
+    for (std::size_t r = std::max<std::size_t>(child.first_resolution, first); r < resolutions_; ++r)
+      opened[r - first] += offers[r - child.first_resolution].offer;
+    parts += child.floor;
   }
 
   // The parts of a node tell more than the whole: it is not better, at any resolution, than they add up to.
-  const float whole = errors_[begin + resolutions_ - 1], hidden = std::max(parts - whole, 0.0F);
-  hidden_[index] = hidden;
-  floors_[index] = whole + hidden;
+  const float whole = of_item.back().error;
+  item.hidden = std::max(parts - whole, 0.0F);
+  item.floor = whole + item.hidden;
 
-  float* const costs = &costs_[begin];
-  for (std::size_t r = 0; r < resolutions_; ++r) {
-    const bool drawable =
-        r == first || (r > first && !is_absent && (item.is_leaf || splats_[begin + r] <= most_splats));
-    costs[r] = drawable ? (is_absent ? 0 : errors_[begin + r] + hidden) + price * splats_[begin + r] : none;
-    opens_[begin + r] = may_open && opened[r] < costs[r];
-    if (opens_[begin + r] != 0) costs[r] = opened[r];
+  for (std::size_t i = 0; i < of_item.size(); ++i) {
+    Choice& choice = of_item[i];
+    const bool drawable = i == 0 || (!is_absent && (item.is_leaf || choice.splats <= most_splats));
+    const float cost = drawable ? (is_absent ? 0 : choice.error + item.hidden) + price * choice.splats : none;
+    choice.opens = may_open && opened[i] < cost;
+    choice.offer = choice.opens ? opened[i] : cost;
+    choice.level = static_cast<std::uint8_t>(first + i);
   }
 
   // From each level to the next the seam of the coarser one, to and fro.
-  float* const offers = &offers_[begin];
-  std::uint8_t* const levels = &levels_[begin];
-  for (std::size_t r = 0; r < resolutions_; ++r) {
-    offers[r] = costs[r];
-    levels[r] = static_cast<std::uint8_t>(r);
-  }
-  const auto offer = [&](std::size_t from, std::size_t to) {
-    const float cost = offers[from] + seams_[begin + std::max(std::min(from, to), first)];
-    if (!(cost < offers[to])) return;
-    offers[to] = cost;
-    levels[to] = levels[from];
+  const auto offer = [&](const Choice& from, Choice& to, float seam) {
+    if (!(from.offer + seam < to.offer)) return;
+    to.offer = from.offer + seam;
+    to.level = from.level;
   };
-  for (std::size_t r = 1; r < resolutions_; ++r) offer(r - 1, r);
-  for (std::size_t r = resolutions_ - 1; r-- > 0;) offer(r + 1, r);
+  for (std::size_t i = 1; i < of_item.size(); ++i) offer(of_item[i - 1], of_item[i], of_item[i - 1].seam);
+  for (std::size_t i = of_item.size() - 1; i-- > 0;) offer(of_item[i + 1], of_item[i], of_item[i].seam);
 }
 
 Result<Refinement::Sum> Refinement::evaluate(int steps) {
@@ -128,32 +137,36 @@ Result<Refinement::Sum> Refinement::evaluate(int steps) {
   items_[0].reached = true;
   for (std::uint32_t i = 0; i < items_.size(); ++i) {
     if (!items_[i].reached) continue;
-    items_[i].wants_opening = is_worth_opening(i, price);
+    items_[i].wants_opening = is_worth_opening(items_[i], price);
     if (!items_[i].wants_opening) continue;
     if (!items_[i].expanded) SPLATVOL_TRY(expand(i));
     for (const std::uint32_t child : items_[i].children)
       if (child != 0) items_[child].reached = true;
   }
-  for (auto i = static_cast<std::uint32_t>(items_.size()); i-- > 0;)
-    if (items_[i].reached) settle_costs(i, price);
+  for (auto i = items_.size(); i-- > 0;)
+    if (items_[i].reached) settle_costs(items_[i], price);
 
   // From the root down: what was chosen. Its own level is free.
   Sum sum{.price = steps};
-  const auto root_costs = std::span(costs_).first(resolutions_);
-  items_[0].resolution = static_cast<std::uint8_t>(std::ranges::min_element(root_costs) - root_costs.begin());
-  for (std::uint32_t i = 0; i < items_.size(); ++i) {
-    Item& item = items_[i];
-    const std::size_t begin = i * resolutions_, r = item.resolution;
-    item.opened = item.reached && opens_[begin + r] != 0;
-    for (const std::uint32_t child : item.children) {
-      if (child == 0) continue;
-      items_[child].reached = item.opened;
-      items_[child].resolution = levels_[child * resolutions_ + r];
+  for (Item& item : items_) item.reached = item.opened = false;
+  items_[0].reached = true;
+  items_[0].resolution = std::ranges::min_element(choices(items_[0]), {}, &Choice::offer)->level;
+  for (Item& item : items_) {
+    if (!item.reached) continue;
+    const auto of_item = choices(item);
+    const Choice& choice = of_item[item.resolution - item.first_resolution];
+    item.opened = choice.opens;
+    for (const std::uint32_t index : item.children) {
+      if (!item.opened || index == 0) continue;
+      Item& child = items_[index];
+      const std::uint8_t nearest = std::max(item.resolution, child.first_resolution);
+      child.reached = true;
+      child.resolution = choices(child)[nearest - child.first_resolution].level;
     }
-    if (!item.reached || item.opened || splats_[begin + r] == 0) continue;
-    sum.splats += static_cast<std::uint64_t>(splats_[begin + r]);
-    sum.error += static_cast<double>(errors_[begin + r] + hidden_[i]);
-    sum.finest = sum.finest && !(errors_[begin + resolutions_ - 1] < errors_[begin + r]);
+    if (item.opened || choice.splats == 0) continue;
+    sum.splats += static_cast<std::uint64_t>(choice.splats);
+    sum.error += static_cast<double>(choice.error + item.hidden);
+    sum.finest = sum.finest && !(of_item.back().error < choice.error);
   }
   return sum;
 }
@@ -171,19 +184,18 @@ int Refinement::step_to(const ErrorGoal& goal, const Sum& from) {
 
 // The price is lowered until the goal is met or there is nothing to gain, then the last step is narrowed down. The
 // search depends on nothing but what it finds, so that it always ends at the same price.
-Status Refinement::choose(const ErrorGoal& goal) {
+Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
   items_.clear();
-  nodes_.clear();
-  for (auto* numbers : {&splats_, &errors_, &seams_, &costs_, &offers_, &hidden_, &floors_}) numbers->clear();
-  levels_.clear();
-  opens_.clear();
+  places_.clear();
+  choices_.clear();
+  max_bytes_ = max_bytes;
   SPLATVOL_TRY_ASSIGN(root, tree_.root());
   if (!tree_.is_visible(root)) return {};
   static_cast<void>(add(root));
   least_gain_ = std::clamp(static_cast<float>(least_share * static_cast<double>(goal.max_splats)), smallest_gain,
                            goal.max_error > 0 ? gain_for_error : largest_gain);
 
-  const float error = *std::ranges::max_element(errors_);
+  const float error = std::ranges::max_element(choices_, {}, &Choice::error)->error;
   const int highest = error > 0 ? static_cast<int>(steps_per_octave * std::log2(error)) : 0;
   SPLATVOL_TRY_ASSIGN(coarse, evaluate(std::max(highest, lowest_price)));
   while (fits(goal, coarse.splats) && !is_good(goal, coarse.error) && !coarse.finest && coarse.price > lowest_price) {

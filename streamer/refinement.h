@@ -3,6 +3,8 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "base/error.h"
@@ -33,14 +35,35 @@ class Refinement {
     bool is_leaf = false;
     std::uint8_t first_resolution = 0;
     std::uint8_t resolution = 0;  // where it is not opened
+    std::uint32_t begin = 0;      // of its choices
+    float floor = 0;              // the least error that it and its parts admit
+    float hidden = 0;             // of that, what its own errors do not show
   };
 
-  /// Fails as NodeTree::children_of. The same index gives the same choice. Empty where nothing is visible.
-  [[nodiscard]] Status choose(const ErrorGoal& goal);
+  /// Fails as NodeTree::children_of, and with out_of_budget where it would hold more than max_bytes. The same index
+  /// gives the same choice. Empty where nothing is visible.
+  [[nodiscard]] Status choose(const ErrorGoal& goal, std::uint64_t max_bytes);
   [[nodiscard]] const std::vector<Item>& items() const { return items_; }
-  [[nodiscard]] const Node& node(std::uint32_t item) const { return nodes_[item]; }
 
  private:
+  /// An item's node, without where its points begin.
+  struct Place {
+    std::shared_ptr<const format::IndexPage> page;
+    std::uint32_t index;
+    Cube cell;
+    std::size_t depth;
+  };
+
+  /// An item at one of its resolutions, from its first on.
+  struct Choice {
+    float splats = 0;  // that reach into the picture
+    float error = 0;
+    float seam = 0;
+    float offer = 0;         // the cheapest cut of the item's cell, by the level of its parent's neighbourhood
+    std::uint8_t level = 0;  // that the offer is for
+    bool opens = false;      // whether the cheapest cut at this level opens the item
+  };
+
   /// What the cheapest cut at a price comes to.
   struct Sum {
     std::uint64_t splats = 0;
@@ -50,29 +73,23 @@ class Refinement {
   };
   [[nodiscard]] std::uint32_t add(const Node& node);
   [[nodiscard]] Status expand(std::uint32_t item);
-  [[nodiscard]] bool is_worth_opening(std::uint32_t item, float price) const;
-  void settle_costs(std::uint32_t item, float price);
+  [[nodiscard]] bool is_worth_opening(const Item& item, float price) const;
+  void settle_costs(Item& item, float price);
   [[nodiscard]] Result<Sum> evaluate(int price);
   [[nodiscard]] static int step_to(const ErrorGoal& goal, const Sum& from);
   [[nodiscard]] Status bisect(const ErrorGoal& goal, Sum coarse, Sum fine);
 
+  [[nodiscard]] std::span<Choice> choices(const Item& item);
+  [[nodiscard]] std::span<const Choice> choices(const Item& item) const;
+
   const NodeTree& tree_;
   const ErrorModel model_;
   const std::size_t resolutions_;
+  std::uint64_t max_bytes_ = 0;
   float least_gain_ = 0;  // splats: what is not worth more is not opened
   std::vector<Item> items_;
-  std::vector<Node> nodes_;    // [item]
-  std::vector<float> floors_;  // [item]: the least error that it and its parts admit
-  std::vector<float> hidden_;  // [item]: of that, what its own errors do not show
-
-  // [item][resolution]
-  std::vector<float> splats_;  // that reach into the picture
-  std::vector<float> errors_;
-  std::vector<float> seams_;
-  std::vector<float> costs_;          // of the cheapest cut of the item's cell, by the level of its neighbourhood
-  std::vector<float> offers_;         // the same, by the level of the parent's
-  std::vector<std::uint8_t> levels_;  // that the offer is for
-  std::vector<std::uint8_t> opens_;   // whether that cut opens the item
+  std::vector<Place> places_;    // [item]
+  std::vector<Choice> choices_;  // of all items, one after another
 };
 
 }  // namespace splatvol

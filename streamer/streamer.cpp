@@ -23,6 +23,8 @@ constexpr int refinements = 4;
 constexpr std::uint64_t item_bytes =
     sizeof(FadingCut::Part) + sizeof(SplatBatch) + sizeof(std::uint32_t) + sizeof(std::uint64_t);
 
+constexpr std::uint64_t choice_share = 32;  // of the budget
+
 constexpr int steps = 3;  // coarser pictures on the way to the one that is aimed at
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -138,23 +140,35 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
   return streamer;
 }
 
-// The budget's fixed parts: the preamble, which stays, and room to work in: for the pages on the way to a node, and the
-// chunks of a row.
+// The budget's fixed parts: what stays, as the preamble, and room to work in: for the pages on the way to a node, and
+// the chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   if (kernel_ == KernelKind::moments) filled_ = FilledNodes::find(*volume_, paged_.attribute());
-  working_bytes_ += filled_.memory_bytes();
-  auto preamble = budget_.reserve(volume_->memory_bytes());
-  if (!preamble || frame_limit() == 0)
+  auto fixed = budget_.reserve(fixed_bytes());
+  if (!fixed || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
-                volume_->name(), budget_.capacity(), volume_->memory_bytes() + working_bytes_ + 1);
-  preamble_ = std::move(*preamble);
+                volume_->name(), budget_.capacity(), budget_for(1));
+  fixed_ = std::move(*fixed);
   return {};
 }
 
+// What choosing a cut by expected error may hold.
+std::uint64_t Streamer::choice_bytes() const { return budget_.capacity() / choice_share; }
+
+std::uint64_t Streamer::fixed_bytes() const {
+  return volume_->memory_bytes() + filled_.memory_bytes() + choice_bytes();
+}
+
+// The least that leaves so much for a frame.
+std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
+  const std::uint64_t others = volume_->memory_bytes() + filled_.memory_bytes() + working_bytes_ + bytes;
+  return others + others / (choice_share - 1) + 1;
+}
+
 std::uint64_t Streamer::frame_limit() const {
-  const std::uint64_t fixed = volume_->memory_bytes() + working_bytes_;
+  const std::uint64_t fixed = fixed_bytes() + working_bytes_;
   return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
 }
 
@@ -194,6 +208,7 @@ CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_
   options.resolution = detail.resolution;
   options.goal = detail.goal;
   options.filled = &filled_;
+  options.max_choice_bytes = choice_bytes();
   options.max_bytes = max_bytes;
   return options;
 }
@@ -256,7 +271,7 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
     bytes = pager_->pinned_bytes() + coarsest_frame_bytes() +
             2 * (bytes + gatherer_->resident_bytes(*coarsest) + pager_->pages().index_bytes);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
-              volume_->name(), budget_.capacity(), volume_->memory_bytes() + working_bytes_ + bytes);
+              volume_->name(), budget_.capacity(), budget_for(bytes));
 }
 
 Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
@@ -307,7 +322,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
 // chunks; a little to pictures on the way to it, that they may hold more splats, and to what is being read.
 std::uint64_t Streamer::paging_memory() const {
   const std::uint64_t fixed =
-      volume_->memory_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
+      fixed_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
   return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
 }
 

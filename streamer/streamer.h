@@ -154,6 +154,9 @@ class Streamer {
   using TryCut = std::function<Result<Cut>(const DetailOptions& detail)>;
   Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
   [[nodiscard]] Status set_memory_aside();
+  [[nodiscard]] std::uint64_t choice_bytes() const;
+  [[nodiscard]] std::uint64_t fixed_bytes() const;
+  [[nodiscard]] std::uint64_t budget_for(std::uint64_t bytes) const;
   [[nodiscard]] std::uint64_t frame_limit() const;
   [[nodiscard]] std::uint64_t paging_memory() const;
   [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes) const;
@@ -181,7 +184,7 @@ class Streamer {
   unsigned threads_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
-  Reservation preamble_;
+  Reservation fixed_;
   FilledNodes filled_;
   Cache cache_;
   PagedVolume paged_;
