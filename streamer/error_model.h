@@ -15,7 +15,7 @@ namespace splatvol {
 /// (weight 2/3) and the bound on their sizes (1/3). The values in a splat are taken to spread over the share h / L of
 /// the node's range, wherever in its occupied bins. What that does to colour times extinction is wrong by chance along
 /// a ray of L / h splats, over all pixels that the node covers:
-///   E = area (L / h) h^2 (contrast + squares / 300) / (1 + extinction h)^2,
+///   E = area (L / h) h^2 (contrast + squares / 300) / (1 + extinction h),
 /// less where splats are smaller than pixels. The second term is for the splats' shape: they do not add up to the
 /// material exactly. docs/accuracy.md has how far this is right.
 class ErrorModel {

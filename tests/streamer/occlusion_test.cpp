@@ -1,0 +1,207 @@
+#include "streamer/occlusion.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <random>
+
+#include "builder/build.h"
+#include "streamer/cut.h"
+#include "streamer/paged_volume.h"
+#include "tests/streamer/fixture.h"
+
+namespace splatvol {
+namespace {
+
+// Length of the way from where light starts towards the eye to `to`, within a cell.
+double way_within(const Cube& cell, const View& view, const dvec3& to) {
+  const dvec3 way = view.orthographic ? view.to_view(to).z * view.forward : to - view.eye;
+  const dvec3 from = to - way;
+  double enter = 0, leave = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    double a = (cell.origin[axis] - from[axis]) / way[axis],
+           b = (cell.origin[axis] + cell.edge - from[axis]) / way[axis];
+    if (a > b) std::swap(a, b);
+    enter = std::max(enter, a);
+    leave = std::min(leave, b);
+  }
+  return std::max(leave - enter, 0.0) * glm::length(way);
+}
+
+bool is_in_picture(const View& view, const dvec3& point) {
+  const dvec3 p = view.to_view(point);
+  const double scale = view.orthographic ? view.focal : view.focal / p.z;
+  return p.z > 0 && std::abs(p.x) * scale < 0.5 * view.width && std::abs(p.y) * scale < 0.5 * view.height;
+}
+
+// Octants of the unit cube, some opaque, some not; what is said to be hidden is, at every place.
+TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  int hidden = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    const View view = test::random_view(random);
+    Occlusion occlusion(view);
+    std::vector<std::pair<Cube, double>> cells;
+    // Front to back: octants of octants.
+    const std::function<void(const Cube&, int)> visit = [&](const Cube& cell, int depth) {
+      if (depth == 2) {
+        if (occlusion.is_small(cell) || uniform(random) < 0.3) return;
+        cells.emplace_back(cell, 40 * uniform(random));
+        return occlusion.add(cell, cells.back().second);
+      }
+      const unsigned nearest = nearest_octant(view, cell);
+      for (unsigned i = 0; i < 8; ++i) {
+        const unsigned octant = i ^ nearest;
+        const double edge = 0.5 * cell.edge;
+        visit({cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge}, depth + 1);
+      }
+    };
+    visit({dvec3(0), 1}, 0);
+    for (int i = 0; i < 200; ++i) {
+      const Cube cell{{1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2},
+                      0.1 * uniform(random)};
+      if (!occlusion.hides(cell)) continue;
+      ++hidden;
+      for (int sample = 0; sample < 20; ++sample) {
+        const dvec3 point = cell.origin + cell.edge * dvec3(uniform(random), uniform(random), uniform(random));
+        if (!is_in_picture(view, point)) continue;
+        double depth = 0;
+        for (const auto& [front, extinction] : cells) depth += extinction * way_within(front, view, point);
+        // Between rays it may be a little less.
+        ASSERT_GT(depth, 0.8 * Occlusion::closed) << "trial " << trial;
+      }
+    }
+  }
+  EXPECT_GT(hidden, 1000);
+}
+
+TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
+  Camera camera;
+  camera.position = {0.5, 0.5, 10};
+  camera.focal_point = {0.5, 0.5, 0};
+  const View view = make_view(camera, 400, 300).value();
+  const Cube front{{0, 0, 1}, 1}, back{{0, 0, 0}, 1}, behind{{0.3, 0.3, -1}, 0.4}, beside{{0.8, 0.3, -1}, 0.4};
+  Occlusion occlusion(view);
+  EXPECT_FALSE(occlusion.hides(behind));
+  occlusion.add(front, 4);
+  EXPECT_FALSE(occlusion.hides(behind)) << "of optical depth 4 only";
+  occlusion.add(back, 4);
+  EXPECT_TRUE(occlusion.hides(behind));
+  EXPECT_FALSE(occlusion.hides(beside)) << "part of it shows";
+  EXPECT_FALSE(occlusion.hides(back));
+  EXPECT_FALSE(occlusion.hides({{0.4, 0.4, 1.5}, 0.2}));
+  EXPECT_TRUE(occlusion.hides({{0.4, 0.4, 0.02}, 0.2})) << "inside, behind where the ray is closed";
+
+  Occlusion inside(view);
+  inside.add({{-10, -10, -5}, 30}, 100);
+  EXPECT_FALSE(inside.hides(behind));
+}
+
+// The box [-2, 2] x [-2, 2] x [-1, 1] full of material, opaque or half of it so.
+class OpaqueMesh : public testing::Test {
+ protected:
+  void SetUp() override {
+    path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_opaque_{}.svol", ::getpid())).string();
+    auto source = open_source({"gen:mesh:cells=2e5"}, {});
+    ASSERT_TRUE(source) << source.error().message;
+    const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+    volume_ = format::Volume::open(open_file(path_).value()).value();
+    paged_ = std::make_unique<PagedVolume>(*volume_, 0, cache_);
+    filled_ = FilledNodes::find(*volume_, 0);
+  }
+  void TearDown() override { std::filesystem::remove(path_); }
+
+  Cut cut(const View& view, double extinction, CutOptions options) {
+    const TransferFunction function{0, 1, {{0, {1, 1, 1}}}, {{0, extinction}}};
+    const ValueVisibility visibility(function, volume_->info().attributes[0]);
+    return select_cut(volume_->info(), *paged_, view, visibility, options).value();
+  }
+
+  static View view(dvec3 eye) {
+    Camera camera;
+    camera.position = eye;
+    return make_view(camera, 512, 512).value();
+  }
+
+  std::string path_;
+  std::shared_ptr<const format::Volume> volume_;
+  MemoryBudget budget_{1u << 30};
+  Cache cache_{budget_};
+  std::unique_ptr<PagedVolume> paged_;
+  FilledNodes filled_;
+};
+
+TEST_F(OpaqueMesh, IsFilled) {
+  ASSERT_TRUE(filled_.any());
+  EXPECT_FALSE(filled_.has(0)) << "the cube is twice the box";
+}
+
+TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
+  constexpr double extinction = 20;
+  for (const dvec3 eye : {dvec3(5, 4, 8), dvec3(-9, 1, 2), dvec3(0.5, 12, 0.3)}) {
+    for (const std::optional<ErrorGoal> goal : {std::optional<ErrorGoal>(), std::optional(ErrorGoal{0, 20000})}) {
+      const View from = view(eye);
+      CutOptions options;
+      options.tolerance_percent = 1;
+      options.goal = goal;
+      const Cut all = cut(from, extinction, options);
+      options.filled = &filled_;
+      const Cut front = cut(from, extinction, options);
+      if (!goal) {
+        EXPECT_LT(front.splats, 0.8 * static_cast<double>(all.splats));
+        // What is drawn is drawn as before.
+        for (const CutItem& item : front.items)
+          EXPECT_TRUE(std::ranges::any_of(all.items, [&](const CutItem& other) {
+            return item.cell.origin == other.cell.origin && item.cell.edge == other.cell.edge &&
+                   item.resolution == other.resolution;
+          }));
+      }
+      // What is not lies deep in the material, all of it.
+      const auto is_drawn = [&](const dvec3& p) {
+        return std::ranges::any_of(front.items, [&](const CutItem& item) {
+          return glm::all(glm::lessThanEqual(item.cell.origin, p)) &&
+                 glm::all(glm::lessThanEqual(p, item.cell.origin + item.cell.edge));
+        });
+      };
+      std::mt19937 random(3);
+      std::uniform_real_distribution<double> uniform(-1, 1);
+      for (int sample = 0; sample < 2000; ++sample) {
+        const dvec3 p(2 * uniform(random), 2 * uniform(random), uniform(random));
+        if (is_drawn(p)) continue;
+        const double way = way_within({{-2, -2, -2}, 4}, from, p);  // at least that through the box
+        double through = way;
+        const dvec3 towards = glm::normalize(from.eye - p);
+        for (const double side : {-1.0, 1.0})
+          if (side * towards.z > 0) through = std::min(through, (side - p.z) / towards.z);
+        ASSERT_GT(extinction * through, 0.9 * Occlusion::closed);
+      }
+    }
+  }
+}
+
+TEST_F(OpaqueMesh, NothingIsHiddenByWhatCanBeSeenThrough) {
+  CutOptions options;
+  const Cut all = cut(view({5, 4, 8}), 1, options);
+  options.filled = &filled_;
+  EXPECT_EQ(cut(view({5, 4, 8}), 1, options), all);
+}
+
+TEST_F(OpaqueMesh, NorByWhatAClipBoxTakesAway) {
+  View clipped = view({0, 0, 12});
+  clipped.clip_box = Box{{-2, -2, -1}, {2, 2, -0.8}};
+  CutOptions options;
+  const Cut all = cut(clipped, 30, options);
+  options.filled = &filled_;
+  EXPECT_EQ(cut(clipped, 30, options), all) << "a slab of optical depth 6";
+}
+
+}  // namespace
+}  // namespace splatvol
