@@ -21,6 +21,12 @@ constexpr std::uint64_t largest_run_bytes = 512u << 10;
 
 std::uint64_t row_number(std::uint64_t resolution, std::uint64_t group) { return resolution << 56 | group; }
 
+LoadRun page_run(const CacheKey& key, auto what) {
+  LoadRun run;
+  run.push_back({key, std::move(what), {}, {}, CacheData()});
+  return run;
+}
+
 template <class Page>
 std::shared_ptr<const Page> typed(const Cache::Pointer& page) {
   return {page, &std::get<Page>(*page)};
@@ -82,6 +88,12 @@ void Pager::forget(const ValueVisibility& visibility) {
   if (!visibility_ || *visibility_ != visibility) rows_.clear();
   visibility_ = visibility;
   wants_.clear();
+  pages_ahead_.clear();
+}
+
+void Pager::keep_pages_and_ask_ahead(Pages pages) {
+  pages_ahead_ = std::exchange(pages_, std::move(pages)).missing;
+  for (const auto& [key, load] : pages_.missing) pages_ahead_.erase(key);
 }
 
 Cache::Pointer Pager::find_page(const CacheKey& key) {
@@ -202,6 +214,8 @@ std::vector<Pager::Request> Pager::requests() {
       const float error = std::ranges::max_element(run, {}, &PartLoad::error)->error;
       requests.push_back({step, error, std::move(run)});
     }
+  for (const auto& [key, load] : pages_ahead_)
+    if (can_ask(key)) requests.push_back({ahead, 1, page_run(key, load)});
   std::ranges::stable_sort(requests, std::greater<>(),
                            [](const Request& request) { return std::tuple(request.step, request.error); });
   return requests;
@@ -209,9 +223,7 @@ std::vector<Pager::Request> Pager::requests() {
 
 void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests) {
   const auto add = [&](const CacheKey& key, auto what) {
-    if (!can_ask(key)) return;
-    requests.push_back({before_all_steps, 0, {}});
-    requests.back().run.push_back({key, std::move(what), {}, {}, CacheData()});
+    if (can_ask(key)) requests.push_back({before_all_steps, 0, page_run(key, std::move(what))});
   };
   for (const auto& [key, what] : pages_.missing) {
     miss(key, missing_.pages, what.ref.page_bytes);

@@ -55,14 +55,20 @@ class Pager final : public IndexPages, public Residency {
   [[nodiscard]] const Pages& pages() const { return pages_; }
   void keep_pages(Pages pages) { pages_ = std::move(pages); }
 
+  /// The same; those that are missing now are asked for too, when nothing else is.
+  void keep_pages_and_ask_ahead(Pages pages);
+
   /// Pages that are there; null where a page is not, which is then asked for.
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
   [[nodiscard]] bool holds(std::span<const PointRange> ranges) override;
 
+  /// The step of what a view to come may need.
+  static constexpr int ahead = -1;
+
   /// Wants a cut's chunks: those of higher steps before all others, within a step by error. Step 0 is what is needed;
-  /// steps above lead there and are left out where all of that is there; below, nothing gives way to them.
+  /// steps above lead there and are left out where all of that is there; for what is `ahead` nothing gives way.
   void want(const Cut& cut, int step);
 
   /// Asks for what is wanted and not there, as far as there is memory. What was asked for and not begun is asked for
@@ -147,6 +153,7 @@ class Pager final : public IndexPages, public Residency {
   std::uint64_t pinned_bytes_ = 0;
 
   Pages pages_;
+  std::map<CacheKey, IndexPageLoad> pages_ahead_;  // that the next view may need
   std::unordered_map<std::uint64_t, Row> rows_;
   std::unordered_map<std::uint64_t, Want> wants_;
   std::map<CacheKey, std::uint64_t> in_flight_;  // bytes of each

@@ -349,8 +349,10 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
   if (frame_) frame_->splats.progress.errors.clear();
   const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
   const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
-  const std::optional<View> last = aim_ && !steady ? std::optional(aim_->view) : std::nullopt;
-  if (!steady) aim_.reset();
+  if (!steady) {
+    view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;
+    aim_.reset();
+  }
 
   for (Pager::Arrivals arrived = pager_->take_in();;) {
     if (!aim_ || arrived.pages) SPLATVOL_TRY(take_aim(view, visibility, detail));
@@ -360,7 +362,10 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
     arrived = pager_->take_in();
     if (!arrived) break;
   }
-  if (last && pager_->missing().settled()) aim_ahead(*last, view, visibility);
+  if (view_before_ && pager_->missing().settled()) {
+    aim_ahead(*view_before_, view, visibility);
+    view_before_.reset();
+  }
   cut_seconds_ = seconds_since(start);
   SPLATVOL_TRY(show_resident(change));
   fetch_seconds_ = seconds_since(start) - cut_seconds_;
@@ -438,9 +443,9 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
   Pager::Pages pages = pager_->pages();
   const auto cut =
       select_cut(info(), *pager_, next, visibility, cut_options(aim_->choice.detail, paging_memory() / 4 * 3));
-  pager_->keep_pages(std::move(pages));
+  pager_->keep_pages_and_ask_ahead(std::move(pages));
   if (!cut) return;
-  pager_->want(*cut, -1);
+  pager_->want(*cut, Pager::ahead);
   pager_->ask();
 }
 

@@ -191,6 +191,7 @@ class Streamer {
   std::optional<Gatherer> gatherer_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`
   std::unique_ptr<Aim> aim_;
+  std::optional<View> view_before_;            // that of `aim_`, until what comes after it has been asked for
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when all else is taken
   std::unique_ptr<Frame> frame_;
   std::optional<Box> clip_box_;  // of the view that is asked for

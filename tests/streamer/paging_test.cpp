@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cmath>
 #include <condition_variable>
 #include <filesystem>
@@ -421,6 +422,27 @@ TEST_P(Paging, WhatIsNoLongerWantedIsNotRead) {
   EXPECT_LE(faults->reads(), before + 2 * read_threads) << "and what had been begun on the way to the first picture";
   EXPECT_TRUE(settle(*streamer, far_view(), 0).progress.complete);
   EXPECT_GT(faults->reads(), before + 20);
+}
+
+// A camera that goes on as it did finds there what it comes to; one that looks from afar in between does not.
+TEST_P(Paging, ReadsAheadOfTheCamera) {
+  const auto view_at = [](int step) {
+    const double x = -2 + 0.08 * step;
+    return view_from({x, 0.1, 1.5}, {x, 0, 0});
+  };
+  const auto found_at_once = [&](bool goes_on) {
+    const auto streamer = open(plenty, usual_volume_bytes(), "value");
+    int found = 0;
+    for (int step = 0; step < 50; ++step) {
+      if (advance(*streamer, view_at(step), 1).progress.complete) ++found;
+      EXPECT_TRUE(settle(*streamer, view_at(step), 1).progress.complete);
+      if (!goes_on) settle(*streamer, view_from({0, 0, 12}, dvec3(0)), 10);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // for what is read ahead
+    }
+    EXPECT_LE(streamer->statistics().bytes_resident_peak, plenty);
+    return found;
+  };
+  EXPECT_GT(found_at_once(true), found_at_once(false));
 }
 
 TEST_P(Paging, ClosesWhileReadsHang) {
