@@ -1,6 +1,7 @@
 #include "builder/density.h"
 
 #include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include "base/splat_kernel.h"
@@ -120,7 +122,9 @@ struct Bounds {
     high = glm::max(high, other.high);
   }
   [[nodiscard]] bool meets(const Bounds& other) const {
-    return glm::all(glm::lessThanEqual(low, other.high)) && glm::all(glm::lessThanEqual(other.low, high));
+    bool all = true;
+    for (int k = 0; k < 3; ++k) all = all & (low[k] <= other.high[k]) & (other.low[k] <= high[k]);
+    return all;
   }
 };
 
@@ -128,20 +132,25 @@ struct Bounds {
 // small ones would make all the boxes above it large.
 class BoxTree {
  public:
-  BoxTree(std::span<const Ellipsoid> ellipsoids, std::vector<std::uint32_t> members) : members_(std::move(members)) {
-    std::vector<Bounds> level;
-    for (const std::uint32_t i : members_)
-      level.push_back({ellipsoids[i].centre - ellipsoids[i].reach, ellipsoids[i].centre + ellipsoids[i].reach});
-    levels_.push_back(std::move(level));
-    while (levels_.back().size() > 1) {
-      const std::vector<Bounds>& below = levels_.back();
-      std::vector<Bounds> above((below.size() + fan - 1) / fan);
-      for (std::size_t i = 0; i < below.size(); ++i) above[i / fan].include(below[i]);
+  struct Member {
+    Bounds bounds;
+    std::uint32_t ellipsoid;
+  };
+
+  BoxTree(std::span<const Ellipsoid> ellipsoids, std::span<const std::uint32_t> members) {
+    members_.reserve(members.size());
+    for (const std::uint32_t i : members)
+      members_.push_back({{ellipsoids[i].centre - ellipsoids[i].reach, ellipsoids[i].centre + ellipsoids[i].reach}, i});
+    for (std::size_t count = members.size(); levels_.empty() || count > 1;) {
+      std::vector<Bounds> above((count + fan - 1) / fan);
+      for (std::size_t i = 0; i < count; ++i)
+        above[i / fan].include(levels_.empty() ? members_[i].bounds : levels_.back()[i]);
+      count = above.size();
       levels_.push_back(std::move(above));
     }
   }
 
-  // Calls visit(i) for every ellipsoid whose box meets these.
+  // Calls visit(member) for every ellipsoid whose box meets these.
   template <class Visit>
   void for_each(const Bounds& bounds, const Visit& visit) const {
     descend(levels_.size() - 1, 0, bounds, visit);
@@ -153,13 +162,17 @@ class BoxTree {
   template <class Visit>
   void descend(std::size_t level, std::size_t i, const Bounds& bounds, const Visit& visit) const {
     if (!levels_[level][i].meets(bounds)) return;
-    if (level == 0) return visit(members_[i]);
-    const std::size_t end = std::min((i + 1) * fan, levels_[level - 1].size());
-    for (std::size_t child = i * fan; child < end; ++child) descend(level - 1, child, bounds, visit);
+    const std::size_t end = std::min((i + 1) * fan, level == 0 ? members_.size() : levels_[level - 1].size());
+    for (std::size_t child = i * fan; child < end; ++child) {
+      if (level > 0)
+        descend(level - 1, child, bounds, visit);
+      else if (members_[child].bounds.meets(bounds))
+        visit(members_[child]);
+    }
   }
 
-  std::vector<std::uint32_t> members_;
-  std::vector<std::vector<Bounds>> levels_;
+  std::vector<Member> members_;
+  std::vector<std::vector<Bounds>> levels_;  // boxes round `fan` members each, round `fan` of these, ...
 };
 
 std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
@@ -172,7 +185,7 @@ std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
           static_cast<std::uint32_t>(i));
   }
   std::vector<BoxTree> trees;
-  for (auto& [size, of_size] : members) trees.emplace_back(ellipsoids, std::move(of_size));
+  for (const auto& [size, of_size] : members) trees.emplace_back(ellipsoids, of_size);
   return trees;
 }
 
@@ -226,36 +239,82 @@ class DensityFit {
     std::vector<std::uint32_t> ends;  // [splat of the block]
   };
 
+  // Where the splats of a block look, and what may be there.
+  struct Search {
+    struct Look {
+      std::size_t lattices_end = 0;  // where those of the next splat begin
+      Bounds bounds;                 // round them; inside out for none
+      double samples = 0;
+    };
+    std::vector<Lattice> lattices;
+    std::vector<Look> looks;  // [splat of the block]
+    std::vector<BoxTree::Member> found;
+    std::vector<std::uint32_t> candidates;  // of those: for a range of splats, behind the candidates of the range round it
+  };
+
   void find_views() {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
     blocks_.resize((splats_.size() + block_size - 1) / block_size);
+    tbb::enumerable_thread_specific<Search> searches;
     tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) {
-      std::vector<Lattice> lattices;
-      Block& block = blocks_[b];
-      for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
-        if (ellipsoids_[i].peak > 0) append_views(i, trees, lattices, block.views);
-        block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
-      }
+      Search& search = searches.local();
+      find_looks(b, search);
+      Bounds bounds;
+      for (const Search::Look& look : search.looks) bounds.include(look.bounds);
+      search.found.clear();
+      for (const BoxTree& tree : trees)
+        tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
+      search.candidates.resize(search.found.size());
+      std::iota(search.candidates.begin(), search.candidates.end(), 0);
+      append_views(search, 0, search.looks.size(), 0, search.found.size(), blocks_[b]);
     });
   }
 
-  void append_views(std::size_t i, std::span<const BoxTree> trees, std::vector<Lattice>& lattices,
-                    std::vector<View>& views) const {
-    lattices.clear();
-    find_lattices(i, lattices);
-    Bounds bounds;
-    double samples = 0;
-    for (const Lattice& lattice : lattices) {
-      bounds.include({lattice.origin - lattice.reach, lattice.origin + lattice.reach});
-      for (const float weight : lattice.weights) samples += static_cast<double>(weight);
+  void find_looks(std::size_t b, Search& search) const {
+    search.lattices.clear();
+    search.looks.clear();
+    for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
+      std::size_t lattice = search.lattices.size();
+      if (ellipsoids_[i].peak > 0) find_lattices(i, search.lattices);
+      Search::Look& look = search.looks.emplace_back();
+      look.lattices_end = search.lattices.size();
+      for (; lattice < look.lattices_end; ++lattice) {
+        const Lattice& at = search.lattices[lattice];
+        look.bounds.include({at.origin - at.reach, at.origin + at.reach});
+        for (const float weight : at.weights) look.samples += static_cast<double>(weight);
+      }
     }
-    if (samples == 0) return;
-    for (const BoxTree& tree : trees)
-      tree.for_each(bounds, [&](std::uint32_t j) {
-        double seen = 0;
-        for (const Lattice& lattice : lattices) seen += density_over(ellipsoids_[j], lattice);
-        if (seen > 0) views.push_back({j, static_cast<float>(seen / samples)});
-      });
+  }
+
+  // Of a range of splats, whose candidates are a range as well. Neighbours in Morton order look at about the same
+  // places: each half of them has to choose from what the whole has in sight only.
+  void append_views(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
+                    Block& block) const {
+    Bounds bounds;
+    for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
+    std::vector<std::uint32_t>& candidates = search.candidates;
+    candidates.resize(last + (last - first));
+    std::size_t in_sight = last;
+    for (std::size_t c = first; c < last; ++c) {
+      candidates[in_sight] = candidates[c];
+      in_sight += search.found[candidates[c]].bounds.meets(bounds) ? 1 : 0;
+    }
+    if (end - begin > 1) {
+      const std::size_t middle = begin + (end - begin) / 2;
+      append_views(search, begin, middle, last, in_sight, block);
+      append_views(search, middle, end, last, in_sight, block);
+      return;
+    }
+    const Search::Look& look = search.looks[begin];
+    const std::size_t lattices_begin = begin > 0 ? search.looks[begin - 1].lattices_end : 0;
+    const auto lattices = std::span(search.lattices).subspan(lattices_begin, look.lattices_end - lattices_begin);
+    for (std::size_t c = last; c < in_sight && look.samples > 0; ++c) {
+      const std::uint32_t j = search.found[candidates[c]].ellipsoid;
+      double seen = 0;
+      for (const Lattice& lattice : lattices) seen += density_over(ellipsoids_[j], lattice);
+      if (seen > 0) block.views.push_back({j, static_cast<float>(seen / look.samples)});
+    }
+    block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
   }
 
   // Where a splat looks: 27 places in it, or up to 64 in its parts.
