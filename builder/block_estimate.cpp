@@ -1,8 +1,12 @@
 #include "builder/block_estimate.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
+
+#include "builder/selection.h"
 
 namespace splatvol {
 namespace {
@@ -28,7 +32,10 @@ double half_way(double below, double above) { return below + (above - below) / 2
 void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const std::span<const double>> values,
                              const Box& bounds, const BlockMaterial& result) {
   places_.clear();
-  for (const dvec3& p : positions) places_.push_back({p - bounds.low, places_.size()});
+  for (const dvec3& p : positions) {
+    const dvec3 place = p - bounds.low;
+    places_.push_back({Place::Lanes{place.x, place.y, place.z, static_cast<double>(places_.size())}});
+  }
   boxes_.resize(positions.size());
   neighbourhoods_.clear();
   groups_.clear();
@@ -47,7 +54,7 @@ void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const s
         const dvec3 gradient = fit_gradient(*group, values[a], around);
         store_values(*group, values[a], gradient, result.moments, result.value_moments[a]);
         for (std::uint32_t i = group->begin; i < group->end; ++i)
-          if (!std::isnan(values[a][places_[i].point])) result.gradients[a][places_[i].point] = gradient;
+          if (!std::isnan(values[a][places_[i].point()])) result.gradients[a][places_[i].point()] = gradient;
       }
     }
   }
@@ -63,19 +70,20 @@ void BlockEstimate::split(Range range, const Box& box, Level level) {
     groups_.push_back(range);
     level.in_group = true;
   }
-  dvec3 low(infinity), high(-infinity);
-  for (std::uint32_t i = range.begin; i < range.end; ++i) {
-    low = glm::min(low, places_[i].position);
-    high = glm::max(high, places_[i].position);
+  Place low = places_[range.begin], high = low;
+  for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
+    const Place::Lanes& lanes = places_[i].lanes;
+    low.lanes = lanes < low.lanes ? lanes : low.lanes;
+    high.lanes = lanes > high.lanes ? lanes : high.lanes;
   }
-  const int axis = longest_axis(high - low);
+  const int axis = longest_axis(high.position() - low.position());
   if (low[axis] == high[axis]) {
     // All in one place; the earliest has it.
     if (!level.in_neighbourhood) neighbourhoods_.push_back(range);
     if (!level.in_group) groups_.push_back(range);
     const auto first = places_.begin() + range.begin;
     std::iter_swap(first, std::min_element(first, places_.begin() + range.end,
-                                           [](const Place& a, const Place& b) { return a.point < b.point; }));
+                                           [](const Place& a, const Place& b) { return a.point() < b.point(); }));
     std::fill(boxes_.begin() + range.begin, boxes_.begin() + range.end, Box{dvec3(1), dvec3(-1)});
     boxes_[range.begin] = box;
     return;
@@ -95,42 +103,57 @@ BlockEstimate::Split BlockEstimate::find_split(Range range, int axis) {
 
 // At wide gaps near the middle: boxes are rounder and points nearer to their centres than with medians.
 BlockEstimate::Split BlockEstimate::split_at_gap(Range range, int axis) {
-  // Insertion sort; std::sort takes twice as long for so few.
-  for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
-    const Place place = places_[i];
-    std::uint32_t j = i;
-    for (; j > range.begin && place.position[axis] < places_[j - 1].position[axis]; --j) places_[j] = places_[j - 1];
-    places_[j] = place;
-  }
+  sort_few(std::span(places_).subspan(range.begin, range.end - range.begin), axis);
   std::uint32_t best = range.begin;
   double best_score = -1;
   for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
-    const double gap = places_[i].position[axis] - places_[i - 1].position[axis];
+    const double gap = places_[i][axis] - places_[i - 1][axis];
     const double score = gap * std::min(i - range.begin, range.end - i);
-    if (gap > 0 && score > best_score) best = i, best_score = score;
+    const bool better = static_cast<int>(gap > 0) & static_cast<int>(score > best_score);
+    best = better ? i : best;
+    best_score = better ? score : best_score;
   }
-  return {best, half_way(places_[best - 1].position[axis], places_[best].position[axis])};
+  return {best, half_way(places_[best - 1][axis], places_[best][axis])};
+}
+
+// Stable. Every place is counted to where it belongs, as sorting few makes the processor guess at every step.
+void BlockEstimate::sort_few(std::span<Place> places, int axis) {
+  constexpr std::uint32_t lanes = 4;
+  const auto count = static_cast<std::uint32_t>(places.size());
+  std::array<Place, sorted_points> unsorted;
+  std::ranges::copy(places, unsorted.begin());
+  for (std::uint32_t first = 0; first < count; first += lanes) {
+    Place::Lanes x{};
+    for (std::uint32_t l = 0; l < lanes; ++l) x[l] = unsorted[std::min(first + l, count - 1)][axis];
+    Indices below{};
+    for (std::uint32_t j = 0; j < count; ++j) {
+      const Place::Lanes other = Place::Lanes{} + unsorted[j][axis];
+      below -= (other < x) | ((other == x) & (Indices{} + j < Indices{0, 1, 2, 3} + first));
+    }
+    for (std::uint32_t l = 0; l < std::min(lanes, count - first); ++l)
+      places[static_cast<std::size_t>(below[l])] = unsorted[first + l];
+  }
 }
 
 // Points with the very same coordinate stay on one side, that of the smaller part.
 BlockEstimate::Split BlockEstimate::split_at_median(Range range, int axis) {
   const auto first = places_.begin() + range.begin, last = places_.begin() + range.end;
   const auto middle = first + (last - first) / 2;
-  std::nth_element(first, middle, last, [axis](const Place& a, const Place& b) {
-    return a.position[axis] != b.position[axis] ? a.position[axis] < b.position[axis] : a.point < b.point;
+  select_nth(std::span(first, last), static_cast<std::size_t>(middle - first), [axis](const Place& a, const Place& b) {
+    return ((a[axis] < b[axis]) | ((a[axis] == b[axis]) & (a[3] < b[3]))) != 0;
   });
-  const double value = middle->position[axis];
+  const double value = (*middle)[axis];
   double below = -infinity;
-  for (auto place = first; place != middle; ++place) below = std::max(below, place->position[axis]);
+  for (auto place = first; place != middle; ++place) below = std::max(below, (*place)[axis]);
   const auto at = [&](auto place) { return static_cast<std::uint32_t>(place - places_.begin()); };
   if (below < value) return {at(middle), half_way(below, value)};
 
-  const auto before = std::partition(first, middle, [&](const Place& place) { return place.position[axis] < value; });
-  const auto after = std::partition(middle, last, [&](const Place& place) { return place.position[axis] <= value; });
+  const auto before = std::partition(first, middle, [&](const Place& place) { return place[axis] < value; });
+  const auto after = std::partition(middle, last, [&](const Place& place) { return place[axis] <= value; });
   const bool up = before == first || (after < last && after - middle < middle - before);
   double low = -infinity, high = infinity;
   for (auto place = first; place != last; ++place) {
-    const double x = place->position[axis];
+    const double x = (*place)[axis];
     if (up ? x <= value : x < value) low = std::max(low, x);
     if (up ? x > value : x >= value) high = std::min(high, x);
   }
@@ -141,14 +164,14 @@ BlockEstimate::Split BlockEstimate::split_at_median(Range range, int axis) {
 double BlockEstimate::widest_spacing() const {
   if (places_.empty()) return 0;
   const double share = 1 / static_cast<double>(places_.size());
-  const dvec3 origin = places_[0].position;  // so that points in one place have no width at all
+  const dvec3 origin = places_[0].position();  // so that points in one place have no width at all
   dvec3 mean(0);
-  for (const Place& place : places_) mean += share * (place.position - origin);
+  for (const Place& place : places_) mean += share * (place.position() - origin);
   SpatialMoments points;
   points.mass = 1;
   SymmetricMatrix& s = points.covariance;
   for (const Place& place : places_) {
-    const dvec3 x = place.position - origin - mean;
+    const dvec3 x = place.position() - origin - mean;
     s.xx += share * x.x * x.x, s.yy += share * x.y * x.y, s.zz += share * x.z * x.z;
     s.xy += share * x.x * x.y, s.xz += share * x.x * x.z, s.yz += share * x.y * x.z;
   }
@@ -162,13 +185,13 @@ void BlockEstimate::cut_off_voids(Range neighbourhood, double widest) {
     lengths_.clear();
     for (std::uint32_t i = neighbourhood.begin; i < neighbourhood.end; ++i)
       if (boxes_[i].low[0] <= boxes_[i].high[0]) lengths_.push_back(boxes_[i].high[axis] - boxes_[i].low[axis]);
-    const auto middle = lengths_.begin() + static_cast<std::ptrdiff_t>(lengths_.size() / 2);
-    std::nth_element(lengths_.begin(), middle, lengths_.end());
+    const std::size_t middle = lengths_.size() / 2;
+    select_nth(std::span(lengths_), middle, std::less<>());
     // Points on a plane have nothing but voids beside them.
-    const double usual = widest > 0 ? std::min(*middle, longest_side * widest) : *middle;
+    const double usual = widest > 0 ? std::min(lengths_[middle], longest_side * widest) : lengths_[middle];
     for (std::uint32_t i = neighbourhood.begin; i < neighbourhood.end; ++i) {
       if (boxes_[i].low[0] > boxes_[i].high[0]) continue;
-      const double place = places_[i].position[axis];
+      const double place = places_[i][axis];
       double &low = boxes_[i].low[axis], &high = boxes_[i].high[axis];
       if (place - low > longest_side * usual) low = place - usual_side * usual;
       if (high - place > longest_side * usual) high = place + usual_side * usual;
@@ -181,9 +204,9 @@ void BlockEstimate::store_boxes(std::span<SpatialMoments> moments) const {
     const Box& box = boxes_[i];
     if (box.low[0] > box.high[0]) continue;
     const dvec3 size = box.high - box.low, square = size * size / 12.0;
-    SpatialMoments& own = moments[places_[i].point];
+    SpatialMoments& own = moments[places_[i].point()];
     own.mass = size.x * size.y * size.z;
-    own.centroid = (box.low - places_[i].position) + size / 2.0;
+    own.centroid = (box.low - places_[i].position()) + size / 2.0;
     own.covariance = {square.x, square.y, square.z, 0, 0, 0};
   }
 }
@@ -191,13 +214,13 @@ void BlockEstimate::store_boxes(std::span<SpatialMoments> moments) const {
 // Least squares in units of the range's widths, so that flat boxes do not matter. Directions in which its points do not
 // spread, such as those across a single column of thin cells, keep the gradient of the larger range round it.
 dvec3 BlockEstimate::fit_gradient(Range range, std::span<const double> values, const dvec3& around) const {
-  const dvec3 origin = places_[range.begin].position;
+  const dvec3 origin = places_[range.begin].position();
   dvec3 place_sum(0), widest(0);
   double used = 0, base = 0;
   for (std::uint32_t i = range.begin; i < range.end; ++i) {
-    const double value = values[places_[i].point];
+    const double value = values[places_[i].point()];
     if (std::isnan(value)) continue;
-    const dvec3 offset = places_[i].position - origin;
+    const dvec3 offset = places_[i].position() - origin;
     if (used == 0) base = value;
     place_sum += offset;
     widest = glm::max(widest, glm::abs(offset));
@@ -209,9 +232,9 @@ dvec3 BlockEstimate::fit_gradient(Range range, std::span<const double> values, c
   SymmetricMatrix normal;
   dvec3 right(0);
   for (std::uint32_t i = range.begin; i < range.end; ++i) {
-    const double value = values[places_[i].point];
+    const double value = values[places_[i].point()];
     if (std::isnan(value)) continue;
-    const dvec3 offset = places_[i].position - origin - center, x = offset * unit;
+    const dvec3 offset = places_[i].position() - origin - center, x = offset * unit;
     normal.xx += x.x * x.x, normal.yy += x.y * x.y, normal.zz += x.z * x.z;
     normal.xy += x.x * x.y, normal.xz += x.x * x.z, normal.yz += x.y * x.z;
     right += (value - base - glm::dot(around, offset)) * x;
@@ -226,12 +249,12 @@ void BlockEstimate::store_values(Range group, std::span<const double> values, co
                                  std::span<const SpatialMoments> moments, std::span<ValueMoments> result) const {
   double low = infinity, high = -infinity;
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
-    const double value = values[places_[i].point];
+    const double value = values[places_[i].point()];
     if (value < low) low = value;
     if (value > high) high = value;
   }
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
-    const std::uint32_t point = places_[i].point;
+    const std::uint32_t point = places_[i].point();
     const SpatialMoments& own = moments[point];
     if (std::isnan(values[point]) || own.mass == 0) continue;
     const SymmetricMatrix& s = own.covariance;

@@ -31,9 +31,14 @@ class BlockEstimate {
                 const BlockMaterial& result);
 
  private:
+  // Compared and moved as a whole: a vector in each.
   struct Place {
-    dvec3 position;       // less the block's lowest corner
-    std::uint64_t point;  // without padding behind it, so that a place is copied as two vectors
+    using Lanes [[gnu::vector_size(4 * sizeof(double))]] = double;
+    Lanes lanes;  // the position, less the block's lowest corner, and the point's number
+
+    double operator[](int axis) const { return lanes[axis]; }
+    [[nodiscard]] dvec3 position() const { return {lanes[0], lanes[1], lanes[2]}; }
+    [[nodiscard]] std::uint32_t point() const { return static_cast<std::uint32_t>(lanes[3]); }
   };
   struct Range {
     std::uint32_t begin, end;  // of places
@@ -47,6 +52,8 @@ class BlockEstimate {
     double plane;
   };
   [[nodiscard]] Split find_split(Range range, int axis);
+  using Indices [[gnu::vector_size(4 * sizeof(std::int64_t))]] = std::int64_t;
+  static void sort_few(std::span<Place> places, int axis);
   [[nodiscard]] Split split_at_gap(Range range, int axis);
   [[nodiscard]] Split split_at_median(Range range, int axis);
   [[nodiscard]] double widest_spacing() const;
