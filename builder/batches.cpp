@@ -1,6 +1,5 @@
 #include "builder/batches.h"
 
-#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -99,13 +98,12 @@ void Batches::take(std::size_t end, PointBatch& batch) const {
 }
 
 // A cell that goes on has its first part's material only: its points are all in one place.
-void Batches::estimate(PointBatch& batch) const {
+void Batches::estimate(PointBatch& batch) {
   const std::vector<PointCell>& blocks = batch.blocks;
   if (blocks.empty()) return;
   resize_material(batch);
-  tbb::enumerable_thread_specific<BlockEstimate> estimates;
   tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimates.local());
+    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimates_.local());
   });
 }
 
@@ -131,7 +129,7 @@ Result<bool> Batches::next(PointBatch& batch) {
   take(end, batch);
   for (auto* list : {&blocks, &cells})
     for (PointCell& cell : *list) cell.begin -= begin_, cell.end -= begin_;
-  if (!estimates_) blocks.clear();
+  if (!estimates_material_) blocks.clear();
   batch.first = given_;
   given_ += batch.size();
 

@@ -1,6 +1,8 @@
 // Batches of whole cells from a stream of points.
 #pragma once
 
+#include <tbb/enumerable_thread_specific.h>
+
 #include <cstdint>
 #include <functional>
 #include <utility>
@@ -25,7 +27,7 @@ class Batches {
   [[nodiscard]] std::uint64_t count() const { return ended_ ? given_ + held_.size() - begin_ : stream_.count(); }
 
   /// From now on points come with the blocks in which `estimate` is to find their material.
-  void estimate_material() { estimates_ = true; }
+  void estimate_material() { estimates_material_ = true; }
 
   /// From now on points come from `next`, with their material, and no longer from the stream, whose points and contract
   /// they have.
@@ -35,7 +37,7 @@ class Batches {
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
   /// Fills in the material of a batch that has blocks. Thread-safe, also beside next().
-  void estimate(PointBatch& batch) const;
+  void estimate(PointBatch& batch);
 
  private:
   [[nodiscard]] Status fill(std::size_t points);
@@ -47,7 +49,8 @@ class Batches {
   Box box_;    // round the points
   Cube cube_;  // of the octree
   std::size_t cell_points_;
-  bool estimates_ = false;
+  bool estimates_material_ = false;
+  tbb::enumerable_thread_specific<BlockEstimate> estimates_;
   PointBatch held_;
   std::size_t begin_ = 0;  // of the points that have not been given out; the one before is held as well
   bool ended_ = false;

@@ -99,6 +99,8 @@ void RowStreams::add_splat(std::size_t step, const SplatRow& splat, std::uint64_
     at.wanted = false;
     return;
   }
+  // Most steps come to none or to all that are allowed; pages that are not written to take no memory.
+  if (at.shapes.empty()) at.shapes.reserve(fitted_splats_), at.begins.reserve(fitted_splats_ + 1);
   at.shapes.push_back({splat.centroid, splat.shape});
   at.begins.push_back(first_part);
 }
