@@ -29,13 +29,13 @@ ZSTD_DCtx* decompressor() {
 std::uint64_t hash_bytes(std::span<const std::byte> bytes) { return XXH3_64bits(bytes.data(), bytes.size()); }
 
 Bytes pack(std::span<const std::byte> raw) {
-  Bytes packed(ZSTD_compressBound(raw.size()));
+  thread_local Bytes packed;  // so that what is given out is no larger than it must be
+  packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size())));
   const std::size_t size =
       ZSTD_compressCCtx(compressor(), packed.data(), packed.size(), raw.data(), raw.size(), compression_level);
   if (ZSTD_isError(size) || size >= raw.size() || raw.size() > max_ratio * size + ratio_slack)
     return Bytes(raw.begin(), raw.end());
-  packed.resize(size);
-  return packed;
+  return Bytes(packed.begin(), packed.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
 Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {

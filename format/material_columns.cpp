@@ -13,34 +13,68 @@
 namespace splatvol::format {
 namespace {
 
+// --- Numbers of several splats side by side.
+
+constexpr std::size_t lanes = 4;
+using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
+using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::uint64_t;
+using Mask [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
+
+inline Lanes at_least(double low, const Lanes& x) { return x < low ? Lanes{} + low : x; }
+inline Lanes at_most(double high, const Lanes& x) { return x > high ? Lanes{} + high : x; }
+inline Lanes larger(const Lanes& x, const Lanes& y) { return x > y ? x : y; }
+inline Lanes magnitude(const Lanes& x) { return std::bit_cast<Lanes>(std::bit_cast<LaneBits>(x) << 1 >> 1); }
+inline Lanes root(Lanes x) {
+  for (std::size_t l = 0; l < lanes; ++l) x[l] = std::sqrt(x[l]);
+  return x;
+}
+inline bool any(const Mask& mask) { return (mask[0] | mask[1] | mask[2] | mask[3]) != 0; }
+
+// Above it, doubles are integers.
+constexpr double integers = 0x1.8p52;
+inline Lanes rounded(const Lanes& x) { return (x + integers) - integers; }
+inline LaneBits nearest_integers(const Lanes& x) {
+  return std::bit_cast<LaneBits>(x + integers) - std::bit_cast<std::uint64_t>(integers);
+}
+
 // --- Log codes: 0, or scale 2^((code - 65535) / 128).
 
 constexpr unsigned codes_per_octave = 128;
 constexpr unsigned largest_log_code = 65535;
 
-// Within 1e-8 of the logarithm to base 2, exact for powers of two; the library's is a call.
-inline double fast_log2(double number) {
-  if (!(number >= std::numeric_limits<double>::min())) return std::log2(number);
+// Within 1e-8 of the logarithm to base 2, exact for powers of two; the library's is a call. Requires normal numbers.
+inline Lanes normal_log2(const Lanes& numbers) {
   constexpr unsigned mantissa_bits = 52;
   constexpr std::uint64_t root = std::bit_cast<std::uint64_t>(0.5 * std::numbers::sqrt2);
+  constexpr std::uint64_t bias = 1024;
   // number = mantissa 2^exponent with sqrt(1/2) <= mantissa < sqrt(2), and ln(mantissa) = 2 artanh(s).
-  const auto bits = std::bit_cast<std::uint64_t>(number);
-  const std::uint64_t exponent = (bits - root) >> mantissa_bits << mantissa_bits;
-  const double mantissa = std::bit_cast<double>(bits - exponent);
-  const double s = (mantissa - 1) / (mantissa + 1), x = s * s;
-  const double series = 1 + x * (1.0 / 3 + x * (1.0 / 5 + x * (1.0 / 7 + x * (1.0 / 9))));
-  return static_cast<double>(static_cast<std::int64_t>(exponent) >> mantissa_bits) +
+  const auto bits = std::bit_cast<LaneBits>(numbers);
+  const LaneBits exponent = (bits - root) >> mantissa_bits << mantissa_bits;
+  const Lanes mantissa = std::bit_cast<Lanes>(bits - exponent);
+  const LaneBits octaves = (exponent + (bias << mantissa_bits)) >> mantissa_bits;
+  const Lanes s = (mantissa - 1) / (mantissa + 1), x = s * s;
+  const Lanes series = 1 + x * (1.0 / 3 + x * (1.0 / 5 + x * (1.0 / 7 + x * (1.0 / 9))));
+  constexpr double above = 0x1p52;  // where doubles count by ones
+  return std::bit_cast<Lanes>(octaves | std::bit_cast<std::uint64_t>(above)) - (above + bias) +
          2 * std::numbers::log2e * s * series;
+}
+
+constexpr double least_normal = std::numeric_limits<double>::min();
+
+inline double fast_log2(double number) {
+  return number >= least_normal ? normal_log2(Lanes{} + number)[0] : std::log2(number);
 }
 
 class LogEncoder {
  public:
   explicit LogEncoder(double scale) : log_scale_(fast_log2(scale)) {}
 
-  std::uint16_t operator()(double number) const {
-    if (!(number > 0)) return 0;
-    const double code = largest_log_code + codes_per_octave * (fast_log2(number) - log_scale_);
-    return static_cast<std::uint16_t>(nearest_integer(std::clamp(code, 1.0, double{largest_log_code})));
+  [[nodiscard]] LaneBits operator()(const Lanes& numbers) const {
+    Lanes logs = normal_log2(numbers);
+    if (any((numbers > 0) & (numbers < least_normal)))
+      for (std::size_t l = 0; l < lanes; ++l) logs[l] = fast_log2(numbers[l]);
+    const Lanes code = largest_log_code + codes_per_octave * (logs - log_scale_);
+    return numbers > 0 ? nearest_integers(at_least(1, at_most(largest_log_code, code))) : LaneBits{};
   }
 
  private:
@@ -89,22 +123,6 @@ int bits_of_component(int width) { return (8 * width - 2) / 3; }
 // Zero in the middle: axes that are those of space come back exactly.
 std::int64_t middle_code(int bits) { return (std::int64_t{1} << (bits - 1)) - 1; }
 
-std::uint64_t orientation_code(const glm::dquat& q, int bits) {
-  const double x = std::abs(q.x), y = std::abs(q.y), z = std::abs(q.z), w = std::abs(q.w);
-  const bool late = std::max(z, w) > std::max(x, y);
-  const unsigned largest = late ? (w > z ? 3u : 2u) : (y > x ? 1u : 0u);
-  const double left_out = late ? (w > z ? q.w : q.z) : (y > x ? q.y : q.x);
-  const double others[3] = {largest == 0 ? q.y : q.x, largest <= 1 ? q.z : q.y, largest <= 2 ? q.w : q.z};
-  const std::int64_t middle = middle_code(bits);
-  const double scale = static_cast<double>(middle) / std::copysign(largest_component, left_out);
-  std::uint64_t code = largest;
-  for (int k = 0; k < 3; ++k) {
-    const std::int64_t steps = std::clamp<std::int64_t>(nearest_integer(others[k] * scale), -middle, middle);
-    code |= static_cast<std::uint64_t>(steps + middle) << (2 + k * bits);
-  }
-  return code;
-}
-
 glm::dquat orientation_of(std::uint64_t code, int bits) {
   const std::int64_t middle = middle_code(bits), mask = (std::int64_t{1} << bits) - 1;
   const double step = largest_component / static_cast<double>(middle);
@@ -122,28 +140,51 @@ glm::dquat orientation_of(std::uint64_t code, int bits) {
   return glm::dquat(w, x, y, z) * (1 / std::sqrt(std::max(1.0, squares)));
 }
 
-// Whether the end of each axis moves towards a shorter one by little, measured by that one's deviation.
-bool stays_near(const SplatShape& shape, const glm::dquat& stored) {
-  const glm::dquat turn = glm::conjugate(shape.orientation) * stored;
-  const dvec3 angles = 2.0 * glm::abs(dvec3(turn.x, turn.y, turn.z));
-  const dvec3& d = shape.deviations;
-  return angles.z * d[0] <= tilt_tolerance * d[1] && angles.y * d[0] <= tilt_tolerance * d[2] &&
-         angles.x * d[1] <= tilt_tolerance * d[2];
-}
+// Shapes, number by number.
+struct ShapeLanes {
+  Lanes x, y, z, w;  // orientations
+  Lanes deviations[3], mass;
 
-// In the fewest bytes with which all of them stay near; returns how many.
-int encode_orientations(std::span<const SplatShape> shapes, std::span<std::uint64_t> codes) {
-  const auto encode = [&](std::size_t i, int bits) {
-    codes[i] = orientation_code(shapes[i].orientation, bits);
-    return stays_near(shapes[i], orientation_of(codes[i], bits));
-  };
-  int width = min_orientation_width;
-  for (std::size_t i = 0; i < shapes.size();) {
-    const bool enough = encode(i, bits_of_component(width)) || width == max_orientation_width;
-    i = enough ? i + 1 : 0;
-    width += enough ? 0 : 1;
+  // Of the first four, or of fewer, the last of them again.
+  explicit ShapeLanes(std::span<const SplatShape> shapes) {
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const SplatShape& shape = shapes[std::min(l, shapes.size() - 1)];
+      x[l] = shape.orientation.x, y[l] = shape.orientation.y, z[l] = shape.orientation.z, w[l] = shape.orientation.w;
+      for (int k = 0; k < 3; ++k) deviations[k][l] = shape.deviations[k];
+      mass[l] = shape.mass;
+    }
   }
-  return width;
+};
+
+// Whether the end of each axis moves towards a shorter one by little, measured by that one's deviation, where
+// orientation_of finds the axes.
+bool encode_orientations(const ShapeLanes& shapes, int bits, LaneBits& codes) {
+  const auto middle = static_cast<double>(middle_code(bits));
+  const Lanes &qx = shapes.x, &qy = shapes.y, &qz = shapes.z, &qw = shapes.w;
+  const Lanes x = magnitude(qx), y = magnitude(qy), z = magnitude(qz), w = magnitude(qw);
+  const Mask late = larger(z, w) > larger(x, y), odd = late ? w > z : y > x;
+  const Mask is_x = ~late & ~odd, is_y = ~late & odd, is_z = late & ~odd, is_w = late & odd;  // the largest
+  const Lanes left_out = late ? (odd ? qw : qz) : (odd ? qy : qx);
+  const Lanes scale = middle / (left_out < 0 ? Lanes{} - largest_component : Lanes{} + largest_component);
+  const auto steps = [&](const Lanes& component) {
+    return at_least(-middle, at_most(middle, rounded(component * scale)));
+  };
+  const Lanes first = steps(is_x ? qy : qx), second = steps(late ? qy : qz), third = steps(is_w ? qz : qw);
+  const auto field = [&](const Lanes& number, int k) { return nearest_integers(number + middle) << (2 + k * bits); };
+  codes = std::bit_cast<LaneBits>((late & 2) | (odd & 1)) | field(first, 0) | field(second, 1) | field(third, 2);
+
+  const double step = largest_component / middle;
+  const Lanes a = step * first, b = step * second, c = step * third, squares = a * a + b * b + c * c;
+  const Lanes rest = root(at_least(0, 1 - squares)), factor = 1 / root(at_least(1, squares));
+  const Lanes sx = factor * (is_x ? rest : a), sy = factor * (is_x ? a : is_y ? rest : b);
+  const Lanes sz = factor * (is_w ? c : is_z ? rest : b), sw = factor * (is_w ? rest : c);
+  // Angles: twice the vector part of conjugate(q) s.
+  const Lanes tx = 2 * magnitude(qw * sx - qx * sw - qy * sz + qz * sy);
+  const Lanes ty = 2 * magnitude(qw * sy - qy * sw - qz * sx + qx * sz);
+  const Lanes tz = 2 * magnitude(qw * sz - qz * sw - qx * sy + qy * sx);
+  const auto& d = shapes.deviations;
+  return !any(~((tz * d[0] <= tilt_tolerance * d[1]) & (ty * d[0] <= tilt_tolerance * d[2]) &
+                (tx * d[1] <= tilt_tolerance * d[2])));
 }
 
 // --- Boundaries and densities.
@@ -282,8 +323,17 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
     header.mass_scale = std::max(header.mass_scale, shape.mass);
     header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
   }
+  // In the fewest bytes with which all of them stay near.
   std::vector<std::uint64_t> orientations(shapes.size());
-  const int width = encode_orientations(shapes, orientations);
+  int width = min_orientation_width;
+  for (std::size_t i = 0; i < shapes.size();) {
+    LaneBits codes;
+    const bool enough = encode_orientations(ShapeLanes(shapes.subspan(i)), bits_of_component(width), codes) ||
+                        width == max_orientation_width;
+    for (std::size_t l = 0; l < lanes && i + l < shapes.size(); ++l) orientations[i + l] = codes[l];
+    i = enough ? i + lanes : 0;
+    width += enough ? 0 : 1;
+  }
   header.orientation_width = static_cast<std::uint8_t>(width);
 
   // Splats of one form have masses in proportion to the product of their deviations: what is left varies little.
@@ -291,15 +341,19 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
   PlanesOf<std::int16_t, 3> boundaries(shapes.size());
   PlanesOf<std::uint8_t, 1> densities(shapes.size());
   const LogEncoder mass_code(header.mass_scale), deviation_code(header.deviation_scale);
-  for (std::size_t i = 0; i < shapes.size(); ++i) {
-    const SplatShape& shape = shapes[i];
-    unsigned mass = mass_code(shape.mass);
-    for (int k = 0; k < 3; ++k) {
-      mass -= sizes[k + 1][i] = deviation_code(shape.deviations[k]);
-      boundaries[k][i] = boundary_code(shape.boundary[k]);
+  for (std::size_t i = 0; i < shapes.size(); i += lanes) {
+    const ShapeLanes numbers(shapes.subspan(i));
+    const LaneBits codes[3] = {deviation_code(numbers.deviations[0]), deviation_code(numbers.deviations[1]),
+                               deviation_code(numbers.deviations[2])};
+    const LaneBits mass = mass_code(numbers.mass) - codes[0] - codes[1] - codes[2];
+    for (std::size_t l = 0; l < lanes && i + l < shapes.size(); ++l) {
+      sizes[0][i + l] = static_cast<std::uint16_t>(mass[l]);
+      for (int k = 0; k < 3; ++k) sizes[k + 1][i + l] = static_cast<std::uint16_t>(codes[k][l]);
     }
-    sizes[0][i] = static_cast<std::uint16_t>(mass);
-    densities[0][i] = density_code(shape.density);
+  }
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
+    densities[0][i] = density_code(shapes[i].density);
   }
 
   Bytes payload;
@@ -328,9 +382,15 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
   PlanesOf<std::int8_t, 3> correlations(present.size());
   PlanesOf<std::uint8_t, 2> shares(present.size());  // residual, coverage
   const LogEncoder deviation_code(header.deviation_scale);
+  for (std::size_t i = 0; i < present.size(); i += lanes) {
+    Lanes numbers{};
+    for (std::size_t l = 0; l < lanes && i + l < present.size(); ++l) numbers[l] = present[i + l].deviation;
+    const LaneBits codes = deviation_code(numbers);
+    for (std::size_t l = 0; l < lanes && i + l < present.size(); ++l)
+      deviations[0][i + l] = static_cast<std::uint16_t>(codes[l]);
+  }
   for (std::size_t i = 0; i < present.size(); ++i) {
     const SplatValue& value = present[i];
-    deviations[0][i] = deviation_code(value.deviation);
     for (int k = 0; k < 3; ++k) correlations[k][i] = signed_code(value.correlation[k]);
     shares[0][i] = share_code(value.residual);
     shares[1][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
