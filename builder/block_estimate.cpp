@@ -70,6 +70,10 @@ void BlockEstimate::split(Range range, const Box& box, Level level) {
     groups_.push_back(range);
     level.in_group = true;
   }
+  if (count == 1) {
+    boxes_[range.begin] = box;
+    return;
+  }
   Place low = places_[range.begin], high = low;
   for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
     const Place::Lanes& lanes = places_[i].lanes;
@@ -139,9 +143,8 @@ void BlockEstimate::sort_few(std::span<Place> places, int axis) {
 BlockEstimate::Split BlockEstimate::split_at_median(Range range, int axis) {
   const auto first = places_.begin() + range.begin, last = places_.begin() + range.end;
   const auto middle = first + (last - first) / 2;
-  select_nth(std::span(first, last), static_cast<std::size_t>(middle - first), [axis](const Place& a, const Place& b) {
-    return ((a[axis] < b[axis]) | ((a[axis] == b[axis]) & (a[3] < b[3]))) != 0;
-  });
+  select_nth(std::span(first, last), static_cast<std::size_t>(middle - first),
+             [axis](const Place& a, const Place& b) { return a[axis] < b[axis]; });
   const double value = (*middle)[axis];
   double below = -infinity;
   for (auto place = first; place != middle; ++place) below = std::max(below, (*place)[axis]);

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstddef>
 #include <span>
@@ -32,10 +31,13 @@ void select_nth(std::span<T> items, std::size_t nth, const Less& less) {
       std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(nth), items.end(), less);
       return;
     }
-    std::array<T, 5> samples;
-    for (std::size_t s = 0; s < samples.size(); ++s) samples[s] = items[(2 * s + 1) * items.size() / 10];
-    std::ranges::sort(samples, less);
-    const T pivot = samples[2];
+    const auto median = [&](const T& a, const T& b, const T& c) -> const T& {
+      const bool ab = less(a, b), bc = less(b, c), ac = less(a, c);
+      return ab == bc ? b : ab == ac ? c : a;
+    };
+    const auto sample = [&](std::size_t s) -> const T& { return items[(2 * s + 1) * items.size() / 18]; };
+    const T pivot = median(median(sample(0), sample(3), sample(6)), median(sample(1), sample(4), sample(7)),
+                           median(sample(2), sample(5), sample(8)));
     const std::size_t smaller = partition([&](const T& item) { return less(item, pivot); });
     // With none smaller, what equals the pivot is moved.
     const std::size_t front = smaller > 0 ? smaller : partition([&](const T& item) { return !less(pivot, item); });
