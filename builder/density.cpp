@@ -113,18 +113,23 @@ double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
   return ellipsoid.peak * static_cast<double>((sums[0] + sums[1]) + (sums[2] + sums[3]));
 }
 
+// A box, inside out at first.
 struct Bounds {
-  dvec3 low{std::numeric_limits<double>::infinity()};
-  dvec3 high{-std::numeric_limits<double>::infinity()};
+  using Lanes [[gnu::vector_size(4 * sizeof(double))]] = double;
+  Lanes low = Lanes{} + std::numeric_limits<double>::infinity(), high = -low;  // the fourth is not used
+
+  Bounds() = default;
+  Bounds(const dvec3& centre, const dvec3& reach)
+      : low{centre.x - reach.x, centre.y - reach.y, centre.z - reach.z, 0},
+        high{centre.x + reach.x, centre.y + reach.y, centre.z + reach.z, 0} {}
 
   void include(const Bounds& other) {
-    low = glm::min(low, other.low);
-    high = glm::max(high, other.high);
+    low = other.low < low ? other.low : low;
+    high = other.high > high ? other.high : high;
   }
   [[nodiscard]] bool meets(const Bounds& other) const {
-    bool all = true;
-    for (int k = 0; k < 3; ++k) all = all & (low[k] <= other.high[k]) & (other.low[k] <= high[k]);
-    return all;
+    const auto all = (low <= other.high) & (other.low <= high);
+    return (all[0] & all[1] & all[2]) != 0;
   }
 };
 
@@ -139,8 +144,7 @@ class BoxTree {
 
   BoxTree(std::span<const Ellipsoid> ellipsoids, std::span<const std::uint32_t> members) {
     members_.reserve(members.size());
-    for (const std::uint32_t i : members)
-      members_.push_back({{ellipsoids[i].centre - ellipsoids[i].reach, ellipsoids[i].centre + ellipsoids[i].reach}, i});
+    for (const std::uint32_t i : members) members_.push_back({{ellipsoids[i].centre, ellipsoids[i].reach}, i});
     for (std::size_t count = members.size(); levels_.empty() || count > 1;) {
       std::vector<Bounds> above((count + fan - 1) / fan);
       for (std::size_t i = 0; i < count; ++i)
@@ -281,7 +285,7 @@ class DensityFit {
       look.lattices_end = search.lattices.size();
       for (; lattice < look.lattices_end; ++lattice) {
         const Lattice& at = search.lattices[lattice];
-        look.bounds.include({at.origin - at.reach, at.origin + at.reach});
+        look.bounds.include({at.origin, at.reach});
         for (const float weight : at.weights) look.samples += static_cast<double>(weight);
       }
     }

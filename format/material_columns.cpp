@@ -352,7 +352,8 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
     }
   }
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
+    if (shapes[i].boundary != dvec3(0))
+      for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
     densities[0][i] = density_code(shapes[i].density);
   }
 
