@@ -113,7 +113,7 @@ BlockEstimate::Split BlockEstimate::split_at_gap(Range range, int axis) {
   for (std::uint32_t i = range.begin + 1; i < range.end; ++i) {
     const double gap = places_[i][axis] - places_[i - 1][axis];
     const double score = gap * std::min(i - range.begin, range.end - i);
-    const bool better = static_cast<int>(gap > 0) & static_cast<int>(score > best_score);
+    const bool better = (gap > 0) & (score > best_score);
     best = better ? i : best;
     best_score = better ? score : best_score;
   }

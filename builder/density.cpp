@@ -253,8 +253,7 @@ class DensityFit {
     std::vector<Lattice> lattices;
     std::vector<Look> looks;  // [splat of the block]
     std::vector<BoxTree::Member> found;
-    std::vector<std::uint32_t>
-        candidates;  // of those: for a range of splats, behind the candidates of the range round it
+    std::vector<std::uint32_t> candidates;  // of those: for a range of splats, behind those of the range round it
   };
 
   void find_views() {

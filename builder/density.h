@@ -18,7 +18,7 @@ struct PlacedShape {
 
 /// Fits the shapes' densities. Ellipsoids that overlap do not add up to the same density everywhere: they ripple, most
 /// where large cells meet small ones. The factors make the mean of the density within each splat's own material 1, what
-/// the material has since a splat's mass is its volume, and keep the mass of every neighbourhood. About 400 bytes a
+/// the material has since a splat's mass is its volume, and keep the mass of every neighbourhood. About 450 bytes a
 /// splat while it runs. Requires splats in Morton order, fewer than 2^32. Does not depend on the number of threads.
 ///
 /// `parts`: the splats of the next finer resolution, those of splats[i] from begins[i] to begins[i + 1], where the
