@@ -6,21 +6,25 @@
 #include <span>
 
 #include "base/math.h"
+#include "builder/boundary.h"
 #include "builder/moments.h"
 
 namespace splatvol {
 
 /// Where the parts of a point lie in its record: position, a value for each attribute, and, with material, whether a
-/// cell uses it, its moments and, for each attribute, the moments of its values and a gradient of any length.
+/// cell uses it, its moments and, for each attribute, the moments of its values and a gradient of any length; then,
+/// with planes, its plane.
 class PointRecords {
  public:
-  PointRecords(std::size_t attributes, bool single_precision, bool material)
-      : attributes_(attributes), single_(single_precision), material_(material) {}
+  PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false)
+      : attributes_(attributes), single_(single_precision), material_(material), planes_(planes) {}
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
   [[nodiscard]] bool has_material() const { return material_; }
+  [[nodiscard]] bool has_planes() const { return planes_; }
   [[nodiscard]] std::size_t bytes() const {
-    return number_bytes() * (3 + attributes_) + (material_ ? material_bytes() : 0);
+    return number_bytes() * (3 + attributes_) + (material_ ? material_bytes() : 0) +
+           (planes_ ? sizeof(BoundaryPlane) : 0);
   }
 
   [[nodiscard]] dvec3 position(const std::byte* record) const {
@@ -61,6 +65,14 @@ class PointRecords {
     write(record, value_offset(attribute), part);
   }
 
+  /// With planes only.
+  [[nodiscard]] BoundaryPlane plane(const std::byte* record) const {
+    return read<BoundaryPlane>(record, value_offset(attributes_));
+  }
+  void set_plane(std::byte* record, const BoundaryPlane& plane) const {
+    write(record, value_offset(attributes_), plane);
+  }
+
  private:
   template <class T>
   static T read(const std::byte* record, std::size_t offset) {
@@ -93,6 +105,7 @@ class PointRecords {
   std::size_t attributes_;
   bool single_;
   bool material_;
+  bool planes_;
 };
 
 }  // namespace splatvol

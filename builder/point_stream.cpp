@@ -161,6 +161,10 @@ class PieceReader {
         layout_.set_value(record, a, present_or_nan(piece.values[a][kept[k]]));
     });
     find_ranges(kept, piece);
+    if (layout_.has_material() && piece.material) {
+      add_material(*piece.material, kept);
+      return {};
+    }
     if (layout_.has_material() && !piece.tetrahedra.empty()) return add_material(piece, kept);
     census_.in_no_cell += kept.size();
     return {};
@@ -178,6 +182,17 @@ class PieceReader {
         if (value > high_[a]) high_[a] = value;
       }
     }
+  }
+
+  void add_material(const PointMaterial& material, const std::vector<std::size_t>& kept) {
+    has_material_ = true;
+    tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
+      std::byte* record = records_.data() + k * layout_.bytes();
+      layout_.set_vertex(record, {1.0, material.moments[kept[k]]});
+      for (std::size_t a = 0; a < layout_.attributes(); ++a)
+        layout_.set_value_part(record, a, {material.value_moments[a][kept[k]], material.gradients[a][kept[k]]});
+      if (!material.planes.empty()) layout_.set_plane(record, material.planes[kept[k]]);
+    });
   }
 
   Status add_material(const Piece& piece, const std::vector<std::size_t>& kept) {
@@ -293,8 +308,8 @@ PointStream::PointStream(PointRecords layout, InputSummary summary, ExternalSort
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
                                         const std::function<void(double)>& progress) {
-  const PointRecords layout(source.attributes().size(), source.single_precision(),
-                            use_cells && source.may_have_cells());
+  const PointRecords layout(source.attributes().size(), source.single_precision(), use_cells && source.may_have_cells(),
+                            use_cells && source.brings_material());
   const std::size_t face_memory = std::max(memory / 8, ExternalSorter::least_memory(sizeof(Face)));
   PieceReader reader(source, layout, face_memory, folder);
 
@@ -443,6 +458,7 @@ void PointStream::append(std::size_t i, PointBatch& batch) const {
     batch.value_moments[a].push_back(part.moments);
     batch.gradients[a].push_back(part.gradient);
   }
+  if (layout_.has_planes()) batch.planes.push_back(layout_.plane(at));
 }
 
 // Two copies of a vertex own what each piece gives them.

@@ -13,6 +13,7 @@
 #include "builder/generator.h"
 #include "builder/npy_header.h"
 #include "builder/npy_source.h"
+#include "builder/vdb_source.h"
 #include "builder/vtk_reader.h"
 #include "builder/vtk_source.h"
 
@@ -21,7 +22,7 @@ namespace {
 
 /// What the first bytes of a file say that it is.
 struct FileHeader {
-  enum class Format { vtk_xml, vtk_legacy, npy, other };
+  enum class Format { vtk_xml, vtk_legacy, npy, vdb, other };
   Format format = Format::other;
   std::string type;  // of an XML file: "UnstructuredGrid", ...
   int major = 0;
@@ -71,6 +72,10 @@ Result<FileHeader> read_header(const std::string& path) {
     header.format = FileHeader::Format::npy;
     return header;
   }
+  if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
+    header.format = FileHeader::Format::vdb;
+    return header;
+  }
   constexpr std::string_view legacy_start = "# vtk DataFile Version ";
   if (text.starts_with(legacy_start)) {
     header.format = FileHeader::Format::vtk_legacy;
@@ -118,6 +123,8 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   SPLATVOL_TRY_ASSIGN(header, read_header(path));
   if (header.format == FileHeader::Format::npy)
     return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
+  if (header.format == FileHeader::Format::vdb)
+    return fail(ErrorCode::invalid_argument, "{}: a .vdb file among meshes", path);
   if (header.format == FileHeader::Format::other)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
@@ -164,16 +171,17 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
-/// The VTK and .npy files in a folder, by their extensions.
+/// The VTK, .npy and .vdb files in a folder, by their extensions.
 Result<std::vector<std::string>> list_folder(const std::string& folder) {
   std::error_code error;
   std::vector<std::string> names;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    if ((has_vtk_extension(name) || name.ends_with(".npy")) && !name.starts_with('.')) names.push_back(name);
+    const bool known = has_vtk_extension(name) || name.ends_with(".npy") || name.ends_with(".vdb");
+    if (known && !name.starts_with('.')) names.push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
-  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without VTK or .npy files", folder);
+  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without VTK, .npy or .vdb files", folder);
   // Names that differ in leading zeros only are told apart by their bytes.
   std::ranges::sort(names, [](const std::string& a, const std::string& b) {
     return name_before(a, b) || (!name_before(b, a) && a < b);
@@ -232,11 +240,13 @@ Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inpu
   if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
+  if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection);
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
     if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection);
-    return fail(ErrorCode::invalid_argument,
-                "{}: neither a VTK nor a .npy file; a PLOT3D grid needs its solution as the second of two files",
-                paths[0]);
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
+        paths[0]);
   }
 
   std::vector<VtkFile> files;

@@ -11,6 +11,8 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "builder/boundary.h"
+#include "builder/moments.h"
 
 namespace splatvol {
 
@@ -31,11 +33,20 @@ struct CellCensus {
 /// Most points in a piece of an input that is not partitioned by itself.
 inline constexpr std::size_t max_piece_points = std::size_t{1} << 18;
 
+/// What points stand for, where their source knows it; planes as boundary_planes finds them, or none at all.
+struct PointMaterial {
+  std::vector<SpatialMoments> moments;                   // [point]
+  std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][point]
+  std::vector<std::vector<dvec3>> gradients;             // [attribute][point], of any length; 0: none
+  std::vector<BoundaryPlane> planes;                     // [point]
+};
+
 /// A part of the input, small enough to hold.
 struct Piece {
   std::vector<dvec3> points;
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
+  std::optional<PointMaterial> material;                 // instead of tetrahedra; only where Source::brings_material()
   CellCensus census;
 };
 
@@ -61,8 +72,11 @@ class Source {
   /// Points in all; nothing where only reading tells.
   [[nodiscard]] virtual std::optional<std::uint64_t> point_count() const { return std::nullopt; }
 
-  /// Whether a piece may have tetrahedra.
+  /// Whether a piece may have tetrahedra or bring its material.
   [[nodiscard]] virtual bool may_have_cells() const { return true; }
+
+  /// Whether every piece brings its material.
+  [[nodiscard]] virtual bool brings_material() const { return false; }
 
   /// Whether single precision holds every coordinate and value exactly.
   [[nodiscard]] virtual bool single_precision() const { return false; }
@@ -75,9 +89,9 @@ struct SourceOptions {
 
 /// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are
 /// pieces of one data set; .npy files, several of which are one point set (builder/npy_source.h); a PLOT3D grid and its
-/// solution as two paths in this order; or "gen:..." for one that is made up (builder/generator.h). A folder stands for
-/// the VTK and .npy files in it by their extensions, in the order of their names, numbers in these by size; pieces that
-/// a .pvtu names are read once.
+/// solution as two paths in this order; OpenVDB files (builder/vdb_source.h); or "gen:..." for one that is made up
+/// (builder/generator.h). A folder stands for the VTK, .npy and .vdb files in it by their extensions, in the order of
+/// their names, numbers in these by size; pieces that a .pvtu names are read once.
 ///
 /// Cells become tetrahedra (builder/tetrahedra.h). Hidden cells and ghost copies are left out, with the points that
 /// only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN;
@@ -85,7 +99,7 @@ struct SourceOptions {
 ///
 /// Fails where a file is missing, damaged, of a kind or version that cannot be read right, has no point data, or lacks
 /// a selected attribute (the message lists those that are there), and where columns are named of files that have none.
-/// Safe on untrusted files as far as VTK's readers are.
+/// Safe on untrusted files as far as VTK's and OpenVDB's readers are.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 

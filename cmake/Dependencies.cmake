@@ -19,6 +19,15 @@ pkg_check_modules(EGL REQUIRED IMPORTED_TARGET egl)
 pkg_check_modules(IMGUI REQUIRED IMPORTED_TARGET imgui)
 find_package(glfw3 REQUIRED)
 
+# OpenVDB's own module asks for development packages of what its library alone needs.
+find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h REQUIRED)
+find_library(OPENVDB_LIBRARY openvdb REQUIRED)
+add_library(OpenVDB::openvdb UNKNOWN IMPORTED)
+set_target_properties(OpenVDB::openvdb PROPERTIES
+  IMPORTED_LOCATION ${OPENVDB_LIBRARY}
+  INTERFACE_INCLUDE_DIRECTORIES ${OPENVDB_INCLUDE_DIR}
+  INTERFACE_LINK_LIBRARIES TBB::tbb)
+
 # VTK 9.1's package asks for MPI's targets without finding them itself.
 find_package(MPI QUIET)
 find_package(VTK 9.1 REQUIRED COMPONENTS CommonCore CommonDataModel CommonExecutionModel IOXML IOLegacy IOParallel IOXMLParser IOCore)

@@ -1,7 +1,7 @@
 # Fails where a source includes a header of a layer that its own layer may not know. Run: cmake -D ROOT=... -P layers.cmake
 cmake_minimum_required(VERSION 3.25)
 
-set(layers base scene reference format builder streamer renderer viewer tools)
+set(layers base scene reference format builder exporter streamer renderer viewer tools)
 
 # What each layer may include, besides itself.
 set(base_knows)
@@ -9,10 +9,11 @@ set(scene_knows base)
 set(reference_knows base scene)
 set(format_knows base)
 set(builder_knows base format)
+set(exporter_knows base format)
 set(streamer_knows base scene format)
 set(renderer_knows base scene streamer)
 set(viewer_knows base scene format streamer renderer)
-set(tools_knows base scene reference format builder streamer renderer viewer)
+set(tools_knows base scene reference format builder exporter streamer renderer viewer)
 
 # OpenGL is the business of the renderer, the viewer and the programs alone.
 set(gl_folders epoxy EGL GL GLES3 GLFW)

@@ -1,0 +1,126 @@
+#include "exporter/splat_reader.h"
+
+#include <fmt/ranges.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+namespace splatvol {
+
+using format::ColumnKind;
+
+namespace {
+
+constexpr std::size_t held_pages = 8;
+constexpr std::uint64_t groups_at_once = 32;
+
+}  // namespace
+
+Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
+                               const std::vector<std::string>& attributes, const Box& box) {
+  const format::VolumeInfo& info = volume.info();
+  ExportSelection selection;
+  selection.box = box;
+  selection.resolution = resolution.value_or(info.resolutions() - 1);
+  if (selection.resolution >= info.resolutions())
+    return fail(ErrorCode::invalid_argument, "{}: no resolution {}; the finest is {}", volume.name(),
+                selection.resolution, info.resolutions() - 1);
+  for (const std::string& name : attributes) {
+    const int attribute = info.find_attribute(name);
+    std::vector<std::string> names;
+    for (const format::Attribute& known : info.attributes) names.push_back(known.name);
+    if (attribute < 0)
+      return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", volume.name(), name,
+                  fmt::join(names, ", "));
+    selection.attributes.push_back(static_cast<std::size_t>(attribute));
+  }
+  if (attributes.empty()) {
+    selection.attributes.resize(info.attributes.size());
+    std::iota(selection.attributes.begin(), selection.attributes.end(), std::size_t{0});
+  }
+  bool complete = info.find_column(ColumnKind::centroid) >= 0 && info.find_column(ColumnKind::moments) >= 0;
+  for (const std::size_t a : selection.attributes)
+    complete = complete && info.find_column(ColumnKind::value_moments, static_cast<int>(a)) >= 0;
+  if (!complete)
+    return fail(ErrorCode::unsupported, "{}: no splat moments in it: svbuild of this version writes them",
+                volume.name());
+  return selection;
+}
+
+std::uint64_t SplatReader::group_count() const {
+  const format::RowLayout& rows = volume_.rows();
+  return rows.first_row(selection_.resolution + 1) - rows.first_row(selection_.resolution);
+}
+
+Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row) const {
+  const std::uint64_t number = volume_.directory_page_of_row(row);
+  const std::uint64_t first_row = number * volume_.info().rows_per_directory_page;
+  const std::scoped_lock lock(mutex_);
+  auto found = std::ranges::find(pages_, first_row, &format::DirectoryPage::first_row);
+  if (found == pages_.end()) {
+    SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+    if (pages_.size() == held_pages) pages_.erase(pages_.begin());
+    pages_.push_back(std::make_shared<const format::DirectoryPage>(std::move(page)));
+    return pages_.back();
+  }
+  std::rotate(found, found + 1, pages_.end());
+  return pages_.back();
+}
+
+template <class Unpack>
+Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
+  SPLATVOL_TRY_ASSIGN(page, page_of(row));
+  const format::ChunkPlace& place = volume_.find_chunk(*page, row, volume_.info().find_column(kind, attribute));
+  SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(place.offset, place.entry.packed_bytes));
+  return unpack(place.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), place.offset));
+}
+
+Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
+  const format::Group group = volume_.rows().group(number);
+  // A segment's columns lie in the group's first row.
+  const std::uint64_t row = volume_.rows().row(selection_.resolution, number);
+  const std::uint64_t segment_row = volume_.rows().row(group.segment, number);
+  SplatGroup result;
+  const auto into = [&](auto& out, auto unpack) {
+    out.resize(group.count);
+    return [&out, unpack](const format::ChunkEntry& entry, const format::Bytes& bytes, const std::string& what) {
+      return unpack(entry, bytes, std::span(out), what);
+    };
+  };
+  if (parts.positions)
+    SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::position, -1, into(result.positions, format::unpack_positions)));
+  if (parts.material) {
+    SPLATVOL_TRY(read_chunk(row, ColumnKind::centroid, -1, into(result.centroids, format::unpack_positions)));
+    SPLATVOL_TRY(read_chunk(row, ColumnKind::moments, -1, into(result.shapes, format::unpack_moments)));
+  }
+  for (const std::size_t a : selection_.attributes) {
+    if (parts.values)
+      SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::value, static_cast<int>(a),
+                              into(result.values.emplace_back(), format::unpack_values)));
+    if (parts.material)
+      SPLATVOL_TRY(read_chunk(row, ColumnKind::value_moments, static_cast<int>(a),
+                              into(result.materials.emplace_back(), format::unpack_value_moments)));
+  }
+  return result;
+}
+
+Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
+                      const std::function<Status(const SplatGroup&)>& take,
+                      const std::function<void(double)>& progress) {
+  const std::uint64_t count = reader.group_count();
+  for (std::uint64_t first = 0; first < count; first += groups_at_once) {
+    std::vector<Result<SplatGroup>> groups(std::min(groups_at_once, count - first));
+    tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) { groups[g] = reader.read(first + g, parts); });
+    for (const Result<SplatGroup>& group : groups) {
+      SPLATVOL_TRY(group);
+      SPLATVOL_TRY(take(*group));
+    }
+    progress(static_cast<double>(first + groups.size()) / static_cast<double>(count));
+  }
+  return {};
+}
+
+}  // namespace splatvol

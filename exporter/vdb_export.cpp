@@ -1,0 +1,138 @@
+#include "exporter/vdb_export.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "exporter/vdb_grids.h"
+#include "exporter/voxel_sums.h"
+
+namespace splatvol {
+namespace {
+
+constexpr const char* fraction_name = "volume_fraction";
+
+// Of a voxel's volume, from which on a value in it means something.
+constexpr double least_fraction = 1e-3;
+
+// Far from where 32-bit indices end.
+constexpr double most_voxels = 1 << 30;
+
+// From the file's units to voxels.
+struct VoxelFrame {
+  dvec3 origin;
+  double voxel;
+
+  [[nodiscard]] dvec3 place(const dvec3& world) const { return (world - origin) / voxel; }
+};
+
+VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
+  format::SplatShape shape = group.shapes[i];
+  shape.deviations /= frame.voxel;
+  const dvec3 centroid = frame.place(group.centroids[i]);
+  VoxelSplat splat{VoxelKernel(centroid, shape), centroid, shape.mass, {}};
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  for (const auto& of_attribute : group.materials) {
+    const format::SplatValue& value = of_attribute[i];
+    const dvec3 covariance = axes * (value.deviation * value.correlation * shape.deviations);
+    splat.values.push_back({shape.mass * value.coverage, value.mean, splat.kernel.slope(covariance)});
+  }
+  return splat;
+}
+
+// A grid for the fraction and one for each attribute.
+class GridBuilder {
+ public:
+  GridBuilder(const format::Volume& volume, const ExportSelection& selection, const VoxelFrame& frame)
+      : voxel_volume_(frame.voxel * frame.voxel * frame.voxel),
+        grids_(names_of(volume, selection), frame.origin, frame.voxel) {
+    grids_.mark_share(0);
+    for (const std::size_t a : selection.attributes) attributes_.push_back(volume.info().attributes[a]);
+  }
+
+  void add_block(const VoxelSums::BlockPlace& place, std::span<const double> sums, VdbReport& report) {
+    const std::size_t count = 1 + 2 * attributes_.size();
+    std::array<std::int32_t, 3> first = place;
+    for (std::int32_t& coordinate : first) coordinate *= VoxelSums::block_edge;
+    std::array<float, VoxelSums::block_voxels> values;
+    for (std::size_t v = 0; v < values.size(); ++v) {
+      const double mass = sums[v * count];
+      values[v] = mass > 0 ? static_cast<float>(mass / voxel_volume_) : missing;
+      report.voxels += mass > 0 ? 1 : 0;
+      report.voxel_mass += mass;
+    }
+    grids_.add_block(0, first, values);
+    for (std::size_t a = 0; a < attributes_.size(); ++a) {
+      for (std::size_t v = 0; v < values.size(); ++v)
+        values[v] = value(sums[v * count + 1 + 2 * a], sums[v * count + 2 + 2 * a], attributes_[a]);
+      grids_.add_block(1 + a, first, values);
+    }
+  }
+
+  [[nodiscard]] const VdbGrids& grids() const { return grids_; }
+
+ private:
+  static constexpr float missing = std::numeric_limits<float>::quiet_NaN();
+
+  static std::vector<std::string> names_of(const format::Volume& volume, const ExportSelection& selection) {
+    std::vector<std::string> names = {fraction_name};
+    for (const std::size_t a : selection.attributes) names.push_back(volume.info().attributes[a].name);
+    return names;
+  }
+
+  // No field leaves the range of its values; its linear pieces may.
+  [[nodiscard]] float value(double mass, double integral, const format::Attribute& attribute) const {
+    if (!(mass > least_fraction * voxel_volume_)) return missing;
+    return static_cast<float>(std::clamp(attribute.offset + integral / mass, attribute.min, attribute.max));
+  }
+
+  double voxel_volume_;
+  VdbGrids grids_;
+  std::vector<format::Attribute> attributes_;
+};
+
+}  // namespace
+
+Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path, const ExportSelection& selection,
+                             double voxel, std::uint64_t memory, const std::function<void(double)>& progress) {
+  const format::VolumeInfo& info = volume.info();
+  for (const std::size_t a : selection.attributes)
+    if (info.attributes[a].name == fraction_name)
+      return fail(ErrorCode::invalid_argument,
+                  "{}: an attribute is called \"{}\" as the grid of the material: leave it out (--attribute)",
+                  volume.name(), fraction_name);
+  const VoxelFrame frame{info.cube.origin, voxel};
+  if (!(info.cube.edge / voxel < most_voxels) || !(voxel * voxel * voxel > 0) || !std::isfinite(voxel * voxel * voxel))
+    return fail(ErrorCode::invalid_argument, "{}: voxels of {} cannot be numbered: the volume is {} wide",
+                volume.name(), voxel, info.cube.edge);
+
+  VdbReport report;
+  const Box box{frame.place(selection.box.low), frame.place(selection.box.high)};
+  VoxelSums sums(selection.attributes.size(), box, memory);
+  std::vector<VoxelSplat> splats;
+  const auto take = [&](const SplatGroup& group) {
+    splats.clear();
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      if (!(group.shapes[i].mass > 0)) continue;
+      VoxelSplat splat = make_splat(group, i, frame);
+      if (!splat.kernel.reaches(box)) continue;
+      ++report.splats;
+      report.splat_mass += splat.mass;
+      splats.push_back(std::move(splat));
+    }
+    return sums.add(splats);
+  };
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, take, progress));
+
+  GridBuilder grids(volume, selection, frame);
+  sums.drain([&](const VoxelSums::BlockPlace& place, std::span<const double> block) {
+    grids.add_block(place, block, report);
+  });
+  if (report.voxels == 0) return fail(ErrorCode::invalid_data, "{}: no material to export", volume.name());
+  SPLATVOL_TRY_ASSIGN(bytes, grids.grids().write(path));
+  report.file_bytes = bytes;
+  return report;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,83 @@
+#include "exporter/vdb_grids.h"
+
+#include <openvdb/openvdb.h>
+
+#include <array>
+#include <cmath>
+#include <filesystem>
+
+#include "base/file.h"
+#include "base/vdb_share.h"
+#include "format/codec.h"
+
+namespace splatvol {
+namespace {
+
+using Leaf = openvdb::FloatTree::LeafNodeType;
+
+// OpenVDB gives every file a number at random: 36 characters behind magic, versions and a flag.
+constexpr std::uint64_t uuid_offset = 8 + 4 + 4 + 4 + 1;
+
+std::string uuid_of(std::uint64_t hash) {
+  return fmt::format("{:08x}-{:04x}-8{:03x}-8000-{:012x}", hash >> 32, hash >> 16 & 0xFFFF, hash >> 4 & 0xFFF,
+                     hash & 0xFFFFFFFFFFFF);
+}
+
+}  // namespace
+
+struct VdbGrids::Grids {
+  std::vector<openvdb::FloatGrid::Ptr> all;
+  std::uint64_t hash = 0;  // of names and blocks
+};
+
+VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, double voxel)
+    : grids_(std::make_unique<Grids>()) {
+  openvdb::initialize();
+  for (const std::string& name : names) {
+    const openvdb::FloatGrid::Ptr grid = openvdb::FloatGrid::create(0.0F);
+    grid->setName(name);
+    grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+    const openvdb::math::Transform::Ptr transform = openvdb::math::Transform::createLinearTransform(voxel);
+    transform->postTranslate({origin.x, origin.y, origin.z});
+    grid->setTransform(transform);
+    grids_->all.push_back(grid);
+    grids_->hash ^= format::hash_bytes(std::as_bytes(std::span(name))) + grids_->all.size();
+  }
+}
+
+VdbGrids::~VdbGrids() = default;
+
+void VdbGrids::add_block(std::size_t grid, const std::array<std::int32_t, 3>& first,
+                         const std::array<float, 512>& values) {
+  auto leaf = std::make_unique<Leaf>(openvdb::Coord(first[0], first[1], first[2]), 0.0F, false);
+  for (openvdb::Index voxel = 0; voxel < values.size(); ++voxel)
+    if (!std::isnan(values[voxel])) leaf->setValueOn(voxel, values[voxel]);
+  if (leaf->isEmpty()) return;
+  const std::array<std::uint64_t, 4> parts = {grids_->hash, grid, format::hash_bytes(std::as_bytes(std::span(first))),
+                                              format::hash_bytes(std::as_bytes(std::span(values)))};
+  grids_->hash = format::hash_bytes(std::as_bytes(std::span(parts)));
+  grids_->all[grid]->tree().addLeaf(leaf.release());
+}
+
+void VdbGrids::mark_share(std::size_t grid) {
+  grids_->all[grid]->insertMeta(vdb_share_metadata, openvdb::BoolMetadata(true));
+}
+
+Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  try {
+    openvdb::GridCPtrVec grids(grids_->all.begin(), grids_->all.end());
+    openvdb::io::File(file.path_to_write()).write(grids);
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_budget, "{}: not enough memory to write it", path);
+  } catch (const std::exception& error) {
+    return fail(ErrorCode::io, "{}: {}", path, error.what());
+  }
+  const std::string uuid = uuid_of(grids_->hash);
+  SPLATVOL_TRY(file.write_at(uuid_offset, std::as_bytes(std::span(uuid))));
+  SPLATVOL_TRY(file.commit());
+  std::error_code error;
+  return std::filesystem::file_size(path, error);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,76 @@
+// Sums over splats in a sparse grid of voxels, within a budget of memory.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <unordered_map>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "exporter/voxel_kernel.h"
+
+namespace splatvol {
+
+/// A splat on its way into voxels; lengths in voxels.
+struct VoxelSplat {
+  VoxelKernel kernel;
+  dvec3 centroid;
+  double mass;
+  struct Value {
+    double mass;  // of the material that has a value
+    double mean;
+    dvec3 slope;
+  };
+  std::vector<Value> values;  // [attribute]
+};
+
+/// The sums of each voxel: the mass; then, of each attribute, the mass that has a value, and the integral of the value
+/// over it.
+class VoxelSums {
+ public:
+  static constexpr std::int32_t block_edge = 8;
+  static constexpr std::size_t block_voxels = 512;
+  using BlockPlace = std::array<std::int32_t, 3>;  // of the first voxel, / block_edge
+
+  /// Voxels whose centres are outside of `box` are left out. `memory`: bytes that may be held.
+  VoxelSums(std::size_t attributes, const Box& box, std::uint64_t memory)
+      : sums_(1 + 2 * attributes), box_(box), memory_(memory) {}
+
+  /// Adds splats: mass by mass of each, all of it. The result does not depend on how they are divided into calls.
+  /// Fails where more than `memory` would be held.
+  [[nodiscard]] Status add(std::span<const VoxelSplat> splats);
+
+  /// Numbers for each voxel.
+  [[nodiscard]] std::size_t sums() const { return sums_; }
+
+  /// Calls visit(place, sums) for each block, in an order of its own; sums are [voxel][sum], voxels along z first, then
+  /// y, then x. Each block is gone when it has been visited.
+  void drain(const std::function<void(const BlockPlace&, std::span<const double>)>& visit);
+
+ private:
+  struct Hash {
+    std::size_t operator()(const BlockPlace& place) const;
+  };
+  struct Spread {
+    std::vector<VoxelKernel::Run> runs;
+    std::vector<double> shares;
+    bool fits = true;
+  };
+
+  [[nodiscard]] Status add(const VoxelSplat& splat, const Spread& spread);
+  [[nodiscard]] Result<double*> voxels_of_block(const BlockPlace& place);
+  [[nodiscard]] std::uint64_t block_bytes() const;
+  [[nodiscard]] tl::unexpected<Error> over_budget() const;
+
+  std::size_t sums_;
+  Box box_;
+  std::uint64_t memory_;
+  std::unordered_map<BlockPlace, std::vector<double>, Hash> blocks_;
+  BlockPlace last_place_{};
+  double* last_block_ = nullptr;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,243 @@
+#include "exporter/vtu_export.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <limits>
+#include <span>
+#include <utility>
+
+#include "base/file.h"
+
+namespace splatvol {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "numbers are written as they are");
+
+// An array of the file: where it is, and how many numbers each point has in it.
+struct Array {
+  std::string name;
+  const char* type = "Float64";
+  std::size_t components = 1;
+  std::size_t number_bytes = sizeof(double);
+  std::uint64_t offset = 0;  // in the appended data: of the length, behind which the numbers follow
+
+  [[nodiscard]] std::uint64_t bytes(std::uint64_t points) const { return points * components * number_bytes; }
+};
+
+constexpr std::uint8_t vertex_type = 1;
+constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 16;
+
+std::string escape(const std::string& text) {
+  std::string escaped;
+  for (const char c : text) switch (c) {
+      case '&':
+        escaped += "&amp;";
+        break;
+      case '<':
+        escaped += "&lt;";
+        break;
+      case '>':
+        escaped += "&gt;";
+        break;
+      case '"':
+        escaped += "&quot;";
+        break;
+      default:
+        escaped += c;
+    }
+  return escaped;
+}
+
+bool is_inside(const Box& box, const dvec3& p) {
+  return glm::all(glm::greaterThanEqual(p, box.low)) && glm::all(glm::lessThanEqual(p, box.high));
+}
+
+// Numbers of some consecutive points for each array, ready to be written.
+using Columns = std::vector<std::vector<double>>;
+
+void append(std::vector<double>& column, const dvec3& v) { column.insert(column.end(), {v.x, v.y, v.z}); }
+
+class VtuFile {
+ public:
+  VtuFile(const format::Volume& volume, const ExportSelection& selection) : selection_(selection) {
+    arrays_.push_back({.name = "Points", .components = 3});
+    const format::VolumeInfo& info = volume.info();
+    for (const std::size_t a : selection.attributes) {
+      attributes_.push_back(info.attributes[a]);
+      arrays_.push_back({.name = info.attributes[a].name});
+    }
+    arrays_.push_back({.name = "mass"});
+    arrays_.push_back({.name = "centroid", .components = 3});
+    arrays_.push_back({.name = "covariance", .components = 6});
+    for (const format::Attribute& attribute : attributes_) {
+      arrays_.push_back({.name = attribute.name + " mean"});
+      arrays_.push_back({.name = attribute.name + " deviation"});
+      arrays_.push_back({.name = attribute.name + " covariance", .components = 3});
+    }
+    data_arrays_ = arrays_.size();
+    arrays_.push_back({"connectivity", "Int64", 1, sizeof(std::int64_t)});
+    arrays_.push_back({"offsets", "Int64", 1, sizeof(std::int64_t)});
+    arrays_.push_back({"types", "UInt8", 1, sizeof(std::uint8_t)});
+  }
+
+  Status check_names(const std::string& file) const {
+    std::vector<std::string> names;
+    for (std::size_t i = 1; i < data_arrays_; ++i) names.push_back(arrays_[i].name);
+    std::ranges::sort(names);
+    const auto twice = std::ranges::adjacent_find(names);
+    if (twice == names.end()) return {};
+    return fail(ErrorCode::invalid_argument,
+                "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
+                *twice);
+  }
+
+  // Writes what comes before the numbers, and the lengths.
+  Status start(AtomicFile& file, std::uint64_t points) {
+    std::uint64_t end = 0;
+    for (Array& array : arrays_) {
+      array.offset = end;
+      end += sizeof(std::uint64_t) + array.bytes(points);
+    }
+    const std::string header = header_of(points);
+    SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
+    data_ = header.size();
+    for (const Array& array : arrays_) {
+      const std::array<std::uint64_t, 1> length = {array.bytes(points)};
+      SPLATVOL_TRY(file.write_at(data_ + array.offset, std::as_bytes(std::span(length))));
+    }
+    SPLATVOL_TRY(write_cells(file, points));
+    const std::string tail = "\n  </AppendedData>\n</VTKFile>\n";
+    bytes_ = data_ + end + tail.size();
+    return file.write_at(data_ + end, std::as_bytes(std::span(tail)));
+  }
+
+  // Appends the points of a group that are in the box.
+  void collect(const SplatGroup& group, Columns& columns, VtuReport& report) const {
+    columns.resize(data_arrays_);
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      if (!is_inside(selection_.box, group.positions[i])) continue;
+      report.mass += group.shapes[i].mass;
+      auto column = columns.begin();
+      append(*column++, group.positions[i]);
+      for (std::size_t a = 0; a < attributes_.size(); ++a)
+        (column++)->push_back(attributes_[a].offset + static_cast<double>(group.values[a][i]));
+      const format::SplatShape& shape = group.shapes[i];
+      const dmat3 axes = glm::mat3_cast(shape.orientation);
+      dmat3 covariance(0);
+      for (int k = 0; k < 3; ++k)
+        covariance += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
+      (column++)->push_back(shape.mass);
+      append(*column++, group.centroids[i]);
+      append(*column, {covariance[0][0], covariance[1][1], covariance[2][2]});
+      append(*column++, {covariance[1][0], covariance[2][1], covariance[2][0]});
+      for (std::size_t a = 0; a < attributes_.size(); ++a) {
+        const format::SplatValue& value = group.materials[a][i];
+        const double none = value.coverage > 0 ? 0 : std::numeric_limits<double>::quiet_NaN();
+        (column++)->push_back(none + attributes_[a].offset + value.mean);
+        (column++)->push_back(none + value.deviation);
+        append(*column++, none + axes * (value.deviation * value.correlation * shape.deviations));
+      }
+    }
+  }
+
+  // Writes the numbers of the points from `first` on.
+  Status write(AtomicFile& file, const Columns& columns, std::uint64_t first) const {
+    for (std::size_t i = 0; i < columns.size(); ++i)
+      SPLATVOL_TRY(file.write_at(data_ + arrays_[i].offset + sizeof(std::uint64_t) + arrays_[i].bytes(first),
+                                 std::as_bytes(std::span(columns[i]))));
+    return {};
+  }
+
+  [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+
+ private:
+  [[nodiscard]] std::string header_of(std::uint64_t points) const {
+    const auto element = [](const Array& array) {
+      return fmt::format(
+          "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{}\"/>\n",
+          array.type, escape(array.name), array.components, array.offset);
+    };
+    std::string header = fmt::format(
+        "<?xml version=\"1.0\"?>\n"
+        "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n"
+        "  <UnstructuredGrid>\n"
+        "    <Piece NumberOfPoints=\"{0}\" NumberOfCells=\"{0}\">\n      <Points>\n",
+        points);
+    header += element(arrays_[0]) + "      </Points>\n      <Cells>\n";
+    for (std::size_t i = data_arrays_; i < arrays_.size(); ++i) header += element(arrays_[i]);
+    header += "      </Cells>\n      <PointData>\n";
+    for (std::size_t i = 1; i < data_arrays_; ++i) header += element(arrays_[i]);
+    return header + "      </PointData>\n    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n   _";
+  }
+
+  Status write_cells(AtomicFile& file, std::uint64_t points) const {
+    for (std::uint64_t first = 0; first < points; first += cells_at_once) {
+      const std::uint64_t count = std::min(cells_at_once, points - first);
+      std::vector<std::int64_t> numbers(count + 1);
+      for (std::uint64_t i = 0; i <= count; ++i) numbers[i] = static_cast<std::int64_t>(first + i);
+      const std::vector<std::uint8_t> types(count, vertex_type);
+      const std::array<std::span<const std::byte>, 3> parts = {std::as_bytes(std::span(numbers).first(count)),
+                                                               std::as_bytes(std::span(numbers).subspan(1)),
+                                                               std::as_bytes(std::span(types))};
+      for (std::size_t k = 0; k < parts.size(); ++k) {
+        const Array& array = arrays_[data_arrays_ + k];
+        SPLATVOL_TRY(file.write_at(data_ + array.offset + sizeof(std::uint64_t) + array.bytes(first), parts[k]));
+      }
+    }
+    return {};
+  }
+
+  const ExportSelection& selection_;
+  std::vector<format::Attribute> attributes_;
+  std::vector<Array> arrays_;  // points and their data, then those of the cells
+  std::size_t data_arrays_;
+  std::uint64_t data_ = 0;  // where the appended data begins
+  std::uint64_t bytes_ = 0;
+};
+
+// Where all are wanted the file says how many there are.
+Result<std::uint64_t> count_points(const format::Volume& volume, const ExportSelection& selection,
+                                   const std::function<void(double)>& progress) {
+  if (selection.box == ExportSelection().box) return volume.info().resolution_counts[selection.resolution];
+  std::uint64_t points = 0;
+  const auto take = [&](const SplatGroup& group) -> Status {
+    points += static_cast<std::uint64_t>(
+        std::ranges::count_if(group.positions, [&](const dvec3& p) { return is_inside(selection.box, p); }));
+    return {};
+  };
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true}, take, progress));
+  if (points == 0) return fail(ErrorCode::invalid_argument, "{}: no points in the box", volume.name());
+  return points;
+}
+
+}  // namespace
+
+Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path, const ExportSelection& selection,
+                             const std::function<void(double)>& progress) {
+  for (const std::size_t a : selection.attributes)
+    if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
+      return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),
+                  volume.info().attributes[a].name);
+  VtuFile vtu(volume, selection);
+  SPLATVOL_TRY(vtu.check_names(volume.name()));
+  SPLATVOL_TRY_ASSIGN(points, count_points(volume, selection, [&](double done) { progress(done / 4); }));
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  SPLATVOL_TRY(vtu.start(file, points));
+  VtuReport report;
+  Columns columns;
+  const auto take = [&](const SplatGroup& group) -> Status {
+    columns.clear();
+    vtu.collect(group, columns, report);
+    SPLATVOL_TRY(vtu.write(file, columns, report.points));
+    report.points += columns[0].size() / 3;
+    return {};
+  };
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true, .values = true, .material = true},
+                              take, [&](double done) { progress(0.25 + 0.75 * done); }));
+  SPLATVOL_TRY(file.commit());
+  report.file_bytes = vtu.bytes();
+  return report;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,138 @@
+// svexport: a .svol file in, voxels (.vdb) or points (.vtu) out.
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/http_source.h"
+#include "base/memory_limit.h"
+#include "exporter/vdb_export.h"
+#include "exporter/vtu_export.h"
+#include "tools/tool.h"
+
+namespace splatvol {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+struct Options {
+  std::string file;
+  std::string output;
+  std::vector<std::string> attributes;
+  std::optional<std::size_t> resolution;
+  std::vector<double> box;
+  double voxel = 0;
+  std::string memory;
+  bool json = false;
+
+  [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
+};
+
+// What CLI11 cannot tell from one option alone.
+void check_usage(const Options& options) {
+  if (!options.is_vdb() && !options.output.ends_with(".vtu"))
+    throw CLI::ValidationError("--output", "must end in .vdb or .vtu");
+  if (options.is_vdb() && options.voxel == 0) throw CLI::RequiredError("--voxel");
+  if (!options.is_vdb() && (options.voxel != 0 || !options.memory.empty()))
+    throw CLI::ValidationError("--output", "--voxel and --memory are for .vdb files");
+  for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
+    if (!(options.box[axis] <= options.box[axis + 3]))
+      throw CLI::ValidationError("--box", "the first corner must be the lower one");
+}
+
+Result<json> export_voxels(const format::Volume& volume, const ExportSelection& selection, const Options& options) {
+  std::uint64_t memory = memory_limit() / 4;
+  if (!options.memory.empty()) {
+    SPLATVOL_TRY_ASSIGN(granted, parse_bytes(options.memory));
+    memory = granted;
+  }
+  ProgressBar bar("exporting");
+  SPLATVOL_TRY_ASSIGN(report, export_vdb(volume, options.output, selection, options.voxel, memory,
+                                         [&](double fraction) { bar.update(fraction); }));
+  return json{{"output", options.output},        {"splats", report.splats},         {"voxels", report.voxels},
+              {"splat_mass", report.splat_mass}, {"voxel_mass", report.voxel_mass}, {"file_bytes", report.file_bytes}};
+}
+
+Result<json> export_points(const format::Volume& volume, const ExportSelection& selection, const Options& options) {
+  ProgressBar bar("exporting");
+  SPLATVOL_TRY_ASSIGN(report,
+                      export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
+  return json{
+      {"output", options.output}, {"points", report.points}, {"mass", report.mass}, {"file_bytes", report.file_bytes}};
+}
+
+void print_text(const json& report) {
+  if (report.contains("voxels"))
+    fmt::print("{}: {} voxels of {} splats, mass {:.9g} of {:.9g}, {} bytes, {:.2f} s\n",
+               report["output"].get<std::string>(), report["voxels"].get<std::uint64_t>(),
+               report["splats"].get<std::uint64_t>(), report["voxel_mass"].get<double>(),
+               report["splat_mass"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
+               report["seconds"].get<double>());
+  else
+    fmt::print("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
+               report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
+               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+}
+
+Status run_export(const Options& options) {
+  const double start = seconds_now();
+  SPLATVOL_TRY(check_outputs({options.output}, {options.file}));
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.file));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+  Box box = ExportSelection().box;
+  if (!options.box.empty())
+    box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
+  SPLATVOL_TRY_ASSIGN(selection, select(*volume, options.resolution, options.attributes, box));
+  SPLATVOL_TRY_ASSIGN(report, options.is_vdb() ? export_voxels(*volume, selection, options)
+                                               : export_points(*volume, selection, options));
+  report["seconds"] = seconds_now() - start;
+  if (options.json)
+    fmt::print("{}\n", report.dump(1, ' ', false, json::error_handler_t::replace));
+  else
+    print_text(report);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  splatvol::Options options;
+  CLI::App app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
+  app.add_option("file", options.file, "The file, or its address (http:// or https://)")
+      ->required()
+      ->type_name("FILE.svol|URL");
+  app.add_option("-o,--output", options.output,
+                 "The file to write: .vdb: grids of the attributes and of the share of each voxel that is material; "
+                 ".vtu: points with values and what each of them stands for")
+      ->required()
+      ->type_name("OUT.vdb|OUT.vtu")
+      ->check(splatvol::check_not_empty);
+  app.add_option("--attribute", options.attributes, "An attribute to export; repeatable (default: all)")
+      ->check(splatvol::check_not_empty)
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")->type_name("R");
+  app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
+      ->type_name("X0,Y0,Z0,X1,Y1,Z1")
+      ->delimiter(',')
+      ->expected(6)
+      ->check([](const std::string& text) {
+        const double number = std::strtod(text.c_str(), nullptr);
+        return std::isfinite(number) ? std::string() : "'" + text + "' is not a number";
+      });
+  app.add_option("--voxel", options.voxel, "Edge of a voxel, in the data's units; for .vdb")
+      ->type_name("SIZE")
+      ->check([](const std::string& text) {
+        const double number = std::strtod(text.c_str(), nullptr);
+        return number > 0 && std::isfinite(number) ? std::string() : "'" + text + "' is not a size";
+      });
+  app.add_option("--memory", options.memory,
+                 "Bytes that the voxels may take, such as 2G (default: a quarter of what there is)")
+      ->type_name("SIZE")
+      ->check([](const std::string& text) {
+        const auto bytes = splatvol::parse_bytes(text);
+        return bytes ? std::string() : bytes.error().message;
+      });
+  app.add_flag("--json", options.json, "Print the result as JSON");
+  app.callback([&] { splatvol::check_usage(options); });
+  return splatvol::run_tool(app, argc, argv, [&] { return splatvol::run_export(options); });
+}
