@@ -142,11 +142,11 @@ Result<Placement> placement_of(const std::string& path, const std::string& name,
   return placement;
 }
 
-/// Voxels of a leaf, or a tile: a cube of indices.
+/// A leaf's active voxels, or a tile.
 struct Region {
   Coord origin;
-  int edge = 1;                                           // in voxels
-  const openvdb::MaskTree::LeafNodeType* leaf = nullptr;  // where there are active voxels in it; null for a tile
+  int edge = 1;                                           // of a point's box, in voxels
+  const openvdb::MaskTree::LeafNodeType* leaf = nullptr;  // null: a tile
   std::uint32_t points = 1;
 };
 
@@ -335,7 +335,7 @@ class VdbFile {
     for (const auto& [name, field] : fields_) field->add_topology(topology_);
     for (auto leaf = topology_.cbeginLeaf(); leaf; ++leaf) {
       const auto points = static_cast<std::uint32_t>(leaf->onVoxelCount());
-      if (points > 0) regions_.push_back({leaf->origin(), leaf_edge, leaf.getLeaf(), points});
+      if (points > 0) regions_.push_back({leaf->origin(), 1, leaf.getLeaf(), points});
     }
     auto tile = topology_.cbeginValueOn();
     tile.setMaxDepth(openvdb::MaskTree::ValueOnCIter::LEAF_DEPTH - 1);
