@@ -11,8 +11,10 @@
 #include <span>
 #include <utility>
 
+#include "base/file.h"
 #include "base/vdb_share.h"
 #include "builder/piece_ahead.h"
+#include "builder/vdb_header.h"
 
 namespace splatvol {
 namespace {
@@ -241,6 +243,8 @@ class VdbFile {
  public:
   /// `selection`: names of channels, or empty for all.
   static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const std::vector<std::string>& selection) {
+    SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
+    SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
       openvdb::initialize();
       auto file = std::make_unique<VdbFile>(path);

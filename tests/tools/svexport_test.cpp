@@ -1,0 +1,85 @@
+// svexport: exit codes, messages, and what it prints.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "base/file.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+class Svexport : public testing::Test {
+ protected:
+  Svexport() {
+    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-svexport-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+    const auto points = test::random_points(200, 3);
+    std::vector<double> values;
+    for (const dvec3& p : points) values.push_back(p.x);
+    EXPECT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("in.svol")));
+  }
+  ~Svexport() override { fs::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  /// The exit code; what was printed is in message_.
+  int run(const std::string& output, const std::string& arguments) {
+    const std::string command = SPLATVOL_BIN "/svexport " + path("in.svol") + " -o " + path(output) + " " + arguments;
+    const int status = std::system((command + " > " + path("message") + " 2>&1").c_str());
+    message_ = *read_text_file(path("message"));
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+
+  fs::path folder_;
+  std::string message_;
+};
+
+TEST_F(Svexport, WritesVoxelsAndPoints) {
+  ASSERT_EQ(run("out.vdb", "--voxel 0.1 --json"), 0) << message_;
+  const auto voxels = nlohmann::json::parse(message_);
+  EXPECT_NEAR(voxels["voxel_mass"].get<double>(), voxels["splat_mass"].get<double>(),
+              1e-9 * voxels["splat_mass"].get<double>());
+  EXPECT_EQ(voxels["file_bytes"], fs::file_size(path("out.vdb")));
+  ASSERT_EQ(run("out.vtu", "--resolution 0 --json"), 0) << message_;
+  EXPECT_EQ(nlohmann::json::parse(message_)["file_bytes"], fs::file_size(path("out.vtu")));
+  ASSERT_EQ(run("out.vtu", "--box 0,0,0,0.5,0.5,0.5 --attribute a0"), 0) << message_;
+  EXPECT_THAT(message_, HasSubstr("points"));
+}
+
+TEST_F(Svexport, WrongUsageIsTwo) {
+  for (const auto& [output, arguments] :
+       std::vector<std::pair<std::string, std::string>>{{"out.vdb", ""},
+                                                        {"out.txt", ""},
+                                                        {"out.vdb", "--voxel 0"},
+                                                        {"out.vdb", "--voxel nan"},
+                                                        {"out.vtu", "--voxel 1"},
+                                                        {"out.vtu", "--memory 1G"},
+                                                        {"out.vtu", "--box 1,0,0,0,1,1"},
+                                                        {"out.vtu", "--box 1,2,3"},
+                                                        {"out.vdb", "--voxel 1 --memory lots"},
+                                                        {"out.vtu", "--resolution -1"}})
+    EXPECT_EQ(run(output, arguments), 2) << output << " " << arguments << ": " << message_;
+}
+
+TEST_F(Svexport, WhatCannotBeIsOneLine) {
+  for (const auto& [arguments, reason] :
+       std::vector<std::pair<std::string, std::string>>{{"--voxel 0.1 --attribute b", "no attribute \"b\""},
+                                                        {"--voxel 0.1 --resolution 9", "no resolution 9"},
+                                                        {"--voxel 0.001 --memory 1M", "--memory"}}) {
+    EXPECT_EQ(run("out.vdb", arguments), 1) << arguments;
+    EXPECT_THAT(message_, HasSubstr(reason));
+    EXPECT_EQ(std::ranges::count(message_, '\n'), 1) << message_;
+    EXPECT_FALSE(fs::exists(path("out.vdb")));
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
