@@ -1,5 +1,7 @@
 #include "builder/vdb_header.h"
 
+#include <openvdb/version.h>
+
 #include <array>
 #include <cstdint>
 #include <span>
@@ -64,7 +66,12 @@ class Cursor {
 Status check_vdb_header(ByteSource& file) {
   Cursor at(file);
   at.skip(sizeof(std::uint64_t));  // magic
-  if (at.number<std::uint32_t>() < oldest_checked && at.valid()) return {};
+  const std::uint32_t version = at.number<std::uint32_t>();
+  if (version > openvdb::OPENVDB_FILE_VERSION)
+    return fail(ErrorCode::unsupported,
+                "{}: file version {} is newer than {}, the newest that this version reads right", file.name(), version,
+                openvdb::OPENVDB_FILE_VERSION);
+  if (version < oldest_checked && at.valid()) return {};
   at.skip(2 * sizeof(std::uint32_t));  // the library's version
   const bool has_offsets = at.number<std::uint8_t>() != 0;
   at.skip(uuid_bytes);

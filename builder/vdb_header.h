@@ -7,8 +7,8 @@
 namespace splatvol {
 
 /// Checks, of files as OpenVDB writes them since 2013 (file version 222), that grids and metadata end within the file:
-/// OpenVDB takes their lengths as they come and reads on past the end. Older files pass unseen. Safe on untrusted
-/// files.
+/// OpenVDB allocates what they say. Older files pass unseen. Refuses files that are newer than this OpenVDB, which
+/// would only warn. Safe on untrusted files.
 [[nodiscard]] Status check_vdb_header(ByteSource& file);
 
 }  // namespace splatvol

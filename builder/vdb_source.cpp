@@ -1,13 +1,18 @@
 #include "builder/vdb_source.h"
 
 #include <fmt/ranges.h>
+#include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
+#include <openvdb/util/logging.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <fstream>
 #include <limits>
+#include <map>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -101,7 +106,7 @@ bool visit_type(const openvdb::GridBase& grid, const Visit& visit) {
 /// A scalar of the file's grids.
 struct Channel {
   std::string name;
-  std::string grid;
+  std::size_t grid;  // its number in the file
   int component = 0;
 };
 
@@ -247,6 +252,8 @@ class VdbFile {
     SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
       openvdb::initialize();
+      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // what is wrong comes as exceptions
+      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // what is wrong comes as exceptions
       auto file = std::make_unique<VdbFile>(path);
       SPLATVOL_TRY(file->read(selection));
       return file;
@@ -275,40 +282,43 @@ class VdbFile {
 
  private:
   Status read(const std::vector<std::string>& selection) {
-    openvdb::io::File file(path_);
-    file.open(false);
-    SPLATVOL_TRY(choose_channels(file, selection));
-    for (const Channel& channel : channels_)
-      if (!fields_.contains(channel.grid)) SPLATVOL_TRY(read_field(file, channel.grid));
-    if (!share_grid_.empty() && !fields_.contains(share_grid_)) SPLATVOL_TRY(read_field(file, share_grid_));
+    // A stream that throws at its end: OpenVDB does not look whether there was what it asked for.
+    std::ifstream file(path_, std::ios::binary);
+    file.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
+    const openvdb::GridPtrVecPtr grids = openvdb::io::Stream(file, false).getGrids();
+    SPLATVOL_TRY(choose_channels(*grids, selection));
+    for (const Channel& channel : channels_) SPLATVOL_TRY(add_field(*grids, channel.grid));
+    if (share_grid_) SPLATVOL_TRY(add_field(*grids, *share_grid_));
     list_regions();
     if (points_ == 0) return fail(ErrorCode::invalid_data, "{}: no active voxels", path_);
     return {};
   }
 
-  Status choose_channels(openvdb::io::File& file, const std::vector<std::string>& selection) {
+  Status choose_channels(const openvdb::GridPtrVec& grids, const std::vector<std::string>& selection) {
     std::vector<Channel> all;
     std::vector<std::string> others;
-    for (auto name = file.beginName(); name != file.endName(); ++name) {
-      const openvdb::GridBase::Ptr grid = file.readGridMetadata(*name);
-      const std::string called = (*name).empty() ? "value" : *name;
-      const bool numbers = visit_type(*grid, [&]<class Grid>() {
-        all.push_back({called, *name, 0});
+    std::map<std::string, int> seen;
+    for (std::size_t g = 0; g < grids.size(); ++g) {
+      std::string called = grids[g]->getName().empty() ? "value" : grids[g]->getName();
+      if (const int number = seen[called]++; number > 0) called += fmt::format("[{}]", number);
+      const bool numbers = visit_type(*grids[g], [&]<class Grid>() {
+        all.push_back({called, g, 0});
         if constexpr (!openvdb::VecTraits<typename Grid::ValueType>::IsVec) return;
         all.back().component = magnitude;
-        for (int c = 0; c < 3; ++c) all.push_back({fmt::format("{}[{}]", called, c), *name, c});
+        for (int c = 0; c < 3; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
       });
-      if (!numbers) others.push_back(fmt::format("{} ({})", called, grid->valueType()));
-      if (numbers && grid->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = *name;
+      if (!numbers) others.push_back(fmt::format("{} ({})", called, grids[g]->valueType()));
+      if (numbers && grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
     }
     if (all.empty() && others.empty()) return fail(ErrorCode::invalid_data, "{}: no grids", path_);
     if (all.empty())
       return fail(ErrorCode::invalid_data, "{}: no grid of numbers; there are: {}", path_, fmt::join(others, ", "));
     std::vector<std::string> names;
     for (const Channel& channel : all) names.push_back(channel.name);
-    std::ranges::sort(names);
-    const auto twice = std::ranges::adjacent_find(names);
-    if (twice != names.end())
+    std::vector<std::string> sorted = names;
+    std::ranges::sort(sorted);
+    const auto twice = std::ranges::adjacent_find(sorted);
+    if (twice != sorted.end())
       return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *twice);
     if (selection.empty()) channels_ = all;
     for (const std::string& name : selection) {
@@ -321,22 +331,23 @@ class VdbFile {
     return {};
   }
 
-  Status read_field(openvdb::io::File& file, const std::string& name) {
-    const openvdb::GridBase::Ptr grid = file.readGrid(name);
-    SPLATVOL_TRY_ASSIGN(placement, placement_of(path_, name, *grid));
+  Status add_field(const openvdb::GridPtrVec& grids, std::size_t number) {
+    if (fields_.contains(number)) return {};
+    const openvdb::GridBase::Ptr grid = grids[number];
+    SPLATVOL_TRY_ASSIGN(placement, placement_of(path_, grid->getName(), *grid));
     if (!fields_.empty() && !placement.same_as(placement_))
       return fail(ErrorCode::unsupported,
                   "{}: the grids \"{}\" and \"{}\" have different transforms: build one of them (--attribute)", path_,
-                  fields_.begin()->first, name);
+                  grids[fields_.begin()->first]->getName(), grid->getName());
     if (fields_.empty()) placement_ = placement;
     visit_type(*grid, [&]<class Grid>() {
-      fields_[name] = std::make_unique<GridField<Grid>>(openvdb::gridConstPtrCast<Grid>(grid));
+      fields_[number] = std::make_unique<GridField<Grid>>(openvdb::gridConstPtrCast<Grid>(grid));
     });
     return {};
   }
 
   void list_regions() {
-    for (const auto& [name, field] : fields_) field->add_topology(topology_);
+    for (const auto& [number, field] : fields_) field->add_topology(topology_);
     for (auto leaf = topology_.cbeginLeaf(); leaf; ++leaf) {
       const auto points = static_cast<std::uint32_t>(leaf->onVoxelCount());
       if (points > 0) regions_.push_back({leaf->origin(), 1, leaf.getLeaf(), points});
@@ -403,9 +414,9 @@ class VdbFile {
     std::vector<Coord> at;
     for (const Coord& offset : places.offsets) at.push_back(region.origin + offset);
     std::vector<double> values(at.size()), shares;
-    if (!share_grid_.empty()) {
+    if (share_grid_) {
       shares.resize(at.size());
-      fields_.at(share_grid_)->sample(at, 0, shares);
+      fields_.at(*share_grid_)->sample(at, 0, shares);
     }
     const TopologyAccessor active(topology_);
     const double edge = region.edge;
@@ -465,8 +476,8 @@ class VdbFile {
 
   std::string path_;
   std::vector<Channel> channels_;
-  std::map<std::string, std::unique_ptr<Field>> fields_;  // of grids, by name
-  std::string share_grid_;  // the one that says how much of a box is material; empty: none
+  std::map<std::size_t, std::unique_ptr<Field>> fields_;  // of grids, by their number in the file
+  std::optional<std::size_t> share_grid_;                 // the one that says how much of a box is material
   Placement placement_;
   openvdb::MaskTree topology_;  // the union of all
   std::vector<Region> regions_;

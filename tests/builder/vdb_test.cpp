@@ -263,7 +263,7 @@ TEST_F(Vdb, ShareOfVoxelsIsTheirMass) {
 
 TEST_F(Vdb, RefusesInOneLine) {
   write({one_voxel<openvdb::MaskGrid>("mask", true)});
-  EXPECT_THAT(refusal(), HasSubstr("no grid of numbers; there are: mask (mask)"));
+  EXPECT_THAT(refusal(), HasSubstr("no grid of numbers; there are: mask (bool)"));
   write({});
   EXPECT_THAT(refusal(), HasSubstr("no grids"));
   write({make_grid<openvdb::FloatGrid>("empty")});

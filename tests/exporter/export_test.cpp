@@ -137,7 +137,8 @@ TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
 }
 
 // Voxels of the same size over the same places: inside, each gets as much as it gives, and a linear field is kept by
-// symmetry. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65.
+// symmetry. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65; slopes
+// are those of material that a voxel blurs, a seventh less for voxels of 0.2: a twentieth of what a voxel adds in all.
 TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
@@ -152,7 +153,7 @@ TEST_F(Export, ALinearFieldComesBack) {
         const dvec3 place = (dvec3(world.x(), world.y(), world.z()) - origin) / 0.5;
         if (glm::any(glm::lessThan(place, dvec3(3))) || glm::any(glm::greaterThan(place, dvec3(16)))) continue;
         ++inside;
-        EXPECT_NEAR(*at, 2 * place.x - place.y + 3, 0.05);
+        EXPECT_NEAR(*at, 2 * place.x - place.y + 3, 0.1);
         if (voxel == 0.5) {
           EXPECT_NEAR(fraction->tree().getValue(at.getCoord()), 1, 0.005);
         }
