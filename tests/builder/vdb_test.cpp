@@ -292,7 +292,7 @@ TEST_F(Vdb, EveryTruncationIsRefused) {
   for (int i = 0; i < 20; ++i) grid->tree().setValueOn(Coord(i, i, 0), static_cast<float>(i));
   write({grid, one_voxel<openvdb::Vec3SGrid>("U", {1, 2, 3})}, "whole.vdb");
   const std::string whole = read_text_file(path("whole.vdb")).value();
-  for (std::size_t bytes = 0; bytes < whole.size(); ++bytes) {
+  for (std::size_t bytes = 0; bytes < whole.size(); bytes += bytes < 1000 ? 1 : 11) {
     std::ofstream(path(), std::ios::binary) << whole.substr(0, bytes);
     EXPECT_EQ(refusal().find('\n'), std::string::npos) << bytes;
   }
