@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 
 #include "base/file.h"
 #include "base/vdb_share.h"
@@ -22,6 +23,17 @@ std::string uuid_of(std::uint64_t hash) {
   return fmt::format("{:08x}-{:04x}-8{:03x}-8000-{:012x}", hash >> 32, hash >> 16 & 0xFFFF, hash >> 4 & 0xFFF,
                      hash & 0xFFFFFFFFFFFF);
 }
+
+// OpenVDB's own files do not tell when the disk is full; a stream that throws does.
+class Archive final : public openvdb::io::Archive {
+ public:
+  void write_file(const std::string& path, const openvdb::GridCPtrVec& grids) const {
+    std::ofstream file(path, std::ios::binary);
+    file.exceptions(std::ios::failbit | std::ios::badbit);
+    write(file, grids, true);
+    file.close();
+  }
+};
 
 }  // namespace
 
@@ -66,12 +78,11 @@ void VdbGrids::mark_share(std::size_t grid) {
 Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
   try {
-    openvdb::GridCPtrVec grids(grids_->all.begin(), grids_->all.end());
-    openvdb::io::File(file.path_to_write()).write(grids);
+    Archive().write_file(file.path_to_write(), {grids_->all.begin(), grids_->all.end()});
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_budget, "{}: not enough memory to write it", path);
   } catch (const std::exception& error) {
-    return fail(ErrorCode::io, "{}: {}", path, error.what());
+    return fail(ErrorCode::io, "{}: cannot write: {}", path, error.what());
   }
   const std::string uuid = uuid_of(grids_->hash);
   SPLATVOL_TRY(file.write_at(uuid_offset, std::as_bytes(std::span(uuid))));

@@ -97,7 +97,10 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   const bool integrate = volume_ > most_outside && both != box;
   const std::size_t first_run = runs.size(), first_share = shares.size();
   double sum = 0;
+  bool fits = true;
   visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 place) {
+    fits = run.count <= most - (shares.size() - first_share);
+    if (!fits) return false;
     runs.push_back(run);
     for (std::uint32_t i = 0; i < run.count; ++i, place.x += 1) {
       const double height = std::max(0.0, 1 - glm::dot(place, inverse_ * place));
@@ -105,9 +108,9 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
       shares.push_back(beyond ? 0 : height * std::sqrt(height));
       sum += shares.back();
     }
-    return shares.size() <= most;
+    return true;
   });
-  if (shares.size() > most) return false;
+  if (!fits) return false;
   if (integrate) {
     sum = volume_ * 3 / (4 * std::numbers::pi * moments_peak) * (cut_normal_ != dvec3(0) ? 0.5 : 1.0);
   } else if (!(sum > 0)) {

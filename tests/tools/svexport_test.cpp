@@ -81,5 +81,15 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
   }
 }
 
+// Past a limit on file sizes, of 4 blocks of 512 or 1024 bytes, as on a full disk.
+TEST_F(Svexport, WhatCannotBeWrittenIsNotThere) {
+  for (const std::string output : {"out.vdb --voxel 0.01", "out.vtu"}) {
+    const std::string command = "ulimit -f 4; " SPLATVOL_BIN "/svexport " + path("in.svol") + " -o " + path(output);
+    const int status = std::system((command + " 2> /dev/null > /dev/null").c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 1) << output;
+    EXPECT_FALSE(fs::exists(path("out.vdb")) || fs::exists(path("out.vtu")));
+  }
+}
+
 }  // namespace
 }  // namespace splatvol
