@@ -1,12 +1,17 @@
 // Morton keys of 42 bits an axis (spec/svol-1.md, section 7): enough for twelve decades of spacing in one data set.
 #pragma once
 
+#ifdef __BMI2__
+#include <immintrin.h>
+#endif
+
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <compare>
 #include <cstdint>
+#include <type_traits>
 
 #include "base/math.h"
 
@@ -24,6 +29,9 @@ inline constexpr int max_morton_depth = 42;
 
 /// Spreads the lowest 21 bits of x so that two zeros lie between neighbours.
 [[nodiscard]] constexpr std::uint64_t spread_bits(std::uint64_t x) {
+#ifdef __BMI2__
+  if (!std::is_constant_evaluated()) return _pdep_u64(x, 0x1249249249249249u);
+#endif
   x &= 0x1FFFFF;
   x = (x | x << 32) & 0x001F00000000FFFFu;
   x = (x | x << 16) & 0x001F0000FF0000FFu;
