@@ -67,6 +67,7 @@ format::VolumeInfo describe(const BuildOptions& options, const Cube& cube, std::
   format::VolumeInfo info;
   info.cube = cube;
   info.points_per_chunk = options.points_per_chunk;
+  info.reduction_method = reduction_name(options.reduction);
   info.leaf_points = options.leaf_points;
   info.size_bounds = {"octant", "moments"};  // as IndexStream has them
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1},
@@ -279,6 +280,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
                              fits,       input.attributes,    offsets};
   if (!fits) settings.pack = [&rows](const SplatRows& chunk) { return rows.pack_finest(chunk); };
   settings.points_per_chunk = options.points_per_chunk;
+  settings.method = options.reduction;
   ReductionPass pass(settings, rows, [&](const OpenLeaf& leaf) { return leaves.append(leaf); });
   SPLATVOL_TRY(reduce(batches, pass, rows, points.count(), input.attributes.size(), progress));
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/clusters.h"
 #include "builder/point_stream.h"
 #include "builder/scattered.h"
 #include "builder/source.h"
@@ -14,6 +15,7 @@
 namespace splatvol {
 
 struct BuildOptions {
+  Reduction reduction = Reduction::octree;
   std::uint32_t leaf_points = 8;                        // N of the reduction's octree; at least 8 (see build_volume)
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <ranges>
 #include <utility>
 
 namespace splatvol {
@@ -64,10 +65,10 @@ void Cascade::push(std::size_t step, MemberPool::Handle member, std::uint64_t pa
   at.entries.push_back({std::move(member), parts});
 }
 
-void Cascade::close_leaves(bool at_end) {
+void Cascade::close_blocks(bool at_end) {
   for (std::size_t step = 1; step < steps_.size() && steps_[step].count > 0; ++step) {
     if (!at_end && !steps_[step].reduces()) return;
-    close_leaves(step, at_end);
+    close_blocks(step, at_end);
     add_splats(merged_, offsets_);
     for (std::size_t m = 0; m < merged_.size(); ++m) push(step + 1, std::move(merged_[m]), parts_[m]);
     merged_.clear();
@@ -75,55 +76,72 @@ void Cascade::close_leaves(bool at_end) {
   }
 }
 
-// The first member's leaf is known once there are enough behind it to split any larger cell; it is whole then too, as
+// The first member's block is known once there are enough behind it to split any larger cell; it is whole then too, as
 // no two members share the finest cell.
-void Cascade::close_leaves(std::size_t step, bool at_end) {
+void Cascade::close_blocks(std::size_t step, bool at_end) {
   Step& at = steps_[step];
   const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
-  while (!at.entries.empty() && (at_end || at.entries.size() > leaf_points_)) {
+  while (!at.entries.empty() && (at_end || at.entries.size() > block_points_)) {
     const MortonKey& first = key(0);
-    const MortonKey* beyond = at.entries.size() > leaf_points_ ? &key(leaf_points_) : nullptr;
+    const MortonKey* beyond = at.entries.size() > block_points_ ? &key(block_points_) : nullptr;
     const int depth = leaf_depth(at.before ? common_depth(*at.before, first) : -1, first, beyond);
     std::size_t size = 1;
     while (size < at.entries.size() && common_depth(first, key(size)) >= depth) ++size;
-    close_leaf(step, size, depth);
+    close_block(step, size, depth);
   }
 }
 
-void Cascade::close_leaf(std::size_t step, std::size_t size, int depth) {
+void Cascade::close_block(std::size_t step, std::size_t size, int depth) {
   Step& at = steps_[step];
-  std::vector<MemberPool::Handle> members = std::exchange(leaf_, {});
+  block_.clear();
+  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
+  for_each_leaf(key, 0, size, depth, leaf_points_, [&](std::size_t begin, std::size_t end, int leaf_depth) {
+    for (std::size_t m = begin; m < end; ++m) {
+      SplatRow& splat = at.entries[m].member->splats.back();
+      splat.depth = static_cast<std::uint8_t>(leaf_depth);
+      splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(end - begin, 255));
+    }
+  });
   for (std::size_t m = 0; m < size; ++m) {
-    Member& member = *members.emplace_back(std::move(at.entries.front().member));
-    SplatRow& splat = member.splats.back();
-    splat.depth = static_cast<std::uint8_t>(depth);
-    splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(size, 255));
-    sink_.splat(step, member, at.next_part);
+    block_.push_back(std::move(at.entries.front().member));
+    sink_.splat(step, *block_.back(), depth, at.next_part);
     at.next_part += at.entries.front().parts;
     at.entries.pop_front();
   }
-  at.before = members.back()->key;
-
-  if (at.reduces() && step + 1 < max_steps) {
-    const std::size_t kept =
-        nearest_to_center(cube_, depth, size, [&](std::size_t m) { return members[m]->point.position; });
-    merge_leaf(members, kept);
-    merged_.push_back(std::move(members[kept]));
-    parts_.push_back(size);
-  }
-  for (const MemberPool::Handle& member : members)
+  at.before = block_.back()->key;
+  if (at.reduces() && step + 1 < max_steps) reduce_block(depth);
+  for (const MemberPool::Handle& member : block_)
     if (member) sink_.point(step, *member);
-  members.clear();
-  leaf_ = std::move(members);
+  block_.clear();
+}
+
+void Cascade::reduce_block(int depth) {
+  if (method_ == Reduction::octree) {
+    const std::size_t kept =
+        nearest_to_center(cube_, depth, block_.size(), [&](std::size_t m) { return block_[m]->point.position; });
+    return merge_cluster(std::views::iota(std::size_t{0}, block_.size()), kept);
+  }
+  keys_.clear();
+  positions_.clear();
+  for (const MemberPool::Handle& member : block_) {
+    keys_.push_back(member->key);
+    positions_.push_back(member->point.position);
+  }
+  owners_.resize(block_.size());
+  find_clusters(method_, leaf_points_, keys_, positions_, owners_);
+  clusters_.assign(owners_);
+  for (std::size_t m = 0; m < owners_.size(); ++m)
+    if (owners_[m] == m) merge_cluster(clusters_.of(m), m);
 }
 
 // The member that goes on gets the material of all.
-void Cascade::merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept) {
-  Member& merged = *members[kept];
+template <class Cluster>
+void Cascade::merge_cluster(const Cluster& cluster, std::size_t kept) {
+  Member& merged = *block_[kept];
   planes_.clear();
   shifts_.clear();
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    const Member& member = *members[m];
+  for (const std::size_t m : cluster) {
+    const Member& member = *block_[m];
     const dvec3 shift = member.point.position - merged.point.position;
     if (m != kept) {
       merge(merged.moments, member.moments, shift);
@@ -135,6 +153,8 @@ void Cascade::merge_leaf(std::span<const MemberPool::Handle> members, std::size_
     shifts_.push_back(shift);
   }
   if (!planes_.empty()) merged.plane = merge_planes(planes_, shifts_);
+  merged_.push_back(std::move(block_[kept]));
+  parts_.push_back(cluster.size());
 }
 
 std::uint64_t Cascade::first_open_leaf() const {

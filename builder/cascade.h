@@ -1,5 +1,4 @@
-// The reduction of all resolutions in one pass over the points in Morton order: the direct octree of Meredith and Ma
-// (2001), section 2.2.
+// The reduction of all resolutions in one pass over the points in Morton order.
 #pragma once
 
 #include <tbb/spin_mutex.h>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "builder/boundary.h"
+#include "builder/clusters.h"
 #include "builder/moments.h"
 #include "builder/morton.h"
 #include "builder/splat_rows.h"
@@ -83,21 +83,24 @@ std::size_t nearest_to_center(const Cube& cube, int depth, std::size_t count, co
   return nearest;
 }
 
-/// All steps but the finest. A step holds only members whose leaf is not whole yet.
+/// All steps but the finest. A step holds only members whose block is not whole yet.
 class Cascade {
  public:
   /// What becomes of splats and points.
   struct Sink {
-    /// The next splat of a step, in Morton order, with its leaf's depth and count, and the number of the first splat
-    /// of the finer step that it is made of.
-    std::function<void(std::size_t step, const Member& member, std::uint64_t first_part)> splat;
+    /// The next splat of a step, in Morton order, with its leaf's depth and count, the depth of its block, and the
+    /// number of the first splat of the finer step that it is made of; of several clusters in a block all parts are
+    /// counted as if they lay one cluster behind the other.
+    std::function<void(std::size_t step, const Member& member, int block_depth, std::uint64_t first_part)> splat;
     /// A point that no coarser step has; within a step's own in Morton order.
     std::function<void(std::size_t step, const Member& member)> point;
   };
 
-  Cascade(const Cube& cube, std::uint32_t leaf_points, std::vector<double> offsets, Sink sink)
+  Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::vector<double> offsets, Sink sink)
       : cube_(cube),
+        method_(method),
         leaf_points_(leaf_points),
+        block_points_(most_in_block(method, leaf_points)),
         offsets_(std::move(offsets)),
         sink_(std::move(sink)),
         steps_(max_steps) {}
@@ -106,13 +109,13 @@ class Cascade {
   void push(MemberPool::Handle member, std::uint64_t parts) { push(1, std::move(member), parts); }
 
   /// Reduces what can be. Once in a while is enough, and faster than after each member.
-  void advance() { close_leaves(false); }
+  void advance() { close_blocks(false); }
 
   /// Adds the material of another member to the last that was pushed; both are at the same place.
   void add_to_last(const Member& other, std::uint64_t parts);
 
   /// After the last member.
-  void finish() { close_leaves(true); }
+  void finish() { close_blocks(true); }
 
   /// Number of the first index leaf that can still get something.
   [[nodiscard]] std::uint64_t first_open_leaf() const;
@@ -126,28 +129,35 @@ class Cascade {
       MemberPool::Handle member;
       std::uint64_t parts;  // splats of the finer step that it is made of
     };
-    std::deque<Entry> entries;        // of leaves that are not whole yet
+    std::deque<Entry> entries;        // of blocks that are not whole yet
     std::uint64_t count = 0;          // members, those that are gone included
     std::uint64_t next_part = 0;      // number of the first part of the first member
-    std::optional<MortonKey> before;  // last key of the leaves that are done
+    std::optional<MortonKey> before;  // last key of the blocks that are done
     [[nodiscard]] bool reduces() const { return count > coarsest_target; }
   };
 
   void push(std::size_t step, MemberPool::Handle member, std::uint64_t parts);
-  void close_leaves(bool at_end);
-  void close_leaves(std::size_t step, bool at_end);
-  void close_leaf(std::size_t step, std::size_t size, int depth);
-  void merge_leaf(std::span<const MemberPool::Handle> members, std::size_t kept);
+  void close_blocks(bool at_end);
+  void close_blocks(std::size_t step, bool at_end);
+  void close_block(std::size_t step, std::size_t size, int depth);
+  void reduce_block(int depth);
+  template <class Cluster>
+  void merge_cluster(const Cluster& cluster, std::size_t kept);
 
   Cube cube_;
-  std::uint32_t leaf_points_;
+  Reduction method_;
+  std::uint32_t leaf_points_, block_points_;
   std::vector<double> offsets_;
   Sink sink_;
   std::vector<Step> steps_;                 // step 0 is not used
-  std::vector<MemberPool::Handle> leaf_;    // of the leaf that is being closed
-  std::vector<BoundaryPlane> planes_;       // theirs
+  std::vector<MemberPool::Handle> block_;   // of the block that is being closed
+  std::vector<MortonKey> keys_;             // theirs
+  std::vector<dvec3> positions_;            // and where
+  std::vector<std::uint32_t> owners_;       // and with which of them each goes
+  Clusters clusters_;                       // so
+  std::vector<BoundaryPlane> planes_;       // of the members of a cluster
   std::vector<dvec3> shifts_;               // and where
-  std::vector<MemberPool::Handle> merged_;  // of the step whose leaves are being closed: what goes on
+  std::vector<MemberPool::Handle> merged_;  // of the step whose blocks are being closed: what goes on
   std::vector<std::uint64_t> parts_;        // [merged]
 };
 

@@ -1,8 +1,11 @@
 #include "builder/cell_reduction.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <ranges>
 #include <utility>
 
 namespace splatvol {
@@ -28,6 +31,7 @@ class CellReducer {
       : batch_(batch), settings_(settings), pool_(pool), result_(result) {
     for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
     result_.tail.reserve(settings.pack ? settings.points_per_chunk : batch.size());
+    clusters_.assign(result.owners);
   }
 
   void run() {
@@ -58,15 +62,25 @@ class CellReducer {
     // A part of a cell that is not whole has more points than can be counted.
     depth_ = depth;
     count_ = std::min<std::size_t>(cell_.continued ? 255 : end - begin, 255);
+    leaf_begin_ = end;
+    if (!result_.owners.empty()) return add_leaf(begin, end, leaf);
     const std::size_t kept = settings_.reduces
                                  ? begin + nearest_to_center(settings_.cube, depth, end - begin,
                                                              [&](std::size_t k) { return batch_.positions[begin + k]; })
                                  : end;
     for (std::size_t i = begin; i < end; ++i) {
       if (i != kept || cell_.continued) add_finest(i, leaf);
-      if (i == kept) add_member(begin, end, kept, leaf);
+      if (i == kept) add_member(std::views::iota(begin, end), kept, leaf);
     }
-    leaf_begin_ = end;
+  }
+
+  // The same where its points belong to clusters of their own.
+  void add_leaf(std::size_t begin, std::size_t end, OpenLeaf& leaf) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const bool stays = result_.owners[i] == i;
+      if (!stays || cell_.continued) add_finest(i, leaf);
+      if (stays) add_member(clusters_.of(i), i, leaf);
+    }
   }
 
   // A splat's centroid may move by so much, and its point.
@@ -164,7 +178,8 @@ class CellReducer {
     }
   }
 
-  void add_member(std::size_t begin, std::size_t end, std::size_t kept, OpenLeaf& leaf) {
+  template <class Cluster>
+  void add_member(const Cluster& cluster, std::size_t kept, OpenLeaf& leaf) {
     Member& member = *result_.members.emplace_back(pool_.take());
     member.key = batch_.keys[kept];
     member.leaf = cell_.leaf;
@@ -186,15 +201,19 @@ class CellReducer {
       value.gradient = direction(batch_.gradients[a][kept]);
       member.value_rows.emplace_back(
           InPlace{[&] { return make_value_row(batch_.value_moments[a][kept], splat.shape, offset(a)); }});
-      for (std::size_t i = begin; i < end; ++i) merge(value.moments, batch_.value_moments[a][i], shift(i));
+      for (const std::size_t i : cluster) merge(value.moments, batch_.value_moments[a][i], shift(i));
     }
-    for (std::size_t i = begin; i < end; ++i) merge(member.moments, batch_.moments[i], shift(i));
+    for (const std::size_t i : cluster) merge(member.moments, batch_.moments[i], shift(i));
     if (!batch_.planes.empty()) {
+      planes_.clear();
       shifts_.clear();
-      for (std::size_t i = begin; i < end; ++i) shifts_.push_back(shift(i));
-      member.plane = merge_planes(std::span(batch_.planes).subspan(begin, end - begin), shifts_);
+      for (const std::size_t i : cluster) {
+        planes_.push_back(batch_.planes[i]);
+        shifts_.push_back(shift(i));
+      }
+      member.plane = merge_planes(planes_, shifts_);
     }
-    result_.parts.push_back(end - begin);
+    result_.parts.push_back(cluster.size());
   }
 
   const PointBatch& batch_;
@@ -208,8 +227,32 @@ class CellReducer {
   std::uint64_t finest_ = 0;    // points that no coarser resolution has, so far
   int depth_ = 0;               // its own
   std::size_t count_ = 0;       // its points, at most 255
+  Clusters clusters_;           // where there are owners
+  std::vector<BoundaryPlane> planes_;
   std::vector<dvec3> shifts_;
 };
+
+// The clusters of each block of a batch; numbers are those of its points.
+void find_owners(const PointBatch& batch, const ReductionSettings& settings, std::vector<std::uint32_t>& owners) {
+  struct Block {
+    std::size_t begin, size;
+  };
+  std::vector<Block> blocks;
+  const auto key = [&](std::size_t i) -> const MortonKey& { return batch.keys[i]; };
+  for (const PointCell& cell : batch.cells)
+    for_each_leaf(key, cell.begin, cell.end, cell.depth, most_in_block(settings.method, settings.leaf_points),
+                  [&](std::size_t begin, std::size_t end, int) {
+                    blocks.push_back({begin, end - begin});
+                  });
+  owners.resize(batch.size());
+  tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+    const auto [begin, size] = blocks[b];
+    const auto found = std::span(owners).subspan(begin, size);
+    find_clusters(settings.method, settings.leaf_points, std::span(batch.keys).subspan(begin, size),
+                  std::span(batch.positions).subspan(begin, size), found);
+    for (std::uint32_t& owner : found) owner += static_cast<std::uint32_t>(begin);
+  });
+}
 
 }  // namespace
 
@@ -235,6 +278,7 @@ void OpenLeaf::include(const OpenLeaf& other) {
 
 void ReducedBatch::clear() {
   leaves.clear();
+  owners.clear();
   splats.clear();
   finest.clear();
   packed.clear();
@@ -247,19 +291,21 @@ void ReducedBatch::clear() {
 }
 
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result) {
-  const std::vector<MortonKey>& keys = batch.keys;
-  const std::size_t n = settings.leaf_points;
+  const auto key = [&](std::size_t i) -> const MortonKey& { return batch.keys[i]; };
+  const bool owned = settings.reduces && settings.method != Reduction::octree;
+  if (owned) find_owners(batch, settings, result.owners);
   std::uint64_t finest = 0;
-  for (const PointCell& cell : batch.cells)
-    for (std::size_t begin = cell.begin; begin < cell.end;) {
-      const int shared = begin == cell.begin ? cell.depth - 1 : common_depth(keys[begin - 1], keys[begin]);
-      const int depth = leaf_depth(shared, keys[begin], begin + n < cell.end ? &keys[begin + n] : nullptr);
-      std::size_t end = begin + 1;
-      while (end < cell.end && common_depth(keys[begin], keys[end]) >= depth) ++end;
-      result.leaves.push_back({end, depth});
-      finest += end - begin - (settings.reduces && !cell.continued ? 1 : 0);
-      begin = end;
-    }
+  for (const PointCell& cell : batch.cells) {
+    const std::size_t first = result.leaves.size();
+    for_each_leaf(key, cell.begin, cell.end, cell.depth, settings.leaf_points,
+                  [&](std::size_t, std::size_t end, int depth) {
+                    result.leaves.push_back({end, depth});
+                  });
+    finest += cell.end - cell.begin;
+    if (!settings.reduces || cell.continued) continue;
+    if (!owned) finest -= result.leaves.size() - first;
+    for (std::size_t i = cell.begin; owned && i < cell.end; ++i) finest -= result.owners[i] == i;
+  }
   return finest;
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "builder/cascade.h"
+#include "builder/clusters.h"
 #include "builder/index_stream.h"
 #include "format/codec.h"
 #include "format/volume_writer.h"
@@ -81,6 +82,7 @@ struct ReducedBatch {
     int depth;
   };
   std::vector<Leaf> leaves;                 // of the octree over the points
+  std::vector<std::uint32_t> owners;        // [point]: the one that it goes with; empty where each leaf keeps one
   std::uint64_t first_finest = 0;           // number of the first point that no coarser resolution has
   std::vector<SplatRow> splats;             // of all points, where they are wanted
   SplatRows finest;                         // points that no coarser resolution has: up to where a chunk ends,
@@ -111,12 +113,14 @@ struct ReductionSettings {
   // Packs a chunk of the finest rows; none: they are not to be packed.
   std::function<format::Bytes(const SplatRows&)> pack = nullptr;
   std::size_t points_per_chunk = 0;
+  Reduction method = Reduction::octree;
 };
 
-/// Finds the leaves of the octree over a batch's points; returns how many of these no coarser resolution has.
+/// Finds the leaves of the octree over a batch's points, and their clusters; returns how many of these no coarser
+/// resolution has.
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result);
 
-/// Reduces the cells of a batch, whose leaves are found. Thread-safe.
+/// Reduces the cells of a batch, whose leaves and clusters are found. Thread-safe.
 void reduce_cells(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result);
 
 }  // namespace splatvol

@@ -1,5 +1,6 @@
 #include "builder/reduction_pass.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -12,10 +13,12 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
       rows_(rows),
       leaves_(std::move(leaves)),
       most_open_leaves_(most_open_leaves),
-      cascade_(settings.cube, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
-               {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
+      cascade_(settings.cube, settings.method, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
+               {[this](std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
                   rows_.add_splat(step, member.splats[step], first_part);
-                  leaf(member.leaf).splats_at(step).include(member.splats[step], member.moments);
+                  SplatBounds& bounds = leaf(member.leaf).splats_at(step);
+                  bounds.include(member.splats[step], member.moments);
+                  bounds.least_depth = std::min(bounds.least_depth, static_cast<std::uint8_t>(block_depth));
                 },
                 [this](std::size_t step, const Member& member) {
                   leaf(member.leaf).count(step);

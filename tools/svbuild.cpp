@@ -36,6 +36,12 @@ Connectivity connectivity_of(const std::string& name) {
   return Connectivity::automatic;
 }
 
+Reduction reduction_of(const std::string& name) {
+  for (const Reduction reduction : {Reduction::mis, Reduction::kdtree})
+    if (name == reduction_name(reduction)) return reduction;
+  return Reduction::octree;
+}
+
 // One bar at a time: a new stage replaces the last one's.
 class StageBar {
  public:
@@ -105,6 +111,7 @@ Status build(const Options& options) {
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns}));
   BuildOptions build_options;
+  build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
@@ -154,8 +161,12 @@ int main(int argc, char** argv) {
       ->check(splatvol::check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
-  app.add_option("--reduction", options.reduction, "How coarser resolutions are chosen")
-      ->check(CLI::IsMember({"octree"}))
+  app.add_option(
+         "--reduction", options.reduction,
+         "How coarser resolutions are chosen: octree (a point of each leaf, about a third), mis (an independent "
+         "set of the points' Delaunay triangulations, about a sixth; slow), kdtree (a point of each part of "
+         "halves of halves, about a sixth)")
+      ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")
       ->check(CLI::Range(8u, 65536u))
