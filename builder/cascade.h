@@ -89,8 +89,7 @@ class Cascade {
   /// What becomes of splats and points.
   struct Sink {
     /// The next splat of a step, in Morton order, with its leaf's depth and count, the depth of its block, and the
-    /// number of the first splat of the finer step that it is made of; of several clusters in a block all parts are
-    /// counted as if they lay one cluster behind the other.
+    /// number of the first splat of the finer step that it is made of, where a cluster is a whole block.
     std::function<void(std::size_t step, const Member& member, int block_depth, std::uint64_t first_part)> splat;
     /// A point that no coarser step has; within a step's own in Morton order.
     std::function<void(std::size_t step, const Member& member)> point;

@@ -25,7 +25,11 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
                   rows_.add_point(step, member);
                 }}),
       histograms_(settings.attributes.size()),
-      missing_(settings.attributes.size()) {}
+      missing_(settings.attributes.size()) {
+  // A fit looks at the splats that a splat is made of, which only lie side by side where a cluster is a whole block.
+  for (std::size_t step = 1; step < max_steps && settings.method != Reduction::octree; ++step)
+    rows.leave_unfitted(step);
+}
 
 void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
   result.clear();
