@@ -145,7 +145,8 @@ class Cascade {
 
   Cube cube_;
   Reduction method_;
-  std::uint32_t leaf_points_, block_points_;
+  std::uint32_t leaf_points_;
+  std::uint64_t block_points_;
   std::vector<double> offsets_;
   Sink sink_;
   std::vector<Step> steps_;                 // step 0 is not used

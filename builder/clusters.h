@@ -22,9 +22,17 @@ enum class Reduction {
 [[nodiscard]] const char* reduction_name(Reduction method);
 
 /// Most points in a block: a leaf of an octree that no cluster leaves. The more, the fewer clusters are cut short at
-/// its border, and the larger the nodes that can be drawn by themselves.
-[[nodiscard]] inline std::uint32_t most_in_block(Reduction method, std::uint32_t leaf_points) {
-  return method == Reduction::octree ? leaf_points : std::max(512u, leaf_points);
+/// its border, and the larger the nodes that can be drawn by themselves; chosen by the error of pictures with as many
+/// splats (docs/accuracy.md).
+[[nodiscard]] inline std::uint64_t most_in_block(Reduction method, std::uint64_t leaf_points) {
+  switch (method) {
+    case Reduction::mis:
+      return std::max<std::uint64_t>(leaf_points, 256);
+    case Reduction::kdtree:
+      return std::max<std::uint64_t>(leaf_points, std::min<std::uint64_t>(8 * leaf_points, 512));
+    default:
+      return leaf_points;
+  }
 }
 
 /// Visits the leaves of the octree below a cell at `depth` that holds keys [begin, end): cells with more than

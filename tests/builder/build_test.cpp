@@ -4,6 +4,7 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include <tuple>
 
 #include "base/file.h"
+#include "builder/generator.h"
 #include "format/volume.h"
 #include "tests/builder/meshes.h"
 #include "tests/builder/piece_source.h"
@@ -798,6 +800,104 @@ TEST(BuildIndex, EveryNodeTellsTheTruth) {
   };
   check(check, {0, points.size(), 0});
   EXPECT_EQ(next_node, tree.size());
+}
+
+constexpr std::array all_reductions = {Reduction::octree, Reduction::mis, Reduction::kdtree};
+
+BuildOptions reduced_by(Reduction method) {
+  BuildOptions options;
+  options.reduction = method;
+  options.index_leaf_points = 255;
+  return options;
+}
+
+// The masses of a node's splats are the same at each resolution at which it may be drawn, so no cluster crosses its
+// border, and any valid cut has the mass of the whole. Masses in the file are within 2^(1/256), which is 0.28 %.
+// Returns how many nodes may be drawn at more than one.
+std::size_t expect_nodes_keep_their_mass(const Contents& contents) {
+  const test::Tree tree = *test::read_tree(*contents.volume, 0);
+  const std::size_t resolutions = contents.splats.size();
+  std::size_t node = 0, with_choice = 0;
+  const auto descend = [&](const auto& self, std::vector<std::uint64_t> begins) -> void {
+    const auto counts = tree.counts_of(node);
+    const std::size_t first = tree.first_resolutions[node];
+    const int children = std::popcount(tree.child_masks[node]);
+    ++node;
+    std::vector<double> masses(resolutions);
+    for (std::size_t r = first; r < resolutions; ++r)
+      for (std::size_t s = 0; s <= r; ++s)
+        for (std::uint64_t i = begins[s]; i < begins[s] + counts[s]; ++i) masses[r] += contents.splats[r][i].shape.mass;
+    for (std::size_t r = first; r < resolutions; ++r)
+      ASSERT_NEAR(masses[r], masses.back(), 0.0056 * masses.back()) << "node " << node - 1 << ", resolution " << r;
+    with_choice += first + 1 < resolutions;
+    for (int c = 0; c < children; ++c) {
+      const std::vector<std::uint64_t> at = begins;
+      for (std::size_t s = 0; s < resolutions; ++s) begins[s] += tree.counts_of(node)[s];
+      self(self, at);
+      if (testing::Test::HasFatalFailure()) return;
+    }
+  };
+  std::vector<std::uint64_t> begins = {0};
+  for (std::size_t r = 0; r + 1 < resolutions; ++r) begins.push_back(contents.splats[r].size());
+  descend(descend, begins);
+  return with_choice;
+}
+
+TEST(BuildReductions, NodesKeepTheirMassAtEveryResolution) {
+  const test::Mesh mesh = graded_mesh(28);
+  for (const Reduction method : all_reductions) {
+    SCOPED_TRACE(reduction_name(method));
+    const std::string path = temporary_path("reductions.svol");
+    ASSERT_TRUE(build({mesh_piece(mesh, wave)}, path, reduced_by(method)));
+    const Contents contents = read_all(path);
+    EXPECT_EQ(contents.volume->info().reduction_method, reduction_name(method));
+    EXPECT_GE(contents.splats.size(), 3u);
+    double mass = 0;
+    for (const Splat& splat : contents.splats[0]) mass += splat.shape.mass;
+    EXPECT_NEAR(mass / test::volume(mesh), 1, 0.0028);
+    EXPECT_GT(expect_nodes_keep_their_mass(contents), 8u);
+    if (HasFatalFailure()) return;
+  }
+}
+
+TEST(BuildReductions, HardDistributionsWork) {
+  constexpr std::uint64_t count = 6000;
+  for (const Distribution distribution : {Distribution::half_tiny, Distribution::equal, Distribution::two_clusters,
+                                          Distribution::line, Distribution::layer})
+    for (const Reduction method : all_reductions) {
+      SCOPED_TRACE(distribution_names()[static_cast<std::size_t>(distribution)] + ", " + reduction_name(method));
+      const std::string path = temporary_path("hard.svol");
+      const auto source = generate_points({count, distribution});
+      const auto report = build_volume(*source, path, reduced_by(method), [](const char*, double) {});
+      ASSERT_TRUE(report) << report.error().message;
+      const Contents contents = read_all(path);
+      EXPECT_EQ(contents.positions.size(), count);
+      const std::vector<std::uint64_t>& counts = report->resolution_counts;
+      EXPECT_LE(counts.front(), 512u);
+      // Of a block of 2 k + 1 points on a line an independent set may have k + 1.
+      for (std::size_t r = 0; r + 1 < counts.size(); ++r) EXPECT_LT(19 * counts[r], 10 * counts[r + 1]);
+      expect_nodes_keep_their_mass(contents);
+      if (HasFatalFailure()) return;
+    }
+}
+
+TEST(BuildReductions, BytesDoNotDependOnMemoryAndThreads) {
+  const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
+  const Piece mesh = mesh_piece(graded_mesh(20), wave);
+  for (const Reduction method : {Reduction::mis, Reduction::kdtree})
+    for (const auto& pieces : {std::vector{scattered(random_points(30'000))}, test::cut(mesh, 7)}) {
+      BuildOptions options = reduced_by(method);
+      options.memory = std::uint64_t{8} << 30;
+      ASSERT_TRUE(build(pieces, first, options));
+      const std::string expected = *read_text_file(first);
+      for (const auto& [memory, threads] : {std::pair{std::uint64_t{1}, 7}, {std::uint64_t{64} << 20, 1}}) {
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                        static_cast<std::size_t>(threads));
+        options.memory = memory;
+        ASSERT_TRUE(build(pieces, other, options));
+        EXPECT_TRUE(*read_text_file(other) == expected) << memory << " bytes, " << threads << " threads";
+      }
+    }
 }
 
 }  // namespace

@@ -124,6 +124,7 @@ TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
 struct Streamed {
   struct Step {
     std::vector<std::uint64_t> members;
+    std::vector<int> block_depths;           // [member]; empty at step 0
     std::vector<std::uint64_t> first_parts;  // [member]; empty at step 0
     std::vector<SplatRow> splats;            // [member]
     test::Material material;                 // empty at step 0
@@ -136,7 +137,8 @@ struct Streamed {
   std::vector<std::vector<std::size_t>> ends;  // [point]: steps that are its last
   std::vector<std::uint64_t> counts;           // [step]
 
-  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t cell_points) {
+  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t cell_points,
+           Reduction method = Reduction::octree) {
     ends.resize(positions.size());
     attribute_.min = 0;
     attribute_.max = static_cast<double>(positions.size());
@@ -150,14 +152,19 @@ struct Streamed {
       points = all;
       return {};
     }));
-    Cascade cascade(cube, leaf_points, {0},
-                    {[this](std::size_t step, const Member& member, std::uint64_t first_part) {
-                       add_splat(step, member, first_part);
+    Cascade cascade(cube, method, leaf_points, {0},
+                    {[this](std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
+                       add_splat(step, member, block_depth, first_part);
                      },
                      [this](std::size_t step, const Member& member) { ends[id(member)].push_back(step); }});
     const double offset = 0;
-    const ReductionSettings settings{
-        cube, leaf_points, points.size() > coarsest_target, true, std::span(&attribute_, 1), std::span(&offset, 1)};
+    const ReductionSettings settings{.cube = cube,
+                                     .leaf_points = leaf_points,
+                                     .reduces = points.size() > coarsest_target,
+                                     .wants_splats = true,
+                                     .attributes = std::span(&attribute_, 1),
+                                     .offsets = std::span(&offset, 1),
+                                     .method = method};
     PointBatch batch;
     ReducedBatch reduced(1);
     while (*batches.next(batch)) {
@@ -192,13 +199,14 @@ struct Streamed {
     if (batch.first % 2 == 0) cascade.advance();  // sometimes; what comes of it does not depend on it
   }
 
-  void add_splat(std::size_t step, const Member& member, std::uint64_t first_part) {
+  void add_splat(std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
     EXPECT_EQ(member.splats.size(), step + 1);
     EXPECT_EQ(member.value_rows.size(), step + 1);
     EXPECT_EQ(member.point.position, points.positions[id(member)]);
     steps.resize(std::max(steps.size(), step + 1));
     Step& at = steps[step];
     at.members.push_back(id(member));
+    at.block_depths.push_back(block_depth);
     at.first_parts.push_back(first_part);
     at.splats.push_back(member.splats[step]);
     at.material.moments.push_back(member.moments);
@@ -373,15 +381,121 @@ TEST(Cascade, GivesTheReductionOfTheDefinition) {
     }
 }
 
+// A step's members by the leaves of an octree over them.
+void visit_leaves(const Streamed& streamed, const Streamed::Step& step, std::size_t leaf_points,
+                  const std::function<void(std::size_t begin, std::size_t end, int depth)>& visit) {
+  std::vector<MortonKey> keys;
+  for (const std::uint64_t i : step.members) keys.push_back(streamed.points.keys[i]);
+  test::visit_octree(keys, leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
+    if (leaf) visit(begin, end, depth);
+  });
+}
+
+// What a step's blocks come to by the definition: who stays, and the material of each.
+Streamed::Step reduce_blocks(const Streamed& streamed, const Streamed::Step& step, const test::Material& material,
+                             Reduction method, std::uint32_t leaf_points, std::size_t block_points) {
+  Streamed::Step coarser;
+  coarser.material.value_moments.resize(1);
+  visit_leaves(streamed, step, block_points, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<MortonKey> keys;
+    std::vector<dvec3> positions;
+    for (std::size_t m = begin; m < end; ++m) {
+      keys.push_back(streamed.points.keys[step.members[m]]);
+      positions.push_back(streamed.points.positions[step.members[m]]);
+    }
+    std::vector<std::uint32_t> owners(end - begin);
+    find_clusters(method, leaf_points, keys, positions, owners);
+    for (std::size_t kept = 0; kept < owners.size(); ++kept) {
+      if (owners[kept] != kept) continue;
+      SpatialMoments moments;
+      ValueMoments values;
+      std::vector<BoundaryPlane> planes;
+      std::vector<dvec3> shifts;
+      for (std::size_t m = 0; m < owners.size(); ++m) {
+        if (owners[m] != kept) continue;
+        shifts.push_back(positions[m] - positions[kept]);
+        merge(moments, material.moments[begin + m], shifts.back());
+        merge(values, material.value_moments[0][begin + m], shifts.back());
+        planes.push_back(material.planes[begin + m]);
+      }
+      coarser.members.push_back(step.members[begin + kept]);
+      coarser.material.moments.push_back(moments);
+      coarser.material.value_moments[0].push_back(values);
+      coarser.material.planes.push_back(merge_planes(planes, shifts));
+    }
+  });
+  return coarser;
+}
+
+void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint32_t leaf_points,
+                           std::size_t cell_points) {
+  const std::size_t last = streamed.steps.size() - 1;
+  ASSERT_LE(streamed.counts[last], coarsest_target);
+  test::Material material = test::material_of(streamed.points);
+  for (std::size_t step = 0; step <= last; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step));
+    const Streamed::Step& at = streamed.steps[step];
+    ASSERT_EQ(at.splats.size(), streamed.counts[step]);
+    // The octree's leaves have nothing to do with the clusters.
+    visit_leaves(streamed, at, leaf_points, [&](std::size_t begin, std::size_t end, int depth) {
+      for (std::size_t m = begin; m < end; ++m) {
+        ASSERT_EQ(at.splats[m].number, m);
+        ASSERT_EQ(at.splats[m].depth, depth);
+        ASSERT_EQ(at.splats[m].count, std::min<std::size_t>(end - begin, 255));
+      }
+    });
+    if (step == last) break;
+    const std::size_t block_points =
+        std::min<std::size_t>(most_in_block(method, leaf_points), step == 0 ? cell_points : -1);
+    if (step > 0)
+      visit_leaves(streamed, at, block_points, [&](std::size_t begin, std::size_t end, int depth) {
+        for (std::size_t m = begin; m < end; ++m) ASSERT_EQ(at.block_depths[m], depth);
+      });
+    const Streamed::Step expected = reduce_blocks(streamed, at, material, method, leaf_points, block_points);
+    const Streamed::Step& coarser = streamed.steps[step + 1];
+    ASSERT_EQ(coarser.members, expected.members);
+    ASSERT_LT(coarser.members.size(), at.members.size());
+    for (std::size_t m = 0; m < expected.members.size(); ++m) {
+      expect_same(coarser.material.moments[m], expected.material.moments[m]);
+      expect_same(coarser.material.value_moments[0][m], expected.material.value_moments[0][m],
+                  expected.material.moments[m]);
+      expect_same(coarser.material.planes[m], expected.material.planes[m]);
+    }
+    for (const std::uint64_t i : at.members) {
+      const bool stays = std::ranges::binary_search(coarser.members, i);
+      ASSERT_EQ(streamed.ends[i] == std::vector<std::size_t>{step}, !stays) << "point " << i;
+    }
+    material = coarser.material;
+  }
+  for (const std::uint64_t i : streamed.steps[last].members)
+    ASSERT_EQ(streamed.ends[i], std::vector<std::size_t>{last}) << "point " << i;
+}
+
+TEST(Cascade, ReducesBlocksByTheirClusters) {
+  for (const auto& [name, positions] : hard_cases())
+    for (const Reduction method : {Reduction::mis, Reduction::kdtree})
+      for (const auto& [leaf_points, cell_points] : {std::pair{8u, 300u}, {8u, 512u}, {20u, 3000u}, {600u, 600u}}) {
+        SCOPED_TRACE(name + ", " + reduction_name(method) + ", " + std::to_string(leaf_points) + " and " +
+                     std::to_string(cell_points));
+        const Streamed streamed(positions, leaf_points, cell_points, method);
+        if (name != "all equal") expect_blocks_reduced(streamed, method, leaf_points, cell_points);
+        if (HasFatalFailure()) return;
+      }
+}
+
 // Thousands of points in one finest cell, coincident or not, that are more than a cell may hold.
 TEST(Cascade, CellsInPartsKeepAllPointsAndTheirMass) {
-  for (const double apart : {0.0, 0x1p-50})
+  for (const auto& [method, apart] : {std::pair{Reduction::octree, 0.0},
+                                      {Reduction::octree, 0x1p-50},
+                                      {Reduction::mis, 0x1p-50},
+                                      {Reduction::kdtree, 0.0}})
     for (const std::size_t cell_points : {300, 512, 2999, 3000, 3001}) {
-      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(cell_points));
+      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(cell_points) + ", " +
+                   reduction_name(method));
       std::vector<dvec3> positions = random_points(1000);
       positions.insert(positions.end(), {{0, 0, 0}, {1, 1, 1}});
       for (int i = 0; i < 3000; ++i) positions.emplace_back(0.25 + apart * (i % 256), 0.25, 0.25);
-      const Streamed streamed(positions, 8, cell_points);
+      const Streamed streamed(positions, 8, cell_points, method);
       expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
 
       ASSERT_GE(streamed.steps.size(), 2u);
