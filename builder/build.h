@@ -15,8 +15,8 @@
 namespace splatvol {
 
 struct BuildOptions {
-  Reduction reduction = Reduction::octree;
-  std::uint32_t leaf_points = 8;                        // N of the reduction's octree; at least 8 (see build_volume)
+  Reduction reduction = Reduction::octree;              // how coarser resolutions are chosen
+  std::uint32_t leaf_points = 8;                        // N of its octree or k-d tree; at least 8 (see build_volume)
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input

@@ -95,10 +95,10 @@ void Cascade::close_block(std::size_t step, std::size_t size, int depth) {
   Step& at = steps_[step];
   block_.clear();
   const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
-  for_each_leaf(key, 0, size, depth, leaf_points_, [&](std::size_t begin, std::size_t end, int leaf_depth) {
+  for_each_leaf(key, 0, size, depth, leaf_points_, [&](std::size_t begin, std::size_t end, int octant_depth) {
     for (std::size_t m = begin; m < end; ++m) {
       SplatRow& splat = at.entries[m].member->splats.back();
-      splat.depth = static_cast<std::uint8_t>(leaf_depth);
+      splat.depth = static_cast<std::uint8_t>(octant_depth);
       splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(end - begin, 255));
     }
   });

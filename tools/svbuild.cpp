@@ -168,7 +168,7 @@ int main(int argc, char** argv) {
          "halves of halves, about a sixth)")
       ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
       ->capture_default_str();
-  app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree, at least 8")
+  app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree or k-d tree, at least 8")
       ->check(CLI::Range(8u, 65536u))
       ->capture_default_str();
   app.add_option("--connectivity", options.connectivity,
