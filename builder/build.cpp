@@ -270,9 +270,8 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   const InputSummary& input = points.summary();
   format::VolumeInfo info = describe(options, input.cube, input.attributes);
   SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder));
-  RowStreams rows(info, fitted_splats, folder, file);
   const bool fits = batches.count() <= fitted_splats;
-  if (!fits) rows.leave_unfitted(0);
+  RowStreams rows(info, fits, folder, file);
   LeafSpool leaves(std::move(leaf_file));
   std::vector<double> offsets;
   for (const format::Attribute& attribute : input.attributes) offsets.push_back(attribute.offset);

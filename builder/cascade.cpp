@@ -44,9 +44,9 @@ void add_splats(std::span<const MemberPool::Handle> members, std::span<const dou
   }
 }
 
-void Cascade::add_to_last(const Member& other, std::uint64_t parts) {
+void Cascade::add_to_last(const Member& other) {
   Step& step = steps_[1];
-  const MemberPool::Handle& handle = step.entries.back().member;
+  const MemberPool::Handle& handle = step.entries.back();
   Member& last = *handle;
   merge(last.moments, other.moments, dvec3(0));
   for (std::size_t a = 0; a < offsets_.size(); ++a) merge(last.values[a].moments, other.values[a].moments, dvec3(0));
@@ -56,13 +56,12 @@ void Cascade::add_to_last(const Member& other, std::uint64_t parts) {
   last.value_rows.resize(last.value_rows.size() - offsets_.size());
   add_splats({&handle, 1}, offsets_);
   last.splats.back().number = number;
-  step.entries.back().parts += parts;
 }
 
-void Cascade::push(std::size_t step, MemberPool::Handle member, std::uint64_t parts) {
+void Cascade::push(std::size_t step, MemberPool::Handle member) {
   Step& at = steps_[step];
   member->splats.back().number = at.count++;
-  at.entries.push_back({std::move(member), parts});
+  at.entries.push_back(std::move(member));
 }
 
 void Cascade::close_blocks(bool at_end) {
@@ -70,9 +69,8 @@ void Cascade::close_blocks(bool at_end) {
     if (!at_end && !steps_[step].reduces()) return;
     close_blocks(step, at_end);
     add_splats(merged_, offsets_);
-    for (std::size_t m = 0; m < merged_.size(); ++m) push(step + 1, std::move(merged_[m]), parts_[m]);
+    for (MemberPool::Handle& member : merged_) push(step + 1, std::move(member));
     merged_.clear();
-    parts_.clear();
   }
 }
 
@@ -80,7 +78,7 @@ void Cascade::close_blocks(bool at_end) {
 // no two members share the finest cell.
 void Cascade::close_blocks(std::size_t step, bool at_end) {
   Step& at = steps_[step];
-  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
+  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };
   while (!at.entries.empty() && (at_end || at.entries.size() > block_points_)) {
     const MortonKey& first = key(0);
     const MortonKey* beyond = at.entries.size() > block_points_ ? &key(block_points_) : nullptr;
@@ -94,18 +92,17 @@ void Cascade::close_blocks(std::size_t step, bool at_end) {
 void Cascade::close_block(std::size_t step, std::size_t size, int depth) {
   Step& at = steps_[step];
   block_.clear();
-  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m].member->key; };
+  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };
   for_each_leaf(key, 0, size, depth, leaf_points_, [&](std::size_t begin, std::size_t end, int octant_depth) {
     for (std::size_t m = begin; m < end; ++m) {
-      SplatRow& splat = at.entries[m].member->splats.back();
+      SplatRow& splat = at.entries[m]->splats.back();
       splat.depth = static_cast<std::uint8_t>(octant_depth);
       splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(end - begin, 255));
     }
   });
   for (std::size_t m = 0; m < size; ++m) {
-    block_.push_back(std::move(at.entries.front().member));
-    sink_.splat(step, *block_.back(), depth, at.next_part);
-    at.next_part += at.entries.front().parts;
+    block_.push_back(std::move(at.entries.front()));
+    sink_.splat(step, *block_.back(), depth);
     at.entries.pop_front();
   }
   at.before = block_.back()->key;
@@ -154,13 +151,12 @@ void Cascade::merge_cluster(const Cluster& cluster, std::size_t kept) {
   }
   if (!planes_.empty()) merged.plane = merge_planes(planes_, shifts_);
   merged_.push_back(std::move(block_[kept]));
-  parts_.push_back(cluster.size());
 }
 
 std::uint64_t Cascade::first_open_leaf() const {
   std::uint64_t first = std::numeric_limits<std::uint64_t>::max();
   for (const Step& step : steps_)
-    if (!step.entries.empty()) first = std::min(first, step.entries.front().member->leaf);
+    if (!step.entries.empty()) first = std::min(first, step.entries.front()->leaf);
   return first;
 }
 

@@ -88,9 +88,8 @@ class Cascade {
  public:
   /// What becomes of splats and points.
   struct Sink {
-    /// The next splat of a step, in Morton order, with its leaf's depth and count, the depth of its block, and the
-    /// number of the first splat of the finer step that it is made of, where a cluster is a whole block.
-    std::function<void(std::size_t step, const Member& member, int block_depth, std::uint64_t first_part)> splat;
+    /// The next splat of a step, in Morton order, with its leaf's depth and count, and the depth of its block.
+    std::function<void(std::size_t step, const Member& member, int block_depth)> splat;
     /// A point that no coarser step has; within a step's own in Morton order.
     std::function<void(std::size_t step, const Member& member)> point;
   };
@@ -104,14 +103,14 @@ class Cascade {
         sink_(std::move(sink)),
         steps_(max_steps) {}
 
-  /// The next member of step 1, its splats made; `parts` splats of the finest step are in it.
-  void push(MemberPool::Handle member, std::uint64_t parts) { push(1, std::move(member), parts); }
+  /// The next member of step 1, its splats made.
+  void push(MemberPool::Handle member) { push(1, std::move(member)); }
 
   /// Reduces what can be. Once in a while is enough, and faster than after each member.
   void advance() { close_blocks(false); }
 
   /// Adds the material of another member to the last that was pushed; both are at the same place.
-  void add_to_last(const Member& other, std::uint64_t parts);
+  void add_to_last(const Member& other);
 
   /// After the last member.
   void finish() { close_blocks(true); }
@@ -124,18 +123,13 @@ class Cascade {
 
  private:
   struct Step {
-    struct Entry {
-      MemberPool::Handle member;
-      std::uint64_t parts;  // splats of the finer step that it is made of
-    };
-    std::deque<Entry> entries;        // of blocks that are not whole yet
-    std::uint64_t count = 0;          // members, those that are gone included
-    std::uint64_t next_part = 0;      // number of the first part of the first member
-    std::optional<MortonKey> before;  // last key of the blocks that are done
+    std::deque<MemberPool::Handle> entries;  // of blocks that are not whole yet
+    std::uint64_t count = 0;                 // members, those that are gone included
+    std::optional<MortonKey> before;         // last key of the blocks that are done
     [[nodiscard]] bool reduces() const { return count > coarsest_target; }
   };
 
-  void push(std::size_t step, MemberPool::Handle member, std::uint64_t parts);
+  void push(std::size_t step, MemberPool::Handle member);
   void close_blocks(bool at_end);
   void close_blocks(std::size_t step, bool at_end);
   void close_block(std::size_t step, std::size_t size, int depth);
@@ -158,7 +152,6 @@ class Cascade {
   std::vector<BoundaryPlane> planes_;       // of the members of a cluster
   std::vector<dvec3> shifts_;               // and where
   std::vector<MemberPool::Handle> merged_;  // of the step whose blocks are being closed: what goes on
-  std::vector<std::uint64_t> parts_;        // [merged]
 };
 
 }  // namespace splatvol

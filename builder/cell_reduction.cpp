@@ -213,7 +213,6 @@ class CellReducer {
       }
       member.plane = merge_planes(planes_, shifts_);
     }
-    result_.parts.push_back(cluster.size());
   }
 
   const PointBatch& batch_;
@@ -284,7 +283,6 @@ void ReducedBatch::clear() {
   packed.clear();
   tail.clear();
   members.clear();
-  parts.clear();
   cells.clear();
   for (auto& histogram : histograms) histogram.fill(0);
   std::ranges::fill(missing, 0);

@@ -90,7 +90,6 @@ struct ReducedBatch {
   SplatRows tail;                           // and the rest; all in the first where nothing is to be packed
   std::vector<MemberPool::Handle> members;  // the others, their second splat made; of a cell that is continued one
                                             // with the material of that part, whose points are all finest
-  std::vector<std::uint64_t> parts;         // [member]: points of its cluster
   std::vector<Cell> cells;
   format::Histograms histograms;       // of all points
   std::vector<std::uint64_t> missing;  // [attribute]

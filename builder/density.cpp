@@ -61,45 +61,41 @@ Ellipsoid make_ellipsoid(const PlacedShape& splat) {
 }
 
 // Places in a splat's material, at the crossings of a lattice: origin + x step[0] + y step[1] + z step[2], where x, y
-// and z run over offsets(side).
+// and z run over `offsets`.
 struct Lattice {
   dvec3 origin;
   dmat3 step;
-  int side;                       // 1, 2 or 3 places along each axis
   std::array<float, 28> weights;  // 1, or 0 for places outside of the material; and behind the last
   dvec3 reach;                    // half extents of the box round it
 };
 
-// The offsets of all places, padded to whole vectors.
+// Three places along each axis, padded to whole vectors.
+constexpr std::size_t places = 27;
 struct Offsets {
-  std::size_t count;  // a multiple of 4
   std::array<float, 28> x{}, y{}, z{};
 
-  explicit Offsets(int side) : count(static_cast<std::size_t>(side * side * side + 3) / 4 * 4) {
-    for (int i = 0; i < side * side * side; ++i) {
-      const auto offset = [&](int k) { return static_cast<float>(k) - 0.5F * static_cast<float>(side - 1); };
-      const auto place = static_cast<std::size_t>(i);
-      x[place] = offset(i % side);
-      y[place] = offset(i / side % side);
-      z[place] = offset(i / side / side);
+  constexpr Offsets() {
+    for (std::size_t i = 0; i < places; ++i) {
+      x[i] = static_cast<float>(i % 3) - 1;
+      y[i] = static_cast<float>(i / 3 % 3) - 1;
+      z[i] = static_cast<float>(i / 9) - 1;
     }
   }
 };
-
-const std::array<Offsets, 4> offsets = {Offsets(0), Offsets(1), Offsets(2), Offsets(3)};
+constexpr Offsets offsets;
 
 // The sum of an ellipsoid's density over a lattice. Single precision where nothing cancels any more: in the ball.
 double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
   const dvec3 middle = ellipsoid.to_ball * (lattice.origin - ellipsoid.centre);
   const dmat3 step = ellipsoid.to_ball * lattice.step;
-  const double reach = 0.5 * (lattice.side - 1) * (glm::length(step[0]) + glm::length(step[1]) + glm::length(step[2]));
+  const double reach = glm::length(step[0]) + glm::length(step[1]) + glm::length(step[2]);
   const double nearest = glm::length(middle) - reach;
   if (!(nearest < 1)) return 0;
 
   const vec3 m(middle), u(step[0]), v(step[1]), w(step[2]), outward(ellipsoid.outward);
-  const Offsets& at = offsets[static_cast<std::size_t>(lattice.side)];
+  const Offsets& at = offsets;
   std::array<float, 28> densities;
-  for (std::size_t i = 0; i < at.count; ++i) {
+  for (std::size_t i = 0; i < densities.size(); ++i) {
     const float x = m.x + at.x[i] * u.x + at.y[i] * v.x + at.z[i] * w.x;
     const float y = m.y + at.x[i] * u.y + at.y[i] * v.y + at.z[i] * w.y;
     const float z = m.z + at.x[i] * u.z + at.y[i] * v.z + at.z[i] * w.z;
@@ -108,7 +104,7 @@ double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
     densities[i] = inside * rest * std::sqrt(rest);
   }
   std::array<float, 4> sums{};
-  for (std::size_t i = 0; i < at.count; i += 4)
+  for (std::size_t i = 0; i < densities.size(); i += 4)
     for (std::size_t k = 0; k < 4; ++k) sums[k] += densities[i + k];
   return ellipsoid.peak * static_cast<double>((sums[0] + sums[1]) + (sums[2] + sums[3]));
 }
@@ -193,19 +189,18 @@ std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
   return trees;
 }
 
-// Of a cell with the splat's covariance, cut in so many each way.
-Lattice make_lattice(const PlacedShape& splat, int side) {
+// Of a cell with the splat's covariance, cut in three each way.
+Lattice make_lattice(const PlacedShape& splat) {
   const dmat3 axes = glm::mat3_cast(splat.shape.orientation);
   const double distance_2 = glm::dot(splat.shape.boundary, splat.shape.boundary);
-  const double step = 2 * std::numbers::sqrt3 / side;  // deviations
-  Lattice lattice{splat.centroid, axes, side, {}, dvec3(0)};
+  const double step = 2 * std::numbers::sqrt3 / 3;  // deviations
+  Lattice lattice{splat.centroid, axes, {}, dvec3(0)};
   for (int k = 0; k < 3; ++k) {
     lattice.step[k] *= step * splat.shape.deviations[k];
-    lattice.reach += 0.5 * (side - 1) * glm::abs(lattice.step[k]);
+    lattice.reach += glm::abs(lattice.step[k]);
   }
-  const Offsets& at = offsets[static_cast<std::size_t>(side)];
-  for (std::size_t i = 0; i < static_cast<std::size_t>(side * side * side); ++i) {
-    const dvec3 place = step * dvec3(at.x[i], at.y[i], at.z[i]);
+  for (std::size_t i = 0; i < places; ++i) {
+    const dvec3 place = step * dvec3(offsets.x[i], offsets.y[i], offsets.z[i]);
     lattice.weights[i] = distance_2 > 0 && glm::dot(place, splat.shape.boundary) > distance_2 ? 0.0F : 1.0F;
   }
   return lattice;
@@ -219,8 +214,7 @@ struct View {
 
 class DensityFit {
  public:
-  DensityFit(std::span<PlacedShape> splats, std::span<const PlacedShape> parts, std::span<const std::uint64_t> begins)
-      : splats_(splats), parts_(parts), begins_(begins), ellipsoids_(splats.size()) {
+  explicit DensityFit(std::span<PlacedShape> splats) : splats_(splats), ellipsoids_(splats.size()) {
     tbb::parallel_for(std::size_t{0}, splats.size(),
                       [&](std::size_t i) { ellipsoids_[i] = make_ellipsoid(splats[i]); });
   }
@@ -246,11 +240,10 @@ class DensityFit {
   // Where the splats of a block look, and what may be there.
   struct Search {
     struct Look {
-      std::size_t lattices_end = 0;  // where those of the next splat begin
-      Bounds bounds;                 // round them; inside out for none
+      Lattice lattice{};
+      Bounds bounds;  // round it; inside out for none
       double samples = 0;
     };
-    std::vector<Lattice> lattices;
     std::vector<Look> looks;  // [splat of the block]
     std::vector<BoxTree::Member> found;
     std::vector<std::uint32_t> candidates;  // of those: for a range of splats, behind those of the range round it
@@ -275,18 +268,13 @@ class DensityFit {
   }
 
   void find_looks(std::size_t b, Search& search) const {
-    search.lattices.clear();
     search.looks.clear();
     for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
-      std::size_t lattice = search.lattices.size();
-      if (ellipsoids_[i].peak > 0) find_lattices(i, search.lattices);
       Search::Look& look = search.looks.emplace_back();
-      look.lattices_end = search.lattices.size();
-      for (; lattice < look.lattices_end; ++lattice) {
-        const Lattice& at = search.lattices[lattice];
-        look.bounds.include({at.origin, at.reach});
-        for (const float weight : at.weights) look.samples += static_cast<double>(weight);
-      }
+      if (!(ellipsoids_[i].peak > 0)) continue;
+      look.lattice = make_lattice(splats_[i]);
+      look.bounds = {look.lattice.origin, look.lattice.reach};
+      for (const float weight : look.lattice.weights) look.samples += static_cast<double>(weight);
     }
   }
 
@@ -310,28 +298,12 @@ class DensityFit {
       return;
     }
     const Search::Look& look = search.looks[begin];
-    const std::size_t lattices_begin = begin > 0 ? search.looks[begin - 1].lattices_end : 0;
-    const auto lattices = std::span(search.lattices).subspan(lattices_begin, look.lattices_end - lattices_begin);
     for (std::size_t c = last; c < in_sight && look.samples > 0; ++c) {
       const std::uint32_t j = search.found[candidates[c]].ellipsoid;
-      double seen = 0;
-      for (const Lattice& lattice : lattices) seen += density_over(ellipsoids_[j], lattice);
+      const double seen = density_over(ellipsoids_[j], look.lattice);
       if (seen > 0) block.views.push_back({j, static_cast<float>(seen / look.samples)});
     }
     block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
-  }
-
-  // Where a splat looks: 27 places in it, or up to 64 in its parts.
-  void find_lattices(std::size_t i, std::vector<Lattice>& lattices) const {
-    if (parts_.empty()) {
-      lattices.push_back(make_lattice(splats_[i], 3));
-      return;
-    }
-    constexpr std::uint64_t most_parts = 64;
-    const std::uint64_t count = begins_[i + 1] - begins_[i];
-    const std::uint64_t step = (count + most_parts - 1) / most_parts;
-    for (std::uint64_t part = begins_[i]; part < begins_[i + 1]; part += step)
-      if (parts_[part].shape.mass > 0) lattices.push_back(make_lattice(parts_[part], count <= 8 ? 2 : 1));
   }
 
   void improve(std::size_t b, const std::vector<float>& densities, std::vector<float>& next) const {
@@ -377,17 +349,12 @@ class DensityFit {
   }
 
   std::span<PlacedShape> splats_;
-  std::span<const PlacedShape> parts_;
-  std::span<const std::uint64_t> begins_;
   std::vector<Ellipsoid> ellipsoids_;
   std::vector<Block> blocks_;
 };
 
 }  // namespace
 
-void fit_densities(std::span<PlacedShape> splats, std::span<const PlacedShape> parts,
-                   std::span<const std::uint64_t> begins) {
-  DensityFit(splats, parts, begins).run();
-}
+void fit_densities(std::span<PlacedShape> splats) { DensityFit(splats).run(); }
 
 }  // namespace splatvol

@@ -20,10 +20,6 @@ struct PlacedShape {
 /// where large cells meet small ones. The factors make the mean of the density within each splat's own material 1, what
 /// the material has since a splat's mass is its volume, and keep the mass of every neighbourhood. About 450 bytes a
 /// splat while it runs. Requires splats in Morton order, fewer than 2^32. Does not depend on the number of threads.
-///
-/// `parts`: the splats of the next finer resolution, those of splats[i] from begins[i] to begins[i + 1], where the
-/// material is; without them a splat looks at a cell of its own covariance.
-void fit_densities(std::span<PlacedShape> splats, std::span<const PlacedShape> parts = {},
-                   std::span<const std::uint64_t> begins = {});
+void fit_densities(std::span<PlacedShape> splats);
 
 }  // namespace splatvol

@@ -14,7 +14,7 @@ namespace splatvol {
 /// What a cell says of the splats of one resolution whose points lie in it. Splats, and the cells that make up a larger
 /// one, may be added in any order.
 struct SplatBounds {
-  std::uint8_t least_depth = 255;  // of the leaves of the octree over the resolution; 255: no splat
+  std::uint8_t least_depth = 255;  // of the blocks that the clusters of the next coarser one stay in; 255: no splat
   std::uint8_t octant_code = 255;  // size code of the largest octant splat
   double width = 0;                // of the widest moments splat
   Box box;                         // round all moments splats
@@ -39,7 +39,7 @@ struct IndexLeaf {
 };
 
 /// Grows the index over its leaves, given in Morton order. A node's first_resolution is the coarsest whose clusters all
-/// lie on one side of its border: the clusters of resolution r are the leaves of the octree over resolution r + 1.
+/// lie on one side of its border: they stay within blocks, leaves of an octree over resolution r + 1 (Reduction).
 /// Holds the path to the last leaf and what IndexPacker does. After a failure only destruction is allowed.
 class IndexStream {
  public:

@@ -14,8 +14,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
       leaves_(std::move(leaves)),
       most_open_leaves_(most_open_leaves),
       cascade_(settings.cube, settings.method, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
-               {[this](std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
-                  rows_.add_splat(step, member.splats[step], first_part);
+               {[this](std::size_t step, const Member& member, int block_depth) {
                   SplatBounds& bounds = leaf(member.leaf).splats_at(step);
                   bounds.include(member.splats[step], member.moments);
                   bounds.least_depth = std::min(bounds.least_depth, static_cast<std::uint8_t>(block_depth));
@@ -25,11 +24,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
                   rows_.add_point(step, member);
                 }}),
       histograms_(settings.attributes.size()),
-      missing_(settings.attributes.size()) {
-  // A fit looks at the splats that a splat is made of, which only lie side by side where a cluster is a whole block.
-  for (std::size_t step = 1; step < max_steps && settings.method != Reduction::octree; ++step)
-    rows.leave_unfitted(step);
-}
+      missing_(settings.attributes.size()) {}
 
 void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
   result.clear();
@@ -38,7 +33,7 @@ void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
 }
 
 Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
-  for (const SplatRow& splat : reduced.splats) rows_.add_splat(0, splat, 0);
+  for (const SplatRow& splat : reduced.splats) rows_.add_splat(splat);
   rows_.add_finest(reduced.finest);
   for (format::Bytes& chunk : reduced.packed) rows_.add_packed_finest(std::move(chunk));
   rows_.add_finest(reduced.tail);
@@ -56,9 +51,9 @@ Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
     for (; m < reduced.cells[c].members_end; ++m) {
       MemberPool::Handle& member = reduced.members[m];
       if (cell.continued)
-        cascade_.add_to_last(*member, reduced.parts[m]);
+        cascade_.add_to_last(*member);
       else
-        cascade_.push(std::move(member), reduced.parts[m]);
+        cascade_.push(std::move(member));
     }
   }
   cascade_.advance();

@@ -28,12 +28,11 @@ Bytes serialize(std::span<const PackedChunk> chunks) {
 
 }  // namespace
 
-RowStreams::RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder,
-                       AtomicFile& finest)
+RowStreams::RowStreams(const format::VolumeInfo& info, bool fits, std::string folder, AtomicFile& finest)
     : attributes_(info.attributes),
       all_columns_(info.columns),
       points_per_chunk_(info.points_per_chunk),
-      fitted_splats_(fitted_splats),
+      fits_(fits),
       folder_(std::move(folder)),
       finest_(finest) {
   std::ranges::copy_if(all_columns_, std::back_inserter(resolution_columns_),
@@ -86,25 +85,6 @@ Bytes RowStreams::pack_finest(const SplatRows& rows) const {
   return serialize(pack_rows(rows, all_columns_, attributes_));
 }
 
-RowStreams::Fit& RowStreams::fit(std::size_t step) {
-  if (fits_.size() <= step) fits_.resize(step + 1);
-  return fits_[step];
-}
-
-void RowStreams::add_splat(std::size_t step, const SplatRow& splat, std::uint64_t first_part) {
-  Fit& at = fit(step);
-  if (!at.wanted) return;
-  if (splat.number == fitted_splats_) {
-    at = {};
-    at.wanted = false;
-    return;
-  }
-  // Most steps come to none or to all that are allowed; pages that are not written to take no memory.
-  if (at.shapes.empty()) at.shapes.reserve(fitted_splats_), at.begins.reserve(fitted_splats_ + 1);
-  at.shapes.push_back({splat.centroid, splat.shape});
-  at.begins.push_back(first_part);
-}
-
 void RowStreams::add_point(std::size_t segment, const Member& member) {
   const std::size_t attributes = attributes_.size();
   std::vector<Stream>& at = streams(segment);
@@ -128,7 +108,7 @@ void RowStreams::take(std::vector<Chunk>& chunks, bool at_end) {
   chunks.clear();
   for (std::size_t segment = 0; segment < streams_.size(); ++segment)
     for (std::size_t step = 0; step <= segment; ++step) {
-      if (!at_end && fit(step).wanted) continue;
+      if (!at_end && is_fitted(step)) continue;
       std::deque<Chunk>& waiting = streams_[segment][step].chunks;
       while (!waiting.empty() && (at_end || is_complete(waiting.front()))) {
         chunks.push_back(std::move(waiting.front()));
@@ -164,28 +144,20 @@ Status RowStreams::write(const Chunk& chunk) {
   return stream.file->append(row);
 }
 
-// From fine to coarse: a splat looks where its parts are.
-void RowStreams::fit_step(std::size_t step) {
-  Fit& at = fits_[step];
-  if (step > 0 && !fits_[step - 1].shapes.empty()) {
-    at.begins.push_back(fits_[step - 1].shapes.size());
-    fit_densities(at.shapes, fits_[step - 1].shapes, at.begins);
-  } else {
-    fit_densities(at.shapes);
-  }
-  for (std::size_t segment = step; segment < streams_.size(); ++segment)
-    for (const Chunk& chunk : streams_[segment][step].chunks) {
+void RowStreams::fit() {
+  fit_densities(shapes_);
+  for (std::vector<Stream>& at : streams_)
+    for (const Chunk& chunk : at[0].chunks) {
       SplatRows::Splats& splats = chunk.rows_->splats;
       for (std::size_t i = 0; i < splats.shapes.size(); ++i)
-        splats.shapes[i].density = at.shapes[splats.numbers[i]].shape.density;
+        splats.shapes[i].density = shapes_[splats.numbers[i]].shape.density;
     }
+  shapes_ = {};
 }
 
 Status RowStreams::finish(std::size_t steps) {
-  for (std::size_t step = 0; step < steps; ++step)
-    if (fit(step).wanted) fit_step(step);
-  fits_.clear();
-  fits_.resize(steps);
+  if (fits_) fit();
+  steps_ = steps;
   std::vector<Chunk> chunks;
   take(chunks, true);
   // Not all at once: what is packed is held until it is written.
@@ -202,10 +174,9 @@ Status RowStreams::finish(std::size_t steps) {
 }
 
 Status RowStreams::read(const Visit& visit) {
-  const std::size_t steps = fits_.size();
   Bytes bytes;
-  for (std::size_t step = steps; step-- > 0;) {
-    for (std::size_t segment = std::min(steps, streams_.size()); segment-- > step;) {
+  for (std::size_t step = steps_; step-- > 0;) {
+    for (std::size_t segment = std::min(steps_, streams_.size()); segment-- > step;) {
       Stream& stream = streams_[segment][step];
       std::vector<format::ChunkEntry> entries(stream.columns->size());
       const std::size_t head = entries.size() * sizeof(format::ChunkEntry);

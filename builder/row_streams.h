@@ -22,23 +22,21 @@ namespace splatvol {
 /// Collects the points of each segment and their splats at each step, packs them and keeps them in temporary files: one
 /// for each pair, so that each is read from its beginning to its end. Chunks of the finest rows, which are the file's
 /// last and more than half of it, go where they are to stay.
-/// The densities of steps with at most `fitted_splats` splats are fitted (density.h), which needs all of them at once;
-/// others are packed as they come.
+/// The densities of step 0 may be fitted (density.h), which needs all of its splats at once; else rows are packed as
+/// they come. Those of coarser steps stay 1: a fit holds for one resolution, and most pictures mix them
+/// (docs/accuracy.md).
 class RowStreams {
   struct Stream;
 
  public:
   /// `info`: attributes, columns and points_per_chunk; not what is only known at the end. `folder`: for the files.
   /// `finest`: gets the chunks of segment 0 at step 0, side by side; must outlive this.
-  RowStreams(const format::VolumeInfo& info, std::uint64_t fitted_splats, std::string folder, AtomicFile& finest);
+  RowStreams(const format::VolumeInfo& info, bool fits, std::string folder, AtomicFile& finest);
   RowStreams(const RowStreams&) = delete;
   RowStreams& operator=(const RowStreams&) = delete;
 
-  /// The next splat of a step, in Morton order; `first_part`: see Cascade.
-  void add_splat(std::size_t step, const SplatRow& splat, std::uint64_t first_part);
-
-  /// Says beforehand that a step will have too many splats; they need not be added then.
-  void leave_unfitted(std::size_t step) { fit(step).wanted = false; }
+  /// The next splat of step 0 in Morton order, where it is fitted.
+  void add_splat(const SplatRow& splat) { shapes_.push_back({splat.centroid, splat.shape}); }
 
   /// The next points of segment 0, with their splats at step 0.
   void add_finest(const SplatRows& rows);
@@ -84,12 +82,6 @@ class RowStreams {
   [[nodiscard]] Status read(const Visit& visit);
 
  private:
-  /// What a step's fit needs. Not kept for steps with too many splats.
-  struct Fit {
-    bool wanted = true;
-    std::vector<PlacedShape> shapes;    // [splat]
-    std::vector<std::uint64_t> begins;  // [splat]: of its parts among the next finer step's splats
-  };
   struct Extent {
     std::uint64_t offset, bytes;
   };
@@ -105,20 +97,21 @@ class RowStreams {
   [[nodiscard]] bool is_complete(const Chunk& chunk) const;
   SplatRows& open_chunk(Stream& stream);
   void take(std::vector<Chunk>& chunks, bool at_end);
-  Fit& fit(std::size_t step);
-  void fit_step(std::size_t step);
+  [[nodiscard]] bool is_fitted(std::size_t step) const { return fits_ && step == 0; }
+  void fit();
 
   std::vector<format::Attribute> attributes_;
   std::vector<format::Column> all_columns_, resolution_columns_;
   std::size_t points_per_chunk_;
-  std::uint64_t fitted_splats_;
+  bool fits_;
   std::string folder_;
   AtomicFile& finest_;
   std::uint64_t coarse_bytes_ = 0;
   std::deque<TempFile> files_;
   std::vector<std::vector<Stream>> streams_;       // [segment][step]
   std::vector<std::unique_ptr<SplatRows>> spare_;  // empty ones, whose memory the next chunks take
-  std::vector<Fit> fits_;                          // [step]
+  std::vector<PlacedShape> shapes_;                // [splat of step 0], where it is fitted
+  std::size_t steps_ = 0;                          // known at the end
 };
 
 }  // namespace splatvol

@@ -106,19 +106,6 @@ TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
   EXPECT_NEAR(at(4), 1, 0.05);
 }
 
-TEST(Density, LooksAtTheParts) {
-  // Two slabs with a gap as wide as themselves: parts say that it is empty, and the density does not rise to fill it.
-  const std::vector<PlacedShape> parts = {box({0, 0, -1}, {4, 4, 1}), box({0, 0, 1}, {4, 4, 1})};
-  std::vector<PlacedShape> with = {box({0, 0, 0}, {4, 4, 3})};
-  with[0].shape.mass = 32;
-  std::vector<PlacedShape> without = with;
-  const std::vector<std::uint64_t> begins = {0, 2};
-  fit_densities(with, parts, begins);
-  fit_densities(without);
-  for (const auto& splats : {with, without})
-    EXPECT_NEAR(splats[0].shape.density, 1, 1e-6) << "alone, it keeps its mass";
-}
-
 TEST(Density, HardCases) {
   std::vector<PlacedShape> none;
   fit_densities(none);

@@ -124,10 +124,9 @@ TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
 struct Streamed {
   struct Step {
     std::vector<std::uint64_t> members;
-    std::vector<int> block_depths;           // [member]; empty at step 0
-    std::vector<std::uint64_t> first_parts;  // [member]; empty at step 0
-    std::vector<SplatRow> splats;            // [member]
-    test::Material material;                 // empty at step 0
+    std::vector<int> block_depths;  // [member]; empty at step 0
+    std::vector<SplatRow> splats;   // [member]
+    test::Material material;        // empty at step 0
   };
 
   Cube cube;
@@ -152,11 +151,10 @@ struct Streamed {
       points = all;
       return {};
     }));
-    Cascade cascade(cube, method, leaf_points, {0},
-                    {[this](std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
-                       add_splat(step, member, block_depth, first_part);
-                     },
-                     [this](std::size_t step, const Member& member) { ends[id(member)].push_back(step); }});
+    Cascade cascade(
+        cube, method, leaf_points, {0},
+        {[this](std::size_t step, const Member& member, int block_depth) { add_splat(step, member, block_depth); },
+         [this](std::size_t step, const Member& member) { ends[id(member)].push_back(step); }});
     const double offset = 0;
     const ReductionSettings settings{.cube = cube,
                                      .leaf_points = leaf_points,
@@ -192,14 +190,14 @@ struct Streamed {
     for (std::size_t c = 0; c < batch.cells.size(); ++c)
       for (; m < reduced.cells[c].members_end; ++m) {
         if (batch.cells[c].continued)
-          cascade.add_to_last(*reduced.members[m], reduced.parts[m]);
+          cascade.add_to_last(*reduced.members[m]);
         else
-          cascade.push(std::move(reduced.members[m]), reduced.parts[m]);
+          cascade.push(std::move(reduced.members[m]));
       }
     if (batch.first % 2 == 0) cascade.advance();  // sometimes; what comes of it does not depend on it
   }
 
-  void add_splat(std::size_t step, const Member& member, int block_depth, std::uint64_t first_part) {
+  void add_splat(std::size_t step, const Member& member, int block_depth) {
     EXPECT_EQ(member.splats.size(), step + 1);
     EXPECT_EQ(member.value_rows.size(), step + 1);
     EXPECT_EQ(member.point.position, points.positions[id(member)]);
@@ -207,7 +205,6 @@ struct Streamed {
     Step& at = steps[step];
     at.members.push_back(id(member));
     at.block_depths.push_back(block_depth);
-    at.first_parts.push_back(first_part);
     at.splats.push_back(member.splats[step]);
     at.material.moments.push_back(member.moments);
     at.material.planes.push_back(member.plane);
@@ -311,9 +308,6 @@ void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) 
     SCOPED_TRACE("step " + std::to_string(step));
     const test::Resolution& resolution = resolutions[last - step];
     expect_same_step(streamed, step, resolution, materials[last - step]);
-    if (step == 0) continue;
-    const std::vector<std::uint64_t>& begins = resolutions[last - step + 1].begins;
-    ASSERT_TRUE(std::equal(begins.begin(), begins.end() - 1, streamed.steps[step].first_parts.begin()));
   }
 }
 

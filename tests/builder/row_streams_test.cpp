@@ -48,7 +48,7 @@ struct Rows {
   std::vector<std::vector<float>> values;                // [row]; empty where the row's segment is not its resolution's
   std::vector<std::vector<std::uint8_t>> depths, counts;  // [row]
 
-  explicit Rows(std::uint64_t fitted_splats) {
+  explicit Rows(bool fits) {
     constexpr std::size_t count = 6000;
     test::PieceSource source({test::scattered(test::random_points(count))});
     PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
@@ -72,7 +72,7 @@ struct Rows {
                     {ColumnKind::moments, ColumnScope::resolution, -1},
                     {ColumnKind::value, ColumnScope::segment, 0}};
     AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
-    RowStreams rows(info, fitted_splats, testing::TempDir(), finest);
+    RowStreams rows(info, fits, testing::TempDir(), finest);
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenLeaf&) -> Status { return {}; });
@@ -151,7 +151,7 @@ std::vector<SplatRow> splats_in_file_order(const Rows& rows) {
   std::vector<std::vector<SplatRow>> splats;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r)
     splats.push_back(test::splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
-  test::fit_all_densities(rows.resolutions, splats);
+  test::fit_finest_densities(splats.back());
   const std::vector<std::uint64_t> order = test::file_order(rows.resolutions);
   std::vector<SplatRow> all;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r) {
@@ -172,8 +172,8 @@ std::vector<T> flat(const std::vector<std::vector<T>>& rows) {
 }
 
 TEST(RowStreams, RowsComeInFileOrderEachOnce) {
-  for (const std::uint64_t fitted : {std::uint64_t{0}, std::uint64_t{1000}, std::uint64_t{1} << 20}) {
-    const Rows rows(fitted);
+  for (const bool fits : {false, true}) {
+    const Rows rows(fits);
     ASSERT_GE(rows.resolutions.size(), 3u);
     std::vector<float> order;
     for (const std::uint64_t i : test::file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
@@ -194,36 +194,32 @@ TEST(RowStreams, RowsComeInFileOrderEachOnce) {
 }
 
 // What is fitted is what the oracle fits, and the rest of the file does not depend on it.
-TEST(RowStreams, DensitiesAreFittedWhereThereAreFewSplats) {
-  constexpr std::uint64_t few = 3500;
-  const Rows all(std::uint64_t{1} << 20), some(few), none(0);
-  const std::vector<SplatRow> expected = splats_in_file_order(all);
-  const std::size_t unfitted = all.resolutions.back().size();
-  ASSERT_GT(unfitted, few);
-  ASSERT_LT(all.resolutions[all.resolutions.size() - 2].size(), few);
-  const auto fitted_shapes = flat(all.shapes), some_shapes = flat(some.shapes), none_shapes = flat(none.shapes);
+TEST(RowStreams, DensitiesOfTheFinestAreFitted) {
+  const Rows fitted(true), none(false);
+  const std::vector<SplatRow> expected = splats_in_file_order(fitted);
+  const std::size_t finest = fitted.resolutions.back().size();
+  const auto shapes = flat(fitted.shapes), none_shapes = flat(none.shapes);
   std::size_t differ = 0;
   for (std::size_t k = 0; k < expected.size(); ++k) {
-    const format::SplatShape &a = fitted_shapes[k], &b = some_shapes[k], &c = none_shapes[k];
+    const format::SplatShape &a = shapes[k], &b = none_shapes[k];
     const auto rest = [](const format::SplatShape& shape) {
       return std::tuple(shape.mass, shape.deviations, shape.orientation, shape.boundary);
     };
     ASSERT_EQ(rest(a), rest(b));
-    ASSERT_EQ(rest(a), rest(c));
+    ASSERT_EQ(b.density, 1);
+    if (k < expected.size() - finest) {
+      ASSERT_EQ(a.density, 1);
+    }
     if (a.mass == 0) continue;
     const double density = std::clamp(expected[k].shape.density, 1.0 / 16, 15.0);  // as far as the file goes
     ASSERT_NEAR(a.density / density, 1, 0.05) << k;                                // a step of its code
-    if (k >= expected.size() - unfitted) {
-      ASSERT_NEAR(b.density, 1, 0.05);
-    }
-    ASSERT_NEAR(c.density, 1, 0.05);
     differ += std::abs(a.density - 1) > 0.1;
   }
   EXPECT_GT(differ, 100u);
 }
 
 TEST(RowStreams, ColumnsOtherThanMomentsAreTheSameBytes) {
-  const Rows all(std::uint64_t{1} << 20), none(0);
+  const Rows all(true), none(false);
   ASSERT_EQ(all.packed.size(), none.packed.size());
   for (std::size_t row = 0; row < all.packed.size(); ++row) {
     ASSERT_EQ(all.packed[row].size(), none.packed[row].size());
@@ -247,7 +243,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   format::VolumeInfo info;
   info.attributes.emplace_back();
   AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
-  RowStreams rows(info, 0, testing::TempDir(), finest);
+  RowStreams rows(info, false, testing::TempDir(), finest);
   const double offset = 0;
   const ReductionSettings settings{stream.summary().cube, leaf_points,          true, true,
                                    info.attributes,       std::span(&offset, 1)};

@@ -63,15 +63,11 @@ std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resoluti
 }
 
 // From fine to coarse: a splat looks where its parts are.
-void fit_all_densities(std::span<const Resolution> resolutions, std::span<std::vector<SplatRow>> splats) {
-  std::vector<PlacedShape> finer;
-  for (std::size_t r = resolutions.size(); r-- > 0;) {
-    std::vector<PlacedShape> shapes;
-    for (const SplatRow& splat : splats[r]) shapes.push_back({splat.centroid, splat.shape});
-    fit_densities(shapes, finer, finer.empty() ? std::span<const std::uint64_t>() : resolutions[r + 1].begins);
-    for (std::size_t m = 0; m < shapes.size(); ++m) splats[r][m].shape.density = shapes[m].shape.density;
-    finer = std::move(shapes);
-  }
+void fit_finest_densities(std::span<SplatRow> splats) {
+  std::vector<PlacedShape> shapes;
+  for (const SplatRow& splat : splats) shapes.push_back({splat.centroid, splat.shape});
+  fit_densities(shapes);
+  for (std::size_t m = 0; m < shapes.size(); ++m) splats[m].shape.density = shapes[m].shape.density;
 }
 
 }  // namespace splatvol::test

@@ -35,7 +35,7 @@ struct Material {
 [[nodiscard]] std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
                                               const Material& material);
 
-/// Fits the densities of all resolutions' splats, each to the next finer one. From coarse to fine, as the resolutions.
-void fit_all_densities(std::span<const Resolution> resolutions, std::span<std::vector<SplatRow>> splats);
+/// Fits the densities of the finest resolution's splats.
+void fit_finest_densities(std::span<SplatRow> splats);
 
 }  // namespace splatvol::test
