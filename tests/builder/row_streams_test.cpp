@@ -56,6 +56,11 @@ struct Rows {
     Batches batches(stream, 100);
     EXPECT_TRUE(batches.hold_all([&](PointBatch& all) -> Status {
       test::randomize_material(all);
+      // Some that overlap.
+      for (std::size_t i = 0; i < all.size(); i += 2) {
+        const double edge = i % 4 == 0 ? 0.03 : 0.1, variance = edge * edge / 12;
+        all.moments[i] = {edge * edge * edge, dvec3(0), {variance, variance, variance, 0, 0, 0}};
+      }
       std::iota(all.values[0].begin(), all.values[0].end(), 0.0);
       points = all;
       return {};
