@@ -16,8 +16,7 @@
 namespace splatvol {
 
 /// Takes batches, fills rows and index leaves. Nothing in it grows with the number of points but the splats of the
-/// steps whose densities are fitted, up to their limit, and what comes late for index leaves, a few thousandths of
-/// them.
+/// finest step where their densities are fitted, and what comes late for index leaves, a few thousandths of them.
 class ReductionPass {
  public:
   /// `leaves` gets the index's leaves in Morton order, counts and splats by steps; at most so many wait for what is

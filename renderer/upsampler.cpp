@@ -16,12 +16,15 @@ Result<Upsampler> Upsampler::create() {
   SPLATVOL_TRY_ASSIGN(program,
                       build_program("interpolation between samples", {{GL_VERTEX_SHADER, {shaders::upsample_vert}},
                                                                       {GL_FRAGMENT_SHADER, {shaders::upsample_frag}}}));
-  return Upsampler(std::move(program));
+  GLuint name = 0;
+  glCreateVertexArrays(1, &name);
+  return Upsampler(std::move(program), VertexArray(name));
 }
 
 Status Upsampler::run(const Target& samples, int spacing, const Target& picture) {
   SPLATVOL_TRY(rows_.resize(samples.width(), picture.height()));
   glUseProgram(program_.name());
+  glBindVertexArray(no_attributes_.name());
   pass(samples, 1, spacing, rows_);
   pass(rows_, 0, spacing, picture);
   return check_gl("interpolating between samples");

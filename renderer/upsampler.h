@@ -26,10 +26,12 @@ class Upsampler {
   [[nodiscard]] std::uint64_t bytes() const { return rows_.bytes(); }
 
  private:
-  explicit Upsampler(Program program) : program_(std::move(program)) {}
+  Upsampler(Program program, VertexArray no_attributes)
+      : program_(std::move(program)), no_attributes_(std::move(no_attributes)) {}
   void pass(const Target& from, int axis, int spacing, const Target& to) const;
 
   Program program_;
+  VertexArray no_attributes_;  // drawing takes one, be it empty
   Target rows_;  // as wide as the samples, as high as the picture
 };
 

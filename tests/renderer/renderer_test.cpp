@@ -580,6 +580,13 @@ TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
   }
 }
 
+TEST_F(RendererTest, SamplesOfNothing) {
+  (void)picture({}, orthographic_view(64, 64), four_colors(1));
+  glBindVertexArray(0);  // as before the first splat of all
+  const Image image = redraw(orthographic_view(64, 64), SortMode::exact, 4);
+  for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
+}
+
 TEST_F(RendererTest, SamplesHaveTheMiddleOfThePicture) {
   for (const auto& [width, height, spacing] :
        {std::tuple{64, 64, 4}, {65, 63, 4}, {33, 50, 7}, {7, 3, 5}, {1, 1, 64}}) {
