@@ -157,18 +157,16 @@ Status Streamer::set_memory_aside() {
 // What choosing a cut by expected error may hold.
 std::uint64_t Streamer::choice_bytes() const { return budget_.capacity() / choice_share; }
 
-std::uint64_t Streamer::fixed_bytes() const {
-  return volume_->memory_bytes() + filled_.memory_bytes() + choice_bytes();
-}
+std::uint64_t Streamer::fixed_bytes() const { return volume_->memory_bytes() + filled_.memory_bytes(); }
 
 // The least that leaves so much for a frame.
 std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
-  const std::uint64_t others = volume_->memory_bytes() + filled_.memory_bytes() + working_bytes_ + bytes;
+  const std::uint64_t others = fixed_bytes() + working_bytes_ + bytes;
   return others + others / (choice_share - 1) + 1;
 }
 
 std::uint64_t Streamer::frame_limit() const {
-  const std::uint64_t fixed = fixed_bytes() + working_bytes_;
+  const std::uint64_t fixed = fixed_bytes() + working_bytes_ + choice_bytes();
   return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
 }
 
@@ -213,8 +211,18 @@ CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_
   return options;
 }
 
+// With the memory that it takes.
+Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View& view,
+                             const ValueVisibility& visibility, const CutOptions& options) {
+  std::optional<Reservation> room;
+  if (options.goal && !(room = cache_.reserve(choice_bytes())))
+    return fail(ErrorCode::out_of_budget, "{}: no memory to choose by expected error", volume_->name());
+  return residency ? select_resident_cut(info(), index, *residency, view, visibility, options)
+                   : select_cut(info(), index, view, visibility, options);
+}
+
 Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
-  SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), paged_, view, visibility, cut_options(detail, frame_limit())));
+  SPLATVOL_TRY_ASSIGN(cut, select(paged_, nullptr, view, visibility, cut_options(detail, frame_limit())));
   if (cut.splats > detail.max_splats)
     return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", detail.max_splats);
   if (frame_bytes(cut, info(), kernel_) > frame_limit())
@@ -261,7 +269,7 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   while (make_coarser(coarsest_detail)) {
   }
   const CutOptions options = cut_options(coarsest_detail, std::numeric_limits<std::uint64_t>::max());
-  const auto coarsest = select_cut(info(), paged_, view, visibility, options);
+  const auto coarsest = select(paged_, nullptr, view, visibility, options);
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.max_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture needs {} splats, more than {}",
@@ -322,7 +330,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
 // chunks; a little to pictures on the way to it, that they may hold more splats, and to what is being read.
 std::uint64_t Streamer::paging_memory() const {
   const std::uint64_t fixed =
-      fixed_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
+      fixed_bytes() + choice_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
   return budget_.capacity() > fixed ? budget_.capacity() - fixed : 0;
 }
 
@@ -380,7 +388,7 @@ Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, c
   std::uint64_t aimed_bytes = 0;
   const auto try_cut = [&](const DetailOptions& tried) -> Result<Cut> {
     pager_->begin_selection();
-    SPLATVOL_TRY_ASSIGN(cut, select_cut(info(), *pager_, view, visibility, cut_options(tried, limit)));
+    SPLATVOL_TRY_ASSIGN(cut, select(*pager_, nullptr, view, visibility, cut_options(tried, limit)));
     if (cut.splats > tried.max_splats)
       return fail(ErrorCode::out_of_budget, "the view needs more than {} splats", tried.max_splats);
     const std::uint64_t bytes =
@@ -420,7 +428,7 @@ void Streamer::aim_in_steps(const View& view, const ValueVisibility& visibility)
     } else {
       detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, step);
     }
-    const auto cut = select_cut(info(), *pager_, view, visibility, cut_options(detail, bytes_left));
+    const auto cut = select(*pager_, nullptr, view, visibility, cut_options(detail, bytes_left));
     if (!cut) continue;
     const std::uint64_t bytes = gatherer_->resident_bytes(*cut);
     if (bytes > bytes_left) continue;
@@ -442,7 +450,7 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
 
   Pager::Pages pages = pager_->pages();
   const auto cut =
-      select_cut(info(), *pager_, next, visibility, cut_options(aim_->choice.detail, paging_memory() / 4 * 3));
+      select(*pager_, nullptr, next, visibility, cut_options(aim_->choice.detail, paging_memory() / 4 * 3));
   pager_->keep_pages_and_ask_ahead(std::move(pages));
   if (!cut) return;
   pager_->want(*cut, Pager::ahead);
@@ -460,7 +468,7 @@ Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
   const std::uint64_t limit =
       std::max(frame_bytes(aim_->choice.cut, info(), kernel_) + paging_memory() / 16, coarsest_frame_bytes());
   do {
-    auto cut = select_resident_cut(info(), *pager_, *pager_, aim_->view, aim_->visibility, cut_options(detail, limit));
+    auto cut = select(*pager_, pager_.get(), aim_->view, aim_->visibility, cut_options(detail, limit));
     if (!cut && cut.error().code != ErrorCode::out_of_budget) return cut;
     if (cut && cut->splats <= detail.max_splats && frame_bytes(*cut, info(), kernel_) <= limit) return cut;
   } while (make_coarser(detail));

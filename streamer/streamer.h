@@ -163,6 +163,8 @@ class Streamer {
   [[nodiscard]] Result<Choice> choose(DetailOptions detail, const TryCut& try_cut) const;
   [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
                                                       const DetailOptions& detail, bool paging);
+  [[nodiscard]] Result<Cut> select(IndexPages& index, Residency* residency, const View& view,
+                                   const ValueVisibility& visibility, const CutOptions& options);
   [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
   [[nodiscard]] bool shows(const ValueVisibility& visibility) const;
