@@ -149,7 +149,7 @@ int main(int argc, char** argv) {
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
   app.add_option(
          "inputs", options.inputs,
-         "Meshes (.vtu, .pvtu, .vtk, ...), folders of them, points (.npy), a PLOT3D grid and its solution, or what "
+         "Meshes (.vtu, .pvtu, .vtk, ...), voxels (.vdb), folders of them, points (.npy), a PLOT3D grid and its solution, or what "
          "svgen would make (gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
