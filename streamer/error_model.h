@@ -22,8 +22,8 @@ class ErrorModel {
  public:
   struct Terms {
     double error = 0;  // the node's part in the expected mean squared error of the picture's RGB
-    double seam = 0;   // what it adds where the node meets one that is one step finer: densities are fitted to one
-                       // resolution
+    double seam = 0;   // what it adds where the node meets one that is one step finer: small splats beside large ones
+                       // do not add up as among their like
   };
 
   /// A node as the model sees it. Keeps references to it and to the model.
