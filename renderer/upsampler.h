@@ -32,7 +32,7 @@ class Upsampler {
 
   Program program_;
   VertexArray no_attributes_;  // drawing takes one, be it empty
-  Target rows_;  // as wide as the samples, as high as the picture
+  Target rows_;                // as wide as the samples, as high as the picture
 };
 
 }  // namespace splatvol

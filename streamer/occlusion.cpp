@@ -56,14 +56,14 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
 
 FilledNodes FilledNodes::find(const format::Volume& volume, int attribute) {
   const format::VolumeInfo& info = volume.info();
-  const auto column = std::ranges::find(info.columns, ColumnKind::moments, &format::Column::kind);
-  if (column == info.columns.end() || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
+  const int column = info.find_column(ColumnKind::moments);
+  if (column < 0 || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
   const auto directory = volume.read_directory_page(0);
   const auto root = volume.read_index_root(-1);
   if (!directory || !root) return {};
   const auto resolution = find_finest_held(volume, *directory);
   if (!resolution) return {};
-  const auto masses = sum_masses(volume, *directory, *resolution, static_cast<int>(column - info.columns.begin()));
+  const auto masses = sum_masses(volume, *directory, *resolution, column);
   if (!masses) return {};
 
   // Down the page, as NodeTree goes: a child's points begin where those of the siblings before it end.
