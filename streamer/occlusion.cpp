@@ -54,20 +54,19 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
 
 }  // namespace
 
-FilledNodes FilledNodes::find(const format::Volume& volume, int attribute) {
+FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexPage& root, int attribute) {
   const format::VolumeInfo& info = volume.info();
   const int column = info.find_column(ColumnKind::moments);
   if (column < 0 || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
   const auto directory = volume.read_directory_page(0);
-  const auto root = volume.read_index_root(-1);
-  if (!directory || !root) return {};
+  if (!directory) return {};
   const auto resolution = find_finest_held(volume, *directory);
   if (!resolution) return {};
   const auto masses = sum_masses(volume, *directory, *resolution, column);
   if (!masses) return {};
 
   // Down the page, as NodeTree goes: a child's points begin where those of the siblings before it end.
-  const format::NodeArrays& nodes = root->nodes;
+  const format::NodeArrays& nodes = root.nodes;
   const std::size_t segments = *resolution + 1;
   FilledNodes found;
   found.filled_.resize(nodes.size());
@@ -83,7 +82,7 @@ FilledNodes FilledNodes::find(const format::Volume& volume, int attribute) {
       for (std::size_t s = 0; s < segments; ++s) mass += (*masses)[begin[s] + counts[s]] - (*masses)[begin[s]];
       found.filled_[node] = mass >= least_filling * volumes[node];
     }
-    std::uint32_t child = root->first_children[node];
+    std::uint32_t child = root.first_children[node];
     if (child == IndexPage::no_node) continue;
     std::vector<std::uint64_t> next(begin.begin(), begin.end());
     for (int left = std::popcount(nodes.child_masks[node]); left > 0; --left, ++child) {

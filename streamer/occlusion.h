@@ -21,7 +21,7 @@ class FilledNodes {
 
   /// None where the file has no moments, or points without a value of the attribute: these hide nothing. Reads nothing
   /// but the preamble; none either where that is damaged: reading it for a picture tells.
-  static FilledNodes find(const format::Volume& volume, int attribute);
+  static FilledNodes find(const format::Volume& volume, const format::IndexPage& root, int attribute);
 
   [[nodiscard]] bool any() const { return !filled_.empty(); }
   [[nodiscard]] bool has(std::uint32_t node) const { return filled_[node]; }

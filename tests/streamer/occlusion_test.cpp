@@ -115,7 +115,7 @@ class OpaqueMesh : public testing::Test {
     ASSERT_TRUE(report) << report.error().message;
     volume_ = format::Volume::open(open_file(path_).value()).value();
     paged_ = std::make_unique<PagedVolume>(*volume_, 0, cache_);
-    filled_ = FilledNodes::find(*volume_, 0);
+    filled_ = FilledNodes::find(*volume_, *paged_->root().value(), 0);
   }
   void TearDown() override { std::filesystem::remove(path_); }
 
