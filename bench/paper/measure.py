@@ -1,0 +1,96 @@
+"""What a part of svpaper works with: builds, pictures, errors; and how it prints its tables."""
+
+import json
+import resource
+import subprocess
+
+MESHES = ("bluntfin", "post", "wing")
+VIEWS = MESHES  # each from outside, as a whole
+
+
+class ProgramError(Exception):
+    """A program did not end well; the text is what was called and what it said."""
+
+
+class Paper:
+    """`pictures`: the folder that parts write theirs into. `work`: one for files that nobody keeps."""
+
+    def __init__(self, options, work):
+        self.programs, self.shared, self.work = options.programs, options.shared, work
+        self.frames, self.pictures = options.frames, options.pictures
+        self.built = {}
+
+    def attempt(self, program, *arguments):
+        """What subprocess.run gives, whatever the exit code."""
+        command = [str(self.programs / program), *map(str, arguments)]
+        try:
+            return subprocess.run(command, capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise ProgramError(f"{command[0]}: {error.strerror}") from error
+
+    def run(self, program, *arguments):
+        done = self.attempt(program, *arguments)
+        if done.returncode != 0:
+            raise ProgramError(f"{' '.join(done.args)}: {done.stderr.strip() or f'exit {done.returncode}'}")
+        return done.stdout
+
+    def mesh(self, name):
+        return self.shared / "data" / f"{name}.vtu"
+
+    def build(self, mesh, *options):
+        """The file, svbuild's summary, and CPU seconds, built once. `mesh`: one of the shared ones, or a path."""
+        if (mesh, *options) not in self.built:
+            source = self.mesh(mesh) if isinstance(mesh, str) else mesh
+            file = self.work / f"{source.stem}{''.join(options)}.svol"
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            summary = json.loads(self.run("svbuild", source, "-o", file, "--json", *options))
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            self.built[mesh, *options] = file, summary, seconds
+        return self.built[mesh, *options]
+
+    def render(self, file, scene, *options):
+        """The picture, and svrender's statistics."""
+        picture = self.new_file(".exr")
+        return picture, json.loads(
+            self.run("svrender", file, "--scene", scene, "-o", picture, "--stats", "-", *options)
+        )
+
+    def new_file(self, ending):
+        return self.work / f"{len(list(self.work.iterdir()))}{ending}"
+
+    def scene(self, view):
+        return self.shared / "scenes" / f"{view}.json"
+
+    def changed_scene(self, view, changes):
+        """The view's scene with other fields."""
+        path = self.new_file(".json")
+        path.write_text(json.dumps(json.loads(self.scene(view).read_text()) | changes))
+        return path
+
+    def truth(self, view):
+        return self.shared / "truth" / f"{view}.exr"
+
+    def rmse(self, a, b):
+        return json.loads(self.run("svdiff", a, b, "--json"))["rmse"]
+
+    def error(self, picture, view):
+        return self.rmse(picture, self.truth(view))
+
+
+def table(*names):
+    print(f"\n| {' | '.join(names)} |")
+    print("|" + "---|" * len(names))
+
+
+def row(*cells):
+    print(f"| {' | '.join(str(cell) for cell in cells)} |", flush=True)
+
+
+def show(path, what):
+    """A link to one of the page's pictures."""
+    print(f"\n![{what}](pictures/{path.name})")
+
+
+def milliseconds(stats):
+    return f"{1000 * stats['seconds']['frame']:.0f}"
