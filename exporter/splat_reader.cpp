@@ -103,6 +103,11 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
     if (parts.material)
       SPLATVOL_TRY(read_chunk(row, ColumnKind::value_moments, static_cast<int>(a),
                               into(result.materials.emplace_back(), format::unpack_value_moments)));
+    if (!parts.directions) continue;
+    std::vector<vec3>& directions = result.directions.emplace_back();
+    if (volume_.info().find_column(ColumnKind::gradient, static_cast<int>(a)) >= 0)
+      SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::gradient, static_cast<int>(a),
+                              into(directions, format::unpack_gradients)));
   }
   return result;
 }

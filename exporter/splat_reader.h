@@ -36,6 +36,7 @@ struct SplatGroup {
   std::vector<dvec3> centroids;
   std::vector<format::SplatShape> shapes;
   std::vector<std::vector<format::SplatValue>> materials;
+  std::vector<std::vector<vec3>> directions;  // of the values' gradients, as stored; empty where the file has none
 
   [[nodiscard]] std::size_t size() const { return std::max(positions.size(), centroids.size()); }
 };
@@ -51,7 +52,7 @@ class SplatReader {
 
   /// Which parts of a SplatGroup are read: the others stay empty.
   struct Parts {
-    bool positions = false, values = false, material = false;
+    bool positions = false, values = false, material = false, directions = false;
   };
   [[nodiscard]] Result<SplatGroup> read(std::uint64_t group, Parts parts) const;
 

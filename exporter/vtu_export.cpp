@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <limits>
 #include <span>
 #include <utility>
@@ -58,6 +59,20 @@ using Columns = std::vector<std::vector<double>>;
 
 void append(std::vector<double>& column, const dvec3& v) { column.insert(column.end(), {v.x, v.y, v.z}); }
 
+// S^-1 c; S is diagonal along the principal axes. What would not be finite, across no extent, is left out.
+dvec3 gradient_of(const format::SplatValue& value, const format::SplatShape& shape, const dmat3& axes) {
+  dvec3 gradient(0);
+  if (!(value.coverage > 0)) return gradient;
+  for (int k = 0; k < 3; ++k) {
+    const dvec3 along = value.correlation[k] * (value.deviation / shape.deviations[k]) * axes[k];
+    const dvec3 sum = gradient + along;
+    if (std::isfinite(sum.x + sum.y + sum.z)) gradient = sum;
+  }
+  return gradient;
+}
+
+dvec3 unit(const vec3& direction) { return direction == vec3(0) ? dvec3(0) : glm::normalize(dvec3(direction)); }
+
 class VtuFile {
  public:
   VtuFile(const format::Volume& volume, const ExportSelection& selection) : selection_(selection) {
@@ -70,10 +85,14 @@ class VtuFile {
     arrays_.push_back({.name = "mass"});
     arrays_.push_back({.name = "centroid", .components = 3});
     arrays_.push_back({.name = "covariance", .components = 6});
-    for (const format::Attribute& attribute : attributes_) {
+    for (const std::size_t a : selection.attributes) {
+      const format::Attribute& attribute = info.attributes[a];
       arrays_.push_back({.name = attribute.name + " mean"});
       arrays_.push_back({.name = attribute.name + " deviation"});
       arrays_.push_back({.name = attribute.name + " covariance", .components = 3});
+      arrays_.push_back({.name = attribute.name + " gradient", .components = 3});
+      has_direction_.push_back(info.find_column(format::ColumnKind::gradient, static_cast<int>(a)) >= 0);
+      if (has_direction_.back()) arrays_.push_back({.name = attribute.name + " gradient direction", .components = 3});
     }
     data_arrays_ = arrays_.size();
     arrays_.push_back({"connectivity", "Int64", 1, sizeof(std::int64_t)});
@@ -137,6 +156,8 @@ class VtuFile {
         (column++)->push_back(none + attributes_[a].offset + value.mean);
         (column++)->push_back(none + value.deviation);
         append(*column++, none + axes * (value.deviation * value.correlation * shape.deviations));
+        append(*column++, gradient_of(value, shape, axes));
+        if (has_direction_[a]) append(*column++, unit(group.directions[a][i]));
       }
     }
   }
@@ -190,7 +211,8 @@ class VtuFile {
 
   const ExportSelection& selection_;
   std::vector<format::Attribute> attributes_;
-  std::vector<Array> arrays_;  // points and their data, then those of the cells
+  std::vector<bool> has_direction_;  // [attribute]
+  std::vector<Array> arrays_;        // points and their data, then those of the cells
   std::size_t data_arrays_;
   std::uint64_t data_ = 0;  // where the appended data begins
   std::uint64_t bytes_ = 0;
@@ -233,8 +255,9 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
     report.points += columns[0].size() / 3;
     return {};
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true, .values = true, .material = true},
-                              take, [&](double done) { progress(0.25 + 0.75 * done); }));
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection),
+                              {.positions = true, .values = true, .material = true, .directions = true}, take,
+                              [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());
   report.file_bytes = vtu.bytes();
   return report;

@@ -7,13 +7,16 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 
 #include "base/vdb_share.h"
 #include "builder/build.h"
 #include "builder/generator.h"
+#include "builder/scattered.h"
 #include "builder/source.h"
 #include "exporter/vdb_export.h"
 #include "exporter/vtu_export.h"
+#include "tests/builder/piece_source.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {
@@ -39,8 +42,8 @@ class Export : public testing::Test {
     return format::Volume::open(open_file(path(name)).value()).value();
   }
 
-  std::shared_ptr<const format::Volume> build(Source& source, const std::string& name) const {
-    BuildOptions options;
+  std::shared_ptr<const format::Volume> build(Source& source, const std::string& name,
+                                              BuildOptions options = {}) const {
     options.memory = 64 << 20;
     EXPECT_TRUE(build_volume(source, path(name), options, [](const char*, double) {}).has_value());
     return open(name);
@@ -48,7 +51,7 @@ class Export : public testing::Test {
 
   /// Splats of any shape, some without mass, values missing here and there, far from the origin.
   std::shared_ptr<const format::Volume> random_volume(const dvec3& origin = dvec3(0)) const {
-    std::vector<dvec3> positions = test::random_points(600, 7);
+    std::vector<dvec3> positions = test::random_points(600, 7u);
     std::vector<std::vector<double>> values(2);
     for (const dvec3& p : positions) {
       values[0].push_back(p.x + p.y);
@@ -236,7 +239,7 @@ TEST_F(Export, RefusesWhatCannotBe) {
 }
 
 TEST_F(Export, NamesThatClashAreRefused) {
-  test::TestVolume volume = test::make_test_volume(test::random_points(50, 1), {std::vector<double>(50, 1.0)});
+  test::TestVolume volume = test::make_test_volume(test::random_points(50, 1u), {std::vector<double>(50, 1.0)});
   volume.info.attributes[0].name = "mass";
   ASSERT_TRUE(test::write_test_volume(volume, path("mass.svol")));
   const auto mass = open("mass.svol");
@@ -292,6 +295,133 @@ TEST_F(Export, VtkReadsThePoints) {
     EXPECT_TRUE(for_each_group(reader, {.positions = true, .values = true, .material = true}, compare, no_progress));
     EXPECT_EQ(i, report.points);
   }
+}
+
+constexpr dvec3 slope(1, -2, 0.5);
+
+// Arrays of an exported resolution, read back by VTK; those of vectors by component.
+struct Exported {
+  std::vector<dvec3> points;
+  std::map<std::string, std::vector<double>> arrays;
+
+  [[nodiscard]] std::vector<dvec3> vectors(const std::string& name) const {
+    std::vector<dvec3> result(points.size());
+    for (int k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < result.size(); ++i) result[i][k] = arrays.at(fmt::format("{}[{}]", name, k))[i];
+    return result;
+  }
+};
+
+Exported export_and_read(const format::Volume& volume, std::size_t resolution, const std::string& file) {
+  const auto selection = select(volume, resolution, {}, ExportSelection().box).value();
+  EXPECT_TRUE(export_vtu(volume, file, selection, no_progress).has_value());
+  const auto source = open_source({file}, {}).value();
+  const auto piece = source->next().value();
+  Exported result{piece->points, {}};
+  for (std::size_t a = 0; a < source->attributes().size(); ++a)
+    result.arrays[source->attributes()[a]] = piece->values[a];
+  return result;
+}
+
+// What codes leave of a linear field's gradient: correlations within 1/254, deviations within .3 %, and axes that move
+// by 1/16 of a shorter one.
+double gradient_bound(const format::SplatShape& shape, const format::SplatValue& value) {
+  const dvec3 codes = value.deviation / 254 / shape.deviations;
+  return glm::length(codes) + (0.006 + 1.0 / 8) * glm::length(slope);
+}
+
+void expect_slope(const format::Volume& volume, std::size_t resolution, const Exported& exported) {
+  const auto gradients = exported.vectors("value gradient");
+  double squares = 0;
+  std::size_t i = 0;
+  const auto compare = [&](const SplatGroup& group) -> Status {
+    for (std::size_t k = 0; k < group.size(); ++k, ++i) {
+      const double error = glm::length(gradients[i] - slope);
+      EXPECT_LT(error, gradient_bound(group.shapes[k], group.materials[0][k])) << resolution << " " << i;
+      squares += error * error;
+    }
+    return {};
+  };
+  const auto selection = select(volume, resolution, {}, ExportSelection().box).value();
+  EXPECT_TRUE(for_each_group(SplatReader(volume, selection), {.material = true}, compare, no_progress));
+  EXPECT_EQ(i, gradients.size());
+  EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.02 * glm::length(slope));
+}
+
+// Both gradients, of a linear field, by every way to join the points: that of the moments is the field's at every
+// resolution; the file's own is the sum of differences along the edges of the mesh's tetrahedra or of those found for
+// the points, which a linear field's gradient is only about; points without tetrahedra get the field's.
+TEST_F(Export, GradientsOfALinearField) {
+  const test::Mesh mesh = test::jittered(9, 0.3);
+  const auto field = [](dvec3 p) { return glm::dot(slope, p); };
+  const auto values = test::sample(mesh, field);
+  const auto along = test::gradients_of({mesh.points, delaunay_tetrahedra(mesh.points).value()}, values);
+  struct Case {
+    const char* name;
+    Connectivity connectivity;
+    std::uint64_t held_points;
+    std::vector<dvec3> directions;
+  };
+  const std::vector<dvec3> exact(mesh.points.size(), slope);
+  for (const auto& [name, connectivity, held, directions] :
+       {Case{"mesh", Connectivity::mesh, enough, test::gradients_of(mesh, values)},
+        Case{"delaunay", Connectivity::delaunay, enough, along},
+        Case{"delaunay in blocks", Connectivity::delaunay, 100, along},
+        Case{"Voronoi cells", Connectivity::none, enough, exact}, Case{"boxes", Connectivity::none, 100, exact}}) {
+    SCOPED_TRACE(name);
+    test::PieceSource source({test::mesh_piece(mesh, field)});
+    BuildOptions options;
+    options.connectivity = connectivity;
+    options.held_points = held;
+    const auto volume = build(source, "linear.svol", options);
+    const std::size_t finest = volume->info().resolutions() - 1;
+    // The means of cells without tetrahedra are kept between their neighbours' values: then clusters are not linear.
+    for (std::size_t r = connectivity == Connectivity::none ? finest : 0; r <= finest; ++r) {
+      const Exported exported = export_and_read(*volume, r, path("linear.vtu"));
+      expect_slope(*volume, r, exported);
+      const auto found = exported.vectors("value gradient direction");
+      for (std::size_t i = 0; i < found.size(); ++i) {
+        const auto near = std::ranges::min_element(
+            mesh.points, {}, [&](const dvec3& p) { return glm::distance(p, exported.points[i]); });
+        const dvec3 expected = directions[static_cast<std::size_t>(near - mesh.points.begin())];
+        EXPECT_NEAR(glm::length(found[i]), 1, 1e-12);
+        EXPECT_LT(glm::distance(found[i], glm::normalize(expected)), std::sqrt(3) / 254 + 1e-4) << i;
+      }
+    }
+  }
+}
+
+// A layer as thin as nothing, values that are missing above it, and points in no cell.
+TEST_F(Export, GradientsAreFiniteAndNothingWhereThereIsNoMaterial) {
+  test::Mesh mesh = test::lattice(8, [](dvec3 p) { return p.z < 0.5 ? dvec3(p.x, p.y, 1e-200 * p.z) : p; });
+  for (const dvec3& p : test::random_points(50, 1u)) mesh.points.push_back(p + dvec3(2, 0, 0));
+  const auto field = [](dvec3 p) { return p.z > 0.7 ? std::nan("") : p.x + 1e30 * std::sin(20 * p.y); };
+  test::PieceSource source({test::mesh_piece(mesh, field)});
+  const auto volume = build(source, "odd.svol");
+  for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
+    const Exported exported = export_and_read(*volume, r, path("odd.vtu"));
+    const auto gradients = exported.vectors("value gradient");
+    std::size_t without = 0, with = 0;
+    for (std::size_t i = 0; i < gradients.size(); ++i) {
+      EXPECT_TRUE(std::isfinite(glm::length(gradients[i]))) << i;
+      const bool is_missing = std::isnan(exported.arrays.at("value mean")[i]);
+      (is_missing ? without : with) += 1;
+      EXPECT_EQ(is_missing, gradients[i] == dvec3(0)) << i;
+    }
+    EXPECT_GT(without, 20u);
+    EXPECT_GT(with, 20u);
+  }
+}
+
+TEST_F(Export, AFileWithoutDirectionsHasNone) {
+  const std::vector<dvec3> positions = test::random_points(100, 7u);
+  test::TestVolumeOptions options;
+  options.gradients = false;
+  ASSERT_TRUE(test::write_test_volume(test::make_test_volume(positions, {std::vector<double>(100, 1.0)}, options),
+                                      path("old.svol")));
+  const Exported exported = export_and_read(*open("old.svol"), 0, path("out.vtu"));
+  EXPECT_TRUE(exported.arrays.contains("a0 gradient[0]"));
+  EXPECT_FALSE(exported.arrays.contains("a0 gradient direction[0]"));
 }
 
 TEST_F(Export, PointsOfABoxBecomeAFileAgain) {
