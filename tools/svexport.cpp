@@ -100,13 +100,11 @@ int main(int argc, char** argv) {
   app.add_option("file", options.file, "The file, or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
-  app.add_option(
-         "-o,--output", options.output,
-         "The file to write: .vdb: grids of the attributes and of the share of each voxel that is material; "
-         ".vtu: points with values and what each of them stands for: mass, centroid, covariance, and for each "
-         "attribute "
-         "A its \"A mean\", \"A deviation\", \"A covariance\", \"A gradient\" (of these moments) and \"A gradient "
-         "direction\" (the file's own, at the point)")
+  app.add_option("-o,--output", options.output,
+                 "The file to write: .vdb: grids of the attributes and of the share of each voxel that is material; "
+                 ".vtu: points with values and what each of them stands for: mass, centroid, covariance; for each "
+                 "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
+                 "\"A gradient direction\", the file's own, at the point")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu")
       ->check(splatvol::check_not_empty);

@@ -12,7 +12,7 @@ from .measure import Paper, ProgramError
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/paper.md"
-PACKAGES = ("matplotlib", "numpy", "OpenEXR", "PIL")
+PACKAGES = ("matplotlib", "numpy", "OpenEXR", "PIL", "vtk")
 END = "<!-- svpaper: end -->"
 
 # Module and function: the function takes a Paper, prints Markdown and writes pictures. Modules are imported when their
@@ -23,6 +23,8 @@ PARTS = {
     "tolerances": ("views", "tolerances"),
     "small": ("views", "small"),
     "sorting": ("views", "sorting"),
+    "gradients": ("gradient", "gradients"),
+    "lighting": ("gradient", "lighting"),
 }
 
 

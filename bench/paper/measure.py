@@ -71,8 +71,12 @@ class Paper:
     def truth(self, view):
         return self.shared / "truth" / f"{view}.exr"
 
+    def difference(self, a, b):
+        """What svdiff says."""
+        return json.loads(self.run("svdiff", a, b, "--json"))
+
     def rmse(self, a, b):
-        return json.loads(self.run("svdiff", a, b, "--json"))["rmse"]
+        return self.difference(a, b)["rmse"]
 
     def error(self, picture, view):
         return self.rmse(picture, self.truth(view))

@@ -31,9 +31,16 @@ def write_sheet(path, rows, size):
             x, y = c * (width + 2), r * (height + LABEL)
             draw.text((x + 2, y + 2), label, "black", font)
             sheet.paste(picture, (x, y + LABEL))
+    save(sheet, path)
+
+
+def save(picture, path):
+    """A PIL image or an array, in 256 colours of its own."""
+    if isinstance(picture, numpy.ndarray):
+        picture = Image.fromarray(picture)
     path.parent.mkdir(parents=True, exist_ok=True)
-    palette = sheet.quantize(COLOURS)
-    sheet.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+    palette = picture.quantize(COLOURS)
+    picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
 
 
 class Sheet:
