@@ -7,7 +7,7 @@ import numpy
 from .fields import Splats, Tetrahedra, Vertices, angles, weighted, write_grid
 from .measure import MESHES, VIEWS, row, show, table
 from .sheets import Sheet
-from .slices import Figure, Plane, exact_slice, splat_slice
+from .slices import Figure, Plane, exact_slices, splat_slice
 
 KERNELS = ("octant", "moments")
 SLOPE = numpy.array([2.0, -1.0, 3.0])  # of the linear field on the meshes' points
@@ -35,8 +35,10 @@ def gradients(paper):
     table("mesh", "points joined by", *columns, "linear: moments", "linear: column")
     for name in MESHES:
         compare_angles(paper, name, meshes[name], attributes[name])
-    print("\nThe slices: degrees to the gradient of the tetrahedron at each pixel, by the exact one's length:")
-    table("mesh", "plane", "splats", "moments: mean", "median", "column: mean", "median")
+    print("\nThe slices: degrees to the gradient of the tetrahedron at each pixel, by its length; and of the points'")
+    print("exact means, interpolated between them:")
+    columns = [f"{which}: {what}" for which in ("interpolated", "moments", "column") for what in ("mean", "median")]
+    table("mesh", "plane", "splats", *columns)
     figures = [draw_slices(paper, name, meshes[name], attributes[name], plane) for name, plane in PLANES.items()]
     for name, path in zip(PLANES, figures):
         show(path, f"{name}: gradient and contours on a plane, and how far the gradient is off")
@@ -92,7 +94,8 @@ def spread(mesh, vertices):
 def draw_slices(paper, name, mesh, attribute, plane):
     file, summary, _ = paper.build(name)
     finest = len(summary["resolutions"]) - 1
-    exact = exact_slice(mesh, plane)
+    vertices = Vertices(mesh)
+    exact, smooth = exact_slices(mesh, vertices.gradients[vertices.number], plane)
     levels = [export(paper, file, attribute, r) for r in (finest, finest - COARSER)]
     by_moments = [splat_slice(splats, splats.gradients, plane) for splats in levels]
     by_formula = [splat_slice(splats, splats.directions, plane) for splats in levels]
@@ -104,8 +107,8 @@ def draw_slices(paper, name, mesh, attribute, plane):
     for splats, part in zip(levels, by_moments):
         figure.add_angle(part, f"moments, {len(splats.masses)} splats")
     for splats, *parts in zip(levels, by_moments, by_formula):
-        cells = [number for part in parts for number in figure.angle(part)]
-        row(name, f"z = {plane.z}", len(splats.masses), *(f"{cell:.1f}" for cell in cells))
+        cells = [f"{number:.1f}" for part in (smooth, *parts) for number in figure.angle(part)]
+        row(name, f"z = {plane.z}", len(splats.masses), *cells)
     figure.write(path := paper.pictures / f"paper-gradient-{name}.png")
     return path
 

@@ -41,12 +41,14 @@ class Slice:
     gradients: numpy.ndarray
 
 
-def exact_slice(mesh, plane):
-    """Each pixel from the tetrahedron that its centre lies in."""
+def exact_slices(mesh, at_points, plane):
+    """Each pixel from the tetrahedron that its centre lies in: with its gradient, and with the vectors `at_points`,
+    [point], interpolated."""
     grid = vtk.vtkUnstructuredGrid()
     grid.CopyStructure(mesh.grid)
     of_points, of_cells = grid.GetPointData(), grid.GetCellData()
-    for data, name, array in ((of_points, "value", mesh.values), (of_cells, "gradient", mesh.gradients)):
+    arrays = ((of_points, "value", mesh.values), (of_points, "smooth", at_points), (of_cells, "flat", mesh.gradients))
+    for data, name, array in arrays:
         numbers = numpy_support.numpy_to_vtk(array, deep=True)
         numbers.SetName(name)
         data.AddArray(numbers)
@@ -59,12 +61,11 @@ def exact_slice(mesh, plane):
     probe.SetSourceData(grid)
     probe.Update()
     data = probe.GetOutput().GetPointData()
-    inside, values, gradients = (
-        numpy_support.vtk_to_numpy(data.GetArray(name)) for name in ("vtkValidPointMask", "value", "gradient")
-    )
+    names = ("vtkValidPointMask", "value", "flat", "smooth")
+    inside, values, flat, smooth = (numpy_support.vtk_to_numpy(data.GetArray(name)) for name in names)
     shape = plane.places.shape[:2]
     values = numpy.where(inside == 1, values, numpy.nan).reshape(shape)
-    return Slice(values, gradients.reshape(*shape, 3))
+    return Slice(values, flat.reshape(*shape, 3)), Slice(values, smooth.reshape(*shape, 3))
 
 
 def splat_slice(splats, vectors, plane):
