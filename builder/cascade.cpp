@@ -2,28 +2,43 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <ranges>
 #include <utility>
 
 namespace splatvol {
 
-MemberPool::Handle MemberPool::take() {
-  const tbb::spin_mutex::scoped_lock lock(mutex_);
-  if (free_.empty()) return {new Member, {this}};
-  Handle member(free_.back().release(), {this});
-  free_.pop_back();
-  return member;
+void Member::clear() {
+  moments = {};
+  plane = {};
+  for (MemberValue& value : values) value.moments = {};
+  splats.clear();
+  value_rows.clear();
 }
 
-void MemberPool::put(Member* member) {
-  // Here, while it is in the cache.
-  member->moments = {};
-  member->plane = {};
-  for (MemberValue& value : member->values) value.moments = {};
-  member->splats.clear();
-  member->value_rows.clear();
+void Member::prefetch() const { prefetch_lines(this, sizeof(Member)); }
+
+void Member::prefetch_vectors() const {
+  prefetch_lines(values.data(), values.size() * sizeof(MemberValue));
+  prefetch_lines(splats.data(), (splats.size() + 1) * sizeof(SplatRow));
+  prefetch_lines(value_rows.data(), (value_rows.size() + values.size()) * sizeof(ValueRow));
+}
+
+void MemberPool::take(std::size_t count, std::vector<Handle>& members) {
+  {
+    const tbb::spin_mutex::scoped_lock lock(mutex_);
+    const std::size_t kept = free_.size() - std::min(count, free_.size());
+    const auto first = free_.begin() + static_cast<std::ptrdiff_t>(kept);
+    members.insert(members.end(), std::move_iterator(first), std::move_iterator(free_.end()));
+    free_.resize(kept);
+  }
+  while (members.size() < count) members.push_back(std::make_unique<Member>());
+}
+
+void MemberPool::give_back(std::vector<Handle>& members) {
   const tbb::spin_mutex::scoped_lock lock(mutex_);
-  free_.emplace_back(member);
+  std::ranges::move(members, std::back_inserter(free_));
+  members.clear();
 }
 
 void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets) {
@@ -71,6 +86,7 @@ void Cascade::close_blocks(bool at_end) {
     add_splats(merged_, offsets_);
     for (MemberPool::Handle& member : merged_) push(step + 1, std::move(member));
     merged_.clear();
+    pool_.give_back(done_);
   }
 }
 
@@ -85,8 +101,16 @@ void Cascade::close_blocks(std::size_t step, bool at_end) {
     const int depth = leaf_depth(at.before ? common_depth(*at.before, first) : -1, first, beyond);
     std::size_t size = 1;
     while (size < at.entries.size() && common_depth(first, key(size)) >= depth) ++size;
+    prefetch_next(at, size);
     close_block(step, size, depth);
   }
+}
+
+// What is behind a block of so many.
+void Cascade::prefetch_next(const Step& step, std::size_t size) const {
+  const std::size_t end = step.entries.size(), next = std::min(2 * size, end), after = std::min(next + 2 * size, end);
+  for (std::size_t m = size; m < next; ++m) step.entries[m]->prefetch_vectors();
+  for (std::size_t m = next; m < after; ++m) step.entries[m]->prefetch();
 }
 
 void Cascade::close_block(std::size_t step, std::size_t size, int depth) {
@@ -107,8 +131,12 @@ void Cascade::close_block(std::size_t step, std::size_t size, int depth) {
   }
   at.before = block_.back()->key;
   if (at.reduces() && step + 1 < max_steps) reduce_block(depth);
-  for (const MemberPool::Handle& member : block_)
-    if (member) sink_.point(step, *member);
+  for (MemberPool::Handle& member : block_) {
+    if (!member) continue;
+    sink_.point(step, *member);
+    member->clear();  // here, while it is in the cache
+    done_.push_back(std::move(member));
+  }
   block_.clear();
 }
 

@@ -43,26 +43,30 @@ struct Member {
   std::vector<MemberValue> values;   // [attribute]
   std::vector<SplatRow> splats;      // [step], up to the present one
   std::vector<ValueRow> value_rows;  // [step * attributes + attribute]
+
+  /// Leaves no material and no splats, and values as many as there were.
+  void clear();
+
+  /// Fetches it into the cache, and once it is there, what its vectors hold and get next. Members are made on other
+  /// processors, and come in no order that these foresee.
+  void prefetch() const;
+  void prefetch_vectors() const;
 };
 
-/// Members whose part is done, kept for the next ones: their vectors keep their memory. Thread-safe; must outlive what
-/// was taken from it.
+/// Members whose part is done, kept for the next ones: their vectors keep their memory. Thread-safe.
 class MemberPool {
  public:
-  struct Return {
-    MemberPool* pool;
-    void operator()(Member* member) const { pool->put(member); }
-  };
-  using Handle = std::unique_ptr<Member, Return>;
+  using Handle = std::unique_ptr<Member>;
 
-  /// A member without material and splats; values as many as it had.
-  [[nodiscard]] Handle take();
+  /// Makes `members` so many, the new ones without material and splats.
+  void take(std::size_t count, std::vector<Handle>& members);
+
+  /// Takes them all, cleared ones.
+  void give_back(std::vector<Handle>& members);
 
  private:
-  void put(Member* member);
-
   tbb::spin_mutex mutex_;
-  std::vector<std::unique_ptr<Member>> free_;
+  std::vector<Handle> free_;
 };
 
 /// Adds the splats of the members' next steps, made from their moments. `offsets`: of the attributes.
@@ -94,12 +98,15 @@ class Cascade {
     std::function<void(std::size_t step, const Member& member)> point;
   };
 
-  Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::vector<double> offsets, Sink sink)
+  /// What is done goes to `pool`, which must outlive this.
+  Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::vector<double> offsets, MemberPool& pool,
+          Sink sink)
       : cube_(cube),
         method_(method),
         leaf_points_(leaf_points),
         block_points_(most_in_block(method, leaf_points)),
         offsets_(std::move(offsets)),
+        pool_(pool),
         sink_(std::move(sink)),
         steps_(max_steps) {}
 
@@ -133,6 +140,7 @@ class Cascade {
   void close_blocks(bool at_end);
   void close_blocks(std::size_t step, bool at_end);
   void close_block(std::size_t step, std::size_t size, int depth);
+  void prefetch_next(const Step& step, std::size_t size) const;
   void reduce_block(int depth);
   template <class Cluster>
   void merge_cluster(const Cluster& cluster, std::size_t kept);
@@ -142,6 +150,7 @@ class Cascade {
   std::uint32_t leaf_points_;
   std::uint64_t block_points_;
   std::vector<double> offsets_;
+  MemberPool& pool_;
   Sink sink_;
   std::vector<Step> steps_;                 // step 0 is not used
   std::vector<MemberPool::Handle> block_;   // of the block that is being closed
@@ -152,6 +161,7 @@ class Cascade {
   std::vector<BoundaryPlane> planes_;       // of the members of a cluster
   std::vector<dvec3> shifts_;               // and where
   std::vector<MemberPool::Handle> merged_;  // of the step whose blocks are being closed: what goes on
+  std::vector<MemberPool::Handle> done_;    // what does not
 };
 
 }  // namespace splatvol

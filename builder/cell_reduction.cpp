@@ -35,6 +35,7 @@ class CellReducer {
   }
 
   void run() {
+    if (settings_.reduces) pool_.take(most_members(), spare_);
     for (const PointCell& cell : batch_.cells) {
       cell_ = cell;
       const std::size_t first_member = result_.members.size();
@@ -48,6 +49,7 @@ class CellReducer {
       result_.cells.back().members_end = result_.members.size();
     }
     if (!settings_.pack) std::swap(result_.finest, result_.tail);
+    pool_.give_back(spare_);
   }
 
  private:
@@ -178,9 +180,26 @@ class CellReducer {
     }
   }
 
+  std::size_t most_members() const {
+    const std::vector<std::uint32_t>& owners = result_.owners;
+    if (owners.empty()) return result_.leaves.size();
+    std::size_t stay = 0;
+    for (std::size_t i = 0; i < owners.size(); ++i) stay += owners[i] == i;
+    return stay;
+  }
+
+  Member& next_member() {
+    const std::size_t left = spare_.size();
+    if (left > 2) spare_[left - 3]->prefetch_vectors();
+    if (left > 6) spare_[left - 7]->prefetch();
+    MemberPool::Handle& member = result_.members.emplace_back(std::move(spare_.back()));
+    spare_.pop_back();
+    return *member;
+  }
+
   template <class Cluster>
   void add_member(const Cluster& cluster, std::size_t kept, OpenLeaf& leaf) {
-    Member& member = *result_.members.emplace_back(pool_.take());
+    Member& member = next_member();
     member.key = batch_.keys[kept];
     member.leaf = cell_.leaf;
     SplatRow& splat = member.splats.emplace_back(
@@ -220,13 +239,14 @@ class CellReducer {
   MemberPool& pool_;
   std::vector<format::ValueBins> bins_;  // [attribute]
   ReducedBatch& result_;
-  PointCell cell_{};            // the present one
-  std::size_t leaf_ = 0;        // the next one of the octree over the points
-  std::size_t leaf_begin_ = 0;  // its first point
-  std::uint64_t finest_ = 0;    // points that no coarser resolution has, so far
-  int depth_ = 0;               // its own
-  std::size_t count_ = 0;       // its points, at most 255
-  Clusters clusters_;           // where there are owners
+  PointCell cell_{};                       // the present one
+  std::size_t leaf_ = 0;                   // the next one of the octree over the points
+  std::size_t leaf_begin_ = 0;             // its first point
+  std::uint64_t finest_ = 0;               // points that no coarser resolution has, so far
+  int depth_ = 0;                          // its own
+  std::size_t count_ = 0;                  // its points, at most 255
+  Clusters clusters_;                      // where there are owners
+  std::vector<MemberPool::Handle> spare_;  // members to come
   std::vector<BoundaryPlane> planes_;
   std::vector<dvec3> shifts_;
 };

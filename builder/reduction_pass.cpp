@@ -14,6 +14,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows
       leaves_(std::move(leaves)),
       most_open_leaves_(most_open_leaves),
       cascade_(settings.cube, settings.method, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
+               pool_,
                {[this](std::size_t step, const Member& member, int block_depth) {
                   SplatBounds& bounds = leaf(member.leaf).splats_at(step);
                   bounds.include(member.splats[step], member.moments);

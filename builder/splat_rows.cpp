@@ -35,9 +35,7 @@ void for_each_array(A& a, B& b, const Visit& visit) {
 // Fetches where the next row will be: other chunks get theirs before, too many for the processor to see it coming.
 template <class T>
 void prefetch_end(const std::vector<T>& items) {
-  constexpr std::size_t line = 64;
-  const char* end = reinterpret_cast<const char*>(items.data() + items.size());
-  for (std::size_t at = 0; at < sizeof(T) + line; at += line) __builtin_prefetch(end + at, 1);
+  prefetch_lines(items.data() + items.size(), sizeof(T) + 1);
 }
 
 // The rows that one chunk holds.

@@ -112,6 +112,12 @@ struct InPlace {
 template <class Make>
 InPlace(Make) -> InPlace<Make>;
 
+/// Fetches memory into the cache that is going to be read, or written.
+inline void prefetch_lines(const void* begin, std::size_t bytes) {
+  constexpr std::size_t line = 64;
+  for (std::size_t at = 0; at < bytes; at += line) __builtin_prefetch(static_cast<const char*>(begin) + at, 1);
+}
+
 /// What share of a splat's smallest deviation its centroid, and its point's position, may move by.
 inline constexpr double error_per_deviation = 1.0 / 64;
 

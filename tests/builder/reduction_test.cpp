@@ -152,7 +152,7 @@ struct Streamed {
       return {};
     }));
     Cascade cascade(
-        cube, method, leaf_points, {0},
+        cube, method, leaf_points, {0}, pool_,
         {[this](std::size_t step, const Member& member, int block_depth) { add_splat(step, member, block_depth); },
          [this](std::size_t step, const Member& member) { ends[id(member)].push_back(step); }});
     const double offset = 0;
