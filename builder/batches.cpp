@@ -48,6 +48,18 @@ void estimate_block(const Box& box, const Cube& cube, const PointCell& block, Po
   estimate.estimate(positions, values, bounds, result);
 }
 
+// A cell that goes on has its first part's material only: its points are all in one place.
+void clear_material(const PointCell& block, PointBatch& batch) {
+  const auto clear = [&](auto& items) {
+    std::fill(items.begin() + static_cast<std::ptrdiff_t>(block.begin),
+              items.begin() + static_cast<std::ptrdiff_t>(block.end),
+              typename std::decay_t<decltype(items)>::value_type{});
+  };
+  clear(batch.moments);
+  for (auto& moments : batch.value_moments) clear(moments);
+  for (auto& gradients : batch.gradients) clear(gradients);
+}
+
 }  // namespace
 
 Batches::Batches(PointStream& stream, std::uint64_t cell_points)
@@ -90,20 +102,22 @@ PointCell Batches::cell_at(std::size_t begin, std::size_t most) const {
 void Batches::take(std::size_t end, PointBatch& batch) const {
   resize_attributes(batch, held_.values.size());
   for_each_array(held_, batch, [&](const auto& from, auto& to) {
-    const std::size_t last = std::min(end, from.size()), first = std::min(begin_, last);
-    to.assign(from.begin() + static_cast<std::ptrdiff_t>(first), from.begin() + static_cast<std::ptrdiff_t>(last));
+    if (from.empty()) return;  // there is none, or it will be estimated over that of the last points
+    to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
   });
   batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : std::nullopt;
   batch.behind = end < held_.size() ? std::optional(held_.positions[end]) : std::nullopt;
 }
 
-// A cell that goes on has its first part's material only: its points are all in one place.
 void Batches::estimate(PointBatch& batch) {
   const std::vector<PointCell>& blocks = batch.blocks;
   if (blocks.empty()) return;
   resize_material(batch);
   tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-    if (!blocks[b].continued) estimate_block(box_, cube_, blocks[b], batch, estimates_.local());
+    if (blocks[b].continued)
+      clear_material(blocks[b], batch);
+    else
+      estimate_block(box_, cube_, blocks[b], batch, estimates_.local());
   });
 }
 

@@ -53,8 +53,10 @@ void BlockEstimate::estimate(std::span<const dvec3> positions, std::span<const s
       for (; group != groups_.end() && group->end <= neighbourhood.end; ++group) {
         const dvec3 gradient = fit_gradient(*group, values[a], around);
         store_values(*group, values[a], gradient, result.moments, result.value_moments[a]);
-        for (std::uint32_t i = group->begin; i < group->end; ++i)
-          if (!std::isnan(values[a][places_[i].point()])) result.gradients[a][places_[i].point()] = gradient;
+        for (std::uint32_t i = group->begin; i < group->end; ++i) {
+          const std::uint32_t point = places_[i].point();
+          result.gradients[a][point] = std::isnan(values[a][point]) ? dvec3(0) : gradient;
+        }
       }
     }
   }
@@ -205,9 +207,12 @@ void BlockEstimate::cut_off_voids(Range neighbourhood, double widest) {
 void BlockEstimate::store_boxes(std::span<SpatialMoments> moments) const {
   for (std::size_t i = 0; i < places_.size(); ++i) {
     const Box& box = boxes_[i];
-    if (box.low[0] > box.high[0]) continue;
-    const dvec3 size = box.high - box.low, square = size * size / 12.0;
     SpatialMoments& own = moments[places_[i].point()];
+    if (box.low[0] > box.high[0]) {
+      own = {};
+      continue;
+    }
+    const dvec3 size = box.high - box.low, square = size * size / 12.0;
     own.mass = size.x * size.y * size.z;
     own.centroid = (box.low - places_[i].position()) + size / 2.0;
     own.covariance = {square.x, square.y, square.z, 0, 0, 0};
@@ -259,9 +264,12 @@ void BlockEstimate::store_values(Range group, std::span<const double> values, co
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const std::uint32_t point = places_[i].point();
     const SpatialMoments& own = moments[point];
-    if (std::isnan(values[point]) || own.mass == 0) continue;
-    const SymmetricMatrix& s = own.covariance;
     ValueMoments& value = result[point];
+    if (std::isnan(values[point]) || own.mass == 0) {
+      value = {};
+      continue;
+    }
+    const SymmetricMatrix& s = own.covariance;
     value.mass = own.mass;
     value.centroid = own.centroid;
     value.covariance = {s.xx * gradient.x, s.yy * gradient.y, s.zz * gradient.z};

@@ -26,7 +26,7 @@ class BlockEstimate {
   /// Of coincident points the first has the whole box, the others have no mass. Values are linear in a box, with the
   /// gradient that fits some 16 points there best; no mass where a value is missing (NaN). The result depends on the
   /// arguments alone. Best at some hundred to some thousand points. Requires finite positions inside `bounds`, borders
-  /// included, fewer than 2^32, as many values of each attribute, and room in `result` for all, without material.
+  /// included, fewer than 2^32, as many values of each attribute, and room in `result` for all, which is written over.
   void estimate(std::span<const dvec3> positions, std::span<const std::span<const double>> values, const Box& bounds,
                 const BlockMaterial& result);
 

@@ -19,6 +19,8 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
+constexpr std::size_t points_at_once = 1 << 14;  // that a task makes records of
+
 // More points of one key than this are not compared with each other at a time. No vertex belongs to more pieces.
 constexpr std::size_t longest_run(bool of_vertices) { return of_vertices ? std::size_t{1} << 16 : 4096; }
 
@@ -102,16 +104,27 @@ std::uint64_t hash_values(const PointRecords& layout, const std::byte* record) {
   return format::hash_bytes(layout.sample(record).subspan(layout.position_bytes()));
 }
 
+// Where points lie, and between which numbers their values.
+struct Ranges {
+  Box box;
+  std::vector<double> low, high;  // [attribute]
+
+  explicit Ranges(std::size_t attributes) : low(attributes, infinity), high(attributes, -infinity) {}
+
+  void include(const Ranges& other) {
+    box.include(other.box);
+    for (std::size_t a = 0; a < low.size(); ++a) {
+      low[a] = std::min(low[a], other.low[a]);
+      high[a] = std::max(high[a], other.high[a]);
+    }
+  }
+};
+
 // Reads an input's pieces into records.
 class PieceReader {
  public:
   PieceReader(Source& source, const PointRecords& layout, std::size_t memory, const std::string& folder)
-      : source_(source),
-        layout_(layout),
-        memory_(memory),
-        folder_(folder),
-        low_(source.attributes().size(), infinity),
-        high_(source.attributes().size(), -infinity) {}
+      : source_(source), layout_(layout), memory_(memory), folder_(folder), ranges_(source.attributes().size()) {}
 
   // Calls take(records) for each piece.
   template <class Take>
@@ -123,17 +136,17 @@ class PieceReader {
       SPLATVOL_TRY(read(*piece));
       SPLATVOL_TRY(take(std::span<const std::byte>(records_)));
     }
-    if (!(box_.low.x <= box_.high.x)) return fail(ErrorCode::invalid_data, "no point with finite coordinates");
+    if (!(box().low.x <= box().high.x)) return fail(ErrorCode::invalid_data, "no point with finite coordinates");
     return {};
   }
 
-  const Box& box() const { return box_; }
+  const Box& box() const { return ranges_.box; }
   std::optional<ExternalSorter>& faces() { return faces_; }
 
   InputSummary summary() const {
     InputSummary summary;
-    for (std::size_t a = 0; a < low_.size(); ++a)
-      summary.attributes.push_back(describe_attribute(source_.attributes()[a], low_[a], high_[a]));
+    for (std::size_t a = 0; a < layout_.attributes(); ++a)
+      summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges_.low[a], ranges_.high[a]));
     summary.cells = cells_;
     summary.census = census_;
     summary.has_material = has_material_;
@@ -146,21 +159,26 @@ class PieceReader {
     if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
       return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                   piece.tetrahedra.size());
-    std::vector<std::size_t> kept;
-    for (std::size_t i = 0; i < piece.points.size(); ++i)
-      if (is_finite(piece.points[i])) kept.push_back(i);
+    std::vector<std::size_t> kept(piece.points.size());
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < piece.points.size(); ++i) {
+      kept[count] = i;
+      count += is_finite(piece.points[i]) ? 1 : 0;
+    }
+    kept.resize(count);
     census_.read += piece.points.size();
-    census_.not_finite += piece.points.size() - kept.size();
+    census_.not_finite += piece.points.size() - count;
     cells_ += piece.census;
 
-    records_.assign(kept.size() * layout_.bytes(), std::byte{0});
-    tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
-      std::byte* record = records_.data() + k * layout_.bytes();
-      layout_.set_position(record, piece.points[kept[k]]);
-      for (std::size_t a = 0; a < layout_.attributes(); ++a)
-        layout_.set_value(record, a, present_or_nan(piece.values[a][kept[k]]));
+    records_.resize(count * layout_.bytes());
+    std::vector<Ranges> ranges((count + points_at_once - 1) / points_at_once, Ranges(layout_.attributes()));
+    tbb::parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t r) {
+      const std::size_t first = r * points_at_once;
+      const auto part = std::span(kept).subspan(first, std::min(points_at_once, count - first));
+      make_records(piece, part, records_.data() + first * layout_.bytes());
+      find_ranges(piece, part, ranges[r]);
     });
-    find_ranges(kept, piece);
+    for (const Ranges& range : ranges) ranges_.include(range);  // in order, as 0 and -0 are equal
     if (layout_.has_material() && piece.material) {
       add_material(*piece.material, kept);
       return {};
@@ -170,17 +188,28 @@ class PieceReader {
     return {};
   }
 
-  void find_ranges(const std::vector<std::size_t>& kept, const Piece& piece) {
-    for (const std::size_t i : kept) {
-      box_.low = glm::min(box_.low, piece.points[i]);
-      box_.high = glm::max(box_.high, piece.points[i]);
+  // Of these points, without material.
+  void make_records(const Piece& piece, std::span<const std::size_t> points, std::byte* record) const {
+    if (layout_.has_material()) std::memset(record, 0, points.size() * layout_.bytes());
+    for (const std::size_t i : points) {
+      layout_.set_position(record, piece.points[i]);
+      for (std::size_t a = 0; a < layout_.attributes(); ++a)
+        layout_.set_value(record, a, present_or_nan(piece.values[a][i]));
+      record += layout_.bytes();
     }
+  }
+
+  void find_ranges(const Piece& piece, std::span<const std::size_t> points, Ranges& ranges) const {
+    for (const std::size_t i : points) ranges.box.include({piece.points[i], piece.points[i]});
     for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-      for (const std::size_t i : kept) {
+      double low = infinity, high = -infinity;
+      for (const std::size_t i : points) {
         const double value = present_or_nan(piece.values[a][i]);
-        if (value < low_[a]) low_[a] = value;
-        if (value > high_[a]) high_[a] = value;
+        low = value < low ? value : low;
+        high = value > high ? value : high;
       }
+      ranges.low[a] = low;
+      ranges.high[a] = high;
     }
   }
 
@@ -243,8 +272,7 @@ class PieceReader {
   std::size_t memory_;
   std::string folder_;
   std::vector<std::byte> records_;
-  Box box_{dvec3(infinity), dvec3(-infinity)};
-  std::vector<double> low_, high_;  // [attribute]
+  Ranges ranges_;
   CellCensus cells_;
   PointCensus census_;
   bool has_material_ = false;
