@@ -67,7 +67,7 @@ class AtomicFile {
   static constexpr std::uint64_t insertable_bytes = 4096;
 
   /// Moves the place of the next `append`.
-  void seek(std::uint64_t offset) { end_ = offset; }
+  void seek(std::uint64_t offset) { end_ = begun_ = offset; }
 
   /// Place of the next `append`, bytes from the start.
   [[nodiscard]] std::uint64_t position() const { return end_; }

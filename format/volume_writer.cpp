@@ -115,9 +115,9 @@ Status VolumeWriter::append_row(std::span<const ChunkEntry> entries, std::span<c
   if (packed_bytes != bytes.size())
     return fail(ErrorCode::invalid_argument, "row {} has {} bytes for chunks of {}", next_row_, bytes.size(),
                 packed_bytes);
-  const std::uint64_t begin = rows_end_;
+  if (file_.position() != rows_end_) file_.seek(rows_end_);
   SPLATVOL_TRY(add_written_row(entries));
-  return file_.write_at(begin, bytes);
+  return file_.append(bytes);
 }
 
 Status VolumeWriter::add_written_row(std::span<const ChunkEntry> entries) {
