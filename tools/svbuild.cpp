@@ -3,6 +3,7 @@
 #include <tbb/global_control.h>
 #include <tbb/scalable_allocator.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -170,7 +171,11 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree or k-d tree, at least 8")
-      ->check(CLI::Range(8u, 65536u))
+      ->check(CLI::Range(1u, 65536u))
+      ->check([](const std::string& text) {
+        const bool enough = std::strtoul(text.c_str(), nullptr, 0) >= 8;
+        return enough ? "" : "with fewer than 8, a split cell could keep a point in each octant and lose none";
+      })
       ->capture_default_str();
   app.add_option("--connectivity", options.connectivity,
                  "What joins points to a volume: auto (the input's cells; else delaunay, or none beyond 2^20 points), "

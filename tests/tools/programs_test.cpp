@@ -232,6 +232,7 @@ TEST_F(Programs, WrongUsageExitsWithTwo) {
   for (const char* command : {"svbuild", "svbuild in.vtu", "svbuild in.vtu -o out.svol --leaf 7", "svrender",
                               "svrender a.svol --sort sideways", "svinfo", "svdiff one.exr", "svtruth"})
     EXPECT_EQ(run(command).code, 2) << command;
+  EXPECT_THAT(run("svbuild in.vtu -o out.svol --leaf 5").err, HasSubstr("fewer than 8"));
   for (const char* program : {"svbuild", "svrender", "svtruth", "svinfo", "svdiff", "svdemo"}) {
     EXPECT_EQ(run(std::string(program) + " --help").code, 0) << program;
     const Outcome version = run(std::string(program) + " --version");
