@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "builder/generator.h"
+#include "builder/refined_source.h"
 #include "builder/vtk_writer.h"
 #include "tools/tool.h"
 
@@ -24,6 +25,9 @@ struct Options {
   std::string count;
   std::string cells;
   std::string pieces;
+  std::vector<std::string> meshes;
+  std::vector<std::string> attributes;
+  int levels = 1;
   std::string distribution = "uniform";
   std::uint64_t seed = 1;
   bool float32 = false;
@@ -119,6 +123,31 @@ class AtomicFolder {
   fs::path temporary_;
 };
 
+/// The values of one attribute, as a .vtu file of ours holds them.
+std::vector<float> to_floats(const std::vector<double>& values) { return {values.begin(), values.end()}; }
+
+/// The pieces of a mesh as files of a folder, with a .pvtu that names them.
+Status write_pieces(Source& source, const std::string& output) {
+  SPLATVOL_TRY_ASSIGN(folder, AtomicFolder::create(output));
+  std::string index =
+      "<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n<PUnstructuredGrid "
+      "GhostLevel=\"0\">\n<PPointData>";
+  for (const std::string& name : source.attributes())
+    index += fmt::format("<PDataArray type=\"Float32\" Name=\"{}\"/>", name);
+  index +=
+      "</PPointData>\n<PPoints><PDataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/></PPoints>\n";
+  SPLATVOL_TRY(for_each_piece(source, [&](const Piece& piece, std::size_t i) {
+    const std::string name = fmt::format("piece{}.vtu", i);
+    index += fmt::format("<Piece Source=\"{}\"/>\n", name);
+    std::vector<PointArray> arrays;
+    for (std::size_t a = 0; a < piece.values.size(); ++a)
+      arrays.push_back({source.attributes()[a], 1, to_floats(piece.values[a])});
+    return write_vtu(folder.file(name), piece.points, piece.tetrahedra, arrays);
+  }));
+  SPLATVOL_TRY(write_text_file(folder.file("mesh.pvtu"), index + "</PUnstructuredGrid>\n</VTKFile>\n"));
+  return folder.commit();
+}
+
 Status write_mesh(const Options& options) {
   MeshRecipe recipe;
   SPLATVOL_TRY_ASSIGN(cells, parse_count(options.cells));
@@ -128,21 +157,19 @@ Status write_mesh(const Options& options) {
     recipe.pieces = pieces;
   }
   SPLATVOL_TRY_ASSIGN(source, generate_mesh(recipe));
-  SPLATVOL_TRY_ASSIGN(folder, AtomicFolder::create(options.output));
+  return write_pieces(*source, options.output);
+}
 
-  std::string index =
-      "<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n<PUnstructuredGrid "
-      "GhostLevel=\"0\">\n<PPointData><PDataArray type=\"Float32\" Name=\"value\"/></PPointData>\n<PPoints><PDataArray "
-      "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/></PPoints>\n";
-  SPLATVOL_TRY(for_each_piece(*source, [&](const Piece& piece, std::size_t i) {
-    const std::string name = fmt::format("piece{}.vtu", i);
-    index += fmt::format("<Piece Source=\"{}\"/>\n", name);
-    const std::array<PointArray, 1> arrays = {
-        PointArray{"value", 1, std::vector<float>(piece.values[0].begin(), piece.values[0].end())}};
-    return write_vtu(folder.file(name), piece.points, piece.tetrahedra, arrays);
-  }));
-  SPLATVOL_TRY(write_text_file(folder.file("mesh.pvtu"), index + "</PUnstructuredGrid>\n</VTKFile>\n"));
-  return folder.commit();
+Status write_refined(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.meshes, {options.attributes, {}}));
+  for (const std::string& name : source->attributes())
+    if (name.find_first_of("&<>\"") != std::string::npos)
+      return fail(ErrorCode::unsupported, "{}: attribute '{}': VTK's writer makes no file of such a name",
+                  options.meshes.front(), name);
+  const auto refined = refine(std::move(source), options.levels);
+  if (auto status = write_pieces(*refined, options.output); !status)
+    return fail_in(options.meshes.front(), status.error());
+  return {};
 }
 
 std::string check_count(const std::string& text) {
@@ -176,5 +203,17 @@ int main(int argc, char** argv) {
   mesh->add_option("--cells", options.cells, "About how many tetrahedra, such as 1e8")->required()->check(check_count);
   mesh->add_option("--pieces", options.pieces, "In how many files (default: some 1.5 million tetrahedra in each)")
       ->check(check_count);
-  return run_tool(app, argc, argv, [&] { return *points ? write_points(options) : write_mesh(options); });
+
+  auto* refined =
+      app.add_subcommand("refine", "A mesh in more tetrahedra of the same shape and field, in pieces likewise");
+  refined->add_option("MESH", options.meshes, "What svbuild takes, with cells")->required();
+  refined->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
+  refined->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
+      ->check(CLI::Range(1, most_refinements))
+      ->capture_default_str();
+  refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)");
+  return run_tool(app, argc, argv, [&] {
+    if (*refined) return write_refined(options);
+    return *points ? write_points(options) : write_mesh(options);
+  });
 }

@@ -10,6 +10,8 @@
 
 #include "base/file.h"
 #include "builder/generator.h"
+#include "builder/refined_source.h"
+#include "builder/vtk_writer.h"
 
 namespace splatvol {
 namespace {
@@ -90,11 +92,35 @@ TEST_F(Svgen, MeshesAreThoseOfTheLibrary) {
   }
 }
 
+/// One tetrahedron with two attributes.
+Status write_tetrahedron(const std::string& path) {
+  const std::vector<dvec3> points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  const std::vector<std::array<std::uint32_t, 4>> tetrahedra = {{0, 1, 2, 3}};
+  const std::vector<PointArray> arrays = {{"U[0]", 1, {1, 2, 3, 4}}, {"other", 1, {5, 6, 7, 8}}};
+  return write_vtu(path, points, tetrahedra, arrays);
+}
+
+TEST_F(Svgen, RefinedMeshesAreThoseOfTheLibrary) {
+  ASSERT_TRUE(write_tetrahedron(path("mesh.vtu")));
+  ASSERT_EQ(run("refine " + path("mesh.vtu") + " --levels 2 -o " + path("a")), 0) << message_;
+  ASSERT_EQ(run("refine " + path("mesh.vtu") + " --attribute other -o " + path("b")), 0) << message_;
+  for (const std::string& input : {path("a"), path("a/mesh.pvtu")}) {
+    auto made = refine(open_source({path("mesh.vtu")}, {}).value(), 2);
+    expect_same(*open_source({input}, {}).value(), *made);
+  }
+  auto made = refine(open_source({path("mesh.vtu")}, {{"other"}, {}}).value(), 1);
+  expect_same(*open_source({path("b")}, {}).value(), *made);
+}
+
 TEST_F(Svgen, IsThereWholeOrNotAtAll) {
   expect_refused("points --count 1000 -o " + path("none/out.npy"), "none/out.npy");
   expect_refused("points --count 1e6 -o " + path("out.npy"), "cannot write", "ulimit -f 100; ");
   expect_refused("mesh --cells 6000 -o " + path("none/out"), "none/out");
   expect_refused("mesh --cells 48 --pieces 3 -o " + path("out"), "no blocks");
+
+  expect_refused("refine " + path("none.vtu") + " -o " + path("out"), "none.vtu");
+  ASSERT_EQ(run("points --count 100 -o " + path("points.npy")), 0);
+  expect_refused("refine " + path("points.npy") + " -o " + path("out"), "points.npy: no cells");
 
   fs::create_directory(path("full"));
   std::ofstream(path("full/of")) << "work";
@@ -106,7 +132,8 @@ TEST_F(Svgen, WrongUsageIsTwo) {
   for (const char* arguments :
        {"", "points", "points --count 10", "points --count ten -o a.npy", "points --count 1.5 -o a.npy",
         "points --count 10 --distribution round -o a.npy", "points --count 10 --seed x -o a.npy", "mesh --cells 10",
-        "mesh --cells 10 --pieces 0 -o a", "points --count 10 -o a.npy mesh --cells 10 -o a"})
+        "mesh --cells 10 --pieces 0 -o a", "refine a.vtu", "refine a.vtu --levels 0 -o a",
+        "refine a.vtu --levels 6 -o a", "points --count 10 -o a.npy mesh --cells 10 -o a"})
     EXPECT_EQ(run(arguments), 2) << arguments << message_;
   EXPECT_EQ(run("--help"), 0);
   EXPECT_EQ(run("--version"), 0);
