@@ -115,7 +115,11 @@ int main(int argc, char** argv) {
   CLI::App app("Draws the exact picture of a mesh: every tetrahedron on every pixel's ray, in double precision.",
                "svtruth");
   Options options;
-  app.add_option("MESH", options.meshes, ".vtu, .pvtu, .vtk, or a PLOT3D grid and its solution")->required();
+  app.add_option(
+         "MESH", options.meshes,
+         "What svbuild takes, with cells: .vtu, .pvtu, .vtk, a folder of pieces, a PLOT3D grid and its solution, or "
+         "gen:mesh:cells=1e7")
+      ->required();
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
   app.add_option("-o,--output", options.output, "Picture to write")->required()->check([](const std::string& path) {
     return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .exr nor .png";

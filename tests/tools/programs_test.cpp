@@ -255,6 +255,24 @@ TEST_F(Programs, DemoEndsInAPicture) {
   }
 }
 
+// Made up as it is read, or refined in pieces of a folder: what svbuild takes, and linear in the same places.
+TEST_F(Programs, TheTruthOfARefinedMeshIsThatOfTheMesh) {
+  json view = small_scene;
+  view["camera"]["position"] = {3, -5, 4};
+  view["camera"]["up"] = {0, 0, 1};
+  view["attribute"] = "value";
+  view["transfer_function"]["domain"] = {-0.1, 1};
+  write("scene.json", view.dump());
+  const std::string mesh = "gen:mesh:cells=6000,pieces=8", scene = " --scene " + path("scene.json");
+  expect_success("svgen refine " + mesh + " --levels 2 -o " + path("fine"));
+  expect_success("svtruth " + mesh + scene + " -o " + path("mesh.exr"));
+  expect_success("svtruth " + path("fine") + scene + " -o " + path("fine.exr"));
+  const Image exact = *read_exr(path("mesh.exr"));
+  const ImageDifference difference = *compare_images(exact, *read_exr(path("fine.exr")));
+  EXPECT_GT(difference.mean_a, 0.02);
+  EXPECT_LT(difference.rmse, 1e-7);
+}
+
 // The views of the real data, with the exact pictures beside them.
 class RealData : public Programs {
  protected:
