@@ -1,6 +1,7 @@
 #include "builder/refined_source.h"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <unordered_map>
@@ -107,9 +108,10 @@ std::vector<std::uint32_t> ordered_cells(const Piece& piece) {
 
 class RefinedSource final : public Source {
  public:
-  RefinedSource(std::unique_ptr<Source> source, int levels)
+  RefinedSource(std::unique_ptr<Source> source, int levels, std::string name)
       : source_(std::move(source)),
         levels_(levels),
+        name_(std::move(name)),
         run_(std::max<std::size_t>(1, piece_tetrahedra >> static_cast<unsigned>(3 * levels))) {}
 
   const std::vector<std::string>& attributes() const override { return source_->attributes(); }
@@ -119,7 +121,7 @@ class RefinedSource final : public Source {
     if (runs_left() == 0) {
       SPLATVOL_TRY_ASSIGN(piece, source_->next());
       if (!piece) return nullptr;
-      if (piece->tetrahedra.empty()) return fail(ErrorCode::invalid_data, "no cells with a volume, so none to refine");
+      if (piece->tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", name_);
       whole_ = std::move(piece);
       cells_ = ordered_cells(*whole_);
       begin_ = 0;
@@ -140,6 +142,7 @@ class RefinedSource final : public Source {
 
   std::unique_ptr<Source> source_;
   int levels_;
+  std::string name_;
   std::size_t run_;  // tetrahedra of the source in a piece
   std::unique_ptr<Piece> whole_;
   std::vector<std::uint32_t> cells_;  // of whole_, as they are taken
@@ -150,8 +153,8 @@ class RefinedSource final : public Source {
 
 }  // namespace
 
-std::unique_ptr<Source> refine(std::unique_ptr<Source> source, int levels) {
-  return std::make_unique<RefinedSource>(std::move(source), levels);
+std::unique_ptr<Source> refine(std::unique_ptr<Source> source, int levels, const std::string& name) {
+  return std::make_unique<RefinedSource>(std::move(source), levels, name);
 }
 
 }  // namespace splatvol

@@ -166,10 +166,8 @@ Status write_refined(const Options& options) {
     if (name.find_first_of("&<>\"") != std::string::npos)
       return fail(ErrorCode::unsupported, "{}: attribute '{}': VTK's writer makes no file of such a name",
                   options.meshes.front(), name);
-  const auto refined = refine(std::move(source), options.levels);
-  if (auto status = write_pieces(*refined, options.output); !status)
-    return fail_in(options.meshes.front(), status.error());
-  return {};
+  const auto refined = refine(std::move(source), options.levels, options.meshes.front());
+  return write_pieces(*refined, options.output);
 }
 
 std::string check_count(const std::string& text) {

@@ -23,7 +23,7 @@ std::vector<Piece> pieces_of(Source& source) {
 }
 
 std::vector<Piece> refined(std::vector<Piece> pieces, int levels) {
-  return pieces_of(*refine(std::make_unique<PieceSource>(std::move(pieces)), levels));
+  return pieces_of(*refine(std::make_unique<PieceSource>(std::move(pieces)), levels, "mesh"));
 }
 
 double volume(const Piece& piece) { return test::volume({piece.points, piece.tetrahedra}); }
@@ -57,7 +57,7 @@ TEST(Refine, KeepsOrientation) {
 TEST(Refine, SplitsEachTetrahedronIntoEightEqualOnes) {
   const auto pieces = refined({test::mesh_piece(test::random_tetrahedra(1), field)}, 2);
   const Piece& piece = pieces.at(0);
-  EXPECT_EQ(piece.points.size(), 35u);  // 4 corners: those of a pyramid of 5 to an edge
+  EXPECT_EQ(piece.points.size(), 35u);  // of a tetrahedron with 5 along each edge
   for (const auto& tetrahedron : piece.tetrahedra)
     EXPECT_NEAR(test::volume({piece.points, {tetrahedron}}), volume(piece) / 64, 1e-14);
 }
@@ -84,7 +84,7 @@ TEST(Refine, PiecesRepeatTheirCommonPointsExactly) {
 TEST(Refine, LargePiecesComeInSeveral) {
   const auto source = refine(std::make_unique<PieceSource>(std::vector{test::mesh_piece(test::lattice(4), field),
                                                                        test::mesh_piece(test::lattice(2), field)}),
-                             5);
+                             5, "mesh");
   EXPECT_EQ(source->piece_count(), 2u);
   const auto pieces = pieces_of(*source);
   EXPECT_EQ(source->piece_count(), pieces.size());
@@ -100,18 +100,22 @@ TEST(Refine, LargePiecesComeInSeveral) {
   EXPECT_NEAR(sum, 2, 1e-9);
 }
 
-TEST(Refine, MissingValuesStayMissing) {
+TEST(Refine, WhatAMissingValueHidesStaysHidden) {
   Piece piece = test::mesh_piece(test::random_tetrahedra(1), field);
   piece.values[0][2] = std::numeric_limits<double>::quiet_NaN();
-  const auto pieces = refined({piece}, 1);
-  EXPECT_EQ(std::ranges::count_if(pieces.at(0).values[0], [](double value) { return std::isnan(value); }), 4);
+  const auto pieces = refined({piece}, 3);
+  const auto is_missing = [&](std::uint32_t point) { return std::isnan(pieces.at(0).values[0][point]); };
+  for (const auto& tetrahedron : pieces.at(0).tetrahedra) EXPECT_TRUE(std::ranges::any_of(tetrahedron, is_missing));
+  EXPECT_FALSE(is_missing(0));
 }
 
 TEST(Refine, PointsWithoutCellsAreRefused) {
-  const auto source = refine(std::make_unique<PieceSource>(std::vector{test::scattered(test::random_points(10))}), 1);
+  const auto source =
+      refine(std::make_unique<PieceSource>(std::vector{test::scattered(test::random_points(10))}), 1, "mesh");
   const auto piece = source->next();
   ASSERT_FALSE(piece);
   EXPECT_EQ(piece.error().code, ErrorCode::invalid_data);
+  EXPECT_EQ(piece.error().message, "mesh: no cells with a volume");
 }
 
 }  // namespace

@@ -105,10 +105,10 @@ TEST_F(Svgen, RefinedMeshesAreThoseOfTheLibrary) {
   ASSERT_EQ(run("refine " + path("mesh.vtu") + " --levels 2 -o " + path("a")), 0) << message_;
   ASSERT_EQ(run("refine " + path("mesh.vtu") + " --attribute other -o " + path("b")), 0) << message_;
   for (const std::string& input : {path("a"), path("a/mesh.pvtu")}) {
-    auto made = refine(open_source({path("mesh.vtu")}, {}).value(), 2);
+    auto made = refine(open_source({path("mesh.vtu")}, {}).value(), 2, "");
     expect_same(*open_source({input}, {}).value(), *made);
   }
-  auto made = refine(open_source({path("mesh.vtu")}, {{"other"}, {}}).value(), 1);
+  auto made = refine(open_source({path("mesh.vtu")}, {{"other"}, {}}).value(), 1, "");
   expect_same(*open_source({path("b")}, {}).value(), *made);
 }
 
@@ -119,6 +119,8 @@ TEST_F(Svgen, IsThereWholeOrNotAtAll) {
   expect_refused("mesh --cells 48 --pieces 3 -o " + path("out"), "no blocks");
 
   expect_refused("refine " + path("none.vtu") + " -o " + path("out"), "none.vtu");
+  ASSERT_TRUE(write_tetrahedron(path("mesh.vtu")));
+  expect_refused("refine " + path("mesh.vtu") + " -o " + path("none/out"), "svgen: " + path("none/out"));
   ASSERT_EQ(run("points --count 100 -o " + path("points.npy")), 0);
   expect_refused("refine " + path("points.npy") + " -o " + path("out"), "points.npy: no cells");
 
