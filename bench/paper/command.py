@@ -25,6 +25,8 @@ PARTS = {
     "sorting": ("views", "sorting"),
     "gradients": ("gradient", "gradients"),
     "lighting": ("gradient", "lighting"),
+    "large": ("large", "large"),
+    "bytes": ("large", "bytes_read"),
 }
 
 
@@ -70,7 +72,9 @@ def parser():
         default=ROOT / "build/release/bin",
         help="folder of svbuild, svrender, svdiff, svtruth, svexport",
     )
-    result.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    result.add_argument(
+        "--parts", nargs="+", choices=PARTS, default=list(PARTS), help="default: all, which takes half an hour"
+    )
     result.add_argument("--frames", type=int, default=5, help="frames of which a time is the median")
     result.add_argument("--pictures", type=Path, help="folder for them (default: build/paper; --write: docs/pictures)")
     result.add_argument("--write", action="store_true", help="put what is printed in docs/paper.md, part by part")

@@ -1,7 +1,7 @@
 """Figure 9: large data. Section 5: the file's parts, and how much of it pictures read.
 
 Builds meshes of tens of millions of tetrahedra and 20 million points, by every reduction: some ten minutes, 5 GB of
-temporary files. So svpaper makes these parts only when they are asked for.
+temporary files.
 """
 
 import json
