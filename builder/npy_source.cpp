@@ -18,7 +18,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t max_read_bytes = 4 << 20;
+constexpr std::uint64_t max_read_bytes = 16 << 20;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// A file, and which of its columns are what.
