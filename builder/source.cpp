@@ -22,9 +22,10 @@ namespace {
 
 /// What the first bytes of a file say that it is.
 struct FileHeader {
-  enum class Format { vtk_xml, vtk_legacy, npy, vdb, other };
+  enum class Format { vtk_xml, vtk_legacy, blocks, npy, vdb, other };
   Format format = Format::other;
-  std::string type;  // of an XML file: "UnstructuredGrid", ...
+  VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of blocks
+  std::string type;                                  // of an XML file: "UnstructuredGrid", ...
   int major = 0;
   int minor = 0;
 };
@@ -42,6 +43,38 @@ constexpr std::array<XmlType, 5> xml_types = {{{"UnstructuredGrid", VtkFile::Kin
 bool has_vtk_extension(std::string_view path) {
   constexpr std::array<std::string_view, 7> extensions = {".vtu", ".pvtu", ".vtk", ".vts", ".vtr", ".vti", ".vtp"};
   return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
+}
+
+struct BlockExtension {
+  std::string_view extension;
+  VtkFile::Kind kind;
+};
+constexpr std::array<BlockExtension, 9> block_extensions = {{{".e", VtkFile::Kind::exodus},
+                                                             {".exo", VtkFile::Kind::exodus},
+                                                             {".exii", VtkFile::Kind::exodus},
+                                                             {".ex2", VtkFile::Kind::exodus},
+                                                             {".g", VtkFile::Kind::exodus},
+                                                             {".case", VtkFile::Kind::ensight},
+                                                             {".encas", VtkFile::Kind::ensight},
+                                                             {".foam", VtkFile::Kind::openfoam},
+                                                             {".cgns", VtkFile::Kind::cgns}}};
+
+/// Of formats with blocks, by the name, as most of them are HDF5 or plain text. A part of a mesh in Exodus files is
+/// called "mesh.e.4.0".
+std::optional<VtkFile::Kind> blocks_kind(std::string_view path) {
+  const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
+    const auto found = std::ranges::find_if(
+        block_extensions, [&](const BlockExtension& known) { return name.ends_with(known.extension); });
+    return found == block_extensions.end() ? std::nullopt : std::optional(found->kind);
+  };
+  if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
+  if (const auto kind = kind_of(path)) return kind;
+  for (int i = 0; i < 2; ++i) {
+    const std::size_t last = path.find_last_not_of("0123456789");
+    if (last == std::string_view::npos || last + 1 == path.size() || path[last] != '.') return std::nullopt;
+    path = path.substr(0, last);
+  }
+  return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
 }
 
 std::string attribute_of(std::string_view element, std::string_view name) {
@@ -74,6 +107,13 @@ Result<FileHeader> read_header(const std::string& path) {
   }
   if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
     header.format = FileHeader::Format::vdb;
+    return header;
+  }
+  // Exodus as NetCDF's own format, whatever its name.
+  const bool netcdf = text.starts_with("CDF\x01") || text.starts_with("CDF\x02") || text.starts_with("CDF\x05");
+  if (const auto kind = netcdf ? VtkFile::Kind::exodus : blocks_kind(path)) {
+    header.format = FileHeader::Format::blocks;
+    header.kind = *kind;
     return header;
   }
   constexpr std::string_view legacy_start = "# vtk DataFile Version ";
@@ -128,6 +168,10 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   if (header.format == FileHeader::Format::other)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
+  if (header.format == FileHeader::Format::blocks) {
+    files.push_back({path, header.kind});
+    return {};
+  }
   if (header.format == FileHeader::Format::vtk_legacy) {
     if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
     files.push_back({path, VtkFile::Kind::legacy});
@@ -171,17 +215,17 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
-/// The VTK, .npy and .vdb files in a folder, by their extensions.
+/// The files in a folder that can be read, by their extensions.
 Result<std::vector<std::string>> list_folder(const std::string& folder) {
   std::error_code error;
   std::vector<std::string> names;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    const bool known = has_vtk_extension(name) || name.ends_with(".npy") || name.ends_with(".vdb");
+    const bool known = has_vtk_extension(name) || blocks_kind(name) || name.ends_with(".npy") || name.ends_with(".vdb");
     if (known && !name.starts_with('.')) names.push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
-  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without VTK, .npy or .vdb files", folder);
+  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
   // Names that differ in leading zeros only are told apart by their bytes.
   std::ranges::sort(names, [](const std::string& a, const std::string& b) {
     return name_before(a, b) || (!name_before(b, a) && a < b);
@@ -191,13 +235,18 @@ Result<std::vector<std::string>> list_folder(const std::string& folder) {
   return paths;
 }
 
-/// The files named, and those in the folders named.
+/// The files named, and those in the folders named; an OpenFOAM case is a folder and one input.
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {
     std::error_code error;
     if (!std::filesystem::is_directory(input, error)) {
       paths.push_back(input);
+      continue;
+    }
+    const auto control = std::filesystem::path(input) / "system" / "controlDict";
+    if (std::filesystem::exists(control, error)) {
+      paths.push_back(control.string());
       continue;
     }
     SPLATVOL_TRY_ASSIGN(files, list_folder(input));
@@ -228,7 +277,9 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   return *this;
 }
 
-Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
+namespace {
+
+Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
   const auto generated = std::ranges::find_if(inputs, is_generated);
   if (generated != inputs.end() && inputs.size() > 1)
     return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
@@ -253,7 +304,16 @@ Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inpu
   for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
   if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  return open_vtk_files(std::move(files), options.selection);
+  return open_vtk_files(std::move(files), options.selection, options.time);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_any(inputs, options));
+  if (options.time && !source->time_step())
+    return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
+  return source;
 }
 
 }  // namespace splatvol

@@ -50,6 +50,13 @@ struct Piece {
   CellCensus census;
 };
 
+/// One of the moments that an input holds.
+struct TimeStep {
+  double time = 0;
+  std::size_t index = 0;
+  std::size_t count = 1;  // of the input's steps
+};
+
 /// A stream of pieces. Not thread-safe.
 class Source {
  public:
@@ -72,6 +79,9 @@ class Source {
   /// Points in all; nothing where only reading tells.
   [[nodiscard]] virtual std::optional<std::uint64_t> point_count() const { return std::nullopt; }
 
+  /// The step that the pieces are of; nothing where the input has no time.
+  [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
+
   /// Whether a piece may have tetrahedra or bring its material.
   [[nodiscard]] virtual bool may_have_cells() const { return true; }
 
@@ -85,6 +95,7 @@ class Source {
 struct SourceOptions {
   std::vector<std::string> selection;  // attributes to read; empty: all point data
   std::vector<std::string> columns;    // names of the columns of .npy files; empty: theirs, or the default
+  std::optional<double> time;          // the step nearest to it is read; nothing: the last
 };
 
 /// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are

@@ -10,13 +10,6 @@
 namespace splatvol {
 namespace {
 
-/// Arrays that VTK or a filter made for its own books.
-bool is_bookkeeping(vtkPointData& data, int index, const std::string& name) {
-  const int role = data.IsArrayAnAttribute(index);
-  return is_ghost_array(name) || name.starts_with("vtkOriginal") || name == "vtkValidPointMask" || name == "IBlank" ||
-         role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
-}
-
 std::vector<double> read_channel(const VtkChannel& channel, vtkDataArray& array,
                                  std::span<const std::uint32_t> points) {
   std::vector<double> values(points.size());
@@ -35,6 +28,12 @@ std::vector<double> read_channel(const VtkChannel& channel, vtkDataArray& array,
 }  // namespace
 
 bool is_ghost_array(std::string_view name) { return name == "vtkGhostType" || name == "vtkGhostLevels"; }
+
+bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name) {
+  const int role = data.IsArrayAnAttribute(index);
+  return is_ghost_array(name) || name.starts_with("vtkOriginal") || name == "vtkValidPointMask" || name == "IBlank" ||
+         role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
+}
 
 std::vector<VtkChannel> channels_of(vtkDataSet& data) {
   std::vector<VtkChannel> channels;

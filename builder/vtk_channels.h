@@ -10,6 +10,7 @@
 #include "base/error.h"
 
 class vtkDataSet;
+class vtkDataSetAttributes;
 
 namespace splatvol {
 
@@ -24,6 +25,9 @@ struct VtkChannel {
 
 /// Whether an array of this name says which points or cells are copies or hidden.
 [[nodiscard]] bool is_ghost_array(std::string_view name);
+
+/// Whether array `index` of this name is one that VTK or a filter made for its own books.
+[[nodiscard]] bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name);
 
 /// All scalars of a data set, in the order of its arrays; none for strings, ghost flags, ids and the like.
 [[nodiscard]] std::vector<VtkChannel> channels_of(vtkDataSet& data);

@@ -21,6 +21,7 @@
 
 #include "base/file.h"
 #include "builder/plot3d.h"
+#include "builder/vtk_blocks.h"
 #include "builder/vtk_channels.h"
 #include "builder/vtk_messages.h"
 #include "builder/vtk_unstructured_reader.h"
@@ -28,13 +29,6 @@
 
 namespace splatvol {
 namespace {
-
-/// Whether a selection needs an array: by its name, or by that of one of its components.
-bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
-  return selection.empty() || std::ranges::any_of(selection, [&](const std::string& name) {
-           return name == array || name.starts_with(array + "[");
-         });
-}
 
 vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
   switch (kind) {
@@ -48,32 +42,53 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
       return vtkSmartPointer<vtkXMLImageDataReader>::New();
     case VtkFile::Kind::poly:
       return vtkSmartPointer<vtkXMLPolyDataReader>::New();
-    case VtkFile::Kind::legacy:
+    default:
       break;
   }
   return nullptr;
 }
 
-/// VTK files in their order; the pieces of a .vtu one by one.
+/// VTK files in their order; the pieces of a .vtu and blocks one by one.
 class FileDataSets final : public VtkDataSets {
  public:
-  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection)
-      : files_(std::move(files)), selection_(std::move(selection)) {}
+  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time)
+      : files_(std::move(files)), selection_(std::move(selection)), time_(time) {}
 
-  std::size_t count() const override { return files_.size() + extra_pieces_; }
+  std::size_t count() const override {
+    const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
+    return files_.size() + extra_pieces_ + blocks;
+  }
   const std::string& path() const override { return path_; }
+  std::optional<TimeStep> time_step() const override { return step_; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
+    if (blocks_) {
+      SPLATVOL_TRY_ASSIGN(block, blocks_->next());
+      if (block) return block;
+      extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
+      blocks_ = nullptr;
+    }
     if (reader_) return next_piece();
     if (file_ == files_.size()) return vtkSmartPointer<vtkDataSet>();
     const VtkFile& file = files_[file_++];
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
+    if (is_blocks(file.kind)) {
+      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_));
+      blocks_ = std::move(blocks);
+      if (!step_) step_ = blocks_->time_step();
+      return next();
+    }
     SPLATVOL_TRY(open_xml(file.kind));
     return next_piece();
   }
 
  private:
+  static bool is_blocks(VtkFile::Kind kind) {
+    return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
+           kind == VtkFile::Kind::cgns;
+  }
+
   Status open_xml(VtkFile::Kind kind) {
     SPLATVOL_TRY(check_xml(path_));
     auto reader = make_xml_reader(kind);
@@ -139,9 +154,12 @@ class FileDataSets final : public VtkDataSets {
 
   std::vector<VtkFile> files_;
   std::vector<std::string> selection_;
+  std::optional<double> time_;
+  std::optional<TimeStep> step_;
   std::size_t file_ = 0;
   std::size_t extra_pieces_ = 0;
   std::string path_;
+  std::unique_ptr<VtkDataSets> blocks_;   // of the file at hand, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;  // of the file at hand, while it has pieces left
   int piece_ = 0;
   int pieces_ = 0;
@@ -176,8 +194,9 @@ void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkD
 
 }  // namespace
 
-std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection) {
-  return std::make_unique<FileDataSets>(std::move(files), std::move(selection));
+std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
+                                            std::optional<double> time) {
+  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time);
 }
 
 Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {

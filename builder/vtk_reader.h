@@ -3,10 +3,12 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/source.h"
 
 class vtkDataSet;
 template <class T>
@@ -16,7 +18,7 @@ namespace splatvol {
 
 /// A file that one of VTK's readers takes.
 struct VtkFile {
-  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy };
+  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy, exodus, ensight, openfoam, cgns };
   std::string path;
   Kind kind;
 };
@@ -34,13 +36,17 @@ class VtkDataSets {
 
   /// The file that the last one came from.
   [[nodiscard]] virtual const std::string& path() const = 0;
+
+  /// As Source::time_step(), of the first file that has been opened.
+  [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
 };
 
-/// VTK files in their order, the pieces of a .vtu one by one, each read when it is asked for. A `selection` of
-/// attributes lets an XML reader skip the arrays that it does not need; empty: all point data. Never fails by itself,
-/// next() may.
+/// VTK files in their order, the pieces of a .vtu and blocks one by one, each read when it is asked for. A `selection`
+/// of attributes lets readers skip the arrays that they do not need; empty: all point data. `time` as in open_blocks.
+/// Never fails by itself, next() may.
 [[nodiscard]] std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files,
-                                                          std::vector<std::string> selection);
+                                                          std::vector<std::string> selection,
+                                                          std::optional<double> time);
 
 /// The blocks of a PLOT3D grid with its solution (binary, any variant). The format interleaves them by quantity, so
 /// they are read together, here.

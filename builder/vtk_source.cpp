@@ -40,6 +40,7 @@ class VtkSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
+  std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
 
   /// Reads the first piece with points, which says what attributes there are. `missing` gets the first selected name
   /// that is not among them.
@@ -102,15 +103,16 @@ tl::unexpected<Error> fail_missing(const std::string& path, const std::string& m
 
 }  // namespace
 
-Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection));
+Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
+                                               std::optional<double> time) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time));
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
 
   // Only the selected arrays were read; the message wants them all.
   const std::string path = files.front().path;
-  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}));
+  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time));
   return fail_missing(path, missing, all->attributes());
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,8 @@ namespace splatvol {
 /// Opens files as pieces of one data set: the first that has points fixes the attributes, all others must have them.
 /// Contract as open_source; `files` must not be empty.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files,
-                                                             const std::vector<std::string>& selection);
+                                                             const std::vector<std::string>& selection,
+                                                             std::optional<double> time);
 
 /// Opens a PLOT3D grid and its solution (binary, any of its variants); every block is a piece. The attributes are
 /// Density, Momentum, StagnationEnergy, and Pressure for a ratio of specific heats of 1.4.

@@ -27,6 +27,7 @@ struct Options {
   std::string memory;
   std::string temp_folder;
   std::vector<std::string> columns;
+  std::optional<double> time;
   unsigned threads = 0;
   bool json = false;
 };
@@ -81,25 +82,29 @@ Counts census_lines(const BuildReport& report) {
   return lines;
 }
 
-void print_json(const Options& options, const BuildReport& report, double seconds) {
+void print_json(const Options& options, const Source& source, const BuildReport& report, double seconds) {
   nlohmann::ordered_json census = nlohmann::ordered_json::object();
   for (const auto& [name, count] : census_lines(report)) census[name] = count;
-  const nlohmann::ordered_json document = {{"output", options.output},
-                                           {"points", report.resolution_counts.back()},
-                                           {"resolutions", report.resolution_counts},
-                                           {"connectivity", connectivity_name(report.connectivity)},
-                                           {"file_bytes", report.file_bytes},
-                                           {"seconds", seconds},
-                                           {"census", census}};
+  nlohmann::ordered_json document = {{"output", options.output},
+                                     {"points", report.resolution_counts.back()},
+                                     {"resolutions", report.resolution_counts},
+                                     {"connectivity", connectivity_name(report.connectivity)},
+                                     {"file_bytes", report.file_bytes},
+                                     {"seconds", seconds},
+                                     {"census", census}};
+  if (const auto step = source.time_step())
+    document["time_step"] = {{"time", step->time}, {"number", step->index + 1}, {"of", step->count}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
-void print_text(const Options& options, const BuildReport& report, double seconds) {
+void print_text(const Options& options, const Source& source, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
   fmt::print("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
              options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
              connectivity_name(report.connectivity), report.file_bytes,
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
+  if (const auto step = source.time_step())
+    fmt::print("  {:>12} time (step {} of {})\n", step->time, step->index + 1, step->count);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
@@ -110,7 +115,7 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns}));
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
   BuildOptions build_options;
   build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
@@ -139,7 +144,7 @@ Status build(const Options& options) {
     return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
   }
   const double seconds = seconds_now() - start;
-  options.json ? print_json(options, *report, seconds) : print_text(options, *report, seconds);
+  options.json ? print_json(options, *source, *report, seconds) : print_text(options, *source, *report, seconds);
   return {};
 }
 
@@ -150,7 +155,8 @@ int main(int argc, char** argv) {
   splatvol::Options options;
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
   app.add_option("inputs", options.inputs,
-                 "Meshes (.vtu, .pvtu, .vtk, ...), voxels (.vdb), folders of them, points (.npy), a PLOT3D grid and "
+                 "Meshes (.vtu, .pvtu, .vtk, ..., .e, .case, .foam, .cgns), voxels (.vdb), folders of them, points "
+                 "(.npy), a PLOT3D grid and "
                  "its solution, or what "
                  "svgen would make (gen:points:count=1e6)")
       ->required()
@@ -188,6 +194,10 @@ int main(int argc, char** argv) {
                  "(default: x,y,z,value)")
       ->delimiter(',')
       ->type_name("NAME,...");
+  app.add_option("--time", options.time,
+                 "Of an input with time steps (Exodus, EnSight, OpenFOAM, CGNS) the one nearest to this time (default: "
+                 "the last)")
+      ->type_name("T");
   app.add_option("--memory", options.memory,
                  "Bytes to hold, such as 2G, beside a piece of the input (default: a quarter of what there is); the "
                  "result is the same")
