@@ -95,7 +95,7 @@ class Source {
 struct SourceOptions {
   std::vector<std::string> selection;  // attributes to read; empty: all point data
   std::vector<std::string> columns;    // names of the columns of .npy files; empty: theirs, or the default
-  std::optional<double> time;          // the step nearest to it is read; nothing: the last
+  std::optional<double> time = {};     // the step nearest to it is read; nothing: the last
 };
 
 /// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are

@@ -17,16 +17,24 @@
 #include <vtkSmartPointer.h>
 #include <vtkStreamingDemandDrivenPipeline.h>
 #include <vtkUnsignedCharArray.h>
+#include <vtk_cgns.h>
+#include <vtk_exodusII.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <deque>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 
+#include VTK_CGNS(cgns_io.h)
+#include VTK_CGNS(cgnslib.h)
+#include "builder/vtk_block_checks.h"
 #include "builder/vtk_cells.h"
 #include "builder/vtk_channels.h"
 #include "builder/vtk_messages.h"
+#include "builder/vtk_trial.h"
 
 namespace splatvol {
 namespace {
@@ -65,6 +73,7 @@ class ExodusReader final : public BlockReader {
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     reader_->SetFileName(path.c_str());
     reader_->GenerateObjectIdCellArrayOff();
+    ex_opts(EX_DEFAULT);  // or the library prints its errors
     return *reader_;
   }
 
@@ -143,35 +152,59 @@ class OpenFoamReader final : public BlockReader {
   vtkNew<vtkOpenFOAMReader> reader_;
 };
 
+/// The fields of all zones, sorted; VTK's reader lists those of the first zone only.
+std::vector<std::string> cgns_fields(const std::string& path) {
+  std::vector<std::string> names;
+  int file = 0, bases = 0;
+  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK)
+    throw std::runtime_error(fmt::format("CGNS: {}", cg_get_error()));
+  cg_nbases(file, &bases);
+  for (int base = 1; base <= bases; ++base) {
+    int zones = 0;
+    cg_nzones(file, base, &zones);
+    for (int zone = 1; zone <= zones; ++zone) {
+      int solutions = 0;
+      cg_nsols(file, base, zone, &solutions);
+      for (int solution = 1; solution <= solutions; ++solution) {
+        int fields = 0;
+        cg_nfields(file, base, zone, solution, &fields);
+        for (int field = 1; field <= fields; ++field) {
+          std::array<char, 64> name{};  // 32 at most
+          CGNS_ENUMT(DataType_t) type{};
+          if (cg_field_info(file, base, zone, solution, field, &type, name.data()) == CG_OK)
+            names.emplace_back(name.data());
+        }
+      }
+    }
+  }
+  cg_close(file);
+  std::ranges::sort(names);
+  names.erase(std::ranges::unique(names).begin(), names.end());
+  return names;
+}
+
 class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    cgio_error_abort(0);          // or the library ends the program at an error
+    fields_ = cgns_fields(path);  // fails where VTK's reader would end the program
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
     return *reader_;
   }
 
-  /// Vectors are named by their components here: VelocityX, VelocityY, VelocityZ.
+  /// By VTK's names of arrays, those of zones after the first included.
   void select(const std::vector<std::string>& selection) override {
     reader_->EnableAllBases();
-    const auto wanted = [&](const std::string& name) {
-      return wants_array(selection, name) || wants_array(selection, name.substr(0, name.size() - 1));
-    };
-    for (int i = 0; i < reader_->GetNumberOfPointArrays(); ++i)
-      reader_->SetPointArrayStatus(reader_->GetPointArrayName(i), wanted(reader_->GetPointArrayName(i)));
-    for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i)
-      reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wanted(reader_->GetCellArrayName(i)));
+    for (const ArrayShape& shape : arrays()) {
+      const bool wanted = wants_array(selection, shape.name);
+      reader_->SetPointArrayStatus(shape.name.c_str(), wanted);
+      reader_->SetCellArrayStatus(shape.name.c_str(), wanted);
+    }
   }
 
-  std::vector<ArrayShape> arrays() override {
-    std::vector<std::string> names;
-    for (int i = 0; i < reader_->GetNumberOfPointArrays(); ++i) names.emplace_back(reader_->GetPointArrayName(i));
-    for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i) names.emplace_back(reader_->GetCellArrayName(i));
-    std::ranges::sort(names);
-    names.erase(std::ranges::unique(names).begin(), names.end());
-    return merge_vectors(names);
-  }
+  std::vector<ArrayShape> arrays() override { return merge_vectors(fields_); }
 
   int parts() override { return parts_; }
 
@@ -203,6 +236,7 @@ class CgnsReader final : public BlockReader {
   }
 
   vtkNew<vtkCGNSReader> reader_;
+  std::vector<std::string> fields_;
   int parts_ = 1;  // until the first has been read
 };
 
@@ -316,27 +350,56 @@ void add_missing(vtkDataSet& data, const std::vector<ArrayShape>& shapes) {
   }
 }
 
+/// The steps that a reader found in its file.
+std::vector<double> times_of(vtkAlgorithm& algorithm) {
+  vtkInformation* information = algorithm.GetOutputInformation(0);
+  const int count = information->Length(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
+  const double* first = information->Get(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
+  return count > 0 ? std::vector<double>(first, first + count) : std::vector<double>();
+}
+
+std::optional<TimeStep> choose_step(const std::vector<double>& times, std::optional<double> time) {
+  if (times.empty()) return std::nullopt;
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < times.size(); ++i) {
+    const bool better = time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best];
+    if (better) best = i;
+  }
+  return TimeStep{times[best], best, times.size()};
+}
+
+/// VTK 9.1 trusts whatever EnSight's files say of each other: of cut off ones it reads parts that are not there.
+Status try_ensight(const std::string& path, const std::vector<std::string>& selection, std::optional<double> time) {
+  constexpr unsigned seconds = 3600;
+  return try_in_child(path, seconds, [&] {
+    EnSightReader reader;
+    vtkAlgorithm& algorithm = reader.open(path);
+    algorithm.UpdateInformation();
+    reader.select(selection);
+    const auto step = choose_step(times_of(algorithm), time);
+    reader.read(0, step ? std::optional(step->time) : std::nullopt);
+  });
+}
+
 class BlockDataSets final : public VtkDataSets {
  public:
   BlockDataSets(VtkFile file, std::vector<std::string> selection)
       : file_(std::move(file)), selection_(std::move(selection)), reader_(make_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
+    SPLATVOL_TRY(check_blocks(file_));
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
-    std::vector<double> times;
+    if (file_.kind == VtkFile::Kind::ensight) SPLATVOL_TRY(try_ensight(file_.path, selection_, time));
+    const QuietStderr quiet;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);
       algorithm->UpdateInformation();
       reader_->select(selection_);
-      vtkInformation* information = algorithm->GetOutputInformation(0);
-      const int count = information->Length(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
-      const double* first = information->Get(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
-      if (count > 0) times.assign(first, first + count);
+      step_ = choose_step(times_of(*algorithm), time);
       shapes_ = reader_->arrays();
     }));
     std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
     algorithm_ = algorithm;
-    choose_step(times, time);
     return {};
   }
 
@@ -356,18 +419,6 @@ class BlockDataSets final : public VtkDataSets {
   }
 
  private:
-  void choose_step(const std::vector<double>& times, std::optional<double> time) {
-    if (times.empty()) return;
-    const double wanted = time.value_or(std::numeric_limits<double>::infinity());
-    std::size_t nearest = 0;
-    for (std::size_t i = 1; i < times.size(); ++i) {
-      const bool closer =
-          time ? std::abs(times[i] - wanted) < std::abs(times[nearest] - wanted) : times[i] >= times[nearest];
-      if (closer) nearest = i;
-    }
-    step_ = TimeStep{times[nearest], nearest, times.size()};
-  }
-
   /// A part's blocks into blocks_, with all arrays at their points.
   Status read_part() {
     const std::optional<double> time = step_ ? std::optional(step_->time) : std::nullopt;

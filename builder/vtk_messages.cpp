@@ -1,10 +1,13 @@
 #include "builder/vtk_messages.h"
 
+#include <fcntl.h>
+#include <unistd.h>
 #include <vtkLogger.h>
 #include <vtkObjectFactory.h>
 #include <vtkOutputWindow.h>
 #include <vtkSmartPointer.h>
 
+#include <cstdio>
 #include <exception>
 
 namespace splatvol {
@@ -58,6 +61,22 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   vtkOutputWindow::SetInstance(usual);
   if (!failure.empty()) return fail(ErrorCode::invalid_data, "{}: {}", path, failure);
   return {};
+}
+
+QuietStderr::QuietStderr() : saved_(-1) {
+  std::fflush(stderr);
+  const int nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nothing < 0) return;
+  saved_ = ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 3);
+  if (saved_ >= 0) ::dup2(nothing, STDERR_FILENO);
+  ::close(nothing);
+}
+
+QuietStderr::~QuietStderr() {
+  if (saved_ < 0) return;
+  std::fflush(stderr);
+  ::dup2(saved_, STDERR_FILENO);
+  ::close(saved_);
 }
 
 }  // namespace splatvol

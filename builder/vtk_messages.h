@@ -12,4 +12,17 @@ namespace splatvol {
 /// window for its messages in the whole process: not thread-safe.
 [[nodiscard]] Status run_vtk(const std::string& path, const std::function<void()>& call);
 
+/// While it lives, nothing that the process writes to stderr appears: for libraries below VTK that print whatever they
+/// are told. Not thread-safe.
+class QuietStderr {
+ public:
+  QuietStderr();
+  ~QuietStderr();
+  QuietStderr(const QuietStderr&) = delete;
+  QuietStderr& operator=(const QuietStderr&) = delete;
+
+ private:
+  int saved_;  // negative: could not be silenced
+};
+
 }  // namespace splatvol
