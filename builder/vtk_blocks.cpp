@@ -368,16 +368,17 @@ std::optional<TimeStep> choose_step(const std::vector<double>& times, std::optio
   return TimeStep{times[best], best, times.size()};
 }
 
-/// VTK 9.1 trusts whatever EnSight's files say of each other: of cut off ones it reads parts that are not there.
-Status try_ensight(const std::string& path, const std::vector<std::string>& selection, std::optional<double> time) {
+/// Reads a file's header where a crash does no harm. VTK 9.1 trusts whatever EnSight's files say of each other, and
+/// reads parts of cut off ones that are not there: such a file is read to its end.
+Status try_file(const VtkFile& file, const std::vector<std::string>& selection, std::optional<double> time) {
   constexpr unsigned seconds = 3600;
-  return try_in_child(path, seconds, [&] {
-    EnSightReader reader;
-    vtkAlgorithm& algorithm = reader.open(path);
+  return try_in_child(file.path, seconds, [&] {
+    const auto reader = make_reader(file.kind);
+    vtkAlgorithm& algorithm = reader->open(file.path);
     algorithm.UpdateInformation();
-    reader.select(selection);
+    reader->select(selection);
     const auto step = choose_step(times_of(algorithm), time);
-    reader.read(0, step ? std::optional(step->time) : std::nullopt);
+    if (file.kind == VtkFile::Kind::ensight) reader->read(0, step ? std::optional(step->time) : std::nullopt);
   });
 }
 
@@ -389,7 +390,7 @@ class BlockDataSets final : public VtkDataSets {
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_blocks(file_));
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
-    if (file_.kind == VtkFile::Kind::ensight) SPLATVOL_TRY(try_ensight(file_.path, selection_, time));
+    SPLATVOL_TRY(try_file(file_, selection_, time));
     const QuietStderr quiet;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);

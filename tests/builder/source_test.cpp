@@ -410,7 +410,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
 
 TEST_F(SourceTest, BadInputIsOneClearLine) {
   EXPECT_THAT(error_of({folder_ + "none.vtu"}), AllOf(StartsWith(folder_ + "none.vtu"), HasSubstr("No such file")));
-  EXPECT_THAT(error_of({folder_}), HasSubstr("a folder without VTK, .npy or .vdb files"));
+  EXPECT_THAT(error_of({folder_}), HasSubstr("a folder without files that can be read"));
   EXPECT_THAT(error_of({write("text.vtu", "This is no mesh.\n")}), HasSubstr("not a VTK file"));
   EXPECT_THAT(error_of({write("empty.vtu", "")}), HasSubstr("not a VTK file"));
   EXPECT_THAT(error_of({write("text.vtk", "This is no mesh.\n")}), HasSubstr("not a VTK file"));
