@@ -38,7 +38,7 @@ class CutSelector {
 
   Result<Cut> run() {
     if (options_.filled) {
-      SPLATVOL_TRY_ASSIGN(found, tree_.find_hidden(*options_.filled));
+      SPLATVOL_TRY_ASSIGN(found, tree_.find_hidden(*options_.filled, options_.kept_occlusion));
       wanted_.complete = drawn_.complete = found;
     }
     SPLATVOL_TRY_ASSIGN(outcome, options_.goal ? visit_refined() : visit_all());

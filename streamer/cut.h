@@ -19,6 +19,7 @@
 namespace splatvol {
 
 class FilledNodes;
+struct KeptOcclusion;
 
 /// A cut by its expected error, instead of a tolerance.
 struct ErrorGoal {
@@ -47,6 +48,10 @@ struct CutOptions {
 
   /// What may hide something: with it, nodes behind an opaque front are left out. Null: nothing is hidden.
   const FilledNodes* filled = nullptr;
+
+  /// Where what hides is kept for the next choice, which need not find it again for the same view, values and pages.
+  /// One is for one `filled` and kernel. Null: it is found each time.
+  std::optional<KeptOcclusion>* kept_occlusion = nullptr;
 
   /// A node that would draw more splats than this is compared with its children, of which only some may need the detail
   /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.

@@ -83,39 +83,67 @@ double NodeTree::covered_percent(const Node& node, std::size_t resolution) const
   return frustum_.covered_percent(size, frustum_.nearest_depth(centres));
 }
 
-Result<bool> NodeTree::find_hidden(const FilledNodes& filled) {
+Result<bool> NodeTree::find_hidden(const FilledNodes& filled, std::optional<KeptOcclusion>* kept) {
   if (!filled.any()) return true;
+  if (kept && *kept) {
+    SPLATVOL_TRY_ASSIGN(holds, holds_still(**kept));
+    if (holds) {
+      occlusion_ = (*kept)->occlusion;
+      return (*kept)->complete;
+    }
+    kept->reset();
+  }
   SPLATVOL_TRY_ASSIGN(root, this->root());
-  root_page_ = root.page.get();
-  return hide_behind(filled, root, false);
+  Finding finding{filled, root.page.get(), {}};
+  SPLATVOL_TRY(hide_behind(finding, root, 0, false));
+  if (kept) kept->emplace(KeptOcclusion{visibility_, occlusion_, std::move(finding.links), finding.complete});
+  return finding.complete;
 }
 
-// Front to back. A node that closes what it covers is taken whole, of others the parts, which may be denser.
-Result<bool> NodeTree::hide_behind(const FilledNodes& filled, const Node& node, bool parent_filled) {
+// Whether finding it again would come to the same.
+Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
+  if (!(kept.occlusion.view() == view_ && kept.visibility == visibility_)) return false;
+  SPLATVOL_TRY_ASSIGN(root, index_.root());
+  std::vector<std::shared_ptr<const IndexPage>> pages{std::move(root)};
+  for (const KeptOcclusion::Link& link : kept.links) {
+    SPLATVOL_TRY_ASSIGN(page, index_.linked(*pages[link.from], link.node));
+    if ((page != nullptr) != link.found) return false;
+    pages.push_back(std::move(page));
+  }
+  return true;
+}
+
+// Front to back. A node that closes what it covers is taken whole, of others the parts, which may be denser. `page`: as
+// KeptOcclusion numbers them.
+Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled) {
   // Nothing is closed by what is not dense enough, however much there is of it.
   const format::ValueSummary& summary = node.summary();
   const auto [least, most] = visibility_.extinctions(summary.min, summary.max);
-  if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return true;
+  if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return {};
 
-  const bool in_root_page = node.page.get() == root_page_;
-  const bool is_filled = in_root_page ? filled.has(node.index) : parent_filled;
-  const bool has_parts = node.page->first_children[node.index] != IndexPage::no_node ||
-                         (is_filled && node.page->links[node.index] != IndexPage::no_node);
+  const bool in_root_page = node.page.get() == finding.root_page;
+  const bool is_filled = in_root_page ? finding.filled.has(node.index) : parent_filled;
+  const bool is_linked = node.page->links[node.index] != IndexPage::no_node;
+  const bool has_parts = node.page->first_children[node.index] != IndexPage::no_node || (is_filled && is_linked);
   const bool closes = is_filled && least * node.cell.edge >= Occlusion::closed;
   if (has_parts && !closes && !occlusion_.is_small(node.cell)) {
     SPLATVOL_TRY_ASSIGN(children, children_of(node));
-    if (!children) return false;
-    bool complete = true;
+    if (is_linked) {
+      finding.links.push_back({page, node.index, children.has_value()});
+      page = finding.links.size();
+    }
+    if (!children) {
+      finding.complete = false;
+      return {};
+    }
     const unsigned nearest = nearest_octant(view_, node.cell);
     for (unsigned i = 0; i < 8; ++i)
-      if (const std::optional<Node>& child = (*children)[i ^ nearest]) {
-        SPLATVOL_TRY_ASSIGN(found, hide_behind(filled, *child, is_filled));
-        complete = complete && found;
-      }
-    return complete;
+      if (const std::optional<Node>& child = (*children)[i ^ nearest])
+        SPLATVOL_TRY(hide_behind(finding, *child, page, is_filled));
+    return {};
   }
   if (is_filled && least > 0 && !is_clipped(node.cell, view_.clip_box)) occlusion_.add(node.cell, least);
-  return true;
+  return {};
 }
 
 bool NodeTree::is_visible(const Node& node) const {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
@@ -62,9 +63,10 @@ class NodeTree {
   /// Percent of the image's shorter side that a splat of the node may cover.
   [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;
 
-  /// Finds what hides other nodes, among those that are large in the picture. False where a page that would tell is not
-  /// there. Fails as children_of.
-  [[nodiscard]] Result<bool> find_hidden(const FilledNodes& filled);
+  /// Finds what hides other nodes, among those that are large in the picture, or takes what is in `kept` where that is
+  /// what it would find; asks for the same pages in both cases. Null: keeps nothing. False where a page that would tell
+  /// is not there. Fails as children_of.
+  [[nodiscard]] Result<bool> find_hidden(const FilledNodes& filled, std::optional<KeptOcclusion>* kept);
 
   /// Whether something of the node may show.
   [[nodiscard]] bool is_visible(const Node& node) const;
@@ -74,7 +76,14 @@ class NodeTree {
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:
-  [[nodiscard]] Result<bool> hide_behind(const FilledNodes& filled, const Node& node, bool parent_filled);
+  struct Finding {
+    const FilledNodes& filled;
+    const format::IndexPage* root_page;
+    std::vector<KeptOcclusion::Link> links;
+    bool complete = true;
+  };
+  [[nodiscard]] Status hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled);
+  [[nodiscard]] Result<bool> holds_still(const KeptOcclusion& kept) const;
 
   const format::VolumeInfo& info_;
   IndexPages& index_;
@@ -84,7 +93,6 @@ class NodeTree {
   const KernelKind kernel_;
   const std::size_t size_bound_;
   Occlusion occlusion_;
-  const format::IndexPage* root_page_ = nullptr;
 };
 
 }  // namespace splatvol

@@ -16,7 +16,6 @@ using format::ColumnKind;
 using format::IndexPage;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double most_rays = 64;     // along the picture's longer side
 constexpr double smallest_edge = 6;  // of cells that are looked at, in distances between rays
 
 // Points own what is nearest to them, also past the border of a cell: so much may be missing by chance.
@@ -98,7 +97,7 @@ FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexP
 }
 
 Occlusion::Occlusion(const View& view)
-    : view_(view), spacing_(std::max(1.0, std::max(view.width, view.height) / most_rays)) {
+    : view_(view), spacing_(std::max(1.0, 1.0 * std::max(view.width, view.height) / most_rays)) {
   columns_ = static_cast<int>(view.width / spacing_) + 1;
   rows_ = static_cast<int>(view.height / spacing_) + 1;
 }

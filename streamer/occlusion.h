@@ -8,6 +8,7 @@
 #include "base/math.h"
 #include "format/volume.h"
 #include "scene/scene.h"
+#include "streamer/visibility.h"
 
 namespace splatvol {
 
@@ -34,6 +35,8 @@ class FilledNodes {
 /// How far one can see into a view, along rays through a grid of pixels. A ray is closed where no more than a
 /// thousandth of the light comes through.
 class Occlusion {
+  static constexpr int most_rays = 64;  // along the picture's longer side
+
  public:
   explicit Occlusion(const View& view);
 
@@ -47,6 +50,11 @@ class Occlusion {
 
   /// Whether a cell is so small in the picture that a ray might miss it.
   [[nodiscard]] bool is_small(const Cube& cell) const;
+
+  [[nodiscard]] const View& view() const { return view_; }
+
+  /// The most that one takes, whatever the view.
+  static constexpr std::uint64_t most_memory_bytes = (most_rays + 1) * (most_rays + 1) * 2 * sizeof(double);
 
   /// Optical depth that closes a ray.
   static constexpr double closed = 7;
@@ -65,6 +73,21 @@ class Occlusion {
   bool any_ = false;            // closed
   std::vector<double> depths_;  // [row][column]: optical, so far
   std::vector<double> closed_;  // [row][column]: view depth behind which nothing is seen; infinity: none
+};
+
+/// What was found for a view, with the pages of the index that told: it holds as long as the same of them are there.
+struct KeptOcclusion {
+  /// A page that was asked for.
+  struct Link {
+    std::size_t from;    // 0: the root page; i: that of links[i - 1]
+    std::uint32_t node;  // of that page
+    bool found;
+  };
+
+  ValueVisibility visibility;
+  Occlusion occlusion;
+  std::vector<Link> links;
+  bool complete;  // all that were asked for were there
 };
 
 }  // namespace splatvol

@@ -157,7 +157,10 @@ Status Streamer::set_memory_aside() {
 // What choosing a cut by expected error may hold.
 std::uint64_t Streamer::choice_bytes() const { return budget_.capacity() / choice_share; }
 
-std::uint64_t Streamer::fixed_bytes() const { return volume_->memory_bytes() + filled_.memory_bytes(); }
+std::uint64_t Streamer::fixed_bytes() const {
+  const std::uint64_t occlusion_bytes = filled_.any() ? sizeof(KeptOcclusion) + Occlusion::most_memory_bytes : 0;
+  return volume_->memory_bytes() + filled_.memory_bytes() + occlusion_bytes;
+}
 
 // The least that leaves so much for a frame.
 std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
@@ -199,13 +202,14 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
   return &frame_->splats;
 }
 
-CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_bytes) const {
+CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_bytes) {
   CutOptions options;
   options.tolerance_percent = detail.tolerance_percent;
   options.kernel = kernel_;
   options.resolution = detail.resolution;
   options.goal = detail.goal;
   options.filled = &filled_;
+  options.kept_occlusion = &occlusion_;
   options.max_choice_bytes = choice_bytes();
   options.max_bytes = max_bytes;
   return options;
@@ -448,9 +452,11 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
   next.right = glm::normalize(right - glm::dot(right, next.forward) * next.forward);
   next.up = glm::cross(next.right, next.forward);
 
+  // Of the view after this one what hides is not to take the place of this one's.
   Pager::Pages pages = pager_->pages();
-  const auto cut =
-      select(*pager_, nullptr, next, visibility, cut_options(aim_->choice.detail, paging_memory() / 4 * 3));
+  CutOptions options = cut_options(aim_->choice.detail, paging_memory() / 4 * 3);
+  options.kept_occlusion = nullptr;
+  const auto cut = select(*pager_, nullptr, next, visibility, options);
   pager_->keep_pages_and_ask_ahead(std::move(pages));
   if (!cut) return;
   pager_->want(*cut, Pager::ahead);

@@ -159,7 +159,7 @@ class Streamer {
   [[nodiscard]] std::uint64_t budget_for(std::uint64_t bytes) const;
   [[nodiscard]] std::uint64_t frame_limit() const;
   [[nodiscard]] std::uint64_t paging_memory() const;
-  [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes) const;
+  [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes);
   [[nodiscard]] Result<Choice> choose(DetailOptions detail, const TryCut& try_cut) const;
   [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
                                                       const DetailOptions& detail, bool paging);
@@ -188,6 +188,7 @@ class Streamer {
   std::uint64_t working_bytes_ = 0;
   Reservation fixed_;
   FilledNodes filled_;
+  std::optional<KeptOcclusion> occlusion_;
   Cache cache_;
   PagedVolume paged_;
   std::optional<Gatherer> gatherer_;

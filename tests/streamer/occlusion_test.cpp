@@ -10,6 +10,9 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
+#include <utility>
+#include <vector>
 
 #include "builder/build.h"
 #include "streamer/cut.h"
@@ -109,7 +112,7 @@ class OpaqueMesh : public testing::Test {
  protected:
   void SetUp() override {
     path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_opaque_{}.svol", ::getpid())).string();
-    auto source = open_source({"gen:mesh:cells=2e5"}, {});
+    auto source = open_source({input()}, {});
     ASSERT_TRUE(source) << source.error().message;
     const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
     ASSERT_TRUE(report) << report.error().message;
@@ -118,11 +121,16 @@ class OpaqueMesh : public testing::Test {
     filled_ = FilledNodes::find(*volume_, *paged_->root().value(), 0);
   }
   void TearDown() override { std::filesystem::remove(path_); }
+  virtual const char* input() const { return "gen:mesh:cells=2e5"; }
 
-  Cut cut(const View& view, double extinction, CutOptions options) {
+  Cut cut(const View& view, double extinction, const CutOptions& options) {
+    return cut(*paged_, view, extinction, options);
+  }
+
+  Cut cut(IndexPages& pages, const View& view, double extinction, const CutOptions& options) {
     const TransferFunction function{0, 1, {{0, {1, 1, 1}}}, {{0, extinction}}};
     const ValueVisibility visibility(function, volume_->info().attributes[0]);
-    return select_cut(volume_->info(), *paged_, view, visibility, options).value();
+    return select_cut(volume_->info(), pages, view, visibility, options).value();
   }
 
   static View view(dvec3 eye) {
@@ -201,6 +209,83 @@ TEST_F(OpaqueMesh, NorByWhatAClipBoxTakesAway) {
   const Cut all = cut(clipped, 30, options);
   options.filled = &filled_;
   EXPECT_EQ(cut(clipped, 30, options), all) << "a slab of optical depth 6";
+}
+
+TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
+  CutOptions options;
+  options.filled = &filled_;
+  CutOptions keeping = options;
+  std::optional<KeptOcclusion> kept;
+  keeping.kept_occlusion = &kept;
+  View clipped = view({5, 4, 8});
+  clipped.clip_box = Box{{-2, -2, -1}, {2, 2, -0.8}};
+  for (const View& from : {view({5, 4, 8}), view({5, 4, 8.001}), clipped, view({5, 4, 8})})
+    for (const double extinction : {20.0, 1.0, 40.0, 40.0})
+      EXPECT_EQ(cut(from, extinction, keeping), cut(from, extinction, options)) << extinction;
+
+  // Another tolerance takes what was kept: here, that nothing is hidden.
+  kept->occlusion = Occlusion(view({5, 4, 8}));
+  keeping.tolerance_percent = 0.8;
+  CutOptions all = keeping;
+  all.filled = nullptr;
+  all.kept_occlusion = nullptr;
+  EXPECT_EQ(cut(view({5, 4, 8}), 40, keeping), cut(view({5, 4, 8}), 40, all));
+}
+
+// Pages of an index of which some are there.
+class SomePages final : public IndexPages {
+ public:
+  explicit SomePages(IndexPages& all) : all_(all) {}
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override { return all_.root(); }
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
+                                                                        std::uint32_t node) override {
+    const std::uint64_t offset = page.pages[page.links[node]].offset;
+    asked.insert(offset);
+    if (!there.contains(offset)) return nullptr;
+    return all_.linked(page, node);
+  }
+  std::set<std::uint64_t> asked, there;
+
+ private:
+  IndexPages& all_;
+};
+
+// With more pages of index than its root.
+class OpaqueMeshInPages : public OpaqueMesh {
+  const char* input() const override { return "gen:mesh:cells=1e6"; }
+};
+
+TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
+  CutOptions options;
+  options.tolerance_percent = 1;
+  options.filled = &filled_;
+  CutOptions keeping = options;
+  std::optional<KeptOcclusion> kept;
+  keeping.kept_occlusion = &kept;
+  std::mt19937 random(5);
+  int came = 0, went = 0;  // pages that tell what hides
+  for (const dvec3 eye : {dvec3(3, 2, 5), dvec3(-3, -2, 5), dvec3(3, -2, -5), dvec3(-3, 2, -5)}) {
+    SomePages pages(*paged_), pages_of_fresh(*paged_);
+    for (int step = 0; step < 12; ++step) {
+      pages.asked.clear();
+      pages_of_fresh.asked.clear();
+      const Cut again = cut(pages, view(eye), 3, keeping), fresh = cut(pages_of_fresh, view(eye), 3, options);
+      ASSERT_EQ(again, fresh) << "step " << step;
+      EXPECT_EQ(again.complete, fresh.complete);
+      ASSERT_EQ(pages.asked, pages_of_fresh.asked);
+      if (pages.asked.empty()) break;
+
+      // One of the pages that were asked for comes, or goes.
+      std::vector<std::uint64_t> asked(pages.asked.begin(), pages.asked.end());
+      const std::uint64_t page = asked[random() % asked.size()];
+      const bool comes = pages.there.insert(page).second;
+      if (!comes) pages.there.erase(page);
+      pages_of_fresh.there = pages.there;
+      if (!kept->links.empty()) ++(comes ? came : went);
+    }
+  }
+  EXPECT_GT(came, 3);
+  EXPECT_GT(went, 3);
 }
 
 }  // namespace
