@@ -26,8 +26,11 @@ struct NodeShape {
   std::size_t attributes;
 };
 
-/// The bound that a size code states, world units: edge 2^(2 - c/8).
-[[nodiscard]] inline double size_bound(std::uint8_t code, double edge) { return edge * std::exp2(2 - code / 8.0); }
+/// The bound that a size code states: edge 2^(2 - c/8), world units, and the exponent alone.
+[[nodiscard]] inline double size_bound_exponent(std::uint8_t code) { return 2 - code / 8.0; }
+[[nodiscard]] inline double size_bound(std::uint8_t code, double edge) {
+  return edge * std::exp2(size_bound_exponent(code));
+}
 
 /// The size code of a splat: the largest c whose bound is not below `size`. Requires 0 <= size <= 4 edge.
 [[nodiscard]] inline std::uint8_t size_code(double size, double edge) {

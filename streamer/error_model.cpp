@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 namespace splatvol {
 namespace {
@@ -15,14 +16,13 @@ constexpr double smallest_pixels = 0.5;  // splats of this width show half of th
 
 // Of a cell that is partly out of sight, at least this share counts: its splats reach out of it.
 constexpr double smallest_share_in_view = 0.01;
-constexpr int samples_along_edge = 4;
 
 struct Footprint {
   double area;   // pixels that a section of the cell covers
   double scale;  // pixels per world unit
 };
 
-Footprint footprint_of(const View& view, const Cube& cell) {
+Footprint footprint_of(const View& view, const Cube& cell, std::span<const dvec3> samples) {
   const auto scale_at = [&](double depth) {
     return view.orthographic ? view.focal : view.focal / std::max(depth, 0.1 * cell.edge);
   };
@@ -37,37 +37,44 @@ Footprint footprint_of(const View& view, const Cube& cell) {
     return {std::min(cell.edge * cell.edge * scale * scale, largest_area), scale};
 
   // Near, or at the picture's border.
-  constexpr int n = samples_along_edge;
   double squares = 0, squares_in_view = 0;
-  for (int i = 0; i < n * n * n; ++i) {
-    const dvec3 share = (dvec3(i % n, i / n % n, i / (n * n)) + 0.5) / double{n};
-    const dvec3 p = view.to_view(cell.origin + cell.edge * share);
+  for (const dvec3& sample : samples) {
+    const dvec3 p = centre + cell.edge * sample;
     scale = scale_at(p.z);
     squares += scale * scale;
     if (inside(p, scale, 0)) squares_in_view += scale * scale;
   }
-  squares /= n * n * n;
-  squares_in_view = std::max(squares_in_view / (n * n * n), smallest_share_in_view * squares);
+  const auto count = static_cast<double>(samples.size());
+  squares /= count;
+  squares_in_view = std::max(squares_in_view / count, smallest_share_in_view * squares);
   return {std::min(cell.edge * cell.edge * squares_in_view, largest_area), std::sqrt(squares)};
 }
 
 }  // namespace
 
 ErrorModel::ErrorModel(const NodeTree& tree)
-    : tree_(tree), scaling_(calibration / (3.0 * tree.view().width * tree.view().height)) {}
+    : tree_(tree), scaling_(calibration / (3.0 * tree.view().width * tree.view().height)) {
+  constexpr int n = samples_along_edge;
+  const View& view = tree.view();
+  for (int i = 0; i < n * n * n; ++i) {
+    const dvec3 share = (dvec3(i % n, i / n % n, i / (n * n)) + 0.5) / double{n} - 0.5;
+    samples_[static_cast<std::size_t>(i)] = {glm::dot(share, view.right), glm::dot(share, view.up),
+                                             glm::dot(share, view.forward)};
+  }
+}
 
 ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
     : model_(model), node_(node), values_(model.tree_.visibility().contrast().of(node.summary())) {
-  const Footprint footprint = footprint_of(model.tree_.view(), node.cell);
+  const Footprint footprint = footprint_of(model.tree_.view(), node.cell, model.samples_);
   area_ = footprint.area;
   pixels_per_edge_ = footprint.scale * node.cell.edge;
 }
 
 ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t splats) const {
   const double edge = node_.cell.edge;
-  const double bound = std::min(model_.tree_.splat_bound(node_, resolution) / edge, 4.0);
+  const double bound = std::min(model_.tree_.splat_bound_in_cell(node_, resolution), 2.0);
   const double count = std::max(static_cast<double>(splats), 1.0);
-  const double share = std::min(std::exp2((std::log2(bound) - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
+  const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;
   const double damping = 1 + values_.extinction * share * edge;
   const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * pixels_squared /

@@ -1,6 +1,7 @@
 // How far a picture is expected to be from the exact one. Internal to the streamer.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -50,6 +51,9 @@ class ErrorModel {
  private:
   const NodeTree& tree_;
   double scaling_;
+  static constexpr int samples_along_edge = 4;
+  std::array<dvec3, samples_along_edge * samples_along_edge * samples_along_edge> samples_;  // of a cell of edge 1,
+                                                                                             // from its centre; view
 };
 
 }  // namespace splatvol

@@ -41,7 +41,7 @@ NodeTree::NodeTree(const format::VolumeInfo& info, IndexPages& index, const View
 
 Result<Node> NodeTree::root() const {
   SPLATVOL_TRY_ASSIGN(page, index_.root());
-  Node root{std::move(page), 0, info_.cube, {}, 0};
+  Node root{std::move(page), 0, info_.cube, Begins(info_.resolutions()), 0};
   for (std::size_t s = 1; s < info_.resolutions(); ++s) root.begins[s] = info_.resolution_counts[s - 1];
   return root;
 }
@@ -74,6 +74,12 @@ Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node
 
 double NodeTree::splat_bound(const Node& node, std::size_t resolution) const {
   return format::size_bound(node.page->nodes.size_code_at(node.index, size_bound_, resolution), info_.cube.edge);
+}
+
+// The code is that of the cube's edge; a cell's is 2^depth times smaller.
+double NodeTree::splat_bound_in_cell(const Node& node, std::size_t resolution) const {
+  return format::size_bound_exponent(node.page->nodes.size_code_at(node.index, size_bound_, resolution)) +
+         static_cast<double>(node.depth);
 }
 
 // Centroids may lie outside of the node's cell, as far as their ellipsoids.

@@ -1,6 +1,7 @@
 // The nodes of a volume's index as a view sees them. Internal to the streamer.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -21,8 +22,24 @@
 
 namespace splatvol {
 
-/// Where a node's points begin in each segment.
-using Begins = std::array<std::uint64_t, format::max_resolutions>;
+/// Where a node's points begin in each segment. Most files have few of them, and only those are copied.
+class Begins {
+ public:
+  explicit Begins(std::size_t segments) : count_(segments) { std::fill_n(values_.begin(), count_, 0); }
+  Begins(const Begins& other) : count_(other.count_) { std::copy_n(other.values_.begin(), count_, values_.begin()); }
+  Begins& operator=(const Begins& other) {
+    count_ = other.count_;
+    std::copy_n(other.values_.begin(), count_, values_.begin());
+    return *this;
+  }
+
+  [[nodiscard]] std::uint64_t& operator[](std::size_t segment) { return values_[segment]; }
+  [[nodiscard]] std::uint64_t operator[](std::size_t segment) const { return values_[segment]; }
+
+ private:
+  std::size_t count_;
+  std::array<std::uint64_t, format::max_resolutions> values_;  // from count_ on: not set
+};
 
 struct Node {
   std::shared_ptr<const format::IndexPage> page;
@@ -59,6 +76,9 @@ class NodeTree {
 
   /// No splat of the node is larger; world units. Requires a resolution from the node's first on.
   [[nodiscard]] double splat_bound(const Node& node, std::size_t resolution) const;
+
+  /// Base 2 logarithm of that bound over the edge of the node's cell.
+  [[nodiscard]] double splat_bound_in_cell(const Node& node, std::size_t resolution) const;
 
   /// Percent of the image's shorter side that a splat of the node may cover.
   [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;

@@ -140,16 +140,18 @@ void Occlusion::add(const Cube& cell, double extinction) {
     closed_.assign(depths_.size(), infinity);
   }
   const dvec3 low = cell.origin - view_.eye, high = low + cell.edge;
-  for (int row = rays.bottom; row <= rays.top; ++row)
+  const dvec2 middle = 0.5 * dvec2(view_.width, view_.height);
+  for (int row = rays.bottom; row <= rays.top; ++row) {
+    const dvec3 upwards = (row * spacing_ - middle.y) / view_.focal * view_.up;
     for (int column = rays.left; column <= rays.right; ++column) {
       const auto ray = static_cast<std::size_t>(row * columns_ + column);
       if (depths_[ray] >= closed) continue;
       // origin + s direction, s being the depth
-      const dvec2 k = (dvec2(column, row) * spacing_ - 0.5 * dvec2(view_.width, view_.height)) / view_.focal;
-      const dvec3 across = k.x * view_.right + k.y * view_.up;
+      const dvec3 across = (column * spacing_ - middle.x) / view_.focal * view_.right + upwards;
       const dvec3 origin = view_.orthographic ? across : dvec3(0);
       const dvec3 direction = view_.orthographic ? view_.forward : across + view_.forward;
-      const dvec3 a = (low - origin) / direction, b = (high - origin) / direction;
+      const dvec3 inverse = 1.0 / direction;
+      const dvec3 a = (low - origin) * inverse, b = (high - origin) * inverse;
       const dvec3 enters = glm::min(a, b), leaves = glm::max(a, b);
       const double enter = std::max({enters.x, enters.y, enters.z}), leave = std::min({leaves.x, leaves.y, leaves.z});
       if (!(enter > 0 && leave > enter)) continue;
@@ -159,6 +161,7 @@ void Occlusion::add(const Cube& cell, double extinction) {
       closed_[ray] = enter + left / rate;
       any_ = true;
     }
+  }
 }
 
 bool Occlusion::hides(const Cube& cell) const {

@@ -63,7 +63,8 @@ std::uint32_t Refinement::add(const Node& node) {
 
 Status Refinement::expand(std::uint32_t item) {
   const Place& place = places_[item];
-  SPLATVOL_TRY_ASSIGN(children, tree_.children_of({place.page, place.index, place.cell, {}, place.depth}));
+  SPLATVOL_TRY_ASSIGN(children,
+                      tree_.children_of({place.page, place.index, place.cell, Begins(resolutions_), place.depth}));
   items_[item].expanded = true;
   items_[item].absent = !children;
   if (!children) return {};
@@ -82,21 +83,29 @@ Status Refinement::expand(std::uint32_t item) {
 bool Refinement::is_worth_opening(const Item& item, float price) const {
   if (item.is_leaf) return false;
   const auto of_item = choices(item);
-  const auto cost = [&](const Choice& choice) { return choice.error + price * choice.splats; };
-  const auto best = std::ranges::min_element(of_item, {}, cost);
-  return (best != of_item.begin() && best->splats > most_splats) ||
-         cost(*best) - price * of_item.front().splats > price * least_gain_;
+  float least = none;
+  std::size_t best = 0;
+  for (std::size_t i = 0; i < of_item.size(); ++i) {
+    const float cost = of_item[i].error + price * of_item[i].splats;
+    if (!(cost < least)) continue;
+    least = cost;
+    best = i;
+  }
+  return (best > 0 && of_item[best].splats > most_splats) ||
+         least - price * of_item.front().splats > price * least_gain_;
 }
 
 // Requires that its children's offers are made.
 void Refinement::settle_costs(Item& item, float price) {
   const std::size_t first = item.first_resolution;
   const bool is_absent = item.wants_opening && item.absent, may_open = item.wants_opening && !item.absent;
-  std::array<float, format::max_resolutions> opened{};  // from the first resolution on
+  std::array<float, format::max_resolutions> opened;  // from the first resolution on
+  if (may_open) std::fill_n(opened.begin(), resolutions_ - first, 0.0F);
   float parts = 0;
   const auto of_item = choices(item);
-  for (const std::uint32_t index : item.children) {
-    if (!may_open || index == 0) continue;
+  for (std::size_t octant = 0; may_open && octant < 8; ++octant) {
+    const std::uint32_t index = item.children[octant];
+    if (index == 0) continue;
     const Item& child = items_[index];
     // Below the child's first resolution it offers what it does there, and as many seams.
     const auto offers = choices(child);
@@ -112,22 +121,23 @@ void Refinement::settle_costs(Item& item, float price) {
   item.hidden = std::max(parts - whole, 0.0F);
   item.floor = whole + item.hidden;
 
-  for (std::size_t i = 0; i < of_item.size(); ++i) {
-    Choice& choice = of_item[i];
-    const bool drawable = i == 0 || (!is_absent && (item.is_leaf || choice.splats <= most_splats));
-    const float cost = drawable ? (is_absent ? 0 : choice.error + item.hidden) + price * choice.splats : none;
-    choice.opens = may_open && opened[i] < cost;
-    choice.offer = choice.opens ? opened[i] : cost;
-    choice.level = static_cast<std::uint8_t>(first + i);
-  }
-
   // From each level to the next the seam of the coarser one, to and fro.
-  const auto offer = [&](const Choice& from, Choice& to, float seam) {
+  const auto offer = [](const Choice& from, Choice& to, float seam) {
     if (!(from.offer + seam < to.offer)) return;
     to.offer = from.offer + seam;
     to.level = from.level;
   };
-  for (std::size_t i = 1; i < of_item.size(); ++i) offer(of_item[i - 1], of_item[i], of_item[i - 1].seam);
+  const float most_drawn = is_absent ? -1 : item.is_leaf ? none : most_splats;  // past the first resolution
+  const float share = is_absent ? 0.0F : 1.0F;
+  for (std::size_t i = 0; i < of_item.size(); ++i) {
+    Choice& choice = of_item[i];
+    const bool drawable = i == 0 || choice.splats <= most_drawn;
+    const float cost = drawable ? share * (choice.error + item.hidden) + price * choice.splats : none;
+    choice.opens = may_open && opened[i] < cost;
+    choice.offer = choice.opens ? opened[i] : cost;
+    choice.level = static_cast<std::uint8_t>(first + i);
+    if (i > 0) offer(of_item[i - 1], choice, of_item[i - 1].seam);
+  }
   for (std::size_t i = of_item.size() - 1; i-- > 0;) offer(of_item[i + 1], of_item[i], of_item[i].seam);
 }
 
