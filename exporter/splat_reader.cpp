@@ -1,6 +1,5 @@
 #include "exporter/splat_reader.h"
 
-#include <fmt/ranges.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -29,12 +28,7 @@ Result<ExportSelection> select(const format::Volume& volume, std::optional<std::
     return fail(ErrorCode::invalid_argument, "{}: no resolution {}; the finest is {}", volume.name(),
                 selection.resolution, info.resolutions() - 1);
   for (const std::string& name : attributes) {
-    const int attribute = info.find_attribute(name);
-    std::vector<std::string> names;
-    for (const format::Attribute& known : info.attributes) names.push_back(known.name);
-    if (attribute < 0)
-      return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", volume.name(), name,
-                  fmt::join(names, ", "));
+    SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(info, name, volume.name()));
     selection.attributes.push_back(static_cast<std::size_t>(attribute));
   }
   if (attributes.empty()) {

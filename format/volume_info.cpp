@@ -259,6 +259,14 @@ int VolumeInfo::find_attribute(const std::string& name) const {
   return found == attributes.end() ? -1 : static_cast<int>(found - attributes.begin());
 }
 
+Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name) {
+  const int index = info.find_attribute(name);
+  if (index >= 0) return index;
+  std::string names;
+  for (const Attribute& attribute : info.attributes) names += (names.empty() ? "" : ", ") + attribute.name;
+  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", file_name, name, names);
+}
+
 Result<std::string> metadata_to_json(const VolumeInfo& info) {
   try {
     // Names come from input files and need not be UTF-8.

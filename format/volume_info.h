@@ -60,6 +60,10 @@ struct VolumeInfo {
   [[nodiscard]] int find_attribute(const std::string& name) const;
 };
 
+/// Index of an attribute. Fails with invalid_argument where there is none of this name; the message begins with
+/// `file_name` and lists those that there are.
+[[nodiscard]] Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name);
+
 /// Spec section 4, both ways; both check every rule of that section, so that nothing is written which cannot be read.
 /// Bytes of a name that are not UTF-8 are replaced.
 [[nodiscard]] Result<std::string> metadata_to_json(const VolumeInfo& info);

@@ -151,12 +151,8 @@ std::vector<TransferFunction::Density> choose_densities(const format::Attribute&
 Result<int> choose_attribute(const format::Volume& volume, const std::string& name) {
   const auto& attributes = volume.info().attributes;
   if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
-  const int index = name.empty() ? 0 : volume.info().find_attribute(name);
-  if (index < 0) {
-    std::string names;
-    for (const auto& attribute : attributes) names += (names.empty() ? "" : ", ") + attribute.name;
-    return fail(ErrorCode::invalid_argument, "{}: has no attribute '{}'; it has: {}", volume.name(), name, names);
-  }
+  const std::string& chosen = name.empty() ? attributes.front().name : name;
+  SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), chosen, volume.name()));
   const auto& attribute = attributes[static_cast<std::size_t>(index)];
   if (std::isnan(attribute.min))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(), attribute.name);

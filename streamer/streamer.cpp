@@ -1,6 +1,5 @@
 #include "streamer/streamer.h"
 
-#include <fmt/ranges.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -123,15 +122,7 @@ Streamer::~Streamer() = default;
 
 Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> source, const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
-  const format::VolumeInfo& info = volume->info();
-  const int attribute = info.find_attribute(options.attribute);
-  if (attribute < 0) {
-    std::vector<std::string> names;
-    for (const format::Attribute& a : info.attributes) names.push_back(a.name);
-    return fail(ErrorCode::invalid_argument, "{}: no attribute '{}'; there are: {}", volume->name(), options.attribute,
-                fmt::join(names, ", "));
-  }
-
+  SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(volume->info(), options.attribute, volume->name()));
   std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attribute, options));
   SPLATVOL_TRY_ASSIGN(gatherer,
                       Gatherer::create(streamer->paged_, streamer->cache_, options.kernel, options.gradients));

@@ -76,6 +76,11 @@ TEST(Metadata, FindsColumnsAndAttributes) {
   EXPECT_EQ(info.find_column(ColumnKind::value_moments, 0), -1);
   EXPECT_EQ(info.find_attribute("Density"), 0);
   EXPECT_EQ(info.find_attribute("density"), -1);
+  EXPECT_EQ(find_attribute(info, "Density", "a.svol").value(), 0);
+  const auto none = find_attribute(info, "density", "a.svol");
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ErrorCode::invalid_argument);
+  EXPECT_TRUE(none.error().message.starts_with("a.svol: no attribute \"density\"; there are: Density, "));
 }
 
 // Every value of the document, by its path.

@@ -212,7 +212,7 @@ TEST_F(Svrender, RefusesWhatCannotBeDone) {
 TEST_F(Svrender, RefusesScenesThatItCannotDraw) {
   scene_["attribute"] = "pressure";
   write_scene();
-  expect_refusal("v.svol --scene s.json -o out.exr", "no attribute 'pressure'; there are: a0");
+  expect_refusal("v.svol --scene s.json -o out.exr", "no attribute \"pressure\"; there are: a0");
   scene_["attribute"] = "a0";
   scene_["lighting"] = 2;
   write_scene();
