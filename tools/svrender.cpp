@@ -545,6 +545,7 @@ int main(int argc, char** argv) {
                  "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all while its distance "
                  "becomes FACTOR times as long; --progress-frames writes them, --stats has the steps between them")
       ->type_name("FRAMES,DEGREES,FACTOR")
+      ->excludes(milliseconds)
       ->delimiter(',')
       ->expected(3)
       ->check([](const std::string& text) {

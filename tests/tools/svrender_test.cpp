@@ -110,7 +110,8 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
 
 TEST_F(Svrender, TakesOneGoalOnly) {
   for (const char* options : {"--splats 5 --tolerance 1", "--max-error .01 --splats 5", "--milliseconds 9 --splats 5",
-                              "--max-error .01 --resolution 1", "--max-error -1", "--milliseconds 0", "--splats 0"}) {
+                              "--max-error .01 --resolution 1", "--milliseconds 9 --progress-frames .",
+                              "--milliseconds 9 --path 2,1,1", "--max-error -1", "--milliseconds 0", "--splats 0"}) {
     const Outcome outcome = run(fmt::format("v.svol --scene s.json -o out.png {}", options));
     EXPECT_EQ(outcome.code, 2) << options;
     EXPECT_LT(outcome.text.size(), 250u) << outcome.text;
