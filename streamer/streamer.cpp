@@ -114,6 +114,7 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, 
     : volume_(std::move(volume)),
       kernel_(options.kernel),
       threads_(std::max(options.threads, 1U)),
+      hide_(options.hide),
       budget_(options.memory_bytes),
       cache_(budget_),
       paged_(*volume_, attribute, cache_) {}
@@ -136,7 +137,7 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
-  if (kernel_ == KernelKind::moments) filled_ = FilledNodes::find(*volume_, root, paged_.attribute());
+  if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attribute());
   auto fixed = budget_.reserve(fixed_bytes());
   if (!fixed || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",

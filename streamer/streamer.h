@@ -31,6 +31,7 @@ struct StreamerOptions {
   KernelKind kernel = KernelKind::moments;
   bool gradients = false;           // octant: with them, for lighting; moments have theirs in any case
   unsigned threads = read_threads;  // that read and decode for `advance`
+  bool hide = true;                 // leave out what lies behind an opaque front; false: to compare with
 };
 
 /// What a view asks for.
@@ -184,6 +185,7 @@ class Streamer {
   std::shared_ptr<const format::Volume> volume_;
   KernelKind kernel_;
   unsigned threads_;
+  bool hide_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
   Reservation fixed_;

@@ -1,0 +1,156 @@
+// From file to picture: without what an opaque front hides, it is the same.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "builder/build.h"
+#include "renderer/context.h"
+#include "renderer/renderer.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int along_edge = 60;  // points
+
+// Points x, y, z, a, b that fill the cube [0, 1]^3: a = x, b = y, or NaN in a ball round the middle.
+void write_points(const std::string& path) {
+  std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 5), }}",
+                                   along_edge * along_edge * along_edge);
+  header.resize(117, ' ');
+  std::ofstream file(path, std::ios::binary);
+  file.write("\x93NUMPY\x01\x00\x76\x00", 10);
+  file << header << '\n';
+  for (int i = 0; i < along_edge * along_edge * along_edge; ++i) {
+    const dvec3 p =
+        (dvec3(i % along_edge, i / along_edge % along_edge, i / (along_edge * along_edge)) + 0.5) / double{along_edge};
+    const double b = glm::length(p - 0.5) < 0.3 ? std::numeric_limits<double>::quiet_NaN() : p.y;
+    for (const double value : {p.x, p.y, p.z, p.x, b}) {
+      const auto single = static_cast<float>(value);
+      file.write(reinterpret_cast<const char*>(&single), sizeof(single));
+    }
+  }
+}
+
+struct Drawn {
+  Image image;
+  std::uint64_t splats;
+};
+
+class RendererTestOcclusion : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    const std::string stem =
+        (std::filesystem::temp_directory_path() / fmt::format("splatvol_hidden_{}", ::getpid())).string();
+    points_ = stem + ".npy";
+    file_ = stem + ".svol";
+    mesh_ = stem + "_mesh.svol";
+    write_points(points_);
+    SourceOptions options;
+    options.columns = {"x", "y", "z", "a", "b"};
+    BuildOptions build;
+    build.connectivity = Connectivity::none;
+    make(file_, points_, options, build);
+    make(mesh_, "gen:mesh:cells=4e5", {}, {});
+  }
+
+  static void make(const std::string& file, const std::string& input, const SourceOptions& options,
+                   const BuildOptions& build) {
+    const auto source = open_source({input}, options);
+    ASSERT_TRUE(source) << source.error().message;
+    const auto report = build_volume(**source, file, build, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+  }
+
+  static void TearDownTestSuite() {
+    std::filesystem::remove(points_);
+    std::filesystem::remove(file_);
+    std::filesystem::remove(mesh_);
+  }
+
+  Drawn draw(const View& view, const std::string& attribute, double extinction, bool hide) const {
+    const TransferFunction function{
+        0, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.6 * extinction}, {1, extinction}}};
+    StreamerOptions options;
+    options.attribute = attribute;
+    options.hide = hide;
+    const auto streamer = Streamer::open(open_file(attribute == "value" ? mesh_ : file_).value(), options).value();
+    const auto renderer = Renderer::create(KernelKind::moments).value();
+    EXPECT_TRUE(renderer->set_transfer_function(function, streamer->value_offset()));
+    const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
+    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    return {renderer->read_image().value(), frame.splats};
+  }
+
+  // The share of the splats that are drawn; no pixel is another.
+  double check(const View& view, const std::string& attribute, double extinction = 300) const {
+    const Drawn all = draw(view, attribute, extinction, false), front = draw(view, attribute, extinction, true);
+    const ImageDifference difference = compare_images(all.image, front.image).value();
+    EXPECT_LT(difference.max, 1e-3);
+    EXPECT_GT(difference.mean_a, 0.05) << "there is nothing to see";
+    EXPECT_GT(all.splats, 1000u);
+    return static_cast<double>(front.splats) / static_cast<double>(all.splats);
+  }
+
+  static Camera camera(const dvec3& eye) {
+    Camera camera;
+    camera.position = eye;
+    camera.focal_point = dvec3(0.5);
+    return camera;
+  }
+  static View view(const Camera& camera) { return make_view(camera, 200, 160).value(); }
+
+  void SetUp() override { ASSERT_TRUE(context_) << context_.error().message; }
+
+  Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
+  static inline std::string points_, file_;
+  static inline std::string mesh_;  // the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
+};
+
+TEST_F(RendererTestOcclusion, FromOutside) {
+  EXPECT_LT(check(view(camera({2, 1.6, 3})), "a"), 0.8);
+  for (const double extinction : {15, 30, 300})
+    EXPECT_LT(check(view(camera({5, 4, 8})), "value", extinction), 0.9) << extinction;
+}
+
+TEST_F(RendererTestOcclusion, OfPointsWithoutAValueHidesNothing) {
+  EXPECT_EQ(check(view(camera({2, 1.6, 3})), "b"), 1);
+}
+
+TEST_F(RendererTestOcclusion, WithTheEyeInside) {
+  Camera inside = camera({1.8, 0.2, 0.1});
+  inside.focal_point = {-2, 0, 0};
+  for (const double extinction : {30, 300}) EXPECT_LT(check(view(inside), "value", extinction), 0.9) << extinction;
+  inside = camera({0.45, 0.55, 0.8});
+  for (const char* attribute : {"a", "b"}) check(view(inside), attribute);
+}
+
+TEST_F(RendererTestOcclusion, WithAClipBox) {
+  View clipped = view(camera({5, 4, 8}));
+  clipped.clip_box = Box{{-1.9, -1.8, -1}, {1.7, 1.9, 0.8}};
+  EXPECT_LT(check(clipped, "value"), 1);
+  clipped.clip_box = Box{{-2, -2, 0.57}, {2, 2, 0.6}};
+  EXPECT_EQ(check(clipped, "value", 60), 1) << "a slab that is seen through";
+}
+
+TEST_F(RendererTestOcclusion, InParallelProjection) {
+  Camera parallel = camera({2, 1.6, 3});
+  parallel.projection = Camera::Projection::orthographic;
+  parallel.parallel_height = 1.5;
+  EXPECT_LT(check(view(parallel), "a"), 0.8);
+  parallel = camera({5, 4, 8});
+  parallel.projection = Camera::Projection::orthographic;
+  parallel.parallel_height = 3;
+  for (const double extinction : {15, 300}) EXPECT_LT(check(view(parallel), "value", extinction), 0.9) << extinction;
+}
+
+}  // namespace
+}  // namespace splatvol
