@@ -2,13 +2,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <string>
-#include <vector>
 
 #include "builder/build.h"
 #include "renderer/context.h"
