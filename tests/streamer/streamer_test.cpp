@@ -518,7 +518,7 @@ TEST_P(StreamerOf, AnUnknownAttributeListsTheOthers) {
   const auto streamer = open(test::sample_volume(100, 10), "pressure");
   ASSERT_FALSE(streamer);
   EXPECT_THAT(streamer.error().message,
-              testing::AllOf(HasSubstr("test.svol"), HasSubstr("'pressure'"), HasSubstr("a0, a1")));
+              testing::AllOf(HasSubstr("test.svol"), HasSubstr("\"pressure\""), HasSubstr("a0, a1")));
 }
 
 TEST_P(StreamerOf, RefusesATolerance) {

@@ -139,7 +139,7 @@ TEST(DefaultScene, ChoosesTheAttributeOrSaysWhichThereAre) {
   EXPECT_EQ(default_scene(*volume, "")->attribute, "a0");
   EXPECT_EQ(default_scene(*volume, "a1")->attribute, "a1");
   EXPECT_THAT(default_scene(*volume, "heat").error().message,
-              AllOf(HasSubstr("test.svol"), HasSubstr("'heat'"), HasSubstr("a0, a1, a2")));
+              AllOf(HasSubstr("test.svol"), HasSubstr("\"heat\""), HasSubstr("a0, a1, a2")));
   EXPECT_THAT(default_scene(*volume, "a2").error().message, HasSubstr("no values"));
   const format::Bytes bare = test::test_volume_bytes(test::make_test_volume(test::random_points(50, 1), {}));
   EXPECT_THAT(default_scene(*open_volume(bare), "").error().message, HasSubstr("no attributes"));
