@@ -4,8 +4,8 @@
 #include <cmath>
 #include <random>
 
-#include "builder/block_estimate.h"
-#include "builder/scattered.h"
+#include "builder/scattered/box_estimate.h"
+#include "builder/scattered/scattered.h"
 
 namespace splatvol {
 namespace {
@@ -31,11 +31,11 @@ void block_estimate(benchmark::State& state) {
   constexpr std::size_t total = 10'000'000;
   const auto points = random_points(total);
   const auto values = values_at(points);
-  BlockEstimate estimate;
+  BoxEstimate estimate;
   std::vector<SpatialMoments> moments(block);
   std::vector<ValueMoments> value_moments(block);
   std::vector<dvec3> gradients(block);
-  const BlockMaterial material{moments, {value_moments}, {gradients}};
+  const EstimatedMaterial material{moments, {value_moments}, {gradients}};
   for (auto run : state)
     for (std::size_t begin = 0; begin + block <= total; begin += block) {
       const std::span<const double> part = std::span(values).subspan(begin, block);

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "builder/external_sort.h"
+#include "builder/sorting/external_sort.h"
 
 namespace splatvol {
 namespace {
@@ -86,11 +86,11 @@ void sort_samples(benchmark::State& state) {
     if (!sorter.finish()) return state.SkipWithError("disk");
     std::size_t read = 0;
     for (;;) {
-      const auto block = sorter.next();
-      if (!block) return state.SkipWithError("disk");
-      if (block->keys.empty()) break;
-      benchmark::DoNotOptimize(block->records.data());
-      read += block->keys.size();
+      const auto packet = sorter.next();
+      if (!packet) return state.SkipWithError("disk");
+      if (packet->keys.empty()) break;
+      benchmark::DoNotOptimize(packet->records.data());
+      read += packet->keys.size();
     }
     if (read != count) return state.SkipWithError("records were lost");
     passes = sorter.passes();

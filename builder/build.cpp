@@ -15,12 +15,12 @@
 #include <optional>
 
 #include "base/file.h"
-#include "builder/batches.h"
-#include "builder/boundary.h"
-#include "builder/delaunay_blocks.h"
-#include "builder/leaf_spool.h"
-#include "builder/reduction_pass.h"
-#include "builder/row_streams.h"
+#include "builder/mesh/boundary.h"
+#include "builder/output/index_leaf_spool.h"
+#include "builder/output/row_streams.h"
+#include "builder/points/batches.h"
+#include "builder/points/delaunay_subdomains.h"
+#include "builder/reduction/reduction_pass.h"
 #include "format/volume_writer.h"
 
 namespace splatvol {
@@ -114,7 +114,7 @@ Status add_voronoi_material(PointBatch& points) {
 
 struct Connection {
   Connectivity used;
-  std::shared_ptr<const DelaunayBlocks> blocks = nullptr;  // where the tetrahedra are found block by block
+  std::shared_ptr<const DelaunaySubdomains> blocks = nullptr;  // where the tetrahedra are found block by block
 };
 
 // Finds what each point stands for where no cells say it. Which way is chosen depends on the number of points and not
@@ -134,8 +134,8 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
       batches.estimate_material();
       return Connection{Connectivity::none};
     }
-    SPLATVOL_TRY_ASSIGN(created, DelaunayBlocks::create(points, options.memory / 2, folder));
-    const auto blocks = std::make_shared<DelaunayBlocks>(std::move(created));
+    SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
+    const auto blocks = std::make_shared<DelaunaySubdomains>(std::move(created));
     batches.read_from([blocks](PointBatch& batch) { return blocks->next(batch); });
     return Connection{Connectivity::delaunay, blocks};
   }
@@ -224,7 +224,7 @@ Status reduce(Batches& batches, ReductionPass& pass, RowStreams& rows, std::uint
   return pass.finish();
 }
 
-Result<format::PackedIndex> pack_index(LeafSpool& leaves, const ReductionPass& pass, const Cube& cube,
+Result<format::PackedIndex> pack_index(IndexLeafSpool& leaves, const ReductionPass& pass, const Cube& cube,
                                        std::size_t resolutions, std::size_t attributes, const std::string& folder) {
   SPLATVOL_TRY_ASSIGN(pages, TempFile::create(folder));
   IndexStream index(cube, resolutions, attributes,
@@ -272,7 +272,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder));
   const bool fits = batches.count() <= fitted_splats;
   RowStreams rows(info, fits, folder, file);
-  LeafSpool leaves(std::move(leaf_file));
+  IndexLeafSpool leaves(std::move(leaf_file));
   std::vector<double> offsets;
   for (const format::Attribute& attribute : input.attributes) offsets.push_back(attribute.offset);
   ReductionSettings settings{input.cube, options.leaf_points, batches.count() > coarsest_target,
@@ -280,7 +280,7 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
   if (!fits) settings.pack = [&rows](const SplatRows& chunk) { return rows.pack_finest(chunk); };
   settings.points_per_chunk = options.points_per_chunk;
   settings.method = options.reduction;
-  ReductionPass pass(settings, rows, [&](const OpenLeaf& leaf) { return leaves.append(leaf); });
+  ReductionPass pass(settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); });
   SPLATVOL_TRY(reduce(batches, pass, rows, points.count(), input.attributes.size(), progress));
 
   const std::vector<std::uint64_t> counts = pass.counts();

@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "base/error.h"
-#include "builder/clusters.h"
-#include "builder/point_stream.h"
-#include "builder/scattered.h"
-#include "builder/source.h"
+#include "builder/points/point_stream.h"
+#include "builder/reduction/clusters.h"
+#include "builder/scattered/scattered.h"
+#include "builder/sources/source.h"
 
 namespace splatvol {
 
@@ -33,7 +33,7 @@ struct BuildReport {
   Connectivity connectivity = Connectivity::mesh;  // the one that was used
   PointCensus points;
   CellCensus cells;
-  std::uint64_t uncertain = 0;                                      // DelaunayBlocks::uncertain()
+  std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
 };
 

@@ -11,6 +11,7 @@
 
 #include "base/memory_limit.h"
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "base/file.h"
-#include "builder/vtk_writer.h"
+#include "builder/sources/vtk/writer.h"
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"
 #include "tools/tool.h"

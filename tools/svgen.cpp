@@ -9,9 +9,10 @@
 #include <utility>
 
 #include "base/file.h"
-#include "builder/generator.h"
-#include "builder/refined_source.h"
-#include "builder/vtk_writer.h"
+#include "builder/open_source.h"
+#include "builder/sources/generator.h"
+#include "builder/sources/refined_source.h"
+#include "builder/sources/vtk/writer.h"
 #include "tools/tool.h"
 
 namespace splatvol {

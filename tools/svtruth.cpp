@@ -4,7 +4,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "builder/source.h"
+#include "builder/open_source.h"
 #include "reference/reference.h"
 #include "scene/image.h"
 #include "scene/scene.h"

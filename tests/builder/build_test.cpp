@@ -15,10 +15,10 @@
 #include <tuple>
 
 #include "base/file.h"
-#include "builder/generator.h"
+#include "builder/sources/generator.h"
 #include "format/volume.h"
-#include "tests/builder/meshes.h"
-#include "tests/builder/piece_source.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
 #include "tests/support/packed_tree.h"
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_points.h"
@@ -677,7 +677,7 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
   double tightest = 0;
   walk(merged, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
     const double half = std::ldexp(cube.edge, -depth - 1);
-    const dvec3 center = cell_center(merged.points.positions[begin], cube, depth);
+    const dvec3 center = node_center(merged.points.positions[begin], cube, depth);
     const format::ValueSummary& summary = merged.tree.summaries[node];
     for (std::size_t r = merged.tree.first_resolutions[node]; r < merged.resolutions.size(); ++r) {
       double largest = 0;

@@ -11,12 +11,12 @@
 
 #include "base/vdb_share.h"
 #include "builder/build.h"
-#include "builder/generator.h"
-#include "builder/scattered.h"
-#include "builder/source.h"
+#include "builder/sources/generator.h"
+#include "builder/scattered/scattered.h"
+#include "builder/open_source.h"
 #include "exporter/vdb_export.h"
 #include "exporter/vtu_export.h"
-#include "tests/builder/piece_source.h"
+#include "tests/builder/support/piece_source.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "renderer/context.h"
 #include "renderer/renderer.h"
 #include "streamer/streamer.h"

@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "tests/streamer/fixture.h"
 
 namespace splatvol {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "streamer/cut.h"
 #include "streamer/paged_volume.h"
 #include "tests/streamer/fixture.h"

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "streamer/streamer.h"
 #include "tests/streamer/fixture.h"
 

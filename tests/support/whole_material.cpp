@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "builder/density.h"
+#include "builder/output/density.h"
 
 namespace splatvol::test {
 namespace {

@@ -5,10 +5,10 @@
 #include <span>
 #include <vector>
 
-#include "builder/boundary.h"
-#include "builder/cell_reduction.h"
-#include "builder/moments.h"
-#include "builder/splat_rows.h"
+#include "builder/mesh/boundary.h"
+#include "builder/reduction/batch_reduction.h"
+#include "builder/mesh/moments.h"
+#include "builder/output/splat_rows.h"
 #include "tests/support/whole_reduction.h"
 
 namespace splatvol::test {

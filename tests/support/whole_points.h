@@ -4,8 +4,8 @@
 #include <cstdint>
 
 #include "base/error.h"
-#include "builder/cell_reduction.h"
-#include "builder/point_stream.h"
+#include "builder/reduction/batch_reduction.h"
+#include "builder/points/point_stream.h"
 
 namespace splatvol::test {
 

@@ -36,7 +36,7 @@ void find_leaves(std::span<const MortonKey> keys, std::uint32_t leaf_points, Res
 
 std::uint64_t nearest_to_center(std::span<const dvec3> positions, const Cube& cube,
                                 std::span<const std::uint64_t> members, int depth) {
-  const dvec3 center = cell_center(positions[members[0]], cube, depth);
+  const dvec3 center = node_center(positions[members[0]], cube, depth);
   return *std::ranges::min_element(members, {}, [&](std::uint64_t i) {
     const dvec3 offset = (positions[i] - center) / cube.edge;
     return glm::dot(offset, offset);

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/math.h"
-#include "builder/morton.h"
+#include "builder/sorting/morton.h"
 
 namespace splatvol::test {
 

@@ -1,0 +1,371 @@
+#include "builder/mesh/moments.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+// Moments of the barycentric coordinates over the quarter where L0 is the largest, with La, Lb two others: E[La], then
+// E[La La] - E[La Lb] and E[La Lb].
+constexpr double mean_share = 23.0 / 144;
+constexpr double own_square = (161.0 - 97.0) / 4320;
+constexpr double common_square = 97.0 / 4320;
+
+SymmetricMatrix operator*(double factor, const SymmetricMatrix& a) {
+  return {factor * a.xx, factor * a.yy, factor * a.zz, factor * a.xy, factor * a.xz, factor * a.yz};
+}
+
+SymmetricMatrix operator+(const SymmetricMatrix& a, const SymmetricMatrix& b) {
+  return {a.xx + b.xx, a.yy + b.yy, a.zz + b.zz, a.xy + b.xy, a.xz + b.xz, a.yz + b.yz};
+}
+
+SymmetricMatrix square(const dvec3& d) { return {d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z}; }
+
+// A quarter of the volume; 0 for what is flat, or too large for double precision.
+double quarter_mass(std::span<const dvec3> positions, const Tetrahedron& corners) {
+  std::array<dvec3, 3> edges;
+  for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
+  const double mass = std::abs(glm::dot(edges[0], glm::cross(edges[1], edges[2]))) / 24;
+  const double squares = glm::dot(edges[0], edges[0]) + glm::dot(edges[1], edges[1]) + glm::dot(edges[2], edges[2]);
+  return std::isfinite(mass) && std::isfinite(squares) ? mass : 0;
+}
+
+// A tetrahedron as one of its vertices sees it: everything relative to the vertex, so that its place costs no
+// precision.
+struct Quarter {
+  std::array<std::uint32_t, 3> others;
+  std::array<dvec3, 3> edges;
+  double mass;
+  double weight;  // share of the mass of all that the vertex owns
+
+  [[nodiscard]] dvec3 sum() const { return edges[0] + edges[1] + edges[2]; }
+};
+
+// Raw moments about the vertex, each times the quarter's weight. The vertex borders on its material, so that little
+// cancels when they become central ones.
+void add(SpatialMoments& sums, const Quarter& quarter) {
+  const dvec3 sum = quarter.sum();
+  sums.mass += quarter.mass;
+  sums.centroid += quarter.weight * sum;
+  sums.covariance =
+      sums.covariance +
+      quarter.weight * own_square * (square(quarter.edges[0]) + square(quarter.edges[1]) + square(quarter.edges[2]));
+  sums.covariance = sums.covariance + quarter.weight * common_square * square(sum);
+}
+
+void finish(SpatialMoments& sums) {
+  sums.centroid *= mean_share;
+  sums.covariance = sums.covariance + -1.0 * square(sums.centroid);
+}
+
+// The same for a value, relative to the vertex's own as well.
+void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> values, double own) {
+  dvec3 rise;
+  for (std::size_t k = 0; k < 3; ++k) rise[static_cast<int>(k)] = values[quarter.others[k]] - own;
+  const double total = rise.x + rise.y + rise.z;
+  if (!std::isfinite(total)) return;
+  const dvec3 sum = quarter.sum();
+  const double weight = quarter.weight;
+  sums.mass += quarter.mass;
+  sums.centroid += weight * sum;
+  sums.mean += weight * total;
+  sums.variance += weight * (own_square * glm::dot(rise, rise) + common_square * total * total);
+  sums.covariance +=
+      weight * own_square * (rise.x * quarter.edges[0] + rise.y * quarter.edges[1] + rise.z * quarter.edges[2]);
+  sums.covariance += weight * common_square * total * sum;
+
+  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the cell.
+  double low = 0, high = 0;
+  for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, (rise.x + rise.y) / 3, (rise.y + rise.z) / 3,
+                              (rise.z + rise.x) / 3, total / 4}) {
+    low = std::min(low, corner);
+    high = std::max(high, corner);
+  }
+  sums.min = std::min(sums.min, own + low);
+  sums.max = std::max(sums.max, own + high);
+}
+
+// `mass`: of all that the vertex owns, with and without a value.
+void finish(ValueMoments& sums, double mass, double own) {
+  if (!(sums.mass > 0)) return;
+  const double share = mass / sums.mass;
+  sums.centroid *= share * mean_share;
+  sums.mean *= share * mean_share;
+  sums.variance = share * sums.variance - sums.mean * sums.mean;
+  sums.covariance = share * sums.covariance - sums.mean * sums.centroid;
+  sums.mean += own;
+}
+
+// Numbers that belong to different matrices, side by side: what they wait for, roots and quotients, they wait for once.
+constexpr std::size_t lanes = shapes_at_once;
+using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
+using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
+
+constexpr LaneBits sign_bit = LaneBits{} + std::numeric_limits<std::int64_t>::min();
+
+inline void take_root(Lanes& x) {
+  for (std::size_t l = 0; l < lanes; ++l) x[l] = std::sqrt(x[l]);
+}
+inline Lanes magnitude(const Lanes& x) { return std::bit_cast<Lanes>(std::bit_cast<LaneBits>(x) & ~sign_bit); }
+inline bool any(const LaneBits& mask) {
+  std::int64_t all = 0;
+  for (std::size_t l = 0; l < lanes; ++l) all |= mask[l];
+  return all != 0;
+}
+
+// Symmetric matrices on their way to their eigenvalues and, as columns, eigenvectors.
+struct Decomposition {
+  Lanes diagonal[3] = {};
+  Lanes beside[3] = {};  // [k]: the entry in neither row k nor column k
+  Lanes vectors[3][3] = {};
+
+  void set(std::size_t lane, const SymmetricMatrix& m) {
+    diagonal[0][lane] = m.xx, diagonal[1][lane] = m.yy, diagonal[2][lane] = m.zz;
+    beside[0][lane] = m.yz, beside[1][lane] = m.xz, beside[2][lane] = m.xy;
+    for (const int k : {0, 1, 2}) vectors[k][k][lane] = 1;
+  }
+  [[nodiscard]] std::array<double, 3> values(std::size_t lane) const {
+    return {diagonal[0][lane], diagonal[1][lane], diagonal[2][lane]};
+  }
+  [[nodiscard]] dvec3 axis(std::size_t lane, std::size_t k) const {
+    return {vectors[k][0][lane], vectors[k][1][lane], vectors[k][2][lane]};
+  }
+};
+
+// Makes the entry in row p and column q 0, unless it is already; r is the third.
+bool rotate(Decomposition& m, int p, int q, int r) {
+  constexpr double epsilon = std::numeric_limits<double>::epsilon() / 4, negligible = epsilon * epsilon;
+  Lanes& pivot = m.beside[r];
+  const LaneBits turns = pivot * pivot > negligible * magnitude(m.diagonal[p] * m.diagonal[q]);
+  if (!any(turns)) return false;
+  const Lanes rise = m.diagonal[q] - m.diagonal[p], twice = 2 * pivot;
+  Lanes hypotenuse = rise * rise + twice * twice;
+  take_root(hypotenuse);
+  const LaneBits sign = std::bit_cast<LaneBits>(rise) & sign_bit;
+  const Lanes signed_twice = std::bit_cast<Lanes>(std::bit_cast<LaneBits>(twice) ^ sign);
+  const Lanes t = turns ? signed_twice / (magnitude(rise) + hypotenuse) : Lanes{};
+  Lanes secant = 1 + t * t;
+  take_root(secant);
+  const Lanes cosine = 1 / secant, sine = t * cosine;
+  m.diagonal[p] -= t * pivot;
+  m.diagonal[q] += t * pivot;
+  pivot = turns ? Lanes{} : pivot;
+  const auto turn = [&](Lanes& a, Lanes& b) {
+    const Lanes old = a;
+    a = cosine * old - sine * b;
+    b = sine * old + cosine * b;
+  };
+  turn(m.beside[q], m.beside[p]);
+  for (int k = 0; k < 3; ++k) turn(m.vectors[p][k], m.vectors[q][k]);
+  return true;
+}
+
+// Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow. A lane does
+// not depend on the others.
+void diagonalize(Decomposition& m) {
+  constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
+  bool rotated = true;
+  for (int sweep = 0; rotated && sweep < sweeps; ++sweep) {
+    rotated = rotate(m, 0, 1, 2);
+    rotated = rotate(m, 0, 2, 1) || rotated;
+    rotated = rotate(m, 1, 2, 0) || rotated;
+  }
+}
+
+using AxisOrder = std::array<std::uint8_t, 3>;
+
+// Descending and stable. The library's stable sort allocates.
+AxisOrder descending(const std::array<double, 3>& values) {
+  AxisOrder order = {0, 1, 2};
+  for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
+    if (values[order[b]] > values[order[a]]) std::swap(order[a], order[b]);
+  return order;
+}
+
+// What turns x and y onto these axes, and z onto the one that makes them right-handed.
+glm::dquat orientation(const dvec3& first, const dvec3& second) {
+  return glm::normalize(glm::quat_cast(dmat3(first, second, glm::cross(first, second))));
+}
+
+// What turns x, y, z onto themselves, those with the larger numbers first and else as they are.
+const glm::dquat& orientation_along_axes(double x, double y, double z) {
+  static const auto table = [] {
+    std::array<glm::dquat, 8> all{};  // [whether y > x, z > y, z > x], in bits
+    const dmat3 axes(1);
+    all[0] = orientation(axes[0], axes[1]);
+    all[1] = orientation(axes[1], axes[0]);
+    all[2] = orientation(axes[0], axes[2]);
+    all[5] = orientation(axes[1], axes[2]);
+    all[6] = orientation(axes[2], axes[0]);
+    all[7] = orientation(axes[2], axes[1]);
+    return all;
+  }();
+  return table[static_cast<std::size_t>(y > x) | static_cast<std::size_t>(z > y) << 1 |
+               static_cast<std::size_t>(z > x) << 2];
+}
+
+bool has_extent(const SpatialMoments& moments) {
+  const SymmetricMatrix& s = moments.covariance;
+  return moments.mass > 0 && std::max({s.xx, s.yy, s.zz}) >= std::numeric_limits<double>::min();
+}
+
+// As the boxes of scattered points are, and what is nothing or a point.
+bool is_along_axes(const SpatialMoments& moments) {
+  const SymmetricMatrix& s = moments.covariance;
+  return (s.xy == 0 && s.xz == 0 && s.yz == 0) || !has_extent(moments);
+}
+
+format::SplatShape shape_along_axes(const SpatialMoments& moments) {
+  format::SplatShape shape{.mass = moments.mass};
+  if (!has_extent(moments)) return shape;
+  const SymmetricMatrix& s = moments.covariance;
+  const double low = std::min(s.xx, s.yy), high = std::max(s.xx, s.yy);
+  shape.deviations.x = std::sqrt(std::max(high, s.zz));
+  shape.deviations.y = std::sqrt(std::max(0.0, std::max(low, std::min(high, s.zz))));
+  shape.deviations.z = std::sqrt(std::max(0.0, std::min(low, s.zz)));
+  shape.orientation = orientation_along_axes(s.xx, s.yy, s.zz);
+  return shape;
+}
+
+}  // namespace
+
+void merge(SpatialMoments& a, const SpatialMoments& b, const dvec3& shift) {
+  if (!(b.mass > 0)) return;
+  const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
+  const dvec3 between = b.centroid + shift - a.centroid;
+  a.covariance = of_a * a.covariance + of_b * b.covariance + of_a * of_b * square(between);
+  a.centroid += of_b * between;
+  a.mass = mass;
+}
+
+void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift) {
+  if (!(b.mass > 0)) return;
+  const double mass = a.mass + b.mass, of_a = a.mass / mass, of_b = b.mass / mass;
+  const dvec3 between = b.centroid + shift - a.centroid;
+  const double rise = b.mean - a.mean;
+  a.variance = of_a * a.variance + of_b * b.variance + of_a * of_b * rise * rise;
+  a.covariance = of_a * a.covariance + of_b * b.covariance + of_a * of_b * rise * between;
+  a.centroid += of_b * between;
+  a.mean += of_b * rise;
+  a.mass = mass;
+  a.min = std::min(a.min, b.min);
+  a.max = std::max(a.max, b.max);
+}
+
+VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra)
+    : positions_(positions), tetrahedra_(tetrahedra), begins_(positions.size() + 1, 0), masses_(tetrahedra.size()) {
+  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
+                    [&](std::size_t t) { masses_[t] = quarter_mass(positions, tetrahedra[t]); });
+  for (const Tetrahedron& corners : tetrahedra)
+    for (const std::uint32_t corner : corners) ++begins_[corner + 1];
+  for (std::size_t i = 0; i < positions.size(); ++i) begins_[i + 1] += begins_[i];
+  incidence_.resize(begins_.back());
+  std::vector<std::uint64_t> next(begins_.begin(), begins_.end() - 1);
+  for (std::uint32_t t = 0; t < tetrahedra.size(); ++t)
+    for (const std::uint32_t corner : tetrahedra[t]) incidence_[next[corner]++] = t;
+}
+
+// Calls add(quarter) for each tetrahedron at a vertex; returns the mass of them all.
+template <class Add>
+double VertexMaterial::visit(std::size_t vertex, Add add_quarter) const {
+  const auto incident = std::span(incidence_).subspan(begins_[vertex], begins_[vertex + 1] - begins_[vertex]);
+  double mass = 0;
+  for (const std::uint32_t t : incident) mass += masses_[t];
+  for (const std::uint32_t t : incident) {
+    const Tetrahedron& corners = tetrahedra_[t];
+    const auto place = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
+    Quarter quarter;
+    for (std::size_t k = 0; k < 3; ++k) {
+      quarter.others[k] = corners[(place + 1 + k) % 4];
+      quarter.edges[k] = positions_[quarter.others[k]] - positions_[vertex];
+    }
+    quarter.mass = masses_[t];
+    quarter.weight = mass > 0 ? masses_[t] / mass : 0;
+    add_quarter(quarter);
+  }
+  return mass;
+}
+
+SpatialMoments VertexMaterial::moments(std::size_t vertex) const {
+  SpatialMoments sums;
+  visit(vertex, [&](const Quarter& quarter) {
+    if (quarter.mass > 0) add(sums, quarter);
+  });
+  finish(sums);
+  return sums;
+}
+
+ValueMoments VertexMaterial::value_moments(std::size_t vertex, std::span<const double> values) const {
+  ValueMoments sums;
+  const double mass = visit(vertex, [&](const Quarter& quarter) {
+    if (quarter.mass > 0) add(sums, quarter, values, values[vertex]);
+  });
+  finish(sums, mass, values[vertex]);
+  return sums;
+}
+
+dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> values) const {
+  dvec3 gradient(0);
+  visit(vertex, [&](const Quarter& quarter) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double rise = values[quarter.others[k]] - values[vertex];
+      const dvec3 difference = rise / glm::dot(quarter.edges[k], quarter.edges[k]) * quarter.edges[k];
+      if (std::isfinite(difference.x + difference.y + difference.z)) gradient += difference;
+    }
+  });
+  return gradient;
+}
+
+std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
+  std::array<format::SplatShape, shapes_at_once> shapes;
+  std::array<double, shapes_at_once> scales{};  // 0: done
+  Decomposition axes;
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    const SymmetricMatrix& s = moments[l]->covariance;
+    if (is_along_axes(*moments[l])) {
+      shapes[l] = shape_along_axes(*moments[l]);
+    } else {
+      scales[l] = std::max({s.xx, s.yy, s.zz});
+      axes.set(l, 1 / scales[l] * s);
+    }
+  }
+  diagonalize(axes);
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    if (scales[l] == 0) continue;
+    const std::array<double, 3> values = axes.values(l);
+    const AxisOrder order = descending(values);
+    shapes[l].mass = moments[l]->mass;
+    for (int k = 0; k < 3; ++k)
+      shapes[l].deviations[k] = std::sqrt(std::max(0.0, values[order[k]])) * std::sqrt(scales[l]);
+    shapes[l].orientation = orientation(axes.axis(l, order[0]), axes.axis(l, order[1]));
+  }
+  return shapes;
+}
+
+format::SplatShape shape_of(const SpatialMoments& moments) {
+  return is_along_axes(moments) ? shape_along_axes(moments) : shapes_of(std::array{&moments})[0];
+}
+
+format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape) {
+  if (!(value.mass > 0)) return {};
+  format::SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  const auto correlation = [&](const dvec3& axis, double deviation) {
+    const double largest = result.deviation * deviation;
+    return largest > 0 ? std::clamp(glm::dot(axis, value.covariance) / largest, -1.0, 1.0) : 0;
+  };
+  const double x = correlation(axes[0], shape.deviations.x);
+  const double y = correlation(axes[1], shape.deviations.y);
+  const double z = correlation(axes[2], shape.deviations.z);
+  result.correlation = {x, y, z};
+  result.residual = std::sqrt(std::max(0.0, 1 - (x * x + y * y + z * z)));
+  result.coverage = std::min(1.0, value.mass / shape.mass);
+  return result;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,303 @@
+#include "builder/open_source.h"
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <span>
+#include <string_view>
+
+#include "base/file.h"
+#include "builder/sources/generator.h"
+#include "builder/sources/npy_header.h"
+#include "builder/sources/npy_source.h"
+#include "builder/sources/vdb_source.h"
+#include "builder/sources/vtk/reader.h"
+#include "builder/sources/vtk/source.h"
+
+namespace splatvol {
+namespace {
+
+/// What the first bytes of a file say that it is.
+struct FileHeader {
+  enum class Format { vtk_xml, vtk_legacy, blocks, npy, vdb, other };
+  Format format = Format::other;
+  VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of blocks
+  std::string type;                                  // of an XML file: "UnstructuredGrid", ...
+  int major = 0;
+  int minor = 0;
+};
+
+struct XmlType {
+  std::string_view name;
+  VtkFile::Kind kind;
+};
+constexpr std::array<XmlType, 5> xml_types = {{{"UnstructuredGrid", VtkFile::Kind::unstructured},
+                                               {"StructuredGrid", VtkFile::Kind::structured},
+                                               {"RectilinearGrid", VtkFile::Kind::rectilinear},
+                                               {"ImageData", VtkFile::Kind::image},
+                                               {"PolyData", VtkFile::Kind::poly}}};
+
+bool has_vtk_extension(std::string_view path) {
+  constexpr std::array<std::string_view, 7> extensions = {".vtu", ".pvtu", ".vtk", ".vts", ".vtr", ".vti", ".vtp"};
+  return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
+}
+
+struct BlockExtension {
+  std::string_view extension;
+  VtkFile::Kind kind;
+};
+constexpr std::array<BlockExtension, 9> block_extensions = {{{".e", VtkFile::Kind::exodus},
+                                                             {".exo", VtkFile::Kind::exodus},
+                                                             {".exii", VtkFile::Kind::exodus},
+                                                             {".ex2", VtkFile::Kind::exodus},
+                                                             {".g", VtkFile::Kind::exodus},
+                                                             {".case", VtkFile::Kind::ensight},
+                                                             {".encas", VtkFile::Kind::ensight},
+                                                             {".foam", VtkFile::Kind::openfoam},
+                                                             {".cgns", VtkFile::Kind::cgns}}};
+
+/// Of formats with blocks, by the name, as most of them are HDF5 or plain text. A part of a mesh in Exodus files is
+/// called "mesh.e.4.0".
+std::optional<VtkFile::Kind> blocks_kind(std::string_view path) {
+  const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
+    const auto found = std::ranges::find_if(
+        block_extensions, [&](const BlockExtension& known) { return name.ends_with(known.extension); });
+    return found == block_extensions.end() ? std::nullopt : std::optional(found->kind);
+  };
+  if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
+  if (const auto kind = kind_of(path)) return kind;
+  for (int i = 0; i < 2; ++i) {
+    const std::size_t last = path.find_last_not_of("0123456789");
+    if (last == std::string_view::npos || last + 1 == path.size() || path[last] != '.') return std::nullopt;
+    path = path.substr(0, last);
+  }
+  return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
+}
+
+std::string attribute_of(std::string_view element, std::string_view name) {
+  for (const char quote : {'"', '\''}) {
+    const std::string start = fmt::format(" {}={}", name, quote);
+    const std::size_t at = element.find(start);
+    if (at == std::string_view::npos) continue;
+    const std::size_t first = at + start.size();
+    return std::string(element.substr(first, element.find(quote, first) - first));
+  }
+  return {};
+}
+
+bool parse_version(std::string_view text, FileHeader& header) {
+  const char* end = text.data() + text.size();
+  const auto major = std::from_chars(text.data(), end, header.major);
+  if (major.ec != std::errc{} || major.ptr == end || *major.ptr != '.') return false;
+  return std::from_chars(major.ptr + 1, end, header.minor).ec == std::errc{};
+}
+
+Result<FileHeader> read_header(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  std::string text(std::min<std::uint64_t>(file->size(), 65536), '\0');
+  SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(text))));
+
+  FileHeader header;
+  if (text.starts_with(npy_magic) || path.ends_with(".npy")) {
+    header.format = FileHeader::Format::npy;
+    return header;
+  }
+  if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
+    header.format = FileHeader::Format::vdb;
+    return header;
+  }
+  // Exodus as NetCDF's own format, whatever its name.
+  const bool netcdf = text.starts_with("CDF\x01") || text.starts_with("CDF\x02") || text.starts_with("CDF\x05");
+  if (const auto kind = netcdf ? VtkFile::Kind::exodus : blocks_kind(path)) {
+    header.format = FileHeader::Format::blocks;
+    header.kind = *kind;
+    return header;
+  }
+  constexpr std::string_view legacy_start = "# vtk DataFile Version ";
+  if (text.starts_with(legacy_start)) {
+    header.format = FileHeader::Format::vtk_legacy;
+    if (!parse_version(std::string_view(text).substr(legacy_start.size()), header))
+      return fail(ErrorCode::invalid_data, "{}: the version in its first line is not a number", path);
+    return header;
+  }
+  const std::size_t at = text.find("<VTKFile");
+  if (at == std::string::npos) return header;
+
+  // White space of any kind may separate an element's attributes.
+  std::string element = text.substr(at, text.find('>', at) - at);
+  std::ranges::replace_if(
+      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  header.format = FileHeader::Format::vtk_xml;
+  header.type = attribute_of(element, "type");
+  const std::string version = attribute_of(element, "version");
+  if (!version.empty() && !parse_version(version, header))
+    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
+                version);
+  return header;
+}
+
+bool newer_than(const FileHeader& header, int major, int minor) {
+  return header.major > major || (header.major == major && header.minor > minor);
+}
+
+tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& header, const char* newest) {
+  return fail(ErrorCode::unsupported,
+              "{}: file version {}.{} is newer than {}, the newest that this version reads right", path, header.major,
+              header.minor, newest);
+}
+
+/// VTK warns of a newer major version at most, and reads what it recognises; so the version is judged here. What 2.3
+/// brought, polyhedra in arrays of their own, vtk_unstructured_reader.cpp reads by itself.
+Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
+  const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
+  if (type == xml_types.end())
+    return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
+  if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
+  return VtkFile{path, type->kind};
+}
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files) {
+  SPLATVOL_TRY_ASSIGN(header, read_header(path));
+  if (header.format == FileHeader::Format::npy)
+    return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
+  if (header.format == FileHeader::Format::vdb)
+    return fail(ErrorCode::invalid_argument, "{}: a .vdb file among meshes", path);
+  if (header.format == FileHeader::Format::other)
+    return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
+                path);
+  if (header.format == FileHeader::Format::blocks) {
+    files.push_back({path, header.kind});
+    return {};
+  }
+  if (header.format == FileHeader::Format::vtk_legacy) {
+    if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
+    files.push_back({path, VtkFile::Kind::legacy});
+    return {};
+  }
+  if (header.type == "PUnstructuredGrid") {
+    SPLATVOL_TRY_ASSIGN(pieces, pvtu_pieces(path));
+    for (const std::string& piece : pieces) {
+      const auto piece_result = read_header(piece);
+      if (!piece_result) return fail_in(path, piece_result.error());
+      const FileHeader& piece_header = *piece_result;
+      if (piece_header.format != FileHeader::Format::vtk_xml || piece_header.type != "UnstructuredGrid")
+        return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
+      SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, piece_header));
+      files.push_back(file);
+    }
+    return {};
+  }
+  SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
+  files.push_back(file);
+  return {};
+}
+
+/// "piece2" comes before "piece10".
+bool name_before(std::string_view a, std::string_view b) {
+  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  while (!a.empty() && !b.empty()) {
+    std::string_view part_a = a.substr(0, 1), part_b = b.substr(0, 1);
+    if (is_digit(a[0]) && is_digit(b[0])) {
+      part_a = a.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(a, is_digit) - a.begin()));
+      part_b = b.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(b, is_digit) - b.begin()));
+    }
+    a.remove_prefix(part_a.size());
+    b.remove_prefix(part_b.size());
+    // Of numbers without leading zeros, the longer is the larger.
+    part_a.remove_prefix(std::min(part_a.find_first_not_of('0'), part_a.size() - 1));
+    part_b.remove_prefix(std::min(part_b.find_first_not_of('0'), part_b.size() - 1));
+    if (part_a.size() != part_b.size()) return part_a.size() < part_b.size();
+    if (part_a != part_b) return part_a < part_b;
+  }
+  return a.size() < b.size();
+}
+
+/// The files in a folder that can be read, by their extensions.
+Result<std::vector<std::string>> list_folder(const std::string& folder) {
+  std::error_code error;
+  std::vector<std::string> names;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename();
+    const bool known = has_vtk_extension(name) || blocks_kind(name) || name.ends_with(".npy") || name.ends_with(".vdb");
+    if (known && !name.starts_with('.')) names.push_back(name);
+  }
+  if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
+  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
+  // Names that differ in leading zeros only are told apart by their bytes.
+  std::ranges::sort(names, [](const std::string& a, const std::string& b) {
+    return name_before(a, b) || (!name_before(b, a) && a < b);
+  });
+  std::vector<std::string> paths;
+  for (const std::string& name : names) paths.push_back((std::filesystem::path(folder) / name).string());
+  return paths;
+}
+
+/// The files named, and those in the folders named; an OpenFOAM case is a folder and one input.
+Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
+  std::vector<std::string> paths;
+  for (const std::string& input : inputs) {
+    std::error_code error;
+    if (!std::filesystem::is_directory(input, error)) {
+      paths.push_back(input);
+      continue;
+    }
+    const auto control = std::filesystem::path(input) / "system" / "controlDict";
+    if (std::filesystem::exists(control, error)) {
+      paths.push_back(control.string());
+      continue;
+    }
+    SPLATVOL_TRY_ASSIGN(files, list_folder(input));
+    paths.insert(paths.end(), files.begin(), files.end());
+  }
+  return paths;
+}
+
+/// A folder may hold a .pvtu and the pieces that it names.
+void drop_repeated(std::vector<VtkFile>& files) {
+  std::set<std::string> seen;
+  std::erase_if(files, [&](const VtkFile& file) {
+    return !seen.insert(std::filesystem::path(file.path).lexically_normal().string()).second;
+  });
+}
+
+Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  const auto generated = std::ranges::find_if(inputs, is_generated);
+  if (generated != inputs.end() && inputs.size() > 1)
+    return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
+  if (generated != inputs.end()) return open_generated(*generated, options);
+
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
+  if (!options.columns.empty())
+    return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
+  if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection);
+  if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection);
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
+        paths[0]);
+  }
+
+  std::vector<VtkFile> files;
+  for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
+  if (paths != inputs) drop_repeated(files);
+  if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
+  return open_vtk_files(std::move(files), options.selection, options.time);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_any(inputs, options));
+  if (options.time && !source->time_step())
+    return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
+  return source;
+}
+
+}  // namespace splatvol

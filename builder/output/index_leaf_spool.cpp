@@ -1,0 +1,124 @@
+#include "builder/output/index_leaf_spool.h"
+
+#include <algorithm>
+#include <cstring>
+#include <span>
+
+namespace splatvol {
+namespace {
+
+constexpr std::size_t block_bytes = std::size_t{1} << 20;
+
+struct IndexLeafHead {
+  MortonKey key;
+  std::uint64_t depth, counts, splats, summaries;
+};
+
+template <class T>
+void append_all(format::Bytes& bytes, const std::vector<T>& items) {
+  const auto raw = std::as_bytes(std::span(items));
+  bytes.insert(bytes.end(), raw.begin(), raw.end());
+}
+
+// Reads a file front to back, and gives back the room of what it has read.
+class Reader {
+ public:
+  explicit Reader(TempFile& file) : file_(file) {}
+
+  template <class T>
+  Status read(std::span<T> out) {
+    auto raw = std::as_writable_bytes(out);
+    while (!raw.empty()) {
+      if (at_ == block_.size()) SPLATVOL_TRY(next_block());
+      const std::size_t count = std::min(raw.size(), block_.size() - at_);
+      std::memcpy(raw.data(), block_.data() + at_, count);
+      raw = raw.subspan(count);
+      at_ += count;
+    }
+    return {};
+  }
+
+  template <class T>
+  Status read(std::vector<T>& items, std::uint64_t count) {
+    items.resize(count);
+    return read(std::span(items));
+  }
+
+ private:
+  Status next_block() {
+    block_.resize(std::min<std::uint64_t>(block_bytes, file_.size() - offset_));
+    SPLATVOL_TRY(file_.read(offset_, block_));
+    file_.release(offset_, block_.size());
+    offset_ += block_.size();
+    at_ = 0;
+    return block_.empty() ? Status(fail(ErrorCode::invalid_argument, "leaves: past the end")) : Status{};
+  }
+
+  TempFile& file_;
+  format::Bytes block_;
+  std::size_t at_ = 0;
+  std::uint64_t offset_ = 0;
+};
+
+}  // namespace
+
+SplatBounds& OpenIndexLeaf::splats_at(std::size_t level) {
+  if (splats.size() <= level) splats.resize(level + 1);
+  return splats[level];
+}
+
+void OpenIndexLeaf::count(std::size_t level, std::uint64_t points) {
+  if (counts.size() <= level) counts.resize(level + 1);
+  counts[level] += points;
+}
+
+void OpenIndexLeaf::include_late(const OpenIndexLeaf& other) {
+  for (std::size_t s = 0; s < other.counts.size(); ++s) count(s, other.counts[s]);
+  for (std::size_t s = 0; s < other.splats.size(); ++s) splats_at(s).include(other.splats[s]);
+}
+
+void OpenIndexLeaf::include(const OpenIndexLeaf& other) {
+  include_late(other);
+  for (std::size_t a = 0; a < summaries.size(); ++a) summaries[a].include(other.summaries[a]);
+}
+
+Status IndexLeafSpool::append(const OpenIndexLeaf& leaf) {
+  format::append_record(buffer_, IndexLeafHead{leaf.key, static_cast<std::uint64_t>(leaf.depth), leaf.counts.size(),
+                                               leaf.splats.size(), leaf.summaries.size()});
+  append_all(buffer_, leaf.counts);
+  append_all(buffer_, leaf.splats);
+  append_all(buffer_, leaf.summaries);
+  ++count_;
+  return buffer_.size() < block_bytes ? Status{} : flush();
+}
+
+Status IndexLeafSpool::flush() {
+  SPLATVOL_TRY(file_.append(buffer_));
+  buffer_.clear();
+  return {};
+}
+
+Status IndexLeafSpool::read(std::size_t resolutions, const std::map<std::uint64_t, OpenIndexLeaf>& late,
+                            const std::function<Status(IndexLeaf)>& visit) {
+  SPLATVOL_TRY(flush());
+  Reader reader(file_);
+  for (std::uint64_t number = 0; number < count_; ++number) {
+    IndexLeafHead head;
+    SPLATVOL_TRY(reader.read(std::span(&head, 1)));
+    OpenIndexLeaf leaf{head.key, static_cast<int>(head.depth), {}, {}, {}};
+    SPLATVOL_TRY(reader.read(leaf.counts, head.counts));
+    SPLATVOL_TRY(reader.read(leaf.splats, head.splats));
+    SPLATVOL_TRY(reader.read(leaf.summaries, head.summaries));
+    if (const auto rest = late.find(number); rest != late.end()) leaf.include_late(rest->second);
+    leaf.counts.resize(resolutions);
+    leaf.splats.resize(resolutions);
+    std::ranges::reverse(leaf.counts);
+    std::ranges::reverse(leaf.splats);
+    SPLATVOL_TRY(
+        visit({leaf.key, leaf.depth, std::move(leaf.counts), std::move(leaf.splats), std::move(leaf.summaries)}));
+  }
+  count_ = 0;
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,111 @@
+// Points as fixed-size records, for sorting outside of memory.
+#pragma once
+
+#include <cstddef>
+#include <cstring>
+#include <span>
+
+#include "base/math.h"
+#include "builder/mesh/boundary.h"
+#include "builder/mesh/moments.h"
+
+namespace splatvol {
+
+/// Where the parts of a point lie in its record: position, a value for each attribute, and, with material, whether a
+/// cell uses it, its moments and, for each attribute, the moments of its values and a gradient of any length; then,
+/// with planes, its plane.
+class PointRecords {
+ public:
+  PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false)
+      : attributes_(attributes), single_(single_precision), material_(material), planes_(planes) {}
+
+  [[nodiscard]] std::size_t attributes() const { return attributes_; }
+  [[nodiscard]] bool has_material() const { return material_; }
+  [[nodiscard]] bool has_planes() const { return planes_; }
+  [[nodiscard]] std::size_t bytes() const {
+    return number_bytes() * (3 + attributes_) + (material_ ? material_bytes() : 0) +
+           (planes_ ? sizeof(BoundaryPlane) : 0);
+  }
+
+  [[nodiscard]] dvec3 position(const std::byte* record) const {
+    return {number(record, 0), number(record, 1), number(record, 2)};
+  }
+  void set_position(std::byte* record, const dvec3& position) const {
+    for (int axis = 0; axis < 3; ++axis) set_number(record, static_cast<std::size_t>(axis), position[axis]);
+  }
+  [[nodiscard]] double value(const std::byte* record, std::size_t attribute) const {
+    return number(record, 3 + attribute);
+  }
+  void set_value(std::byte* record, std::size_t attribute, double value) const {
+    set_number(record, 3 + attribute, value);
+  }
+
+  /// Position and values: two records that are the same sample have these bytes in common.
+  [[nodiscard]] std::span<const std::byte> sample(const std::byte* record) const {
+    return {record, number_bytes() * (3 + attributes_)};
+  }
+
+  [[nodiscard]] std::size_t position_bytes() const { return 3 * number_bytes(); }
+
+  /// With material only.
+  struct VertexPart {
+    double in_cell = 0;  // 1 or 0
+    SpatialMoments moments;
+  };
+  struct ValuePart {
+    ValueMoments moments;
+    dvec3 gradient{0};
+  };
+  [[nodiscard]] VertexPart vertex(const std::byte* record) const { return read<VertexPart>(record, vertex_offset()); }
+  void set_vertex(std::byte* record, const VertexPart& part) const { write(record, vertex_offset(), part); }
+  [[nodiscard]] ValuePart value_part(const std::byte* record, std::size_t attribute) const {
+    return read<ValuePart>(record, value_offset(attribute));
+  }
+  void set_value_part(std::byte* record, std::size_t attribute, const ValuePart& part) const {
+    write(record, value_offset(attribute), part);
+  }
+
+  /// With planes only.
+  [[nodiscard]] BoundaryPlane plane(const std::byte* record) const {
+    return read<BoundaryPlane>(record, value_offset(attributes_));
+  }
+  void set_plane(std::byte* record, const BoundaryPlane& plane) const {
+    write(record, value_offset(attributes_), plane);
+  }
+
+ private:
+  template <class T>
+  static T read(const std::byte* record, std::size_t offset) {
+    T value;
+    std::memcpy(&value, record + offset, sizeof(T));
+    return value;
+  }
+  template <class T>
+  static void write(std::byte* record, std::size_t offset, const T& value) {
+    std::memcpy(record + offset, &value, sizeof(T));
+  }
+
+  [[nodiscard]] std::size_t number_bytes() const { return single_ ? sizeof(float) : sizeof(double); }
+  [[nodiscard]] double number(const std::byte* record, std::size_t index) const {
+    return single_ ? static_cast<double>(read<float>(record, index * sizeof(float)))
+                   : read<double>(record, index * sizeof(double));
+  }
+  void set_number(std::byte* record, std::size_t index, double value) const {
+    if (single_)
+      write(record, index * sizeof(float), static_cast<float>(value));
+    else
+      write(record, index * sizeof(double), value);
+  }
+  [[nodiscard]] std::size_t vertex_offset() const { return number_bytes() * (3 + attributes_); }
+  [[nodiscard]] std::size_t value_offset(std::size_t attribute) const {
+    return vertex_offset() + sizeof(VertexPart) + attribute * sizeof(ValuePart);
+  }
+  [[nodiscard]] std::size_t material_bytes() const { return sizeof(VertexPart) + attributes_ * sizeof(ValuePart); }
+
+  std::size_t attributes_;
+  bool single_;
+  bool material_;
+  bool planes_;
+};
+
+}  // namespace splatvol

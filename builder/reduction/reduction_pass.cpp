@@ -1,0 +1,91 @@
+#include "builder/reduction/reduction_pass.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace splatvol {
+
+ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows,
+                             std::function<Status(const OpenIndexLeaf&)> leaves, std::uint64_t most_open_leaves)
+    : settings_(settings),
+      rows_(rows),
+      leaves_(std::move(leaves)),
+      most_open_leaves_(most_open_leaves),
+      cascade_(settings.cube, settings.method, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
+               pool_,
+               {[this](std::size_t level, const Member& member, int node_depth) {
+                  SplatBounds& bounds = leaf(member.leaf).splats_at(level);
+                  bounds.include(member.splats[level], member.moments);
+                  bounds.least_depth = std::min(bounds.least_depth, static_cast<std::uint8_t>(node_depth));
+                },
+                [this](std::size_t level, const Member& member) {
+                  leaf(member.leaf).count(level);
+                  rows_.add_point(level, member);
+                }}),
+      histograms_(settings.attributes.size()),
+      missing_(settings.attributes.size()) {}
+
+void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
+  result.clear();
+  result.first_finest = finest_;
+  finest_ += find_leaves(batch, settings_, result);
+}
+
+Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
+  for (const SplatRow& splat : reduced.splats) rows_.add_splat(splat);
+  rows_.add_finest(reduced.finest);
+  for (format::Bytes& chunk : reduced.packed) rows_.add_packed_finest(std::move(chunk));
+  rows_.add_finest(reduced.tail);
+  for (std::size_t a = 0; a < missing_.size(); ++a) {
+    missing_[a] += reduced.missing[a];
+    for (std::size_t bin = 0; bin < histograms_[a].size(); ++bin) histograms_[a][bin] += reduced.histograms[a][bin];
+  }
+  std::size_t m = 0;
+  for (std::size_t c = 0; c < batch.cells.size(); ++c) {
+    const NodePart& cell = batch.cells[c];
+    if (cell.continued)
+      leaf(cell.leaf).include(reduced.cells[c].leaf);
+    else
+      open_leaves_.push_back(std::move(reduced.cells[c].leaf));
+    for (; m < reduced.cells[c].members_end; ++m) {
+      MemberPool::Handle& member = reduced.members[m];
+      if (cell.continued)
+        cascade_.add_to_last(*member);
+      else
+        cascade_.push(std::move(member));
+    }
+  }
+  cascade_.advance();
+  points_ += batch.size();
+  const std::uint64_t end = first_leaf_ + open_leaves_.size();
+  const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
+  const std::uint64_t too_old = end > most_open_leaves_ ? end - most_open_leaves_ : 0;
+  return close_leaves(std::min(std::max(cascade_.first_open_leaf(), too_old), before_last));
+}
+
+OpenIndexLeaf& ReductionPass::leaf(std::uint64_t number) {
+  return number < first_leaf_ ? late_leaves_[number] : open_leaves_[number - first_leaf_];
+}
+
+Status ReductionPass::close_leaves(std::uint64_t end) {
+  for (; first_leaf_ < end; ++first_leaf_) {
+    SPLATVOL_TRY(leaves_(open_leaves_.front()));
+    open_leaves_.pop_front();
+  }
+  return {};
+}
+
+Status ReductionPass::finish() {
+  cascade_.finish();
+  return close_leaves(first_leaf_ + open_leaves_.size());
+}
+
+std::vector<std::uint64_t> ReductionPass::counts() const {
+  std::vector<std::uint64_t> counts = cascade_.counts();
+  counts.insert(counts.begin(), points_);
+  return counts;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,373 @@
+#include "builder/sorting/external_sort.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/task_group.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "builder/sorting/record_packets.h"
+#include "builder/sorting/run_merge.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::size_t most_block_bytes = std::size_t{1} << 17;
+constexpr std::size_t most_work_bytes = std::size_t{1} << 22;
+constexpr std::size_t most_records = std::numeric_limits<std::uint32_t>::max() - 1;  // of a run made in memory
+constexpr std::size_t alignment = 16;
+constexpr std::size_t records_at_once = 512;  // that a task copies out of memory
+constexpr std::size_t records_ahead = 16;     // that are fetched before their turn
+
+constexpr std::size_t round_up(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
+constexpr std::size_t round_down(std::size_t bytes) { return bytes / alignment * alignment; }
+
+// One allocation; only what is used of it takes room.
+class Memory {
+ public:
+  explicit Memory(std::size_t bytes) : bytes_(bytes), data_(std::make_unique_for_overwrite<std::byte[]>(bytes)) {}
+  [[nodiscard]] std::span<std::byte> span() const { return {data_.get(), bytes_}; }
+
+ private:
+  std::size_t bytes_;
+  std::unique_ptr<std::byte[]> data_;
+};
+
+// How memory is shared out.
+struct Plan {
+  PacketShape packet;
+  std::size_t work_bytes;        // before finish(): packets being packed, or what is handed out
+  std::size_t first_run;         // records; as much as fits, as it may be all
+  std::size_t later_runs;        // records of each of two buffers, one being filled and one sorted
+  std::size_t merge_work_bytes;  // after it: what is handed out; and as much for packets being packed
+  std::size_t runs_at_once;      // that can be merged
+
+  explicit Plan(const SortOptions& options) {
+    const std::size_t least = std::min(options.memory, options.merge_memory);
+    packet.record_bytes = options.record_bytes;
+    packet.records = std::min(least / 64, most_block_bytes) / options.record_bytes;
+    packet.records = std::max<std::size_t>(packet.records, 1);
+    work_bytes = round_down(std::min(options.memory / 8, most_work_bytes));
+    merge_work_bytes = round_down(std::min(options.merge_memory / 8, most_work_bytes));
+    const std::size_t rest = options.memory - work_bytes - 2 * alignment;  // which two spans may lose
+    first_run = std::min(rest / (options.record_bytes + sizeof(std::uint64_t)), most_records);
+    later_runs = std::min(rest / (2 * options.record_bytes + sizeof(std::uint64_t)), most_records);
+    runs_at_once = (options.merge_memory - 2 * merge_work_bytes) / RunMerger::least_memory(packet);
+  }
+};
+
+// What is handed out, or going to be.
+struct Output {
+  std::span<std::byte> records;
+  std::span<MortonKey> keys;
+  std::size_t count = 0;
+  Status status;
+};
+
+// Two of them in `memory`, of whole packets each.
+std::array<Output, 2> make_outputs(const PacketShape& packet, std::span<std::byte> memory) {
+  const std::size_t half = round_down(memory.size() / 2);
+  const std::size_t fit = (half - alignment) / (packet.record_bytes + sizeof(MortonKey));
+  const std::size_t count = fit / packet.records * packet.records;
+  std::array<Output, 2> outputs;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const std::span<std::byte> part = memory.subspan(i * half, half);
+    outputs[i].records = part.first(count * packet.record_bytes);
+    outputs[i].keys = {reinterpret_cast<MortonKey*>(part.data() + round_up(outputs[i].records.size())), count};
+  }
+  return outputs;
+}
+
+}  // namespace
+
+class ExternalSorter::Impl {
+ public:
+  explicit Impl(SortOptions options)
+      : options_(std::move(options)), plan_(options_), memory_(std::in_place, options_.memory) {
+    use_first_layout();
+  }
+  ~Impl() {
+    producing_.wait();
+    spilling_.wait();
+  }
+
+  Status add(std::span<const std::byte> records);
+  Status finish();
+  Result<SortedRecords> next();
+  std::uint64_t count() const { return count_; }
+  std::uint64_t temp_bytes(std::uint64_t count) const;
+  int passes() const { return passes_; }
+
+ private:
+  std::size_t record_bytes() const { return options_.record_bytes; }
+  std::span<std::byte> work() const { return memory_->span().last(plan_.work_bytes); }
+  bool stays_in_memory(std::uint64_t count) const {
+    return count <= plan_.first_run &&
+           count * (record_bytes() + sizeof(std::uint64_t)) + plan_.work_bytes + 2 * alignment <= options_.merge_memory;
+  }
+  Status check_cancelled() const {
+    if (options_.cancelled && *options_.cancelled) return fail(ErrorCode::invalid_argument, "cancelled");
+    return {};
+  }
+
+  void use_first_layout();
+  void use_later_layout();
+  Status make_room();
+  RecordSpan filled_records() const { return {filling_.data(), filled_, record_bytes()}; }
+
+  Status spill(const RecordSpan& records);
+  Status append_packets(TempFile& file, std::size_t count, const LocateRecords& locate, std::span<std::byte> memory);
+  Status merge_some();
+  Status merge_into(TempFile& file, std::span<const Run> runs);
+
+  void start_merging(std::span<const Run> runs);
+  void produce();
+  void copy_sorted(Output& output);
+
+  SortOptions options_;
+  Plan plan_;
+  std::optional<Memory> memory_;
+  std::uint64_t count_ = 0;
+  int passes_ = 0;
+
+  // Before finish().
+  std::span<std::byte> filling_, other_;  // room for records; the latter is empty until the first run is written
+  std::size_t filled_ = 0;                // records
+  std::span<std::uint64_t> words_;
+  tbb::task_group spilling_;
+  Status spilled_;
+
+  std::optional<TempFile> file_;
+  std::vector<Run> runs_;
+
+  // After it.
+  std::array<Output, 2> outputs_;      // handed out; being made
+  std::size_t copied_ = 0;             // of the sorted records, where they are in memory
+  std::unique_ptr<RunMerger> merger_;  // where they are not
+  tbb::task_group producing_;
+};
+
+// Records, words, work: all in one buffer until the first run is full.
+void ExternalSorter::Impl::use_first_layout() {
+  const std::size_t bytes = plan_.first_run * record_bytes();
+  filling_ = memory_->span().first(bytes);
+  words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(bytes)), plan_.first_run};
+}
+
+// Then one buffer for what is added, one for what is sorted and written at the same time.
+void ExternalSorter::Impl::use_later_layout() {
+  const std::size_t bytes = plan_.later_runs * record_bytes();
+  filling_ = memory_->span().first(bytes);
+  other_ = memory_->span().subspan(bytes, bytes);
+  words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(2 * bytes)), plan_.later_runs};
+}
+
+Status ExternalSorter::Impl::add(std::span<const std::byte> records) {
+  SPLATVOL_TRY(check_cancelled());
+  while (!records.empty()) {
+    if (filled_ * record_bytes() == filling_.size()) SPLATVOL_TRY(make_room());
+    const std::span<std::byte> room = filling_.subspan(filled_ * record_bytes());
+    const std::size_t bytes = std::min(room.size(), records.size());
+    std::memcpy(room.data(), records.data(), bytes);
+    filled_ += bytes / record_bytes();
+    count_ += bytes / record_bytes();
+    records = records.subspan(bytes);
+  }
+  return {};
+}
+
+Status ExternalSorter::Impl::make_room() {
+  if (other_.empty()) {
+    SPLATVOL_TRY(spill(filled_records()));
+    use_later_layout();
+  } else {
+    spilling_.wait();
+    SPLATVOL_TRY(spilled_);
+    spilling_.run([this, records = filled_records()] { spilled_ = spill(records); });
+    std::swap(filling_, other_);
+  }
+  filled_ = 0;
+  return {};
+}
+
+// Sorts records and writes them as a run.
+Status ExternalSorter::Impl::spill(const RecordSpan& records) {
+  if (!file_) {
+    SPLATVOL_TRY_ASSIGN(file, TempFile::create(options_.folder));
+    file_ = std::move(file);
+    passes_ = 1;
+  }
+  const std::span<std::uint64_t> words = words_.first(records.count);
+  sort_by_key(records, options_.key, words);
+  Run run{file_->size(), 0};
+  const auto locate = [&, mask = index_mask(records.count)](std::size_t first, std::span<const std::byte*> located) {
+    for (std::size_t i = 0; i < located.size(); ++i) {
+      located[i] = records[words[first + i] & mask];
+      __builtin_prefetch(located[i]);
+    }
+  };
+  SPLATVOL_TRY(append_packets(*file_, records.count, locate, work()));
+  run.end = file_->size();
+  runs_.push_back(run);
+  return {};
+}
+
+// As packets, as many of them packed at the same time as fit into `memory`.
+Status ExternalSorter::Impl::append_packets(TempFile& file, std::size_t count, const LocateRecords& locate,
+                                            std::span<std::byte> memory) {
+  const std::size_t records = plan_.packet.records, bound = packet_bound(records, record_bytes());
+  const std::size_t packets = (count + records - 1) / records, at_once = memory.size() / bound;
+  std::vector<std::size_t> bytes(at_once);
+  for (std::size_t begin = 0; begin < packets; begin += at_once) {
+    SPLATVOL_TRY(check_cancelled());
+    const std::size_t end = std::min(begin + at_once, packets);
+    tbb::parallel_for(begin, end, [&](std::size_t packet) {
+      const auto locate_in_block = [&](std::size_t first, std::span<const std::byte*> located) {
+        locate(packet * records + first, located);
+      };
+      bytes[packet - begin] = pack_records(std::min(records, count - packet * records), locate_in_block, record_bytes(),
+                                           memory.subspan((packet - begin) * bound, bound));
+    });
+    for (std::size_t i = 0; i < end - begin; ++i) SPLATVOL_TRY(file.append(memory.subspan(i * bound, bytes[i])));
+  }
+  return {};
+}
+
+Status ExternalSorter::Impl::finish() {
+  spilling_.wait();
+  SPLATVOL_TRY(spilled_);
+  if (!file_ && stays_in_memory(count_)) {
+    sort_by_key(filled_records(), options_.key, words_.first(filled_));
+    outputs_ = make_outputs(plan_.packet, work());
+    producing_.run([this] { produce(); });
+    return {};
+  }
+  SPLATVOL_TRY(spill(filled_records()));
+  memory_.reset();
+  memory_.emplace(options_.merge_memory);
+  outputs_ = make_outputs(plan_.packet, memory_->span().first(plan_.merge_work_bytes));
+  while (runs_.size() > plan_.runs_at_once) SPLATVOL_TRY(merge_some());
+  start_merging(runs_);
+  return {};
+}
+
+// Neighbouring runs, so that equal keys stay in their order; as few groups as can be.
+Status ExternalSorter::Impl::merge_some() {
+  const std::size_t groups = (runs_.size() + plan_.runs_at_once - 1) / plan_.runs_at_once;
+  SPLATVOL_TRY_ASSIGN(merged, TempFile::create(options_.folder));
+  std::vector<Run> merged_runs;
+  for (std::size_t group = 0; group < groups; ++group) {
+    const std::size_t begin = runs_.size() * group / groups, end = runs_.size() * (group + 1) / groups;
+    const std::uint64_t offset = merged.size();
+    SPLATVOL_TRY(merge_into(merged, std::span(runs_).subspan(begin, end - begin)));
+    merged_runs.push_back({offset, merged.size()});
+  }
+  merger_.reset();
+  file_ = std::move(merged);
+  runs_ = std::move(merged_runs);
+  ++passes_;
+  return {};
+}
+
+Status ExternalSorter::Impl::merge_into(TempFile& file, std::span<const Run> runs) {
+  const std::span<std::byte> packing = memory_->span().subspan(plan_.merge_work_bytes, plan_.merge_work_bytes);
+  start_merging(runs);
+  for (;;) {
+    SPLATVOL_TRY_ASSIGN(packet, next());
+    if (packet.keys.empty()) return {};
+    const auto locate = [&](std::size_t first, std::span<const std::byte*> located) {
+      for (std::size_t i = 0; i < located.size(); ++i)
+        located[i] = packet.records.data() + (first + i) * record_bytes();
+    };
+    SPLATVOL_TRY(append_packets(file, packet.keys.size(), locate, packing));
+  }
+}
+
+void ExternalSorter::Impl::start_merging(std::span<const Run> runs) {
+  merger_ = std::make_unique<RunMerger>(*file_, runs, plan_.packet, options_.key,
+                                        memory_->span().subspan(2 * plan_.merge_work_bytes));
+  producing_.run([this] { produce(); });
+}
+
+void ExternalSorter::Impl::produce() {
+  Output& output = outputs_[1];
+  output.status = check_cancelled();
+  if (!output.status) return;
+  if (!merger_) {
+    copy_sorted(output);
+  } else if (const Result<std::size_t> count = merger_->fill(output.records, output.keys); count) {
+    output.count = *count;
+  } else {
+    output.status = tl::unexpected<Error>(count.error());
+  }
+}
+
+void ExternalSorter::Impl::copy_sorted(Output& output) {
+  output.count = std::min(output.keys.size(), filled_ - copied_);
+  const RecordSpan records = filled_records();
+  const auto place = [&, mask = index_mask(filled_)](std::size_t i) { return records[words_[i] & mask]; };
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, output.count, records_at_once),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      std::byte* out = output.records.data() + range.begin() * record_bytes();
+                      for (std::size_t i = copied_ + range.begin(); i < copied_ + range.end(); ++i) {
+                        __builtin_prefetch(place(std::min(i + records_ahead, filled_ - 1)));
+                        std::memcpy(out, place(i), record_bytes());
+                        out += record_bytes();
+                      }
+                      options_.key(
+                          output.records.subspan(range.begin() * record_bytes(), range.size() * record_bytes()),
+                          output.keys.subspan(range.begin(), range.size()));
+                    });
+  copied_ += output.count;
+}
+
+Result<SortedRecords> ExternalSorter::Impl::next() {
+  producing_.wait();
+  std::swap(outputs_[0], outputs_[1]);
+  const Output& output = outputs_[0];
+  SPLATVOL_TRY(output.status);
+  if (output.count > 0)
+    producing_.run([this] { produce(); });
+  else
+    outputs_[1].count = 0;  // the end stays the end
+  return SortedRecords{output.records.first(output.count * record_bytes()), output.keys.first(output.count)};
+}
+
+std::uint64_t ExternalSorter::Impl::temp_bytes(std::uint64_t count) const {
+  if (stays_in_memory(count)) return 0;
+  constexpr std::uint64_t pages = 8192;  // at the ends of a run, which cannot be given back
+  const std::uint64_t runs = 2 + count / plan_.later_runs, packets = runs + count / plan_.packet.records;
+  return packets * packet_bound(plan_.packet.records, record_bytes()) + runs * pages;
+}
+
+std::size_t ExternalSorter::least_memory(std::size_t record_bytes) {
+  return std::max<std::size_t>(64 * (record_bytes + sizeof(MortonKey)), std::size_t{1} << 16);
+}
+
+Result<ExternalSorter> ExternalSorter::create(SortOptions options) {
+  const std::size_t least = least_memory(options.record_bytes);
+  if (std::min(options.memory, options.merge_memory) < least)
+    return fail(ErrorCode::out_of_budget, "sorting records of {} bytes takes {} bytes of memory", options.record_bytes,
+                least);
+  options.memory = round_down(options.memory);
+  options.merge_memory = round_down(options.merge_memory);
+  return ExternalSorter(std::make_unique<Impl>(std::move(options)));
+}
+
+ExternalSorter::ExternalSorter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ExternalSorter::ExternalSorter(ExternalSorter&&) noexcept = default;
+ExternalSorter& ExternalSorter::operator=(ExternalSorter&&) noexcept = default;
+ExternalSorter::~ExternalSorter() = default;
+
+Status ExternalSorter::add(std::span<const std::byte> records) { return impl_->add(records); }
+Status ExternalSorter::finish() { return impl_->finish(); }
+Result<SortedRecords> ExternalSorter::next() { return impl_->next(); }
+std::uint64_t ExternalSorter::count() const { return impl_->count(); }
+std::uint64_t ExternalSorter::temp_bytes(std::uint64_t count) const { return impl_->temp_bytes(count); }
+int ExternalSorter::passes() const { return impl_->passes(); }
+
+}  // namespace splatvol

@@ -1,0 +1,169 @@
+#include "builder/sorting/key_sort.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+namespace splatvol {
+namespace {
+
+constexpr int key_bits = 126;
+constexpr std::size_t key_batch = 256;      // records whose keys are made at a time
+constexpr std::size_t batch_bytes = 16384;  // that many bytes of them at most, where they do not lie side by side
+constexpr std::size_t few = 64;             // words that are sorted by comparison
+constexpr std::size_t many = 1 << 14;       // words that are worth a task of their own
+constexpr int words_ahead = 16;             // that are fetched before their turn: two cache lines
+constexpr int least_digit_bits = 4, most_digit_bits = 8;
+
+// 64 bits of the key from its bit `first` on, the highest being bit 0; zeros behind its end.
+std::uint64_t key_piece(const MortonKey& key, int first) {
+  const std::uint64_t high = key.high << 1 | key.low >> 62, low = key.low << 2;
+  if (first == 0) return high;
+  return first < 64 ? high << first | low >> (64 - first) : low << (first - 64);
+}
+
+// A word is a piece of the key above the record's index: integers, all different, whose order is stable by itself, so
+// that they may be sorted in place. Where a piece does not tell records apart, the next one takes its place.
+class KeySort {
+ public:
+  KeySort(const RecordSpan& records, const KeyFunction& key)
+      : records_(records), key_(key), index_bits_(static_cast<int>(std::bit_width(records.count))) {}
+
+  void run(std::span<std::uint64_t> words) const {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words.size(), 16 * key_batch),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        for (std::size_t i = range.begin(); i < range.end(); i += key_batch)
+                          take_first_piece(i, words.subspan(i, std::min(key_batch, range.end() - i)));
+                      });
+    sort(words, 0);
+  }
+
+ private:
+  std::uint64_t mask() const { return index_mask(records_.count); }
+
+  void take_first_piece(std::size_t begin, std::span<std::uint64_t> words) const {
+    std::array<MortonKey, key_batch> keys;
+    key_({records_[begin], words.size() * records_.record_bytes}, std::span(keys).first(words.size()));
+    for (std::size_t i = 0; i < words.size(); ++i) words[i] = (key_piece(keys[i], 0) & ~mask()) | (begin + i);
+  }
+
+  // The piece from bit `first` on, for records that lie anywhere.
+  void take_piece(std::span<std::uint64_t> words, int first) const {
+    const std::size_t bytes = records_.record_bytes;
+    if (bytes > batch_bytes) {
+      for (std::uint64_t& word : words) {
+        MortonKey key;
+        key_({records_[word & mask()], bytes}, {&key, 1});
+        word = (key_piece(key, first) & ~mask()) | (word & mask());
+      }
+      return;
+    }
+    std::array<std::byte, batch_bytes> gathered;
+    std::array<MortonKey, key_batch> keys;
+    const std::size_t batch = std::min(key_batch, batch_bytes / bytes);
+    for (; !words.empty(); words = words.subspan(std::min(batch, words.size()))) {
+      const std::span<std::uint64_t> part = words.first(std::min(batch, words.size()));
+      for (const std::uint64_t word : part) __builtin_prefetch(records_[word & mask()]);
+      for (std::size_t i = 0; i < part.size(); ++i)
+        std::memcpy(gathered.data() + i * bytes, records_[part[i] & mask()], bytes);
+      key_(std::span(gathered).first(part.size() * bytes), std::span(keys).first(part.size()));
+      for (std::size_t i = 0; i < part.size(); ++i)
+        part[i] = (key_piece(keys[i], first) & ~mask()) | (part[i] & mask());
+    }
+  }
+
+  // Sorts words that hold the piece from bit `first` on.
+  void sort(std::span<std::uint64_t> words, int first) const {
+    if (words.size() <= few) {
+      std::ranges::sort(words);
+      for_each_tie(words, first);
+      return;
+    }
+    std::uint64_t any = 0, all = ~std::uint64_t{0};
+    for (const std::uint64_t word : words) {
+      any |= word;
+      all &= word;
+    }
+    if ((any ^ all) > mask())
+      partition(words, static_cast<int>(std::bit_width(any ^ all)), first);
+    else
+      break_tie(words, first);
+  }
+
+  void for_each_tie(std::span<std::uint64_t> words, int first) const {
+    for (std::size_t begin = 0, end; begin < words.size(); begin = end) {
+      for (end = begin + 1; end < words.size() && (words[begin] ^ words[end]) <= mask();) ++end;
+      if (end - begin > 1) break_tie(words.subspan(begin, end - begin), first);
+    }
+  }
+
+  // Sorts words of one piece.
+  void break_tie(std::span<std::uint64_t> words, int first) const {
+    const int next = first + 64 - index_bits_;
+    if (next >= key_bits) {
+      std::ranges::sort(words);
+    } else if (words.size() < many) {
+      take_piece(words, next);
+      sort(words, next);
+    } else {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words.size(), many / 2),
+                        [&](const tbb::blocked_range<std::size_t>& range) {
+                          take_piece(words.subspan(range.begin(), range.size()), next);
+                        });
+      sort(words, next);
+    }
+  }
+
+  // Words that differ in their lowest `bits`: by the highest digit of those, every word straight to its place (American
+  // flag sort), then what shares the digit. About 8 words share the last one where keys are spread evenly.
+  void partition(std::span<std::uint64_t> words, int bits, int first) const {
+    const int wanted = static_cast<int>(std::bit_width(words.size())) - 4;
+    const int digit_bits = std::min(std::clamp(wanted, least_digit_bits, most_digit_bits), bits - index_bits_);
+    const int shift = bits - digit_bits;
+    const std::size_t digits = std::size_t{1} << digit_bits;
+    const auto digit = [&](std::uint64_t word) { return word >> shift & (digits - 1); };
+    std::array<std::uint32_t, (1 << most_digit_bits) + 1> begins;
+    std::fill_n(begins.begin(), digits + 1, 0);
+    for (const std::uint64_t word : words) ++begins[digit(word) + 1];
+    for (std::size_t d = 0; d < digits; ++d) begins[d + 1] += begins[d];
+    move_to(words, begins, digits, digit);
+
+    const auto sort_digit = [&](std::size_t d) {
+      if (begins[d + 1] - begins[d] > 1) sort(words.subspan(begins[d], begins[d + 1] - begins[d]), first);
+    };
+    if (words.size() < many)
+      for (std::size_t d = 0; d < digits; ++d) sort_digit(d);
+    else
+      tbb::parallel_for(std::size_t{0}, digits, sort_digit);
+  }
+
+  template <class Begins, class Digit>
+  static void move_to(std::span<std::uint64_t> words, const Begins& begins, std::size_t digits, const Digit& digit) {
+    Begins next = begins;
+    for (std::size_t d = 0; d < digits; ++d) {
+      while (next[d] < begins[d + 1]) {
+        std::uint64_t word = words[next[d]];
+        for (std::size_t to = digit(word); to != d; to = digit(word)) {
+          std::uint64_t& place = words[next[to]++];
+          __builtin_prefetch(&place + words_ahead, 1);
+          std::swap(word, place);
+        }
+        words[next[d]++] = word;
+      }
+    }
+  }
+
+  const RecordSpan& records_;
+  const KeyFunction& key_;
+  int index_bits_;
+};
+
+}  // namespace
+
+void sort_by_key(const RecordSpan& records, const KeyFunction& key, std::span<std::uint64_t> words) {
+  KeySort(records, key).run(words);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,47 @@
+// Records that wait to be read once, in the order in which they came.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "builder/sorting/record_packets.h"
+
+namespace splatvol {
+
+/// A queue of fixed-size records: in memory as far as they fit, beyond that packed in a temporary file. One thread at a
+/// time.
+class RecordSpool {
+ public:
+  /// Holds at most `memory` bytes, or a few records if that is more. Makes no file yet.
+  RecordSpool(std::size_t record_bytes, std::size_t memory, std::string folder);
+
+  /// Appends whole records. Requires that none have been read.
+  [[nodiscard]] Status append(std::span<const std::byte> records);
+
+  /// The next records, empty at the end; theirs until the next call. Their disk space is given back.
+  [[nodiscard]] Result<std::span<const std::byte>> next();
+
+  /// Records appended.
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+
+ private:
+  Status spill();
+
+  std::size_t record_bytes_;
+  std::size_t packet_records_;
+  std::size_t packet_bytes_;  // room for a packet, packed or not
+  std::size_t capacity_;      // records in memory
+  std::string folder_;
+  std::unique_ptr<std::byte[]> memory_;  // a packet packed, a packet unpacked, records
+  std::span<std::byte> packed_, unpacked_, records_;
+  std::size_t filled_ = 0;
+  std::uint64_t count_ = 0;
+  std::optional<TempFile> file_;
+  std::optional<PacketReader> reader_;
+};
+
+}  // namespace splatvol

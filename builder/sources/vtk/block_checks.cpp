@@ -1,0 +1,131 @@
+#include "builder/sources/vtk/block_checks.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "base/file.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each step
+
+Result<std::string> read_start(const std::string& path, std::uint64_t most) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  std::string text(std::min(file->size(), most), '\0');
+  SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(text))));
+  return text;
+}
+
+bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
+bool is_netcdf(std::string_view start) {
+  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
+}
+
+/// Without the comment and the white space round it.
+std::string_view bare(std::string_view line) {
+  line = line.substr(0, line.find('#'));
+  const auto is_space = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
+  while (!line.empty() && is_space(line.front())) line.remove_prefix(1);
+  while (!line.empty() && is_space(line.back())) line.remove_suffix(1);
+  return line;
+}
+
+std::size_t count_words(std::string_view text) {
+  std::size_t count = 0;
+  for (text = bare(text); !text.empty(); ++count)
+    text = bare(text.substr(std::min(text.find_first_of(" \t"), text.size())));
+  return count;
+}
+
+/// Goes through an EnSight case line by line. VTK 9.1 loops for ever on a section that it does not know, and reads
+/// steps that are not there.
+class CaseChecker {
+ public:
+  explicit CaseChecker(const std::string& path) : path_(path) {}
+
+  Status add(std::string_view line) {
+    constexpr std::array<std::string_view, 5> sections = {"FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE"};
+    if (line.empty()) return {};
+    if (line == "TIME") return start_steps(1);  // until it says how many
+    if (std::ranges::find(sections, line) != sections.end()) return {};
+    if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
+      if (in_values_) values_ += count_words(line);
+      return {};
+    }
+    const std::size_t colon = line.find(':');
+    const std::string_view key = line.substr(0, colon);
+    const std::string_view value = colon == std::string_view::npos ? "" : bare(line.substr(colon + 1));
+    in_values_ = key == "time values";
+    if (in_values_) values_ += count_words(value);
+    if (in_values_ || key == "filename numbers") return {};
+    if (value.empty())
+      return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
+                  line.substr(0, 80));
+    return key == "number of steps" ? read_steps(value) : Status{};
+  }
+
+  [[nodiscard]] Status finish() const {
+    if (values_ >= steps_) return {};
+    return fail(ErrorCode::invalid_data, "{}: {} time steps, but times of {} only", path_, steps_, values_);
+  }
+
+ private:
+  Status start_steps(std::size_t count) {
+    SPLATVOL_TRY(finish());
+    steps_ = count;
+    values_ = 0;
+    return {};
+  }
+
+  Status read_steps(std::string_view value) {
+    std::size_t count = 0;
+    if (std::from_chars(value.data(), value.data() + value.size(), count).ec != std::errc{})
+      return fail(ErrorCode::invalid_data, "{}: the number of steps is no number", path_);
+    // The first set of steps takes the place of what "TIME" promised.
+    if (!counted_) steps_ = 0;
+    counted_ = true;
+    return start_steps(count);
+  }
+
+  const std::string& path_;
+  std::size_t steps_ = 0;   // of the set of steps at hand
+  std::size_t values_ = 0;  // seen of them
+  bool counted_ = false;
+  bool in_values_ = false;
+};
+
+Status check_case(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
+  const std::string_view whole = text;
+  if (whole.find("FORMAT") == std::string_view::npos || whole.find("ensight") == std::string_view::npos)
+    return fail(ErrorCode::invalid_data, "{}: not an EnSight case (no FORMAT with a type of ensight)", path);
+  CaseChecker checker(path);
+  for (std::size_t at = 0; at < whole.size();) {
+    const std::size_t end = std::min(whole.find('\n', at), whole.size());
+    SPLATVOL_TRY(checker.add(bare(whole.substr(at, end - at))));
+    at = end + 1;
+  }
+  return checker.finish();
+}
+
+}  // namespace
+
+Status check_blocks(const VtkFile& file) {
+  if (file.kind == VtkFile::Kind::ensight) return check_case(file.path);
+  if (file.kind == VtkFile::Kind::openfoam) return {};
+  const Result<std::string> start = read_start(file.path, 64);
+  if (!start) return tl::unexpected(start.error());
+  if (file.kind == VtkFile::Kind::exodus && !is_hdf5(*start) && !is_netcdf(*start))
+    return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", file.path);
+  if (file.kind == VtkFile::Kind::cgns && !is_hdf5(*start) && start->find("ADF Database") == std::string::npos)
+    return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", file.path);
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,82 @@
+#include "builder/sources/vtk/messages.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+#include <vtkLogger.h>
+#include <vtkObjectFactory.h>
+#include <vtkOutputWindow.h>
+#include <vtkSmartPointer.h>
+
+#include <cstdio>
+#include <exception>
+
+namespace splatvol {
+namespace {
+
+/// Takes what VTK would print on stderr, and keeps the first error.
+class ErrorWindow final : public vtkOutputWindow {
+ public:
+  static ErrorWindow* New();
+  vtkTypeMacro(ErrorWindow, vtkOutputWindow)
+
+      void DisplayText(const char*) override {}
+  void DisplayErrorText(const char* text) override {
+    if (first_error.empty()) first_error = text;
+  }
+  void DisplayWarningText(const char*) override {}
+  void DisplayGenericWarningText(const char*) override {}
+  void DisplayDebugText(const char*) override {}
+
+  std::string first_error;
+};
+vtkStandardNewMacro(ErrorWindow);
+
+/// "ERROR: In file, line N\nvtkReader (0x...): What went wrong\n\n" to "What went wrong".
+std::string one_line(std::string text) {
+  if (const std::size_t object = text.find("): "); object != std::string::npos) text.erase(0, object + 3);
+  std::string line;
+  for (const char c : text) {
+    const bool space = c == '\n' || c == '\t' || c == '\r' || c == ' ';
+    if (!space) line += c;
+    if (space && !line.empty() && line.back() != ' ') line += ' ';
+  }
+  while (!line.empty() && (line.back() == ' ' || line.back() == '.')) line.pop_back();
+  return line;
+}
+
+}  // namespace
+
+Status run_vtk(const std::string& path, const std::function<void()>& call) {
+  vtkLogger::SetStderrVerbosity(vtkLogger::VERBOSITY_OFF);
+  const vtkSmartPointer<vtkOutputWindow> usual = vtkOutputWindow::GetInstance();
+  const auto window = vtkSmartPointer<ErrorWindow>::New();
+  vtkOutputWindow::SetInstance(window);
+  std::string failure;
+  try {
+    call();
+    failure = one_line(window->first_error);
+  } catch (const std::exception& exception) {
+    failure = fmt::format("VTK's reader failed: {}", exception.what());
+  }
+  vtkOutputWindow::SetInstance(usual);
+  if (!failure.empty()) return fail(ErrorCode::invalid_data, "{}: {}", path, failure);
+  return {};
+}
+
+QuietStderr::QuietStderr() : saved_(-1) {
+  std::fflush(stderr);
+  const int nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nothing < 0) return;
+  saved_ = ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 3);
+  if (saved_ >= 0) ::dup2(nothing, STDERR_FILENO);
+  ::close(nothing);
+}
+
+QuietStderr::~QuietStderr() {
+  if (saved_ < 0) return;
+  std::fflush(stderr);
+  ::dup2(saved_, STDERR_FILENO);
+  ::close(saved_);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,297 @@
+#include "builder/sources/vtk/piece.h"
+
+#include <vtkCellArray.h>
+#include <vtkCellData.h>
+#include <vtkCellType.h>
+#include <vtkGenericCell.h>
+#include <vtkHigherOrderHexahedron.h>
+#include <vtkHigherOrderTetra.h>
+#include <vtkHigherOrderWedge.h>
+#include <vtkIdList.h>
+#include <vtkIdTypeArray.h>
+#include <vtkNew.h>
+#include <vtkPolyData.h>
+#include <vtkSmartPointer.h>
+#include <vtkUnsignedCharArray.h>
+#include <vtkUnstructuredGrid.h>
+
+#include <algorithm>
+#include <limits>
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "builder/mesh/tetrahedra.h"
+#include "builder/sources/vtk/cells.h"
+#include "builder/sources/vtk/lattice.h"
+#include "builder/sources/vtk/messages.h"
+
+namespace splatvol {
+namespace {
+
+/// Where VTK puts the nodes of a cell in the unit cell; empty where it does not say.
+std::vector<dvec3> parametric_nodes(int vtk_type, vtkIdType count) {
+  const auto cell = vtkSmartPointer<vtkCell>::Take(vtkGenericCell::InstantiateCell(vtk_type));
+  cell->GetPointIds()->SetNumberOfIds(count);
+  cell->GetPoints()->SetNumberOfPoints(count);
+  if (auto* hexahedron = vtkHigherOrderHexahedron::SafeDownCast(cell)) hexahedron->SetUniformOrderFromNumPoints(count);
+  if (auto* wedge = vtkHigherOrderWedge::SafeDownCast(cell)) wedge->SetUniformOrderFromNumPoints(count);
+  if (auto* tetrahedron = vtkHigherOrderTetra::SafeDownCast(cell)) tetrahedron->Initialize();
+  const double* coordinates = cell->GetParametricCoords();
+  std::vector<dvec3> nodes;
+  for (vtkIdType i = 0; coordinates && i < count; ++i, coordinates += 3)
+    nodes.emplace_back(coordinates[0], coordinates[1], coordinates[2]);
+  return nodes;
+}
+
+/// The linear cells of a cell with `count` nodes; nothing where they make no full lattice.
+std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std::size_t count) {
+  const bool linear_axis = kind.vtk_type == VTK_QUADRATIC_LINEAR_WEDGE;
+  const auto order = lattice_order(kind.shape, linear_axis, count);
+  if (!order) return std::nullopt;
+  const auto parametric = parametric_nodes(kind.vtk_type, static_cast<vtkIdType>(count));
+  return divide_lattice(kind.shape, *order, linear_axis ? 1 : *order, parametric);
+}
+
+/// One data set to one piece.
+class PieceMaker {
+ public:
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkChannel> channels)
+      : path_(path), data_(data), channels_(channels) {}
+
+  Result<std::unique_ptr<Piece>> make() {
+    const vtkIdType count = data_.GetNumberOfPoints();
+    if (count > std::numeric_limits<std::uint32_t>::max())
+      return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
+    piece_->points.resize(static_cast<std::size_t>(count));
+    for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
+    use_.assign(piece_->points.size(), unused);
+
+    SPLATVOL_TRY(read_ghosts());
+    SPLATVOL_TRY(read_cells());
+    drop_points();
+    SPLATVOL_TRY_ASSIGN(values, read_channels(path_, data_, channels_, kept_));
+    piece_->values = std::move(values);
+    return std::move(piece_);
+  }
+
+ private:
+  enum Use : std::uint8_t { unused, by_hidden_cells, by_visible_cells };
+
+  Status read_ghosts() {
+    cell_ghosts_ = data_.GetCellGhostArray();
+    point_ghosts_ = data_.GetPointGhostArray();
+    if (cell_ghosts_ && cell_ghosts_->GetNumberOfValues() < data_.GetNumberOfCells())
+      return fail(ErrorCode::invalid_data, "{}: its cells' ghost array is too short", path_);
+    if (point_ghosts_ && point_ghosts_->GetNumberOfValues() < data_.GetNumberOfPoints())
+      return fail(ErrorCode::invalid_data, "{}: its points' ghost array is too short", path_);
+    return {};
+  }
+
+  Status read_cells() {
+    if (auto* surface = vtkPolyData::SafeDownCast(&data_)) return count_surface(*surface);
+    grid_ = vtkUnstructuredGrid::SafeDownCast(&data_);
+    if (grid_ && grid_->GetNumberOfCells() > 0) SPLATVOL_TRY(check_cell_array());
+    TetrahedronSplitter splitter(piece_->points, piece_->tetrahedra, piece_->census);
+    for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) SPLATVOL_TRY(read_cell(cell, splitter));
+    return {};
+  }
+
+  /// Cells without volume need no look at their points.
+  Status count_surface(vtkPolyData& surface) {
+    const auto add = [&](std::string_view name, vtkIdType count) {
+      if (count == 0) return;
+      piece_->census.cells[std::string(name)] += static_cast<std::uint64_t>(count);
+      piece_->census.without_volume += static_cast<std::uint64_t>(count);
+    };
+    add("vertex", surface.GetNumberOfVerts());
+    add("line", surface.GetNumberOfLines());
+    add("polygon", surface.GetNumberOfPolys());
+    add("triangle strip", surface.GetNumberOfStrips());
+    return {};
+  }
+
+  /// VTK's readers check neither offsets against the connectivity nor types against the number of cells.
+  Status check_cell_array() {
+    vtkUnsignedCharArray* types = grid_->GetCellTypesArray();
+    if (!grid_->GetCells()->IsValid() || !types || types->GetNumberOfValues() < grid_->GetNumberOfCells())
+      return fail(ErrorCode::invalid_data, "{}: its cells' offsets, types and connectivity do not fit together", path_);
+    return {};
+  }
+
+  Status read_cell(vtkIdType cell, TetrahedronSplitter& splitter) {
+    const int type = data_.GetCellType(cell);
+    const CellKind* kind = last_kind_ && last_kind_->vtk_type == type ? last_kind_ : find_cell_kind(type);
+    if (!kind) return fail(ErrorCode::unsupported, "{}: cells of VTK type {} are not supported", path_, type);
+    SPLATVOL_TRY(load_nodes(cell, *kind));
+
+    // A structured grid says "empty" for a blanked cell.
+    CellCensus& census = piece_->census;
+    const bool hidden = is_hidden(cell, *kind) || (!grid_ && type == VTK_EMPTY_CELL);
+    mark_nodes(*kind, hidden ? by_hidden_cells : by_visible_cells);
+    if (hidden) {
+      ++census.hidden;
+      return {};
+    }
+    if (last_kind_ != kind) {
+      last_kind_ = kind;
+      kind_count_ = &census.cells[std::string(kind->name)];
+    }
+    ++*kind_count_;
+    if (kind->role == CellRole::no_volume) ++census.without_volume;
+    if (kind->role == CellRole::polyhedron) splitter.split_polyhedron(nodes_);
+    if (kind->role == CellRole::shape) return split_shape(*kind, splitter);
+    if (kind->role == CellRole::lattice) return split_lattice(cell, *kind, splitter);
+    return {};
+  }
+
+  Status split_shape(const CellKind& kind, TetrahedronSplitter& splitter) {
+    const std::size_t expected = node_count(kind.shape);
+    if (nodes_.size() != expected)
+      return fail(ErrorCode::invalid_data, "{}: a {} of {} nodes instead of {}", path_, kind.name, nodes_.size(),
+                  expected);
+    splitter.split(kind.shape, nodes_);
+    return {};
+  }
+
+  Status split_lattice(vtkIdType cell, const CellKind& kind, TetrahedronSplitter& splitter) {
+    auto& cells = lattice_cells_[{kind.vtk_type, nodes_.size()}];
+    if (!cells) cells = linear_cells(kind, nodes_.size());
+    if (!cells || !same_degrees(cell))
+      return fail(ErrorCode::unsupported, "{}: a {} of {} nodes, which is not of one order in all directions", path_,
+                  kind.name, nodes_.size());
+    const std::size_t stride = node_count(kind.shape);
+    std::array<std::uint32_t, 8> linear{};
+    for (std::size_t first = 0; first < cells->size(); first += stride) {
+      for (std::size_t i = 0; i < stride; ++i) linear[i] = nodes_[(*cells)[first + i]];
+      splitter.split(kind.shape, std::span(linear).first(stride));
+    }
+    return {};
+  }
+
+  /// Where the file gives a degree for each direction of a cell.
+  [[nodiscard]] bool same_degrees(vtkIdType cell) const {
+    vtkDataArray* degrees = data_.GetCellData()->GetArray("HigherOrderDegrees");
+    if (!degrees) return true;
+    if (degrees->GetNumberOfComponents() != 3 || cell >= degrees->GetNumberOfTuples()) return false;
+    const double* degree = degrees->GetTuple3(cell);
+    return degree[0] == degree[1] && degree[1] == degree[2];
+  }
+
+  /// Into nodes_: a cell's points, or a polyhedron's faces as "count, points, count, points, ...".
+  Status load_nodes(vtkIdType cell, const CellKind& kind) {
+    nodes_.clear();
+    if (kind.role == CellRole::polyhedron) return load_faces(cell);
+    vtkIdType count = 0;
+    const vtkIdType* ids = nullptr;
+    if (grid_) {
+      grid_->GetCells()->GetCellAtId(cell, count, ids);
+    } else {
+      data_.GetCellPoints(cell, id_list_);
+      count = id_list_->GetNumberOfIds();
+      ids = id_list_->GetPointer(0);
+    }
+    for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_node(cell, ids[i]));
+    return {};
+  }
+
+  Status load_faces(vtkIdType cell) {
+    vtkIdTypeArray* stream = grid_ ? grid_->GetFaces() : nullptr;
+    vtkIdTypeArray* locations = grid_ ? grid_->GetFaceLocations() : nullptr;
+    const auto fail_stream = [&] {
+      return fail(ErrorCode::invalid_data, "{}: the faces of polyhedron {} are missing or damaged", path_, cell);
+    };
+    if (!stream || !locations || cell >= locations->GetNumberOfValues()) return fail_stream();
+    const vtkIdType end = stream->GetNumberOfValues();
+    vtkIdType at = locations->GetValue(cell);
+    if (at < 0 || at >= end) return fail_stream();
+    for (vtkIdType faces = stream->GetValue(at++); faces > 0; --faces) {
+      if (at >= end) return fail_stream();
+      const vtkIdType count = stream->GetValue(at++);
+      if (count < 3 || count > end - at) return fail_stream();
+      nodes_.push_back(static_cast<std::uint32_t>(count));
+      for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_node(cell, stream->GetValue(at++)));
+    }
+    return nodes_.empty() ? fail_stream() : Status{};
+  }
+
+  Status append_node(vtkIdType cell, vtkIdType point) {
+    if (point < 0 || point >= data_.GetNumberOfPoints())
+      return fail(ErrorCode::invalid_data, "{}: cell {} names point {} of {}", path_, cell, point,
+                  data_.GetNumberOfPoints());
+    nodes_.push_back(static_cast<std::uint32_t>(point));
+    return {};
+  }
+
+  template <class Visit>
+  void for_each_node(const CellKind& kind, const Visit& visit) const {
+    if (kind.role != CellRole::polyhedron) std::ranges::for_each(nodes_, visit);
+    if (kind.role != CellRole::polyhedron) return;
+    for (std::size_t at = 0; at < nodes_.size(); at += nodes_[at] + 1)
+      std::ranges::for_each(std::span(nodes_).subspan(at + 1, nodes_[at]), visit);
+  }
+
+  [[nodiscard]] bool is_hidden(vtkIdType cell, const CellKind& kind) const {
+    constexpr int skipped = vtkDataSetAttributes::DUPLICATECELL | vtkDataSetAttributes::HIDDENCELL;
+    if (cell_ghosts_ && cell_ghosts_->GetValue(cell) & skipped) return true;
+    if (!point_ghosts_) return false;
+    bool hidden = false;
+    for_each_node(kind, [&](std::uint32_t node) {
+      hidden = hidden || (point_ghosts_->GetValue(node) & vtkDataSetAttributes::HIDDENPOINT);
+    });
+    return hidden;
+  }
+
+  void mark_nodes(const CellKind& kind, Use use) {
+    for_each_node(kind, [&](std::uint32_t node) { use_[node] = std::max(use_[node], use); });
+  }
+
+  /// Points are data unless they are hidden, or only ghost copies have a use for them. Points of no cell at all stay.
+  [[nodiscard]] bool keeps_point(std::size_t point) const {
+    if (use_[point] != unused) return use_[point] == by_visible_cells;
+    constexpr int skipped = vtkDataSetAttributes::DUPLICATEPOINT | vtkDataSetAttributes::HIDDENPOINT;
+    return !point_ghosts_ || !(point_ghosts_->GetValue(static_cast<vtkIdType>(point)) & skipped);
+  }
+
+  void drop_points() {
+    std::vector<std::uint32_t> new_index(use_.size());
+    for (std::size_t i = 0; i < use_.size(); ++i) {
+      if (!keeps_point(i)) continue;
+      new_index[i] = static_cast<std::uint32_t>(kept_.size());
+      kept_.push_back(static_cast<std::uint32_t>(i));
+    }
+    if (kept_.size() == use_.size()) return;
+    for (std::size_t i = 0; i < kept_.size(); ++i) piece_->points[i] = piece_->points[kept_[i]];
+    piece_->points.resize(kept_.size());
+    for (auto& tetrahedron : piece_->tetrahedra)
+      for (std::uint32_t& node : tetrahedron) node = new_index[node];
+  }
+
+  const std::string& path_;
+  vtkDataSet& data_;
+  std::span<const VtkChannel> channels_;
+  vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
+  vtkUnsignedCharArray* cell_ghosts_ = nullptr;
+  vtkUnsignedCharArray* point_ghosts_ = nullptr;
+
+  std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
+  std::vector<Use> use_;              // of each point
+  std::vector<std::uint32_t> kept_;   // points that stay
+  std::vector<std::uint32_t> nodes_;  // of the cell at hand
+  vtkNew<vtkIdList> id_list_;
+  const CellKind* last_kind_ = nullptr;
+  std::uint64_t* kind_count_ = nullptr;
+  std::map<std::pair<int, std::size_t>, std::optional<std::vector<std::uint32_t>>> lattice_cells_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
+                                          std::span<const VtkChannel> channels) {
+  Result<std::unique_ptr<Piece>> piece;
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, channels).make(); }));
+  return piece;
+}
+
+}  // namespace splatvol

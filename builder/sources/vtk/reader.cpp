@@ -1,0 +1,246 @@
+#include "builder/sources/vtk/reader.h"
+
+#include <vtkDataSet.h>
+#include <vtkDataSetReader.h>
+#include <vtkMultiBlockDataSet.h>
+#include <vtkMultiBlockPLOT3DReader.h>
+#include <vtkNew.h>
+#include <vtkSmartPointer.h>
+#include <vtkStructuredGrid.h>
+#include <vtkXMLDataElement.h>
+#include <vtkXMLImageDataReader.h>
+#include <vtkXMLPolyDataReader.h>
+#include <vtkXMLRectilinearGridReader.h>
+#include <vtkXMLStructuredGridReader.h>
+#include <vtkXMLUnstructuredGridReader.h>
+#include <vtkXMLUtilities.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "base/file.h"
+#include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/channels.h"
+#include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/plot3d.h"
+#include "builder/sources/vtk/unstructured_reader.h"
+#include "builder/sources/vtk/xml_checks.h"
+
+namespace splatvol {
+namespace {
+
+vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
+  switch (kind) {
+    case VtkFile::Kind::unstructured:
+      return make_unstructured_reader();
+    case VtkFile::Kind::structured:
+      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
+    case VtkFile::Kind::rectilinear:
+      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
+    case VtkFile::Kind::image:
+      return vtkSmartPointer<vtkXMLImageDataReader>::New();
+    case VtkFile::Kind::poly:
+      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
+    default:
+      break;
+  }
+  return nullptr;
+}
+
+/// VTK files in their order; the pieces of a .vtu and blocks one by one.
+class FileDataSets final : public VtkDataSets {
+ public:
+  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time)
+      : files_(std::move(files)), selection_(std::move(selection)), time_(time) {}
+
+  std::size_t count() const override {
+    const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
+    return files_.size() + extra_pieces_ + blocks;
+  }
+  const std::string& path() const override { return path_; }
+  std::optional<TimeStep> time_step() const override { return step_; }
+
+  Result<vtkSmartPointer<vtkDataSet>> next() override {
+    if (blocks_) {
+      SPLATVOL_TRY_ASSIGN(block, blocks_->next());
+      if (block) return block;
+      extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
+      blocks_ = nullptr;
+    }
+    if (reader_) return next_piece();
+    if (file_ == files_.size()) return vtkSmartPointer<vtkDataSet>();
+    const VtkFile& file = files_[file_++];
+    path_ = file.path;
+    if (file.kind == VtkFile::Kind::legacy) return read_legacy();
+    if (is_blocks(file.kind)) {
+      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_));
+      blocks_ = std::move(blocks);
+      if (!step_) step_ = blocks_->time_step();
+      return next();
+    }
+    SPLATVOL_TRY(open_xml(file.kind));
+    return next_piece();
+  }
+
+ private:
+  static bool is_blocks(VtkFile::Kind kind) {
+    return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
+           kind == VtkFile::Kind::cgns;
+  }
+
+  Status open_xml(VtkFile::Kind kind) {
+    SPLATVOL_TRY(check_xml(path_));
+    auto reader = make_xml_reader(kind);
+    SPLATVOL_TRY(run_vtk(path_, [&] {
+      reader->SetFileName(path_.c_str());
+      reader->UpdateInformation();
+      select_arrays(*reader);
+    }));
+    auto* unstructured = vtkXMLUnstructuredGridReader::SafeDownCast(reader);
+    piece_ = 0;
+    pieces_ = unstructured ? std::max<int>(1, static_cast<int>(unstructured->GetNumberOfPieces())) : 1;
+    extra_pieces_ += static_cast<std::size_t>(pieces_ - 1);
+    reader_ = reader;
+    return {};
+  }
+
+  void select_arrays(vtkXMLReader& reader) const {
+    if (reader.GetNumberOfPointArrays() == 0) return;  // a message will name the cells' arrays
+    for (int i = 0; i < reader.GetNumberOfPointArrays(); ++i) {
+      const std::string name = reader.GetPointArrayName(i);
+      if (!is_ghost_array(name) && !wants_array(selection_, name)) reader.SetPointArrayStatus(name.c_str(), 0);
+    }
+    for (int i = 0; i < reader.GetNumberOfCellArrays(); ++i) {
+      const std::string name = reader.GetCellArrayName(i);
+      if (!is_ghost_array(name) && name != "HigherOrderDegrees") reader.SetCellArrayStatus(name.c_str(), 0);
+    }
+  }
+
+  Result<vtkSmartPointer<vtkDataSet>> next_piece() {
+    vtkSmartPointer<vtkDataSet> data;
+    SPLATVOL_TRY(run_vtk(path_, [&] {
+      reader_->UpdatePiece(piece_, pieces_, 0);
+      // A copy that shares the arrays: the reader forgets its own before the next piece is read.
+      if (auto* output = vtkDataSet::SafeDownCast(reader_->GetOutputDataObject(0))) {
+        data.TakeReference(output->NewInstance());
+        data->ShallowCopy(output);
+        output->ReleaseData();
+      }
+    }));
+    if (++piece_ == pieces_) reader_ = nullptr;
+    if (!data) return fail(ErrorCode::invalid_data, "{}: VTK's reader gave no data", path_);
+    return data;
+  }
+
+  Result<vtkSmartPointer<vtkDataSet>> read_legacy() {
+    vtkSmartPointer<vtkDataSet> data;
+    SPLATVOL_TRY(run_vtk(path_, [&] {
+      const vtkNew<vtkDataSetReader> reader;
+      reader->SetFileName(path_.c_str());
+      reader->ReadAllScalarsOn();
+      reader->ReadAllVectorsOn();
+      reader->ReadAllNormalsOn();
+      reader->ReadAllTensorsOn();
+      reader->ReadAllColorScalarsOn();
+      reader->ReadAllTCoordsOn();
+      reader->ReadAllFieldsOn();
+      reader->Update();
+      data = reader->GetOutput();
+    }));
+    if (!data) return fail(ErrorCode::invalid_data, "{}: holds no data set", path_);
+    return data;
+  }
+
+  std::vector<VtkFile> files_;
+  std::vector<std::string> selection_;
+  std::optional<double> time_;
+  std::optional<TimeStep> step_;
+  std::size_t file_ = 0;
+  std::size_t extra_pieces_ = 0;
+  std::string path_;
+  std::unique_ptr<VtkDataSets> blocks_;   // of the file at hand, while it has blocks left
+  vtkSmartPointer<vtkXMLReader> reader_;  // of the file at hand, while it has pieces left
+  int piece_ = 0;
+  int pieces_ = 0;
+};
+
+class Plot3dDataSets final : public VtkDataSets {
+ public:
+  Plot3dDataSets(std::string grid, std::vector<vtkSmartPointer<vtkDataSet>> blocks)
+      : grid_(std::move(grid)), blocks_(std::move(blocks)) {}
+
+  std::size_t count() const override { return blocks_.size(); }
+  const std::string& path() const override { return grid_; }
+  Result<vtkSmartPointer<vtkDataSet>> next() override {
+    if (block_ == blocks_.size()) return vtkSmartPointer<vtkDataSet>();
+    return std::exchange(blocks_[block_++], nullptr);
+  }
+
+ private:
+  std::string grid_;
+  std::vector<vtkSmartPointer<vtkDataSet>> blocks_;
+  std::size_t block_ = 0;
+};
+
+/// Structured grids among the leaves of a tree of blocks.
+void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkDataSet>>& blocks) {
+  for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
+    vtkDataObject* block = tree.GetBlock(i);
+    if (auto* grid = vtkStructuredGrid::SafeDownCast(block)) blocks.emplace_back(grid);
+    if (auto* branch = vtkMultiBlockDataSet::SafeDownCast(block)) collect_blocks(*branch, blocks);
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
+                                            std::optional<double> time) {
+  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time);
+}
+
+Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {
+  // VTK can guess the variant too, from the grid's size alone; but of a truncated file it reads dimensions that are not
+  // there.
+  SPLATVOL_TRY_ASSIGN(grid_file, open_file(grid));
+  SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
+  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *solution_file));
+  constexpr int pressure = 110;
+  std::vector<vtkSmartPointer<vtkDataSet>> blocks;
+  SPLATVOL_TRY(run_vtk(grid, [&] {
+    const vtkNew<vtkMultiBlockPLOT3DReader> reader;
+    reader->SetXYZFileName(grid.c_str());
+    reader->SetQFileName(solution.c_str());
+    reader->SetMultiGrid(format.multi_grid);
+    reader->SetHasByteCount(format.record_marks);
+    reader->SetByteOrder(format.big_endian ? vtkMultiBlockPLOT3DReader::FILE_BIG_ENDIAN
+                                           : vtkMultiBlockPLOT3DReader::FILE_LITTLE_ENDIAN);
+    reader->SetIBlanking(format.blanking);
+    reader->SetTwoDimensionalGeometry(format.dimensions == 2);
+    reader->SetDoublePrecision(format.precision == 8);
+    reader->ForceReadOn();
+    reader->AddFunction(pressure);
+    reader->Update();
+    if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
+  }));
+  if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
+  return std::make_unique<Plot3dDataSets>(grid, std::move(blocks));
+}
+
+Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {
+  std::vector<std::string> pieces;
+  SPLATVOL_TRY(run_vtk(path, [&] {
+    const auto root = vtkSmartPointer<vtkXMLDataElement>::Take(vtkXMLUtilities::ReadElementFromFile(path.c_str()));
+    vtkXMLDataElement* grid = root ? root->FindNestedElementWithName("PUnstructuredGrid") : nullptr;
+    const auto folder = std::filesystem::path(path).parent_path();
+    for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement* element = grid->GetNestedElement(i);
+      const char* file = element->GetAttribute("Source");
+      if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
+    }
+  }));
+  if (pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
+  return pieces;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,59 @@
+#include "builder/sources/vtk/writer.h"
+
+#include <vtkCellArray.h>
+#include <vtkCellType.h>
+#include <vtkFloatArray.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkUnstructuredGrid.h>
+#include <vtkXMLUnstructuredGridWriter.h>
+
+#include <algorithm>
+
+#include "base/file.h"
+
+namespace splatvol {
+namespace {
+
+vtkNew<vtkUnstructuredGrid> make_grid(std::span<const dvec3> points,
+                                      std::span<const std::array<std::uint32_t, 4>> tetrahedra,
+                                      std::span<const PointArray> arrays) {
+  const vtkNew<vtkPoints> grid_points;
+  grid_points->SetDataTypeToDouble();
+  grid_points->SetNumberOfPoints(static_cast<vtkIdType>(points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i) grid_points->SetPoint(static_cast<vtkIdType>(i), &points[i].x);
+
+  const vtkNew<vtkCellArray> cells;
+  cells->AllocateExact(static_cast<vtkIdType>(tetrahedra.size()), static_cast<vtkIdType>(4 * tetrahedra.size()));
+  for (const auto& [a, b, c, d] : tetrahedra) cells->InsertNextCell({a, b, c, d});
+
+  vtkNew<vtkUnstructuredGrid> grid;
+  grid->SetPoints(grid_points);
+  grid->SetCells(VTK_TETRA, cells);
+  for (const PointArray& array : arrays) {
+    const vtkNew<vtkFloatArray> values;
+    values->SetName(array.name.c_str());
+    values->SetNumberOfComponents(array.components);
+    values->SetNumberOfTuples(static_cast<vtkIdType>(points.size()));
+    std::ranges::copy(array.values, values->GetPointer(0));
+    grid->GetPointData()->AddArray(values);
+  }
+  return grid;
+}
+
+}  // namespace
+
+Status write_vtu(const std::string& path, std::span<const dvec3> points,
+                 std::span<const std::array<std::uint32_t, 4>> tetrahedra, std::span<const PointArray> arrays) {
+  const auto grid = make_grid(points, tetrahedra, arrays);
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
+  const vtkNew<vtkXMLUnstructuredGridWriter> writer;
+  writer->SetFileName(file.path_to_write().c_str());
+  writer->SetHeaderTypeToUInt64();
+  writer->SetInputData(grid);
+  if (!writer->Write()) return fail(ErrorCode::io, "{}: VTK's writer failed", path);
+  return file.commit();
+}
+
+}  // namespace splatvol

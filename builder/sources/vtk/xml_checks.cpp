@@ -1,0 +1,132 @@
+#include "builder/sources/vtk/xml_checks.h"
+
+#include <vtkSmartPointer.h>
+#include <vtkXMLDataElement.h>
+#include <vtkXMLDataParser.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "base/file.h"
+#include "base/memory_limit.h"
+#include "builder/sources/vtk/compression.h"
+#include "builder/sources/vtk/messages.h"
+
+namespace splatvol {
+namespace {
+
+/// For an array of a type that it does not know VTK makes none, and fills it nevertheless.
+Status check_types(const std::string& path, vtkXMLDataElement& element) {
+  constexpr std::array<std::string_view, 12> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32",  "UInt32",
+                                                      "Int64", "UInt64", "Float32", "Float64", "String", "Bit"};
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+    SPLATVOL_TRY(check_types(path, *element.GetNestedElement(i)));
+  const std::string_view name = element.GetName();
+  if (name != "DataArray" && name != "Array") return {};
+  const std::string_view type = element.GetAttribute("type") ? element.GetAttribute("type") : "";
+  if (std::ranges::find(known, type) != known.end()) return {};
+  return fail(ErrorCode::invalid_data, "{}: an array of unknown type \"{}\"", path, type);
+}
+
+/// VTK counts arrays by name when it makes them and one by one when it fills them: of two with one name it fills the
+/// wrong one.
+Status check_names(const std::string& path, vtkXMLDataElement& element) {
+  std::vector<std::string> names;
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& nested = *element.GetNestedElement(i);
+    SPLATVOL_TRY(check_names(path, nested));
+    if (const char* name = nested.GetAttribute("Name")) names.emplace_back(name);
+  }
+  std::ranges::sort(names);
+  const auto twice = std::ranges::adjacent_find(names);
+  if (twice == names.end()) return {};
+  return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path, element.GetName(), *twice);
+}
+
+/// A piece of a file is read whole. About 400 bytes a cell were measured, of tetrahedra, and some for each point.
+Status check_memory(const std::string& path, vtkXMLDataElement& element) {
+  constexpr double cell_bytes = 400, point_bytes = 300;
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
+    SPLATVOL_TRY(check_memory(path, *element.GetNestedElement(i)));
+  double cells = 0, points = 0;
+  element.GetScalarAttribute("NumberOfCells", cells);
+  element.GetScalarAttribute("NumberOfPoints", points);
+  const double needed = cells * cell_bytes + points * point_bytes;
+  const auto limit = static_cast<double>(memory_limit());
+  if (!(needed > limit)) return {};
+  return fail(ErrorCode::out_of_budget,
+              "{}: {:.3g} cells and {:.3g} points in one piece take about {:.3g} GB of memory, and there are {:.3g}: "
+              "write them as several pieces",
+              path, cells, points, needed / 1e9, limit / 1e9);
+}
+
+/// Checks the header of every compressed array of an XML file.
+class CompressedArrays {
+ public:
+  CompressedArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_position)
+      : file_(file), appended_position_(appended_position) {
+    const auto is = [&](vtkXMLDataElement* element, const char* name, std::string_view value) {
+      const char* text = element ? element->GetAttribute(name) : nullptr;
+      return text && text == value;
+    };
+    layout_ = {is(&root, "header_type", "UInt64"), is(&root, "byte_order", "BigEndian")};
+    appended_base64_ = !is(root.FindNestedElementWithName("AppendedData"), "encoding", "raw");
+  }
+
+  [[nodiscard]] Status check(vtkXMLDataElement& element) {
+    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) SPLATVOL_TRY(check(*element.GetNestedElement(i)));
+    const std::string_view format = element.GetAttribute("format") ? element.GetAttribute("format") : "";
+    if (format == "appended") return check_appended(element);
+    return format == "binary" ? check_inline(element) : Status{};
+  }
+
+ private:
+  Status check_appended(vtkXMLDataElement& element) {
+    vtkTypeInt64 offset = 0;
+    if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
+    const std::uint64_t position = appended_position_ + static_cast<std::uint64_t>(offset);
+    return check_compression_header(file_, layout_, position, appended_base64_);
+  }
+
+  /// The numbers follow the element's start tag after white space.
+  Status check_inline(vtkXMLDataElement& element) {
+    constexpr std::uint64_t longest_tag = 4096;
+    const auto tag = std::min(static_cast<std::uint64_t>(element.GetXMLByteIndex()), file_.size());
+    std::string text(std::min(longest_tag, file_.size() - tag), '\0');
+    SPLATVOL_TRY(file_.read(tag, std::as_writable_bytes(std::span(text))));
+    const std::size_t end = text.find('>');
+    if (end == std::string::npos) return {};
+    const std::size_t start = text.find_first_not_of(" \t\r\n", end + 1);
+    if (start == std::string::npos) return {};
+    return check_compression_header(file_, layout_, tag + start, true);
+  }
+
+  ByteSource& file_;
+  std::uint64_t appended_position_;
+  CompressionLayout layout_;
+  bool appended_base64_;
+};
+
+}  // namespace
+
+Status check_xml(const std::string& path) {
+  const auto parser = vtkSmartPointer<vtkXMLDataParser>::New();
+  SPLATVOL_TRY(run_vtk(path, [&] {
+    parser->SetFileName(path.c_str());
+    parser->Parse();
+  }));
+  vtkXMLDataElement* root = parser->GetRootElement();
+  if (!root) return fail(ErrorCode::invalid_data, "{}: not XML", path);
+  SPLATVOL_TRY(check_types(path, *root));
+  SPLATVOL_TRY(check_names(path, *root));
+  SPLATVOL_TRY(check_memory(path, *root));
+  if (!root->GetAttribute("compressor")) return {};
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  return CompressedArrays(*file, *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition())).check(*root);
+}
+
+}  // namespace splatvol

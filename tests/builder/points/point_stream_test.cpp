@@ -1,0 +1,238 @@
+#include "builder/points/point_stream.h"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <tuple>
+
+#include "tests/builder/support/piece_source.h"
+#include "tests/support/whole_points.h"
+
+namespace splatvol {
+namespace {
+
+using test::cut;
+using test::mesh_piece;
+using test::PieceSource;
+using test::random_points;
+using test::read_points;
+using test::scattered;
+using test::WholePoints;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
+
+template <class T>
+bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+}
+
+void expect_same(const WholePoints& a, const WholePoints& b) {
+  const PointBatch &p = a.points, &q = b.points;
+  EXPECT_TRUE(same_bits(p.keys, q.keys));
+  EXPECT_TRUE(same_bits(p.positions, q.positions));
+  EXPECT_TRUE(same_bits(p.values[0], q.values[0]));
+  EXPECT_TRUE(same_bits(p.moments, q.moments));
+  EXPECT_TRUE(same_bits(p.value_moments[0], q.value_moments[0]));
+  EXPECT_TRUE(same_bits(p.gradients[0], q.gradients[0]));
+  EXPECT_TRUE(same_bits(p.planes, q.planes));
+  EXPECT_EQ(a.summary.cube.origin, b.summary.cube.origin);
+  EXPECT_EQ(a.summary.cube.edge, b.summary.cube.edge);
+  const PointCensus &c = a.summary.census, &d = b.summary.census;
+  EXPECT_EQ(std::tie(c.read, c.not_finite, c.merged, c.coincident, c.in_no_cell),
+            std::tie(d.read, d.not_finite, d.merged, d.coincident, d.in_no_cell));
+}
+
+// Whether sorting these takes a disk where there is only the least memory.
+bool passes_least_memory(std::uint64_t points, bool material) {
+  const std::size_t bytes = PointRecords(1, false, material).bytes();
+  return points * bytes > 2 * ExternalSorter::least_memory(bytes);
+}
+
+void expect_same_at_any_memory(const std::vector<Piece>& pieces) {
+  PieceSource reference(pieces);
+  const WholePoints expected = *read_points(reference, true, std::size_t{1} << 30);
+  ASSERT_TRUE(passes_least_memory(expected.summary.census.read, expected.summary.has_material));
+  for (const bool bounded : {false, true})
+    for (const std::size_t memory : {std::size_t{1}, std::size_t{1} << 19, std::size_t{1} << 22})
+      for (const std::size_t threads : {1, 4}) {
+        SCOPED_TRACE(std::to_string(memory) + " bytes, " + std::to_string(threads) + " threads" +
+                     (bounded ? ", bounded" : ""));
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+        PieceSource source(pieces, bounded);
+        const auto points = read_points(source, true, memory);
+        ASSERT_TRUE(points) << points.error().message;
+        expect_same(*points, expected);
+      }
+}
+
+TEST(PointStream, MeshesAreTheSameAtAnyMemory) {
+  expect_same_at_any_memory(cut(mesh_piece(test::jittered(14, 0.3), wave), 5));
+}
+
+TEST(PointStream, ScatteredPointsAreTheSameAtAnyMemory) {
+  Piece piece = scattered(random_points(20'000));
+  for (std::size_t i = 0; i < 20'000; i += 7) piece.points[i] = piece.points[i / 2];
+  piece.points[5].y = nan;
+  piece.values[0][6] = nan;
+  expect_same_at_any_memory({piece});
+}
+
+TEST(PointStream, RunsOfEqualKeysAreTheSameAtAnyMemory) {
+  Piece piece = scattered(random_points(3000));
+  for (int i = 0; i < 9000; ++i) piece.points.emplace_back(0.5 + 0x1p-52 * (i % 3), 0.5, 0.5);
+  piece.values[0].resize(piece.points.size());
+  expect_same_at_any_memory({piece});
+}
+
+// A fan of tetrahedra, each a piece by itself, whose common edge comes as often as there are pieces.
+TEST(PointStream, VerticesOfThousandsOfPiecesAreMergedAtAnyMemory) {
+  std::vector<Piece> pieces;
+  for (int i = 0; i < 5000; ++i) {
+    const double angle = i * 1e-3, next = angle + 1e-3;
+    Piece& piece = pieces.emplace_back(
+        scattered({{0, 0, 0}, {0, 0, 1}, {std::cos(angle), std::sin(angle), 0}, {std::cos(next), std::sin(next), 0}}));
+    piece.tetrahedra = {{0, 1, 2, 3}};
+    piece.census.tetrahedra = 1;
+  }
+  PieceSource source(pieces);
+  const WholePoints whole = *read_points(source);
+  EXPECT_EQ(std::ranges::count(whole.points.positions, dvec3(0, 0, 0)), 1);
+  expect_same_at_any_memory(pieces);
+}
+
+TEST(PointStream, ComesInMortonOrder) {
+  PieceSource source({scattered(random_points(5000))});
+  const WholePoints whole = *read_points(source);
+  ASSERT_EQ(whole.points.size(), 5000u);
+  EXPECT_TRUE(std::ranges::is_sorted(whole.points.keys));
+  for (std::size_t i = 0; i < 5000; ++i)
+    ASSERT_EQ(whole.points.keys[i], morton_key(whole.points.positions[i], whole.summary.cube));
+}
+
+void expect_all_kept(std::size_t copies) {
+  Piece piece = scattered(std::vector<dvec3>(copies, dvec3(1, 2, 3)));
+  for (std::size_t i = 0; i < copies; ++i) piece.values[0][i] = static_cast<double>(i * 7 % 5);
+  PieceSource source({piece});
+  const WholePoints whole = *read_points(source);
+  EXPECT_EQ(whole.points.values[0], piece.values[0]);
+  EXPECT_EQ(whole.summary.census.coincident, copies - 1);
+  EXPECT_EQ(whole.summary.census.merged, 0u);
+}
+
+TEST(PointStream, CoincidentScatteredPointsStayInInputOrderAndAreCounted) {
+  expect_all_kept(5);
+  expect_all_kept(4000);
+}
+
+TEST(PointStream, CoincidentPointsInLongRunsAreCounted) { expect_all_kept(10'000); }
+
+TEST(PointStream, SinglePrecisionKeepsEveryBit) {
+  Piece piece = mesh_piece(test::jittered(8, 0.3), wave);
+  for (dvec3& p : piece.points) p = dvec3(vec3(p));
+  for (double& value : piece.values[0]) value = static_cast<double>(static_cast<float>(value));
+  piece.values[0][10] = nan;
+  const std::vector<Piece> pieces = cut(piece, 3);
+  PieceSource single(pieces, false, true), full(pieces);
+  expect_same(*read_points(single), *read_points(full));
+}
+
+using Place = std::tuple<double, double, double>;
+Place place(const dvec3& p) { return {p.x, p.y, p.z}; }
+
+// `points` have the material of the whole mesh up to the order of sums, its points at `positions`.
+void expect_material_of(const Piece& whole, const PointBatch& points) {
+  ASSERT_EQ(points.size(), whole.points.size());
+  const VertexMaterial mesh(whole.points, whole.tetrahedra);
+  const auto planes = boundary_planes(whole.points, find_outer_faces(whole.points, whole.tetrahedra));
+  std::map<Place, std::size_t> places;
+  for (std::size_t i = 0; i < points.size(); ++i) places[place(points.positions[i])] = i;
+  std::size_t at_boundary = 0;
+  for (std::size_t v = 0; v < whole.points.size(); ++v) {
+    const std::size_t i = places.at(place(whole.points[v]));
+    const SpatialMoments expected = mesh.moments(v);
+    EXPECT_NEAR(points.moments[i].mass / expected.mass, 1, 1e-13);
+    EXPECT_NEAR(points.moments[i].covariance.xx / expected.covariance.xx, 1, 1e-12);
+    const ValueMoments value = mesh.value_moments(v, whole.values[0]);
+    EXPECT_NEAR(points.value_moments[0][i].mean, value.mean, 1e-14);
+    const dvec3 gradient = mesh.gradient(v, whole.values[0]);
+    EXPECT_LT(glm::length(points.gradients[0][i] - gradient), 1e-10 * glm::length(gradient));
+    EXPECT_LE(glm::length(points.planes[i].area - planes[v].area), 1e-12 * glm::length(planes[v].area)) << v;
+    EXPECT_EQ(points.planes[i].offset, 0);
+    at_boundary += planes[v].area != dvec3(0);
+  }
+  EXPECT_GT(at_boundary, 100u);
+  EXPECT_LT(at_boundary, whole.points.size());
+}
+
+TEST(PointStream, PiecesGiveWhatTheWholeMeshGives) {
+  const Piece whole = mesh_piece(test::jittered(10, 0.2), wave);
+  for (const std::size_t count : {1, 2, 9}) {
+    PieceSource source(cut(whole, count));
+    const WholePoints points = *read_points(source);
+    EXPECT_EQ(points.summary.census.merged, points.summary.census.read - whole.points.size());
+    EXPECT_EQ(points.summary.census.coincident, 0u);
+    expect_material_of(whole, points.points);
+  }
+}
+
+TEST(PointStream, ZerosOfBothSignsAreOnePlace) {
+  Piece whole = mesh_piece(test::jittered(8, 0.2), [](dvec3 p) { return 2 + p.x; });
+  for (dvec3& p : whole.points)
+    if (std::abs(p.x - 0.5) < 0.01 + 0.2 / 8) p.x = 0.5;
+  std::vector<Piece> halves(2);
+  for (dvec3& p : whole.points) p.x -= 0.5;
+  for (int side = 0; side < 2; ++side) {
+    Piece half = whole;
+    std::erase_if(half.tetrahedra, [&](const Tetrahedron& t) {
+      const bool right = std::ranges::any_of(t, [&](std::uint32_t v) { return whole.points[v].x > 0; });
+      return right == (side == 0);
+    });
+    halves[static_cast<std::size_t>(side)] = cut(half, 1)[0];
+  }
+  for (dvec3& p : halves[1].points)
+    if (p.x == 0) p.x = -0.0;
+  PieceSource source(halves);
+  const WholePoints points = *read_points(source);
+  EXPECT_EQ(points.summary.census.merged, 81u);
+  expect_material_of(whole, points.points);
+}
+
+TEST(PointStream, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
+  const Piece before = scattered(random_points(50, 1, dvec3(3))), after = scattered(random_points(60, 1, dvec3(-3)));
+  PieceSource source({before, mesh_piece(test::lattice(4), wave), after});
+  const WholePoints whole = *read_points(source);
+  const PointBatch& points = whole.points;
+  EXPECT_EQ(whole.summary.census.in_no_cell, 110u);
+  ASSERT_EQ(points.moments.size(), points.size());
+  ASSERT_EQ(points.planes.size(), points.size());
+  double mass = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const dvec3& p = points.positions[i];
+    const bool inside = p.x >= 0 && p.x <= 1;
+    EXPECT_EQ(points.moments[i].mass > 0, inside) << i;
+    EXPECT_EQ(points.value_moments[0][i].mass, points.moments[i].mass);
+    EXPECT_TRUE(inside || points.planes[i].area == dvec3(0));
+    mass += points.moments[i].mass;
+  }
+  EXPECT_NEAR(mass, 1, 1e-12);
+}
+
+TEST(PointStream, CellsAreLeftOutWhereTheyAreNotWanted) {
+  PieceSource source(cut(mesh_piece(test::lattice(4), wave), 2));
+  const WholePoints whole = *read_points(source, false);
+  EXPECT_FALSE(whole.summary.has_material);
+  EXPECT_TRUE(whole.points.moments.empty());
+  EXPECT_EQ(whole.summary.census.merged, 0u);
+  EXPECT_GT(whole.summary.census.coincident, 20u);
+}
+
+}  // namespace
+}  // namespace splatvol

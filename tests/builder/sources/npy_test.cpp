@@ -1,0 +1,384 @@
+// Scattered points from .npy files, and folders of files.
+#include "builder/open_source.h"
+#include "builder/sources/npy_source.h"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <random>
+
+#include "base/file.h"
+#include "builder/sources/npy_header.h"
+#include "builder/sources/vtk/writer.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+constexpr double inf = std::numeric_limits<double>::infinity();
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+/// A .npy file of this header, as NumPy writes it: padded to 64 bytes.
+std::string npy(std::string header, const std::string& data, int major = 1) {
+  const std::size_t start = major == 1 ? 10 : 12;
+  header.resize((start + header.size() + 64) / 64 * 64 - start - 1, ' ');
+  header += '\n';
+  std::string file = std::string(npy_magic) + static_cast<char>(major) + '\0';
+  for (std::size_t i = 0; i < start - 8; ++i) file += static_cast<char>(header.size() >> 8 * i & 255);
+  return file + header + data;
+}
+
+std::string header(const std::string& type, std::size_t rows, std::size_t columns, bool fortran = false) {
+  return fmt::format("{{'descr': '{}', 'fortran_order': {}, 'shape': ({}, {}), }}", type, fortran ? "True" : "False",
+                     rows, columns);
+}
+
+template <class T>
+std::string number(double value, bool big_endian = false) {
+  auto raw = std::bit_cast<std::array<char, sizeof(T)>>(static_cast<T>(value));
+  if (big_endian) std::ranges::reverse(raw);
+  return {raw.data(), raw.size()};
+}
+
+template <class T>
+std::string numbers(const std::vector<double>& values, bool big_endian = false) {
+  std::string bytes;
+  for (const double value : values) bytes += number<T>(value, big_endian);
+  return bytes;
+}
+
+/// [row][column] to column after column.
+std::vector<double> transposed(const std::vector<double>& values, std::size_t columns) {
+  std::vector<double> result;
+  for (std::size_t c = 0; c < columns; ++c)
+    for (std::size_t i = c; i < values.size(); i += columns) result.push_back(values[i]);
+  return result;
+}
+
+class NpyTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        ::testing::TempDir() + "splatvol_npy_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() + "/";
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  std::string write(const std::string& name, const std::string& bytes) {
+    std::filesystem::remove(folder_ + name);
+    std::ofstream(folder_ + name, std::ios::binary) << bytes;
+    return folder_ + name;
+  }
+
+  /// All points of an input, row by row: x, y, z, values.
+  struct Table {
+    std::vector<std::string> attributes;
+    std::vector<double> numbers;
+    bool single_precision;
+    std::optional<Box> bounds;
+  };
+
+  static Result<Table> read(const std::vector<std::string>& paths, const SourceOptions& options = {}) {
+    SPLATVOL_TRY_ASSIGN(source, open_source(paths, options));
+    Table table{source->attributes(), {}, source->single_precision(), {}};
+    std::size_t pieces = 0, points = 0;
+    for (;; ++pieces) {
+      SPLATVOL_TRY_ASSIGN(piece, source->next());
+      if (!piece) break;
+      EXPECT_LE(piece->points.size(), max_piece_points);
+      EXPECT_EQ(piece->values.size(), table.attributes.size());
+      for (std::size_t i = 0; i < piece->points.size(); ++i) {
+        const dvec3& p = piece->points[i];
+        table.numbers.insert(table.numbers.end(), {p.x, p.y, p.z});
+        for (const auto& values : piece->values) table.numbers.push_back(values.at(i));
+      }
+      points += piece->points.size();
+    }
+    EXPECT_FALSE((*source->next())) << "nothing comes after the end";
+    EXPECT_EQ(source->piece_count(), pieces);
+    EXPECT_EQ(source->point_count(), points);
+    SPLATVOL_TRY_ASSIGN(bounds, source->bounds());
+    table.bounds = bounds;
+    return table;
+  }
+
+  static std::string error_of(const std::vector<std::string>& paths, const SourceOptions& options = {}) {
+    const auto table = read(paths, options);
+    if (table) return "(no error)";
+    EXPECT_EQ(table.error().message.find('\n'), std::string::npos) << table.error().message;
+    return table.error().message;
+  }
+
+  std::string folder_;
+};
+
+const std::vector<double> rows = {0, 1, 2, 10, -3, 4, 5.5, 20, 6, 7, -8.25, 30};  // x, y, z, value
+
+TEST_F(NpyTest, EveryLayoutOfTheSameNumbersIsRead) {
+  const std::vector<std::pair<std::string, std::string>> files = {
+      {header("<f4", 3, 4), numbers<float>(rows)},
+      {header(">f4", 3, 4), numbers<float>(rows, true)},
+      {header("<f8", 3, 4), numbers<double>(rows)},
+      {header(">f8", 3, 4), numbers<double>(rows, true)},
+      {header("<f8", 3, 4, true), numbers<double>(transposed(rows, 4))},
+      {header(">f4", 3, 4, true), numbers<float>(transposed(rows, 4), true)},
+      {"{'descr': [('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('value', '<f8')], 'fortran_order': False, 'shape': (3,)}",
+       numbers<double>(rows)},
+      {"{\"shape\":(3L,4L),\"fortran_order\":False,\"descr\":\"<f8\"}", numbers<double>(rows)}};
+  for (const auto& [text, data] : files)
+    for (const int version : {1, 2, 3}) {
+      SCOPED_TRACE(text);
+      const auto table = read({write("a.npy", npy(text, data, version))});
+      ASSERT_TRUE(table) << table.error().message;
+      EXPECT_THAT(table->attributes, ElementsAre("value"));
+      EXPECT_EQ(table->numbers, rows);
+      EXPECT_EQ(table->single_precision, text.find("f4") != std::string::npos);
+      EXPECT_EQ(table->bounds->low, dvec3(-3, 1, -8.25));
+      EXPECT_EQ(table->bounds->high, dvec3(6, 7, 5.5));
+    }
+}
+
+TEST_F(NpyTest, IntegersAreRead) {
+  const std::vector<double> whole = {0, 1, 2, 100, 3, 4, 5, 127};
+  const auto expect = [&](const std::string& type, const std::string& data, bool single_precision) {
+    const auto table = read({write("a.npy", npy(header(type, 2, 4), data))});
+    ASSERT_TRUE(table) << table.error().message;
+    EXPECT_EQ(table->numbers, whole) << type;
+    EXPECT_EQ(table->single_precision, single_precision) << type;
+  };
+  expect("|u1", numbers<std::uint8_t>(whole), true);
+  expect("|i1", numbers<std::int8_t>(whole), true);
+  expect(">i2", numbers<std::int16_t>(whole, true), true);
+  expect("<u2", numbers<std::uint16_t>(whole), true);
+  expect(">u4", numbers<std::uint32_t>(whole, true), false);
+  expect("<i4", numbers<std::int32_t>(whole), false);
+  expect("<i8", numbers<std::int64_t>(whole), false);
+  expect(">u8", numbers<std::uint64_t>(whole, true), false);
+}
+
+TEST_F(NpyTest, ColumnsHaveTheNamesThatTheyAreGiven) {
+  const std::vector<double> wide = {1, 2, 3, 4, 5, 6, 10, 20, 30, 40, 50, 60};
+  const std::string path = write("a.npy", npy(header("<f4", 2, 6), numbers<float>(wide)));
+  const auto by_default = read({path});
+  ASSERT_TRUE(by_default) << by_default.error().message;
+  EXPECT_THAT(by_default->attributes, ElementsAre("value0", "value1", "value2"));
+
+  const auto named = read({path}, {{}, {"z", "heat", "_", "x", "_", "y"}});
+  ASSERT_TRUE(named) << named.error().message;
+  EXPECT_THAT(named->attributes, ElementsAre("heat"));
+  EXPECT_THAT(named->numbers, ElementsAre(4, 6, 1, 2, 40, 60, 10, 20));
+
+  const auto selected = read({path}, {{"b", "a"}, {"x", "y", "z", "a", "b", "c"}});
+  ASSERT_TRUE(selected) << selected.error().message;
+  EXPECT_THAT(selected->numbers, ElementsAre(1, 2, 3, 5, 4, 10, 20, 30, 50, 40));
+
+  EXPECT_THAT(error_of({path}, {{"d"}, {}}), AllOf(StartsWith(path), HasSubstr("value0, value1, value2")));
+  EXPECT_THAT(error_of({path}, {{}, {"x", "y", "z", "a"}}), HasSubstr("6 columns, but 4 names"));
+  EXPECT_THAT(error_of({path}, {{}, {"x", "y", "y", "a", "b", "c"}}), HasSubstr("two columns are called \"y\""));
+  EXPECT_THAT(error_of({path}, {{}, {"x", "y", "a", "b", "c", "d"}}), HasSubstr("no column \"z\""));
+  EXPECT_THAT(error_of({path}, {{}, {"x", "y", "z", "_", "_", "_"}}), HasSubstr("no values"));
+}
+
+TEST_F(NpyTest, FieldsThatAreNoNumbersAreSkipped) {
+  const std::string text =
+      "{'descr': [('id', '|S3'), ('heat', '>f4'), ('z', '<f8'), ('', '|V5'), (('a title', 'y'), '<i2'), ('x', '<f4'), "
+      "('on', '|b1'), ('name', '<U2')], 'fortran_order': False, 'shape': (2,), }";
+  std::string data;
+  for (const double i : {1.0, 2.0})
+    data += "abc" + number<float>(10 * i, true) + number<double>(3 * i) + "....." + number<std::int16_t>(2 * i) +
+            number<float>(i) + "\1" + "12345678";
+  const std::string path = write("a.npy", npy(text, data));
+  const auto table = read({path});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_THAT(table->attributes, ElementsAre("heat"));
+  EXPECT_THAT(table->numbers, ElementsAre(1, 2, 3, 10, 2, 4, 6, 20));
+  EXPECT_THAT(error_of({path}, {{"on"}, {}}), HasSubstr("neither floats"));
+}
+
+TEST_F(NpyTest, WhatIsNotFiniteIsMissingAndOutOfTheBounds) {
+  const std::vector<double> odd = {0, 0, 0, inf, 1, 2, 3, nan, nan, 50, 50, 1, 50, -inf, 50, 2};
+  const auto table = read({write("a.npy", npy(header("<f4", 4, 4), numbers<float>(odd)))});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_TRUE(std::isnan(table->numbers[3]) && std::isnan(table->numbers[7]));
+  EXPECT_TRUE(std::isnan(table->numbers[8])) << "points stay, whatever their position";
+  EXPECT_EQ(table->numbers[13], -inf);
+  EXPECT_EQ(table->bounds->high, dvec3(1, 2, 3));
+
+  const std::vector<double> none = {nan, 0, 0, 1};
+  const auto nowhere = read({write("b.npy", npy(header("<f4", 1, 4), numbers<float>(none)))});
+  ASSERT_TRUE(nowhere) << nowhere.error().message;
+  EXPECT_FALSE(nowhere->bounds);
+}
+
+TEST_F(NpyTest, PiecesAreBoundedAndInOrder) {
+  const std::size_t count = 2 * max_piece_points + 12345;
+  std::vector<double> values;
+  for (std::size_t i = 0; i < count; ++i)
+    for (const int k : {1, 2, 3, 4}) values.push_back(static_cast<double>(i) * k);
+  for (const bool fortran : {false, true}) {
+    const auto data = numbers<double>(fortran ? transposed(values, 4) : values);
+    const auto table = read({write("a.npy", npy(header("<f8", count, 4, fortran), data))});
+    ASSERT_TRUE(table) << table.error().message;
+    EXPECT_TRUE(table->numbers == values);
+    EXPECT_EQ(table->bounds->high, static_cast<double>(count - 1) * dvec3(1, 2, 3));
+  }
+}
+
+TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
+  const std::string a = write("a.npy", npy(header("<f4", 3, 4), numbers<float>(rows)));
+  const std::string b = write("b.npy", npy(header("<f8", 3, 4, true), numbers<double>(transposed(rows, 4))));
+  const std::string empty = write("c.npy", npy(header("<f4", 0, 4), ""));
+  std::vector<double> twice = rows;
+  twice.insert(twice.end(), rows.begin(), rows.end());
+  const auto table = read({a, empty, b});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_EQ(table->numbers, twice);
+  EXPECT_FALSE(table->single_precision) << "the second is not";
+  EXPECT_TRUE(read({a, a})->single_precision);
+
+  EXPECT_THAT(error_of({empty}), AllOf(StartsWith(empty), HasSubstr("no points")));
+  const std::string wide = write("d.npy", npy(header("<f4", 1, 5), numbers<float>({1, 2, 3, 4, 5})));
+  EXPECT_THAT(error_of({a, wide}), AllOf(StartsWith(wide), HasSubstr("no attribute \"value\"")));
+}
+
+TEST_F(NpyTest, BadFilesAreOneClearLine) {
+  const std::string data = numbers<float>(rows);
+  const auto refusal = [&](const std::string& text, const std::string& bytes) {
+    const std::string path = write("a.npy", npy(text, bytes));
+    const std::string message = error_of({path});
+    EXPECT_THAT(message, StartsWith(path));
+    return message;
+  };
+  EXPECT_THAT(refusal(header("|O", 3, 4), data), HasSubstr("type \"|O\""));
+  EXPECT_THAT(refusal(header("<f2", 3, 4), data), HasSubstr("type \"<f2\""));
+  EXPECT_THAT(refusal(header("<c8", 3, 4), data), HasSubstr("type \"<c8\""));
+  EXPECT_THAT(refusal(header("<f4", 3, 4), data.substr(1)), HasSubstr("47 bytes of data, and not 3 rows of 16"));
+  EXPECT_THAT(refusal(header("<f4", 3, 4), data + "x"), HasSubstr("49 bytes of data, and not 3 rows of 16"));
+  EXPECT_THAT(refusal(header("<f4", std::uint64_t{1} << 62, 4), ""), HasSubstr("0 bytes of data, and not 46116860"));
+}
+
+TEST_F(NpyTest, WrongShapesAndHeadersAreOneClearLine) {
+  const auto refusal = [&](const std::string& text) {
+    return error_of({write("a.npy", npy(text, numbers<float>(rows)))});
+  };
+  EXPECT_THAT(refusal(header("<f4", 4, 3)), HasSubstr("no values"));
+  EXPECT_THAT(refusal(header("<f4", 6, 2)), HasSubstr("no column \"z\""));
+  EXPECT_THAT(refusal(header("<f4", 0, 0)), HasSubstr("48 bytes of data"));
+  EXPECT_THAT(refusal(header("<f4", 1, 5000)), HasSubstr("5000 columns"));
+  EXPECT_THAT(refusal("{'descr': '<f4', 'fortran_order': False, 'shape': (12,)}"), HasSubstr("1 dimensions"));
+  EXPECT_THAT(refusal("{'descr': '<f4', 'fortran_order': False, 'shape': ()}"), HasSubstr("0 dimensions"));
+  EXPECT_THAT(refusal("{'descr': [('x', '<f4', (3,))], 'fortran_order': False, 'shape': (4,)}"),
+              HasSubstr("\"x\" is not a single number"));
+  EXPECT_THAT(refusal("{'descr': [('x', '|O')], 'fortran_order': False, 'shape': (4,)}"), HasSubstr("type \"|O\""));
+  EXPECT_THAT(refusal("{'descr': [('x', '<f4'), ('x', '<f4')], 'fortran_order': False, 'shape': (6,)}"),
+              HasSubstr("two columns are called \"x\""));
+  for (const std::string text : {"", "{}", "{", "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4)", "[",
+                                 "((((((((((((((((((((((1", "{'descr': '<f4', 'fortran_order': 1, 'shape': (3, 4)}",
+                                 "{'descr': '<f4', 'fortran_order': False, 'shape': (-3, 4)}",
+                                 "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999, 4)}",
+                                 "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4)} more",
+                                 "{'descr': '<f4', 'fortran_order': False, 'shape': (3 4)}",
+                                 "{'descr': [('x',)], 'fortran_order': False, 'shape': (3,)}"})
+    EXPECT_THAT(refusal(text), HasSubstr("header is damaged")) << text;
+  EXPECT_THAT(error_of({write("a.npy", npy(header("<f4", 3, 4), numbers<float>(rows), 4))}), HasSubstr("version 4.0"));
+  EXPECT_THAT(error_of({write("a.npy", "no array")}), HasSubstr("not a .npy file"));
+  EXPECT_THAT(error_of({write("a.npy", "")}), HasSubstr("not a .npy file"));
+  EXPECT_THAT(error_of({folder_ + "none.npy"}), HasSubstr("No such file"));
+}
+
+/// The columns of a header that was read lie within the file.
+void expect_within(const NpyTable& table, std::uint64_t size) {
+  for (const NpyColumn& column : table.columns) {
+    if (table.rows == 0) continue;
+    ASSERT_LE(column.offset, size);
+    ASSERT_LE(column.bytes, size - column.offset);
+    ASSERT_LE((table.rows - 1) * table.stride, size - column.offset - column.bytes);
+  }
+}
+
+TEST(NpyHeader, SurvivesEveryTruncationAndRandomDamage) {
+  const std::vector<std::string> files = {
+      npy(header("<f8", 3, 4, true), numbers<double>(rows)),
+      npy("{'descr': [('x', '<f8'), ('y', '<f8'), ('z', '<f8'), (('t', 'v'), '<f8')], 'fortran_order': False, 'shape': "
+          "(3,)}",
+          numbers<double>(rows), 2)};
+  const auto survives = [](const std::string& bytes) {
+    const auto source = memory_source(std::as_bytes(std::span(bytes)), "damaged");
+    const auto table = read_npy_header(*source);
+    if (table)
+      expect_within(*table, bytes.size());
+    else
+      EXPECT_THAT(table.error().message, StartsWith("damaged: "));
+    return table.has_value();
+  };
+  std::mt19937 random(1);
+  const std::string syntax = "()[]{}':,\"0123456789<>|fiuOTFL \xff";
+  for (const std::string& whole : files) {
+    ASSERT_TRUE(survives(whole));
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      const std::string cut = whole.substr(0, size);
+      EXPECT_FALSE(survives(cut)) << size;
+    }
+    for (int round = 0; round < 20000; ++round) {
+      std::string damaged = whole;
+      for (unsigned k = 0; k <= random() % 3; ++k) {
+        char& byte = damaged[random() % (round % 2 ? 128 : damaged.size())];
+        byte = random() % 4 ? syntax[random() % syntax.size()] : static_cast<char>(random());
+      }
+      survives(damaged);
+    }
+  }
+}
+
+void write_tetrahedron(const std::string& path, double x) {
+  const std::vector<dvec3> points = {{x, 0, 0}, {x + 1, 0, 0}, {x, 1, 0}, {x, 0, 1}};
+  const std::array<std::array<std::uint32_t, 4>, 1> tetrahedra = {{{0, 1, 2, 3}}};
+  const std::array<PointArray, 1> arrays = {PointArray{"s", 1, {1, 2, 3, 4}}};
+  ASSERT_TRUE(write_vtu(path, points, tetrahedra, arrays));
+}
+
+TEST_F(NpyTest, FoldersAreReadInTheOrderOfNamesAndNumbers) {
+  for (const int i : {10, 2, 1, 0})
+    write(fmt::format("part{}.npy", i), npy(header("<f4", 1, 4), numbers<float>({1.0 * i, 0, 0, 0})));
+  write("readme.txt", "not a point set");
+  write(".hidden.npy", "nor this");
+  const auto table = read({folder_});
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_THAT(table->numbers, ElementsAre(0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 10, 0, 0, 0));
+
+  write_tetrahedron(folder_ + "x.vtu", 0);
+  EXPECT_THAT(error_of({folder_}), AllOf(StartsWith(folder_), HasSubstr("x.vtu")));
+  EXPECT_THAT(error_of({folder_ + "x.vtu", folder_ + "part1.npy"}), HasSubstr("a .npy file among meshes"));
+  EXPECT_THAT(error_of({folder_ + "x.vtu"}, {{}, {"x", "y", "z", "s"}}), HasSubstr("columns cannot be named"));
+}
+
+TEST_F(NpyTest, PiecesOfAMeshInAFolderAreReadOnce) {
+  for (const int i : {0, 9, 10}) write_tetrahedron(fmt::format("{}piece{}.vtu", folder_, i), i);
+  const auto starts = [&](const std::vector<std::string>& paths) {
+    std::vector<double> x;
+    auto source = open_source(paths, {});
+    EXPECT_TRUE(source) << source.error().message;
+    EXPECT_FALSE(*(*source)->bounds()) << "of meshes, only reading tells";
+    EXPECT_FALSE((*source)->point_count());
+    while (auto piece = *(*source)->next()) x.push_back(piece->points[0].x);
+    return x;
+  };
+  EXPECT_THAT(starts({folder_}), ElementsAre(0, 9, 10));
+  write("all.pvtu",
+        "<VTKFile type=\"PUnstructuredGrid\" version=\"0.1\"><PUnstructuredGrid><Piece Source=\"piece10.vtu\"/>"
+        "<Piece Source=\"./piece0.vtu\"/></PUnstructuredGrid></VTKFile>");
+  EXPECT_THAT(starts({folder_}), ElementsAre(10, 0, 9));
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,539 @@
+// Files with blocks and time steps. The meshes are made here: by the formats' own libraries, or as text.
+#include <gmock/gmock.h>
+#include <vtk_cgns.h>
+#include <vtk_exodusII.h>
+
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+
+#include "base/file.h"
+#include "builder/build.h"
+#include "builder/mesh/tetrahedra.h"
+#include "builder/open_source.h"
+#include VTK_CGNS(cgnslib.h)
+
+// VTK's readers leak a little where they give up on a damaged file; the leak checker asks here what to pass over.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libnetcdf\nleak:libhdf5"; }
+
+namespace splatvol {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+using ::testing::UnorderedElementsAre;
+
+constexpr std::uint32_t cells = 3;  // along each edge of a block
+constexpr std::uint32_t side = cells + 1;
+constexpr std::size_t block_points = side * side * side;
+constexpr std::size_t block_cells = cells * cells * cells;
+
+/// A cube of `cells`^3 hexahedra with its lowest corner at (x, 0, 0).
+struct Block {
+  std::vector<dvec3> points;
+  std::vector<std::array<std::uint32_t, 8>> hexahedra;
+};
+
+Block cube(double x) {
+  Block block;
+  for (std::uint32_t k = 0; k < side; ++k)
+    for (std::uint32_t j = 0; j < side; ++j)
+      for (std::uint32_t i = 0; i < side; ++i)
+        block.points.push_back(dvec3(x, 0, 0) + dvec3(i, j, k) / static_cast<double>(cells));
+  for (std::uint32_t k = 0; k < cells; ++k)
+    for (std::uint32_t j = 0; j < cells; ++j)
+      for (std::uint32_t i = 0; i < cells; ++i) {
+        const std::uint32_t a = i + side * (j + side * k), up = side * side;
+        block.hexahedra.push_back(
+            {a, a + 1, a + 1 + side, a + side, a + up, a + up + 1, a + up + 1 + side, a + up + side});
+      }
+  return block;
+}
+
+/// What every test's scalar "f" is at a time; its vector "U" is (f, 2 f, -f).
+double field(dvec3 p, double time) { return (1 + p.x - 2 * p.y + 0.5 * p.z) * (1 + time); }
+
+dvec3 centre(const Block& block, std::size_t cell) {
+  dvec3 sum(0);
+  for (const std::uint32_t node : block.hexahedra[cell]) sum += block.points[node];
+  return sum / 8.0;
+}
+
+constexpr std::array<double, 2> times = {0.5, 2};
+const std::array<Block, 2> cubes = {cube(0), cube(1)};
+
+/// What cells with a linear field at their centres give at a point: exact between eight of them, and at the boundary
+/// of the cube that begins at `lowest_x` the field half a cell inwards.
+double averaged(dvec3 p, double lowest_x, double time) {
+  const double half = 0.5 / cells;
+  return field(glm::clamp(p, dvec3(lowest_x, 0, 0) + half, dvec3(lowest_x + 1, 1, 1) - half), time);
+}
+
+struct Input {
+  std::vector<std::string> attributes;
+  std::vector<Piece> pieces;
+  std::optional<TimeStep> step;
+  CellCensus census;
+  double volume = 0;
+  std::size_t points = 0;
+};
+
+Result<Input> read_all(const std::string& path, const SourceOptions& options = {}) {
+  SPLATVOL_TRY_ASSIGN(source, open_source({path}, options));
+  Input input;
+  input.attributes = source->attributes();
+  input.step = source->time_step();
+  for (;;) {
+    SPLATVOL_TRY_ASSIGN(piece, source->next());
+    if (!piece) break;
+    for (const auto& [a, b, c, d] : piece->tetrahedra) {
+      const auto& p = piece->points;
+      input.volume += std::abs(signed_volume_6(p[a], p[b], p[c], p[d])) / 6;
+    }
+    input.points += piece->points.size();
+    input.census += piece->census;
+    input.pieces.push_back(std::move(*piece));
+  }
+  EXPECT_GE(source->piece_count(), input.pieces.size());
+  return input;
+}
+
+/// The largest difference of an attribute from what it should be; not a number where a value is.
+double largest_error(const Input& input, const std::string& attribute, const std::function<double(dvec3)>& expected) {
+  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
+  double error = 0;
+  for (const Piece& piece : input.pieces)
+    for (std::size_t i = 0; i < piece.points.size(); ++i) {
+      const double difference = std::abs(piece.values.at(static_cast<std::size_t>(at))[i] - expected(piece.points[i]));
+      if (!(difference <= error)) error = difference;
+    }
+  return error;
+}
+
+class BlocksTest : public ::testing::Test {
+ protected:
+  BlocksTest() {
+    folder_ = std::filesystem::path(::testing::TempDir()) /
+              (std::string("splatvol_blocks_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  ~BlocksTest() override {
+    if (!std::getenv("KEEP")) std::filesystem::remove_all(folder_);
+  }
+
+  [[nodiscard]] std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  void write(const std::string& name, const std::string& text) const {
+    std::filesystem::create_directories((folder_ / name).parent_path());
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+  }
+
+  [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
+    ::testing::internal::CaptureStderr();
+    const auto input = read_all(path(name), options);
+    EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "libraries do not print";
+    if (input) return "(no error)";
+    EXPECT_EQ(input.error().message.find('\n'), std::string::npos) << input.error().message;
+    return input.error().message;
+  }
+
+  /// Two cubes side by side, the linear field, two steps at 0.5 and 2: what all formats here can say.
+  void expect_two_blocks(const std::string& name, double tolerance) const {
+    for (const auto& [asked, number] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
+      const auto input = read_all(path(name), {{}, {}, asked});
+      ASSERT_TRUE(input) << input.error().message;
+      ASSERT_TRUE(input->step.has_value());
+      EXPECT_EQ(input->step->index, number);
+      EXPECT_EQ(input->step->count, 2u);
+      const double time = number == 0 ? 0.5 : 2;
+      EXPECT_NEAR(input->step->time, time, 1e-6);
+      EXPECT_EQ(input->points, 2 * block_points);
+      EXPECT_EQ(input->pieces.size(), 2u);
+      EXPECT_NEAR(input->volume, 2, tolerance);
+      EXPECT_EQ(input->census.cells.at("hexahedron"), 2 * block_cells);
+      EXPECT_EQ(input->census.inverted, 0u);
+      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, time); }), tolerance);
+      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * field(p, time); }), tolerance);
+      const auto selected = read_all(path(name), {{"U[2]", "f"}, {}, asked});
+      ASSERT_TRUE(selected) << selected.error().message;
+      EXPECT_THAT(selected->attributes, ElementsAre("U[2]", "f"));
+      EXPECT_LT(largest_error(*selected, "U[2]", [&](dvec3 p) { return -field(p, time); }), tolerance);
+    }
+    EXPECT_THAT(error_of(name, {{"nothing"}, {}, {}}), HasSubstr("no attribute \"nothing\"; there are: "));
+    expect_joined(name);
+  }
+
+  /// The face that the blocks share is no boundary: its points are merged, and own material of both.
+  void expect_joined(const std::string& name) const {
+    auto source = open_source({path(name)}, {{"f"}, {}, {}});
+    ASSERT_TRUE(source) << source.error().message;
+    const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+    EXPECT_EQ(report->points.merged, side * side);
+    EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
+  }
+
+  /// Cuts a file after every `stride` bytes: no crash, no hang, nothing printed, an error of one line or less mesh.
+  void expect_survives_truncation(const std::string& name, const std::string& opened, std::size_t stride,
+                                  std::size_t fewest_errors = 1) const {
+    const std::string whole = read_text_file(path(name)).value();
+    std::size_t errors = 0;
+    for (std::size_t bytes = 0; bytes < whole.size(); bytes += stride) {
+      write(name, whole.substr(0, bytes));
+      errors += error_of(opened) != "(no error)" ? 1 : 0;
+    }
+    EXPECT_GE(errors, fewest_errors);
+    write(name, whole);
+    EXPECT_EQ(error_of(opened), "(no error)");
+  }
+
+  std::filesystem::path folder_;
+};
+
+// Exodus: one numbering of the nodes for both blocks. An element variable is in the second block only.
+
+void write_exodus(const std::string& path) {
+  std::vector<dvec3> points;
+  const auto node_of = [&](dvec3 p) {
+    const auto found =
+        std::ranges::find_if(points, [&](dvec3 q) { return glm::all(glm::lessThan(glm::abs(p - q), dvec3(1e-9))); });
+    const auto node = static_cast<int>(found - points.begin()) + 1;
+    if (found == points.end()) points.push_back(p);
+    return node;
+  };
+  std::array<std::vector<int>, 2> connectivity;
+  for (std::size_t b = 0; b < 2; ++b)
+    for (const auto& hexahedron : cubes[b].hexahedra)
+      for (const std::uint32_t node : hexahedron) connectivity[b].push_back(node_of(cubes[b].points[node]));
+
+  int computer = 8, file = 8;
+  const int id = ex_create(path.c_str(), EX_CLOBBER, &computer, &file);
+  ASSERT_GE(id, 0);
+  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(points.size()), 2 * block_cells, 2, 0, 0);
+  std::array<std::vector<double>, 3> coordinates;
+  for (const dvec3& p : points)
+    for (std::size_t axis = 0; axis < 3; ++axis) coordinates[axis].push_back(p[static_cast<int>(axis)]);
+  ex_put_coord(id, coordinates[0].data(), coordinates[1].data(), coordinates[2].data());
+  for (int b = 0; b < 2; ++b) {
+    ex_put_block(id, EX_ELEM_BLOCK, b + 1, "HEX8", block_cells, 8, 0, 0, 0);
+    ex_put_conn(id, EX_ELEM_BLOCK, b + 1, connectivity[static_cast<std::size_t>(b)].data(), nullptr, nullptr);
+  }
+
+  std::array<std::string, 4> names = {"f", "Ux", "Uy", "Uz"};
+  std::array<char*, 4> name_pointers{};
+  for (std::size_t i = 0; i < 4; ++i) name_pointers[i] = names[i].data();
+  std::string element_name = "q";
+  char* element_pointer = element_name.data();
+  std::array<int, 2> truth = {0, 1};
+  ex_put_variable_param(id, EX_NODAL, 4);
+  ex_put_variable_names(id, EX_NODAL, 4, name_pointers.data());
+  ex_put_variable_param(id, EX_ELEM_BLOCK, 1);
+  ex_put_variable_names(id, EX_ELEM_BLOCK, 1, &element_pointer);
+  ex_put_truth_table(id, EX_ELEM_BLOCK, 2, 1, truth.data());
+  for (int step = 0; step < 2; ++step) {
+    const double time = times[static_cast<std::size_t>(step)];
+    ex_put_time(id, step + 1, &time);
+    for (int variable = 0; variable < 4; ++variable) {
+      constexpr std::array<double, 4> factor = {1, 1, 2, -1};
+      std::vector<double> values;
+      for (const dvec3& p : points) values.push_back(factor[static_cast<std::size_t>(variable)] * field(p, time));
+      ex_put_var(id, step + 1, EX_NODAL, variable + 1, 1, static_cast<std::int64_t>(values.size()), values.data());
+    }
+    std::vector<double> values;
+    for (std::size_t cell = 0; cell < block_cells; ++cell) values.push_back(field(centre(cubes[1], cell), time));
+    ex_put_var(id, step + 1, EX_ELEM_BLOCK, 1, 2, block_cells, values.data());
+  }
+  ex_close(id);
+}
+
+TEST_F(BlocksTest, Exodus) {
+  write_exodus(path("mesh.e"));
+  expect_two_blocks("mesh.e", 1e-5);  // the reader's coordinates are of single precision
+  const auto input = read_all(path("mesh.e"), {{"q", "f"}, {}, {}});
+  ASSERT_TRUE(input) << input.error().message;
+  for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this block";
+  for (std::size_t i = 0; i < block_points; ++i)
+    EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
+}
+
+// NetCDF's own format is known by its first bytes; parts of a mesh end in their numbers.
+TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
+  for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.4.0"}) {
+    write_exodus(path(name));
+    const auto input = read_all(path(name));
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->points, 2 * block_points);
+  }
+}
+
+TEST_F(BlocksTest, ExodusTruncated) {
+  write_exodus(path("mesh.e"));
+  expect_survives_truncation("mesh.e", "mesh.e", 89);
+}
+
+// EnSight Gold: each part has nodes of its own.
+
+std::string ensight_numbers(const std::function<double(std::size_t)>& value, std::size_t count) {
+  std::string text;
+  for (std::size_t i = 0; i < count; ++i) text += fmt::format("{:12.5e}\n", value(i));
+  return text;
+}
+
+void write_ensight(const std::function<void(const std::string&, const std::string&)>& write) {
+  write("mesh.case",
+        "FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: mesh.geo\n\nVARIABLE\nscalar per node: 1 f f.***\n"
+        "vector per node: 1 U U.***\nscalar per element: 1 q q.***\n\nTIME\ntime set: 1\nnumber of steps: 2\n"
+        "filename start number: 0\nfilename increment: 1\ntime values: 0.5 2.0\n");
+  std::string geometry = "two cubes\nand a wall\nnode id assign\nelement id assign\n";
+  for (std::size_t b = 0; b < 2; ++b) {
+    geometry += fmt::format("part\n{:10}\ncube\ncoordinates\n{:10}\n", b + 1, block_points);
+    for (int axis = 0; axis < 3; ++axis)
+      geometry += ensight_numbers([&](std::size_t i) { return cubes[b].points[i][axis]; }, block_points);
+    geometry += fmt::format("hexa8\n{:10}\n", block_cells);
+    for (const auto& hexahedron : cubes[b].hexahedra) {
+      for (const std::uint32_t node : hexahedron) geometry += fmt::format("{:10}", node + 1);
+      geometry += '\n';
+    }
+  }
+  geometry += fmt::format("part\n{:10}\nwall\ncoordinates\n{:10}\n", 3, 4);
+  for (const char* axis : {"0 1 1 0", "0 0 1 1", "0 0 0 0"})
+    for (const char c : std::string_view(axis))
+      if (c != ' ') geometry += fmt::format("{:12.5e}\n", c - '0' + 0.0);
+  geometry += fmt::format("quad4\n{:10}\n{:10}{:10}{:10}{:10}\n", 1, 1, 2, 3, 4);
+  write("mesh.geo", geometry);
+  for (std::size_t step = 0; step < 2; ++step) {
+    std::string f = "f\n", u = "U\n", q = "q\n";
+    for (std::size_t b = 0; b < 2; ++b) {
+      const auto value = [&](std::size_t i) { return field(cubes[b].points[i], times[step]); };
+      f += fmt::format("part\n{:10}\ncoordinates\n", b + 1) + ensight_numbers(value, block_points);
+      u += fmt::format("part\n{:10}\ncoordinates\n", b + 1);
+      for (const double factor : {1, 2, -1})
+        u += ensight_numbers([&](std::size_t i) { return factor * value(i); }, block_points);
+      q += fmt::format("part\n{:10}\nhexa8\n", b + 1) +
+           ensight_numbers([&](std::size_t i) { return field(centre(cubes[b], i), times[step]); }, block_cells);
+    }
+    write(fmt::format("f.{:03}", step), f);
+    write(fmt::format("U.{:03}", step), u);
+    write(fmt::format("q.{:03}", step), q);
+  }
+}
+
+TEST_F(BlocksTest, EnSight) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  expect_two_blocks("mesh.case", 3e-5);
+  const auto input = read_all(path("mesh.case"), {{"q"}, {}, {}});
+  ASSERT_TRUE(input) << input.error().message;
+  for (std::size_t b = 0; b < 2; ++b)
+    for (std::size_t i = 0; i < block_points; ++i)
+      EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
+}
+
+TEST_F(BlocksTest, EnSightTruncated) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  expect_survives_truncation("mesh.case", "mesh.case", 1);
+  expect_survives_truncation("mesh.geo", "mesh.case", 97);
+  // VTK's reader takes values that are not there for numbers.
+  expect_survives_truncation("f.001", "mesh.case", 101, 0);
+  expect_survives_truncation("q.001", "mesh.case", 101, 0);
+}
+
+// CGNS: a zone of hexahedra and a structured one.
+
+void write_cgns(const std::string& path) {
+  int file = 0, base = 0;
+  ASSERT_EQ(cg_open(path.c_str(), CG_MODE_WRITE, &file), 0) << cg_get_error();
+  cg_base_write(file, "Base", 3, 3, &base);
+  cg_biter_write(file, base, "Steps", 2);
+  cg_goto(file, base, "BaseIterativeData_t", 1, "end");
+  const cgsize_t two = 2;
+  cg_array_write("TimeValues", CGNS_ENUMV(RealDouble), 1, &two, times.data());
+  for (std::size_t b = 0; b < 2; ++b) {
+    const bool structured = b == 1;
+    const std::array<cgsize_t, 3> unstructured_size = {block_points, block_cells, 0};
+    const std::array<cgsize_t, 9> structured_size = {side, side, side, cells, cells, cells, 0, 0, 0};
+    int zone = 0, ignored = 0;
+    cg_zone_write(file, base, structured ? "Second" : "First",
+                  structured ? structured_size.data() : unstructured_size.data(),
+                  structured ? CGNS_ENUMV(Structured) : CGNS_ENUMV(Unstructured), &zone);
+    constexpr std::array<const char*, 3> axes = {"CoordinateX", "CoordinateY", "CoordinateZ"};
+    for (int axis = 0; axis < 3; ++axis) {
+      std::vector<double> values;
+      for (const dvec3& p : cubes[b].points) values.push_back(p[axis]);
+      cg_coord_write(file, base, zone, CGNS_ENUMV(RealDouble), axes[static_cast<std::size_t>(axis)], values.data(),
+                     &ignored);
+    }
+    std::vector<cgsize_t> connectivity;
+    for (const auto& hexahedron : cubes[b].hexahedra)
+      for (const std::uint32_t node : hexahedron) connectivity.push_back(node + 1);
+    if (!structured)
+      cg_section_write(file, base, zone, "Cells", CGNS_ENUMV(HEXA_8), 1, block_cells, 0, connectivity.data(), &ignored);
+    std::string pointers, cell_pointers;
+    for (std::size_t step = 0; step < 2; ++step) {
+      int solution = 0;
+      const std::string name = fmt::format("Solution{}", step);
+      cg_sol_write(file, base, zone, name.c_str(), CGNS_ENUMV(Vertex), &solution);
+      pointers += fmt::format("{:32}", name);
+      const auto put = [&](const char* array, double factor) {
+        std::vector<double> values;
+        for (const dvec3& p : cubes[b].points) values.push_back(factor * field(p, times[step]));
+        cg_field_write(file, base, zone, solution, CGNS_ENUMV(RealDouble), array, values.data(), &ignored);
+      };
+      put("f", 1), put("UX", 1), put("UY", 2), put("UZ", -1);
+      if (structured) put("only", 1);
+    }
+    cg_ziter_write(file, base, zone, "ZoneSteps");
+    cg_goto(file, base, "Zone_t", zone, "ZoneIterativeData_t", 1, "end");
+    const std::array<cgsize_t, 2> size = {32, 2};
+    cg_array_write("FlowSolutionPointers", CGNS_ENUMV(Character), 2, size.data(), pointers.data());
+  }
+  cg_simulation_type_write(file, base, CGNS_ENUMV(TimeAccurate));
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+}
+
+TEST_F(BlocksTest, Cgns) {
+  write_cgns(path("mesh.cgns"));
+  expect_two_blocks("mesh.cgns", 1e-12);
+  const auto input = read_all(path("mesh.cgns"), {{"only"}, {}, {}});
+  ASSERT_TRUE(input) << input.error().message;
+  for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
+  for (std::size_t i = 0; i < block_points; ++i)
+    EXPECT_DOUBLE_EQ(input->pieces[1].values[0][i], field(cubes[1].points[i], 2));
+}
+
+TEST_F(BlocksTest, CgnsTruncated) {
+  write_cgns(path("mesh.cgns"));
+  expect_survives_truncation("mesh.cgns", "mesh.cgns", 499);
+}
+
+// OpenFOAM: one cube by its faces, fields at the cells' centres, and a patch all round.
+
+std::string foam_file(const std::string& type, const std::string& name, const std::string& body) {
+  return fmt::format("FoamFile\n{{\n  version 2.0;\n  format ascii;\n  class {};\n  object {};\n}}\n\n{}", type, name,
+                     body);
+}
+
+/// Numbers in brackets, with how many there are in front.
+template <class T, class Format>
+std::string foam_list(const std::vector<T>& values, const Format& format) {
+  std::string text = fmt::format("{}\n(\n", values.size());
+  for (const T& value : values) text += format(value) + '\n';
+  return text + ")\n";
+}
+
+struct FoamFace {
+  std::array<std::uint32_t, 4> nodes;
+  std::size_t owner;
+  std::size_t neighbour;  // block_cells: none
+};
+
+std::vector<FoamFace> foam_faces() {
+  constexpr std::array<std::array<std::size_t, 4>, 6> sides = {
+      {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}}};
+  constexpr std::array<std::size_t, 3> step = {1, cells, cells * cells};
+  std::vector<FoamFace> inner, outer;
+  for (std::size_t cell = 0; cell < block_cells; ++cell)
+    for (std::size_t s = 0; s < 6; ++s) {
+      FoamFace face{{}, cell, block_cells};
+      for (std::size_t i = 0; i < 4; ++i) face.nodes[i] = cubes[0].hexahedra[cell][sides[s][i]];
+      const std::size_t place = cell / step[s / 2] % cells;
+      if (place == (s % 2 == 0 ? 0 : cells - 1)) {
+        outer.push_back(face);
+      } else if (s % 2 == 1) {
+        face.neighbour = cell + step[s / 2];
+        inner.push_back(face);
+      }
+    }
+  inner.insert(inner.end(), outer.begin(), outer.end());
+  return inner;
+}
+
+void write_openfoam(const std::function<void(const std::string&, const std::string&)>& write) {
+  write("case.foam", "");
+  write("system/controlDict", foam_file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;\n"));
+  const std::vector<FoamFace> faces = foam_faces();
+  std::vector<std::size_t> owners, neighbours;
+  for (const FoamFace& face : faces) {
+    owners.push_back(face.owner);
+    if (face.neighbour < block_cells) neighbours.push_back(face.neighbour);
+  }
+  const auto vector = [](dvec3 p) { return fmt::format("({} {} {})", p.x, p.y, p.z); };
+  const auto number = [](auto value) { return fmt::format("{}", value); };
+  const auto face_text = [](const FoamFace& face) {
+    return fmt::format("4({} {} {} {})", face.nodes[0], face.nodes[1], face.nodes[2], face.nodes[3]);
+  };
+  const std::string mesh = "constant/polyMesh/";
+  write(mesh + "points", foam_file("vectorField", "points", foam_list(cubes[0].points, vector)));
+  write(mesh + "faces", foam_file("faceList", "faces", foam_list(faces, face_text)));
+  write(mesh + "owner", foam_file("labelList", "owner", foam_list(owners, number)));
+  write(mesh + "neighbour", foam_file("labelList", "neighbour", foam_list(neighbours, number)));
+  write(mesh + "boundary",
+        foam_file("polyBoundaryMesh", "boundary",
+                  fmt::format("1\n(\nwalls\n{{\n  type wall;\n  nFaces {};\n  startFace {};\n}}\n)\n",
+                              faces.size() - neighbours.size(), neighbours.size())));
+  const std::string patches = "boundaryField\n{\n  walls\n  {\n    type zeroGradient;\n  }\n}\n";
+  for (const double time : times) {
+    std::vector<double> f;
+    std::vector<dvec3> u;
+    for (std::size_t cell = 0; cell < block_cells; ++cell) {
+      f.push_back(field(centre(cubes[0], cell), time));
+      u.push_back(f.back() * dvec3(1, 2, -1));
+    }
+    const auto body = [&](const std::string& type, const std::string& list) {
+      return fmt::format("dimensions [0 0 0 0 0 0 0];\ninternalField nonuniform List<{}>\n{};\n{}", type, list,
+                         patches);
+    };
+    const std::string folder = fmt::format("{}/", time);
+    write(folder + "f", foam_file("volScalarField", "f", body("scalar", foam_list(f, number))));
+    write(folder + "U", foam_file("volVectorField", "U", body("vector", foam_list(u, vector))));
+  }
+}
+
+TEST_F(BlocksTest, OpenFoam) {
+  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  for (const char* name : {"case.foam", "system/controlDict", ""})
+    for (std::size_t step = 0; step < 2; ++step) {
+      const auto input = read_all(path(name), {{}, {}, times[step]});
+      ASSERT_TRUE(input) << input.error().message;
+      ASSERT_TRUE(input->step.has_value());
+      EXPECT_EQ(input->step->index, step);
+      EXPECT_EQ(input->step->count, 2u);
+      EXPECT_EQ(input->points, block_points) << "no patches";
+      EXPECT_EQ(input->pieces.size(), 1u);
+      EXPECT_EQ(input->census.cells.at("hexahedron"), block_cells);
+      EXPECT_EQ(input->census.without_volume, 0u);
+      EXPECT_NEAR(input->volume, 1, 1e-6);
+      EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
+      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
+      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
+    }
+  const auto last = read_all(path("case.foam"));
+  ASSERT_TRUE(last) << last.error().message;
+  EXPECT_EQ(last->step->time, 2);
+}
+
+TEST_F(BlocksTest, OpenFoamTruncated) {
+  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  for (const char* name : {"constant/polyMesh/points", "constant/polyMesh/faces", "constant/polyMesh/owner",
+                           "constant/polyMesh/neighbour", "constant/polyMesh/boundary", "2/f"})
+    expect_survives_truncation(name, "case.foam", 61);
+}
+
+// Other inputs have no steps; an empty or foreign file of such a name is told by its name.
+TEST_F(BlocksTest, TimeAndForeignFiles) {
+  EXPECT_EQ(error_of("no.cgns").find(path("no.cgns")), 0u);
+  auto source = open_source({"gen:points:count=10"}, {{}, {}, 1.0});
+  ASSERT_FALSE(source);
+  EXPECT_EQ(source.error().message, "gen:points:count=10: no time steps in it to choose from");
+  for (const char* name : {"a.e", "a.exo", "a.case", "a.cgns", "a.foam"})
+    for (const char* text : {"", "Not what the name says.\n"}) {
+      write(name, text);
+      EXPECT_THAT(error_of(name), StartsWith(path(name) + ": "));
+    }
+}
+
+}  // namespace
+}  // namespace splatvol

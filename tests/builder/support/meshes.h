@@ -1,0 +1,98 @@
+// Meshes for the builder's tests: lattices of cubes in six tetrahedra each, under any mapping.
+#pragma once
+
+#include <functional>
+#include <random>
+#include <vector>
+
+#include "base/math.h"
+#include "builder/mesh/moments.h"
+#include "builder/sources/source.h"
+
+namespace splatvol::test {
+
+struct Mesh {
+  std::vector<dvec3> points;
+  std::vector<Tetrahedron> tetrahedra;
+};
+
+/// `cells`^3 cubes that fill [0, 1]^3, then mapped.
+inline Mesh lattice(
+    std::uint32_t cells, const std::function<dvec3(dvec3)>& map = [](dvec3 p) { return p; }) {
+  Mesh mesh;
+  const std::uint32_t side = cells + 1;
+  for (std::uint32_t z = 0; z < side; ++z)
+    for (std::uint32_t y = 0; y < side; ++y)
+      for (std::uint32_t x = 0; x < side; ++x) mesh.points.push_back(map(dvec3(x, y, z) / static_cast<double>(cells)));
+  const std::array<std::uint32_t, 3> step = {1, side, side * side};
+  for (std::uint32_t z = 0; z < cells; ++z)
+    for (std::uint32_t y = 0; y < cells; ++y)
+      for (std::uint32_t x = 0; x < cells; ++x)
+        for (const auto& [a, b, c] : {std::array{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}) {
+          const std::uint32_t first = x + y * step[1] + z * step[2];
+          const std::uint32_t second = first + step[static_cast<std::size_t>(a)];
+          const std::uint32_t third = second + step[static_cast<std::size_t>(b)];
+          mesh.tetrahedra.push_back({first, second, third, third + step[static_cast<std::size_t>(c)]});
+        }
+  return mesh;
+}
+
+/// Moves each point by up to `share` of the spacing along each axis.
+inline Mesh jittered(std::uint32_t cells, double share) {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> uniform(-share / cells, share / cells);
+  Mesh mesh = lattice(cells);
+  for (dvec3& p : mesh.points) p += dvec3(uniform(random), uniform(random), uniform(random));
+  return mesh;
+}
+
+/// Tetrahedra that share no points, of any shape and orientation.
+inline Mesh random_tetrahedra(std::uint32_t count) {
+  std::mt19937_64 random(11);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  Mesh mesh;
+  for (std::uint32_t t = 0; t < count; ++t) {
+    for (int k = 0; k < 4; ++k) mesh.points.emplace_back(uniform(random), uniform(random), uniform(random));
+    mesh.tetrahedra.push_back({4 * t, 4 * t + 1, 4 * t + 2, 4 * t + 3});
+  }
+  return mesh;
+}
+
+inline double volume(const Mesh& mesh) {
+  double sum = 0;
+  for (const auto& [a, b, c, d] : mesh.tetrahedra) {
+    const dvec3 &p = mesh.points[a], &q = mesh.points[b], &r = mesh.points[c], &s = mesh.points[d];
+    sum += std::abs(glm::dot(q - p, glm::cross(r - p, s - p))) / 6;
+  }
+  return sum;
+}
+
+inline std::vector<double> sample(const Mesh& mesh, const std::function<double(dvec3)>& field) {
+  std::vector<double> values;
+  for (const dvec3& p : mesh.points) values.push_back(field(p));
+  return values;
+}
+
+/// What every vertex owns.
+inline std::vector<SpatialMoments> moments_of(const Mesh& mesh) {
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  std::vector<SpatialMoments> moments;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) moments.push_back(material.moments(i));
+  return moments;
+}
+
+inline std::vector<ValueMoments> value_moments_of(const Mesh& mesh, const std::vector<double>& values) {
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  std::vector<ValueMoments> moments;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) moments.push_back(material.value_moments(i, values));
+  return moments;
+}
+
+inline std::vector<dvec3> gradients_of(const Mesh& mesh, const std::vector<double>& values) {
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  std::vector<dvec3> gradients;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) gradients.push_back(material.gradient(i, values));
+  return gradients;
+}
+
+}  // namespace splatvol::test

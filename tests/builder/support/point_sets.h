@@ -1,0 +1,38 @@
+// Points for the builder's tests.
+#pragma once
+
+#include <algorithm>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "base/math.h"
+#include "builder/sorting/morton.h"
+
+namespace splatvol::test {
+
+inline constexpr Cube unit_cube{{0, 0, 0}, 1};
+
+/// Points of the unit cube in Morton order.
+struct Sorted {
+  std::vector<dvec3> positions;
+  std::vector<MortonKey> keys;
+};
+
+inline Sorted sort_points(std::vector<dvec3> positions) {
+  std::ranges::stable_sort(positions, {}, [](const dvec3& p) { return morton_key(p, unit_cube); });
+  Sorted sorted{std::move(positions), {}};
+  for (const dvec3& p : sorted.positions) sorted.keys.push_back(morton_key(p, unit_cube));
+  return sorted;
+}
+
+/// Uniform in the unit cube.
+inline std::vector<dvec3> uniform_points(int count, unsigned seed = 1) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> unit;
+  std::vector<dvec3> points;
+  for (int i = 0; i < count; ++i) points.emplace_back(unit(random), unit(random), unit(random));
+  return points;
+}
+
+}  // namespace splatvol::test
