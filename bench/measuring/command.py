@@ -27,7 +27,15 @@ FULL = {
     "builds": 3,
     "parts": PARTS,
 }
-QUICK = {"tolerances": [0, 1, 5], "resolutions": 1, "samplings": ["auto"], "turns": 1, "frames": 3, "builds": 1, "parts": []}
+QUICK = {
+    "tolerances": [0, 1, 5],
+    "resolutions": 1,
+    "samplings": ["auto"],
+    "turns": 1,
+    "frames": 3,
+    "builds": 1,
+    "parts": [],
+}
 
 
 def words(text):
@@ -76,14 +84,14 @@ def parser():
     run.add_argument("--kernels", type=words, default=["octant", "moments"], help="default: octant,moments")
     run.add_argument("--tolerances", type=numbers, help="per cent, comma-separated")
     run.add_argument("--sorts", type=words, default=["none", "axis", "exact"], help="default: none,axis,exact")
-    run.add_argument("--samplings", type=words, help="of svrender; auto is always among them (default: auto,4)")
-    run.add_argument("--turns", type=count, help=f"turns that every setting and peer gets (default: {FULL['turns']})")
+    run.add_argument("--samplings", type=words, help="--sampling of svrender; always includes auto (default: auto,4)")
+    run.add_argument("--turns", type=count, help=f"turns of every setting and peer (default: {FULL['turns']})")
     run.add_argument("--frames", type=count, help=f"frames in a turn (default: {FULL['frames']})")
     run.add_argument(
-        "--parts", type=chosen_from(PARTS), help=f"beside the views: {','.join(PARTS)} (default: all; --quick: none)"
+        "--parts", type=chosen_from(PARTS), help=f"besides the views: {','.join(PARTS)} (default: all; --quick: none)"
     )
-    run.add_argument("--without", type=chosen_from(list(EXTRAS)), default=[], help=f"leave out of {','.join(EXTRAS)}")
-    again = commands.add_parser("report", help="report again from what OUT holds")
+    run.add_argument("--without", type=chosen_from(list(EXTRAS)), default=[], help=f"to leave out: {','.join(EXTRAS)}")
+    again = commands.add_parser("report", help="report again from the CSV files in OUT")
     for command in (run, again):
         command.add_argument(
             "-o",
@@ -99,7 +107,7 @@ def parser():
 
 
 def is_there(extra, packages):
-    """Whether the packages that it needs are; says so if not."""
+    """Returns whether the packages of an extra are installed. Warns if not."""
     missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
         warn(f"no {extra}: Python package missing: {', '.join(missing)} (bench/requirements.txt)")
@@ -107,7 +115,7 @@ def is_there(extra, packages):
 
 
 def plan_of(options):
-    """What to measure; kept in run.json."""
+    """Returns the settings to measure; run.json keeps them."""
     plan = dict(QUICK if options.quick else FULL)
     named = {name: getattr(options, name) for name in ("tolerances", "samplings", "turns", "frames", "parts")}
     plan |= {name: value for name, value in named.items() if value is not None}

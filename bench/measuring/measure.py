@@ -1,6 +1,6 @@
-"""Runs the programs and the peers, and writes what they say as CSV.
+"""Runs the programs and the peers, and writes their results as CSV.
 
-A view's settings and peers take turns, a few frames each: what else the machine does meanwhile hits all of them alike.
+A view's settings and peers take turns, a few frames each, so that other work of the machine hits all of them alike.
 A time is the median of the turns' medians, with the fastest and the slowest frame.
 """
 
@@ -18,20 +18,21 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity kernel tolerance resolution max_splats sort sampling sample_spacing points splats nodes bytes_read file_bytes "
-    "first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s expected_error rmse psnr max light flip"
+    "part view mesh connectivity kernel tolerance resolution max_splats sort sampling sample_spacing points splats "
+    "nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s expected_error rmse "
+    "psnr max light flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
 
 
 class ProgramError(Exception):
-    """A program did not end well; the text is what was called and what it said."""
+    """A program failed. The text holds the command and the program's message."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Of svrender; `resolution` and `splats` None: by tolerance."""
+    """Options of svrender. Draws by tolerance if `resolution` and `splats` are None."""
 
     kernel: str
     tolerance: float = 0
@@ -59,7 +60,7 @@ class Setting:
 
 @dataclass
 class Bench:
-    """`plan`: what to measure, see command.py; `extras`: of peers, flip, pictures, those that can be had."""
+    """One run. `plan`: the settings to measure (command.py). `extras`: the available ones of peers, flip, pictures."""
 
     programs: Path
     shared: Path
@@ -108,7 +109,7 @@ class Bench:
 
 
 def mesh_of(view):
-    """Views are named after their mesh: MESH or MESH-WHAT."""
+    """Returns the mesh of a view. Views are named after their mesh: MESH or MESH-WHAT."""
     return view.partition("-")[0]
 
 
@@ -146,8 +147,10 @@ def build(bench, mesh, connectivity="mesh"):
 
 
 class Contender:
-    """One of those that take turns. `first_picture` and `turn` give columns of the CSV; those of `turn` are seconds, of
-    which medians are taken, but for the fastest and the slowest frame."""
+    """A setting or peer that takes turns.
+
+    `first_picture` and `turn` return columns of the CSV. Those of `turn` are seconds: the result has their medians over
+    the turns, and the least and the largest of frame_min_s and frame_max_s."""
 
     def __init__(self, bench, view, scene, truth, row, label):
         self.bench, self.scene, self.truth, self.label = bench, scene, truth, label
@@ -219,8 +222,8 @@ def take_turns(bench, part, points, contenders):
 
 
 def settings(plan, kernel, finest):
-    """Tolerances, and the resolutions below the finest, each with every sampling; the other ways to sort, with all
-    points."""
+    """Yields tolerances and the resolutions below the finest, each with every sampling. Then the other ways to sort,
+    with all points."""
     resolutions = range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1)
     for sampling in plan["samplings"]:
         yield from (Setting(kernel, tolerance, sampling=sampling) for tolerance in plan["tolerances"])
@@ -229,7 +232,7 @@ def settings(plan, kernel, finest):
 
 
 def picture_label(plan, setting):
-    """The page shows these settings."""
+    """Returns the name of a setting's picture if the page shows it, else None."""
     usual = setting.sort == "exact" and setting.sampling == "auto"
     shown = usual and setting.resolution is None and setting.tolerance in plan["pictured_tolerances"]
     return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
@@ -255,7 +258,8 @@ def measure_view(bench, view, finest, points, note):
 
 
 def measure_equal(bench, view, finest, points):
-    """Tolerances and fixed resolutions, each followed by the cut by expected error with as many splats. No times."""
+    """Measures tolerances and fixed resolutions, each followed by the cut by expected error with as many splats.
+    Measures no times."""
     plan, kernel = bench.plan, bench.plan["kernel"]
     plain = [Setting(kernel, tolerance, sampling="1") for tolerance in plan["equal_tolerances"]]
     plain += [Setting(kernel, resolution=r, sampling="1") for r in range(1, finest)]
@@ -269,7 +273,7 @@ def measure_equal(bench, view, finest, points):
 
 
 def measure_scattered(bench, view, points):
-    """The mesh's own cells, beside the same points without them: both against the mesh's exact picture."""
+    """Measures the mesh with its own cells, and the same points without them, against the mesh's exact picture."""
     scene, truth = bench.scene(view), bench.truth(view)
     contenders = [
         Splats(bench, view, scene, truth, Setting(bench.plan["kernel"]), connectivity)
@@ -279,7 +283,7 @@ def measure_scattered(bench, view, points):
 
 
 def measure_lit(bench, view, points):
-    """The scene with a light at the eye; its exact picture is made here."""
+    """Measures the scene with a light at the eye, and makes its exact picture."""
     scene, truth = bench.work / f"{view}-lit.json", bench.work / f"{view}-lit.exr"
     description = json.loads(bench.scene(view).read_text()) | {"lighting": True}
     scene.write_text(json.dumps(description))
@@ -292,7 +296,7 @@ def measure_lit(bench, view, points):
 
 
 def measure_reference(bench, view):
-    """svtruth against the exact picture that came with the data."""
+    """Compares svtruth with the exact picture that came with the data."""
     exr = bench.work / "truth.exr"
     stats = bench.run_json("svtruth", bench.mesh(mesh_of(view)), "--scene", bench.scene(view), "-o", exr, "--json")
     difference = bench.run_json("svdiff", bench.truth(view), exr, "--json")
@@ -311,7 +315,7 @@ def processor():
 
 
 def measure_builds(bench, say):
-    """Every mesh; the scattered points' meshes without their cells too."""
+    """Builds every mesh, and those of the part `scattered` without their cells too."""
     for mesh in dict.fromkeys(map(mesh_of, bench.plan["views"])):
         without_cells = bench.plan["connectivities"] if mesh in bench.plan["scattered"] else []
         for connectivity in ("mesh", *without_cells):
@@ -334,8 +338,8 @@ def measure_frames(bench, view, points, finest, note, say):
 
 
 def measure(programs, shared, out, plan, extras, say):
-    """Writes builds.csv, frames.csv, reference.csv, run.json and pictures/ in `out`, after each view anew: what was
-    measured stays when a later one fails. `say` gets a line for each step."""
+    """Writes builds.csv, frames.csv, reference.csv, run.json and pictures/ in `out`. Writes them again after each view,
+    so that the results so far stay if a later view fails. `say` gets a line for each task."""
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     for old in (out / "pictures").glob("*.png"):
         old.unlink()

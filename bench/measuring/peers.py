@@ -1,6 +1,6 @@
-"""VTK's unstructured volume mappers on a scene: what a user has today.
+"""Draws a scene by VTK's unstructured volume mappers, which are a user's choice today.
 
-Every view gets a process of its own, so that what goes wrong in VTK or its driver ends with a message here."""
+Every view gets a process of its own, so that a fault in VTK or its driver ends with a message here."""
 
 import json
 import re
@@ -15,7 +15,7 @@ KINDS = {"projected-tets": "vtkProjectedTetrahedraMapper", "ray-cast": "vtkUnstr
 
 
 class PeerError(Exception):
-    """The process of a peer ended before its answer; what it said is on stderr."""
+    """The process of a peer ended before its answer. Its message is on stderr."""
 
 
 class Peers:
@@ -31,11 +31,12 @@ class Peers:
         self._process.shutdown()
 
     def prepare(self, kind, picture):
-        """Draws the first frame and writes it as EXR: {"cells", "first_image_seconds", "version"}."""
+        """Draws the first frame and writes it as EXR. Returns {"cells", "first_image_seconds", "version"}."""
         return self._ask(_prepare, kind, str(picture))
 
     def frames(self, kind, count):
-        """Seconds of each of `count` further frames. The camera moves by next to nothing, so cells are sorted anew."""
+        """Draws `count` further frames and returns the seconds of each. The camera moves a tiny bit, so that cells are
+        sorted again."""
         return self._ask(_frames, kind, count)
 
     def _ask(self, function, kind, *arguments):
@@ -83,7 +84,8 @@ def _activate(grid, attribute):
 
 
 def _property(transfer_function):
-    """Opacities must lie in [0, 1]: densities are divided by the largest, whose inverse is the unit of length."""
+    """Makes VTK's transfer function. Opacities must lie in [0, 1], so densities are divided by the largest one. The
+    inverse of that is the unit of length."""
     import vtk
 
     low, high = transfer_function["domain"]
@@ -153,7 +155,7 @@ def _render(window):
 
 
 def _rgba(window):
-    """What the window holds, 8 bits a channel: linear, as nothing in between applies a curve."""
+    """Returns the window's pixels, 8 bits a channel: linear, as nothing in between applies a curve."""
     import vtk
     from vtkmodules.util.numpy_support import vtk_to_numpy
 

@@ -1,4 +1,4 @@
-"""Pictures: EXR, what a display shows of them, FLIP.
+"""Pictures: reading and writing EXR, displayed colours, FLIP.
 
 Arrays are height x width x 4, linear premultiplied RGBA, row 0 at the top."""
 
@@ -18,7 +18,7 @@ def write_exr(path, rgba):
 
 
 def displayed(rgba, background):
-    """Height x width x 3 in [0, 1]: the picture over a linear background, with the sRGB curve."""
+    """Returns the picture over a linear background, with the sRGB curve: height x width x 3 in [0, 1]."""
     import numpy
 
     linear = numpy.clip(rgba[..., :3] + (1 - rgba[..., 3:]) * numpy.array(background, numpy.float32), 0, 1)
@@ -27,7 +27,7 @@ def displayed(rgba, background):
 
 
 def mean_flip(reference, picture, background):
-    """Mean LDR-FLIP of two pictures as displayed, at the metric's default of 67 pixels a degree."""
+    """Returns the mean LDR-FLIP of two displayed pictures, at the metric's default of 67 pixels a degree."""
     import flip_evaluator
 
     return float(
@@ -38,7 +38,7 @@ def mean_flip(reference, picture, background):
 
 
 def write_png(path, rgba, background, longest=256):
-    """Of a picture larger than `longest` pixels, means of whole blocks of pixels."""
+    """Writes a PNG. Reduces a picture with a side longer than `longest` pixels, by means of whole squares of pixels."""
     import numpy
     from PIL import Image
 

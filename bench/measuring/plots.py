@@ -92,7 +92,7 @@ def _figure(results, x, x_label, y, y_label, timed, path):
 
 
 def draw(results, folder):
-    """Writes the plots; returns their names, without .png."""
+    """Writes the plots. Returns their names without .png."""
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.png"):
         old.unlink()

@@ -1,9 +1,10 @@
-"""The page of results, made from the CSV files that measure.py writes."""
+"""Makes the page of results from the CSV files that measure.py writes."""
 
 import csv
 import json
 import math
 import shutil
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +13,13 @@ TEXT = {"part", "view", "mesh", "connectivity", "kernel", "sort", "sampling", "r
 
 
 class Row(dict):
-    """A line of a CSV file. Columns are attributes."""
+    """A line of a CSV file, with its columns as attributes."""
 
     __getattr__ = dict.__getitem__
 
 
 def read_csv(path):
-    """Numbers are numbers, and None where there is none."""
+    """Reads rows. Numbers become float; an empty cell becomes None."""
     with open(path, newline="") as file:
         lines = list(csv.DictReader(file))
     return [Row({k: v if k in TEXT else (float(v) if v else None) for k, v in line.items()}) for line in lines]
@@ -35,7 +36,7 @@ class Results:
         self.prototype = json.loads(Path(__file__).with_name("prototype.json").read_text())
         self.views = list(dict.fromkeys(row.view for row in self.frames))
         self.kernels = self.plan["kernels"]
-        self.kernel = self.plan["kernel"]  # the one that is compared with others
+        self.kernel = self.plan["kernel"]  # the kernel to compare with others
 
     def of(self, part="view", **columns):
         return [row for row in self.frames if row.part == part and all(row[k] == v for k, v in columns.items())]
@@ -56,11 +57,11 @@ class Results:
 
 
 def paragraph(text):
-    return [" ".join(text.split()), ""]
+    return [*textwrap.wrap(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False), ""]
 
 
 def table(columns, rows):
-    """`columns`: title and what to say of a row, "" where that is None."""
+    """Makes a Markdown table. `columns`: pairs of a title and a function from a row to its cell (None: empty)."""
     lines = ["| " + " | ".join(title for title, _ in columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
         cells = (cell(row) for _, cell in columns)
@@ -112,7 +113,7 @@ LIGHT = ("light", number("light", ".3f"))
 
 @dataclass
 class Match:
-    """A view's peer, the fastest of our settings that is as close to the exact picture, and the one with all points."""
+    """A view's peer, our fastest setting that is as close to the exact picture, and our setting with all points."""
 
     view: str
     peer: Row
@@ -133,12 +134,12 @@ class Match:
 
     @property
     def keeps_light(self):
-        """Whether the peer's picture has about the light of the exact one; if not, it is easy to be closer."""
+        """Whether the peer's picture has about the light of the exact one. If not, it is easy to be closer."""
         return 0.8 <= self.peer.light <= 1.25
 
 
 def matches(results, kind, widest=math.inf):
-    """`widest`: of the samples, pixels."""
+    """Yields a Match for each view. `widest`: the largest distance of samples to consider, in pixels."""
     for view in results.views:
         peer, finest = results.one(view=view, kernel=kind), results.all_points(view, results.kernel)
         if peer is None or finest is None:
@@ -192,8 +193,8 @@ def against_peer(results, kind):
         f"## Against {name}",
         "",
         *paragraph(
-            f"""The fastest setting of `{results.kernel}`, of all that were measured, whose RMSE is at most that of
-            {name}. Geometric mean of the ratios of frame times:"""
+            f"""The fastest measured setting of `{results.kernel}` with an RMSE of at most that of {name}. Geometric
+            mean of the ratios of frame times:"""
         ),
         f"- all views: {gains(found)}",
         f"- views where VTK keeps the light within a fifth: {gains([m for m in found if m.keeps_light])}",
@@ -211,7 +212,7 @@ def against_peer(results, kind):
 
 
 def beside_prototype(results):
-    """Rows of the fixed resolutions that the prototype has a figure for, finest first."""
+    """Yields the rows of fixed resolutions for which the prototype has a figure, finest first."""
     for view in results.views:
         counts = results.counts(view)
         for step, (figure, bar) in enumerate(zip(results.prototype["rmse"].get(view, []), results.prototype["bars"])):
@@ -251,7 +252,7 @@ def against_prototype(results):
     ]
 
 
-# What was measured, all of it.
+# All measurements.
 
 
 def every_frame(results):
@@ -277,10 +278,10 @@ def every_frame(results):
         "## All measurements",
         "",
         *paragraph(
-            """RMSE and PSNR are of linear RGB; FLIP is the mean over the sRGB pictures on the background; light is
-            the mean of the picture over that of the exact one. The first picture includes everything from opening the
-            file to the finished pixels, for `svrender` also starting OpenGL and compiling shaders; for VTK the mesh is
-            in memory already, and `splats` are its cells. Frame, cut, sort and draw are of steady frames."""
+            """RMSE and PSNR are of linear RGB. FLIP is the mean over the sRGB pictures on the background. Light is the
+            mean of the picture over that of the exact one. The first picture includes everything from opening the file
+            to the finished pixels, and for `svrender` also starting OpenGL and compiling shaders. VTK has the mesh in
+            memory already, and its `splats` are cells. Frame, cut, sort and draw are of steady frames."""
         ),
         *views,
     ]
@@ -310,10 +311,10 @@ def equal(results):
     return [
         "## By expected error, at equal splats",
         "",
-        *paragraph(f"""Each tolerance and fixed resolution of `{results.kernel}` beside `--splats` with as many splats, a
-            sample for every pixel. RMSE over that by expected error, geometric means (smallest to largest): tolerances
-            {gain("tolerance")}, fixed resolutions {gain("resolution")}. The expected error over the true one:
-            {geometric_mean(offsets):.2f} ({min(offsets):.2f} to {max(offsets):.2f})."""),
+        *paragraph(f"""Each tolerance and fixed resolution of `{results.kernel}` beside `--splats` with as many splats,
+            a sample for every pixel. RMSE over that by expected error, geometric means (smallest to largest):
+            tolerances {gain("tolerance")}, fixed resolutions {gain("resolution")}. The expected error over the true
+            one: {geometric_mean(offsets):.2f} ({min(offsets):.2f} to {max(offsets):.2f})."""),
         *table(columns, pairs),
     ]
 
@@ -330,8 +331,8 @@ def sorting(results):
         "## Sorting",
         "",
         *paragraph(
-            """All points, the camera moving: back to front by node only (`none`); by depth along the axis nearest
-            to the line of sight, kept while the view turns little (`axis`); every splat in its place (`exact`)."""
+            """All points, the camera moving. `none`: back to front by node only. `axis`: by depth along the axis
+            nearest to the line of sight, kept while the view turns little. `exact`: every splat by its own depth."""
         ),
         *table(columns, [(view, kernel) for view in results.views for kernel in results.kernels]),
     ]
@@ -352,8 +353,8 @@ def building(results):
         "## Building",
         "",
         *paragraph(f"""`svbuild MESH.vtu -o MESH.svol`, all attributes, {results.plan['builds']} runs each, reading the
-            mesh included; for scattered points with `--connectivity`, which leaves the mesh's cells aside.
-            Larger inputs are in [scale.md](scale.md), and what a view of them costs in [paging.md](paging.md)."""),
+            mesh included. `--connectivity` other than mesh leaves the mesh's cells aside: scattered points. Larger
+            inputs are in [scale.md](scale.md), and the cost of a view of them in [paging.md](paging.md)."""),
         *table(columns, results.builds),
     ]
 
@@ -367,7 +368,7 @@ def scattered(results):
     return [
         "## Scattered points",
         "",
-        *paragraph(f"""The same points with the cells thrown away (`svbuild --connectivity`), all of them drawn with
+        *paragraph(f"""The same points without the cells (`svbuild --connectivity`), all of them drawn with
             `{results.kernel}`, against the exact picture of the mesh. Without cells nothing tells a hole or a concavity
             from the inside."""),
         *table([VIEW, ("connectivity", text("connectivity")), SPLATS, FRAME, RMSE, FLIP, LIGHT, figure], rows),
@@ -410,7 +411,7 @@ def reference(results):
 
 
 def picture_names(results):
-    """A view's rows of pictures: what their files end in, and their titles."""
+    """Returns the rows of a view's pictures: from the ending of a file's name to the picture's title."""
     pictures = {"exact": "exact"}
     for kernel in reversed(results.kernels):
         for tolerance in results.plan["pictured_tolerances"]:
@@ -420,7 +421,7 @@ def picture_names(results):
 
 
 def gallery(results, docs):
-    """Copies the pictures; those of an earlier page go."""
+    """Copies the pictures, and removes those of an earlier page."""
     folder = docs / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.png"):
@@ -453,21 +454,22 @@ def head(results, plotted):
             {note['processor']}, {note['renderer']}{with_peers}. Load of the machine before the run:
             {note['load_before']:.2f}."""),
         *paragraph(f"""The settings of a view and the peers took turns ({plan['turns']}, of {plan['frames']} frames
-            each), so that what else the machine does hits all alike. A time is the median of the turns' medians
-            (fastest-slowest frame). Pictures have the size that their scene says; frames are steady ones: the data
-            resident, the camera moving. Between samples of the picture that are farther apart than pixels it is
-            interpolated (`svrender --sampling`); by itself `svrender` does so from a tolerance of 5 % on."""),
-        *paragraph("""VTK's mappers take opacities in [0, 1]: density over the largest density, whose inverse is the
-            `ScalarOpacityUnitDistance`. They keep opacities in 8 bits and draw to 8 bits, which alone costs about .001.
-            Where cells are very thin or the eye is inside the data they lose most of the light or gain too much: see
-            the column `light`, and take a comparison of times there with care. The ray caster sends a ray through every
-            pixel, whatever it costs. VTK's z-sweep mapper takes several times as long and is left out."""),
+            each), so that other work of the machine hits all alike. A time is the median of the turns' medians
+            (fastest-slowest frame). Pictures have the size that their scene says. Frames are steady ones: the data is
+            resident and the camera moves. Samples of a picture may be farther apart than pixels; the picture is then
+            interpolated (`svrender --sampling`). By default `svrender` does so from a tolerance of 5 % on."""),
+        *paragraph("""VTK's mappers take opacities in [0, 1]: density over the largest density. The inverse of the
+            largest density is the `ScalarOpacityUnitDistance`. The mappers keep opacities in 8 bits and draw to 8 bits,
+            which alone costs about .001. With very thin cells, or with the eye inside the data, they lose most of the
+            light or gain too much. The column `light` shows this: compare times there with care. The ray caster sends a
+            ray through every pixel, whatever the cost. VTK's z-sweep mapper takes several times as long and is left
+            out."""),
     ]
     if left_out:
         lines += [f"**Left out of this run: {', '.join(left_out)}.**", ""]
     if plotted:
-        lines += paragraph("""Lower left is better. Filled marks are tolerances, hollow ones fixed resolutions, crosses both with
-            samples of the picture 4 pixels apart, all with exact sorting.""")
+        lines += paragraph("""Lower left is better. Filled marks are tolerances, hollow ones fixed resolutions. Crosses
+            are both, with samples of the picture 4 pixels apart. All are sorted exactly.""")
     for name in plotted:
         lines += [f"![{name}](plots/{name}.png)", ""]
     return lines

@@ -15,8 +15,8 @@ PAGE = ROOT / "docs/paper.md"
 PACKAGES = ("matplotlib", "numpy", "OpenEXR", "PIL", "vtk")
 END = "<!-- svpaper: end -->"
 
-# Module and function: the function takes a Paper, prints Markdown and writes pictures. Modules are imported when their
-# part is made, as they need packages.
+# Part: module and function. The function takes a Paper, prints Markdown and writes pictures. A module is imported only
+# when its part is made, since it needs packages.
 PARTS = {
     "reductions": ("reductions", "reductions"),
     "leaf": ("reductions", "leaf"),
@@ -31,7 +31,7 @@ PARTS = {
 
 
 class Both(io.StringIO):
-    """Keeps what is written, and shows it at once."""
+    """Keeps the text written to it, and also shows it at once."""
 
     def write(self, text):
         sys.__stdout__.write(text)
@@ -44,7 +44,7 @@ def begin(part):
 
 
 def printed(part, paper):
-    """What the part prints, without the empty lines round it."""
+    """Makes a part. Returns its printed text without the empty lines round it."""
     module, function = PARTS[part]
     make = getattr(importlib.import_module(f"{__package__}.{module}"), function)
     with redirect_stdout(Both()) as text:
@@ -53,7 +53,7 @@ def printed(part, paper):
 
 
 def put(page, part, text):
-    """The page with `text` between the part's markers, which have to be there."""
+    """Returns the page with `text` between the part's markers. Fails if they are missing."""
     before, found, rest = page.partition(begin(part))
     _, ended, after = rest.partition(END)
     if not found or not ended:
@@ -75,9 +75,9 @@ def parser():
     result.add_argument(
         "--parts", nargs="+", choices=PARTS, default=list(PARTS), help="default: all, which takes half an hour"
     )
-    result.add_argument("--frames", type=int, default=5, help="frames of which a time is the median")
-    result.add_argument("--pictures", type=Path, help="folder for them (default: build/paper; --write: docs/pictures)")
-    result.add_argument("--write", action="store_true", help="put what is printed in docs/paper.md, part by part")
+    result.add_argument("--frames", type=int, default=5, help="frames for each time, which is their median")
+    result.add_argument("--pictures", type=Path, help="folder (default: build/paper; --write: docs/pictures)")
+    result.add_argument("--write", action="store_true", help="put the printed tables in docs/paper.md, part by part")
     return result
 
 

@@ -1,4 +1,4 @@
-"""Meshes of tetrahedra and exported splats as arrays, and the gradient of the one that is exact."""
+"""Meshes of tetrahedra and exported splats as arrays, and the exact gradients of the meshes."""
 
 import numpy
 import vtk
@@ -13,7 +13,7 @@ def read_grid(path):
 
 
 def write_grid(mesh, arrays, path):
-    """The mesh's cells, with arrays of its points by name."""
+    """Writes the mesh's cells, with arrays of its points by name."""
     grid = vtk.vtkUnstructuredGrid()
     grid.CopyStructure(mesh.grid)
     for name, values in arrays.items():
@@ -36,7 +36,9 @@ def array_of(grid, name):
 
 
 class Tetrahedra:
-    """A mesh of tetrahedra with one value for each point, linear in each: `volumes`, `gradients` [tetrahedron]."""
+    """A mesh of tetrahedra with one value for each point, linear in each tetrahedron.
+
+    `volumes`, `gradients`: [tetrahedron]."""
 
     def __init__(self, path, attribute):
         self.grid = read_grid(path)
@@ -50,7 +52,7 @@ class Tetrahedra:
         self.set_values(self.values)
 
     def set_values(self, values):
-        """Another field. A flat tetrahedron has the gradient 0."""
+        """Replaces the field. A flat tetrahedron has the gradient 0."""
         self.values = values
         places, rises = self.points[self.corners], values[self.corners]
         edges, rises = places[:, 1:] - places[:, :1], rises[:, 1:] - rises[:, :1]
@@ -66,8 +68,8 @@ class Tetrahedra:
 
 
 class Vertices:
-    """The mesh's distinct places, and what is at them: `masses`, a quarter of each tetrahedron at the place;
-    `gradients`, the mean over that."""
+    """The mesh's distinct positions. `masses`: a quarter of each tetrahedron at the position. `gradients`: their mean,
+    by mass."""
 
     def __init__(self, mesh):
         self.mesh = mesh
@@ -94,12 +96,12 @@ class Vertices:
         return numpy.stack(sums, axis=1) / numpy.maximum(self.masses, numpy.finfo(float).tiny)[:, None]
 
     def nearest(self, points):
-        """The vertex next to each."""
+        """Returns the index of the vertex nearest to each point."""
         return numpy.array([self.locator.FindClosestPoint(point) for point in points])
 
 
 class Splats:
-    """What svexport says of one resolution. `directions`: the file's own, of the paper's formula."""
+    """The splats of one resolution, as svexport writes them. `directions`: gradients by the paper's formula."""
 
     def __init__(self, path, attribute):
         grid = read_grid(path)
@@ -113,7 +115,7 @@ class Splats:
 
 
 def angles(a, b):
-    """Degrees between vectors; 90 where only b is 0, NaN where a is."""
+    """Returns the degrees between vectors: NaN where a is 0, and 90 where only b is 0."""
     lengths = numpy.linalg.norm(a, axis=-1), numpy.linalg.norm(b, axis=-1)
     with numpy.errstate(invalid="ignore", divide="ignore"):
         cosines = numpy.einsum("...i,...i", a, b) / lengths[0] / lengths[1]
@@ -122,7 +124,7 @@ def angles(a, b):
 
 
 def weighted(values, weights):
-    """Mean and median."""
+    """Returns the weighted mean and median. Leaves out NaN."""
     known = ~numpy.isnan(values) & (weights > 0)
     values, weights = values[known], weights[known]
     order = numpy.argsort(values)

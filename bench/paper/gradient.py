@@ -1,19 +1,19 @@
-"""Section 3.2, figures 2, 3 and 6: gradients, and light by them."""
+"""Section 3.2, figures 2, 3 and 6: gradients and lighting."""
 
 import json
 
 import numpy
 
 from .fields import Splats, Tetrahedra, Vertices, angles, weighted, write_grid
-from .measure import MESHES, VIEWS, row, show, table
+from .measure import MESHES, VIEWS, paragraph, row, show, table
 from .sheets import Sheet
 from .slices import Figure, Plane, exact_slices, splat_slice
 
 KERNELS = ("octant", "moments")
-SLOPE = numpy.array([2.0, -1.0, 3.0])  # of the linear field on the meshes' points
+SLOPE = numpy.array([2.0, -1.0, 3.0])  # gradient of the linear field on the meshes' points
 PLANES = {"bluntfin": Plane(1.5, (-6, 0), (8, 7)), "post": Plane(2.4, (-6, -4), (8, 4))}
 AMBIENT, DIFFUSE = 0.3, 0.7  # of a scene's "lighting": true
-SHELLS = {  # thin ones round two values, of bluntfin
+SHELLS = {  # thin shells of bluntfin round two values
     "transfer_function": {
         "domain": [0.42384, 4.00934],
         "colors": [[0, 0.2, 0.5, 0.8], [0.3, 0.2, 0.5, 0.8], [0.4, 0.9, 0.5, 0.2], [1, 0.9, 0.5, 0.2]],
@@ -27,16 +27,17 @@ def gradients(paper):
     """Figure 2, in numbers and as slices."""
     attributes = {mesh: json.loads(paper.scene(mesh).read_text())["attribute"] for mesh in MESHES}
     meshes = {mesh: Tetrahedra(paper.mesh(mesh), attribute) for mesh, attribute in attributes.items()}
-    print("\nDegrees between each point's gradient and the exact one, the mean over what the point owns of the mesh's")
-    print("tetrahedra; mean and median by mass, and the mean by mass times the exact gradient's length. For comparison")
-    print("the gradients of these tetrahedra themselves. Last, a linear field on the same points, mean by mass.")
+    paragraph("""Degrees between each point's gradient and the exact one, which is the mean over the point's share of
+        the mesh's tetrahedra. Mean and median are weighted by mass, the third figure by mass times the exact gradient's
+        length. The rows `(tetrahedra)` compare the gradients of these tetrahedra themselves. The last two columns are
+        the mean for a linear field on the same points, weighted by mass.""")
     sums = ("mean", "median", "by length")
     columns = [f"{which}: {what}" for which in ("moments", "column") for what in sums]
     table("mesh", "points joined by", *columns, "linear: moments", "linear: column")
     for name in MESHES:
         compare_angles(paper, name, meshes[name], attributes[name])
-    print("\nThe slices: degrees to the gradient of the tetrahedron at each pixel, by its length; and of the points'")
-    print("exact means, interpolated between them:")
+    paragraph("""The slices: degrees to the gradient of the tetrahedron at each pixel, weighted by its length.
+        *Interpolated* are the points' exact means, interpolated between the points.""")
     columns = [f"{which}: {what}" for which in ("interpolated", "moments", "column") for what in ("mean", "median")]
     table("mesh", "plane", "splats", *columns)
     figures = [draw_slices(paper, name, meshes[name], attributes[name], plane) for name, plane in PLANES.items()]
@@ -84,7 +85,7 @@ def averages(angle, masses, lengths):
 
 
 def spread(mesh, vertices):
-    """The same of each vertex's tetrahedra."""
+    """Returns the averages of the angles between each vertex's mean gradient and those of its tetrahedra."""
     exact = vertices.gradients[vertices.corners]
     angle = angles(exact, numpy.broadcast_to(mesh.gradients[:, None], exact.shape))
     masses = numpy.broadcast_to(mesh.volumes[:, None] / 4, angle.shape)
@@ -114,13 +115,13 @@ def draw_slices(paper, name, mesh, attribute, plane):
 
 
 def lighting(paper):
-    """Figures 3 and 6: what light adds, with both kernels."""
+    """Figures 3 and 6: lighting, with both kernels."""
     table("view", "kernel", "tolerance %", "splats", "unlit: RMSE", "lit: RMSE", "light, of the exact")
     sheet = Sheet(170)
     for view, changes in ((VIEWS[0], SHELLS), *((view, {}) for view in VIEWS)):
         light_view(paper, view, f"{view}, shells" if changes else view, changes, sheet)
-    print("\nThe factor of light over what a point owns, by extinction: the mean of its tetrahedra's, and that of")
-    print("their mean gradient:")
+    paragraph("""The factor of light over a point's share of the mesh, weighted by extinction: the mean of its
+        tetrahedra's factors, and the factor of their mean gradient:""")
     table("view", "each tetrahedron's", "of the mean gradient", "share")
     for view in VIEWS:
         each, mean = light_factors(json.loads(paper.scene(view).read_text()), paper.mesh(view))
@@ -152,7 +153,8 @@ def light_view(paper, view, name, changes, sheet):
 
 
 def light_factors(scene, path):
-    """Means over the volume, by extinction, seen along the camera's line of sight."""
+    """Returns the mean light factors over the volume, by extinction, seen along the camera's line of sight: of each
+    tetrahedron's gradient, and of the points' mean gradients."""
     mesh = Tetrahedra(path, scene["attribute"])
     vertices = Vertices(mesh)
     sight = numpy.subtract(scene["camera"]["focal_point"], scene["camera"]["position"])

@@ -1,7 +1,7 @@
-"""Figure 9: large data. Section 5: the file's parts, and how much of it pictures read.
+"""Figure 9: large data. Section 5: the parts of the file, and the share of it that pictures read.
 
-Builds meshes of tens of millions of tetrahedra and 20 million points, by every reduction: some ten minutes, 5 GB of
-temporary files.
+Builds meshes of tens of millions of tetrahedra, and 20 million points, by every reduction. Takes some ten minutes and
+5 GB of temporary files.
 """
 
 import json
@@ -20,7 +20,7 @@ from .sheets import Sheet
 SCENE = Path(__file__).resolve().with_name("large.json")
 POINTS = "gen:points:count=2e7,distribution=vortex,type=float32"
 MEMORY = "1G"
-# Of the drawing process: all that is asked for is drawn, so that errors are those of the tolerance.
+# Enough memory to draw every picture as requested, so that errors are those of the tolerance.
 ROOM = ("--memory", "2G", "--gpu-memory", "2G")
 KERNELS = ("moments", "octant")
 TOLERANCES = (5, 1, 0.5)
@@ -30,13 +30,13 @@ COLUMNS = {"moments": ("centroid", "moments", "value_moments"), "octant": ("posi
 
 class Mesh(NamedTuple):
     name: str
-    source: str | Path  # what svbuild and svtruth take
-    scene: Path | None  # none: only built
+    source: str | Path  # input of svbuild and svtruth
+    scene: Path | None  # None: only built
     options: tuple = ()  # of svbuild
 
 
 def folder(paper):
-    """For files that stay while the parts are made."""
+    """Returns the folder for files that several parts use."""
     path = paper.work / "large"
     path.mkdir(exist_ok=True)
     return path
@@ -58,7 +58,7 @@ def large_meshes(paper):
 
 
 def measured(paper, program, *arguments):
-    """What the program prints as JSON, with what it took: wall and cpu seconds, peak bytes of memory."""
+    """Runs a program. Returns its JSON, with wall and CPU seconds and the peak bytes of memory."""
     command = [str(paper.programs / program), *map(str, arguments)]
     start = time.monotonic()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -72,7 +72,7 @@ def measured(paper, program, *arguments):
 
 
 def made_once(path, make):
-    """What `make` gave when it made the file."""
+    """Calls `make` if the file is missing. Returns the path and the result of `make`, then or earlier."""
     report = path.with_name(f"{path.name}.json")
     if not path.exists():
         report.write_text(json.dumps(make()))
@@ -80,7 +80,7 @@ def made_once(path, make):
 
 
 def build(paper, mesh, *options):
-    """The file, svbuild's summary and what it took."""
+    """Returns the file, and svbuild's summary with its time and memory."""
     options = (*mesh.options, *options)
     path = folder(paper) / f"{mesh.name.partition(':')[0]}{''.join(options)}.svol"
     command = ("svbuild", mesh.source, "-o", path, "--memory", MEMORY, "--json", *options)
@@ -88,7 +88,7 @@ def build(paper, mesh, *options):
 
 
 def truth(paper, mesh):
-    """The exact picture, svtruth's summary and what it took."""
+    """Returns the exact picture, and svtruth's summary with its time and memory."""
     path = folder(paper) / f"{mesh.name}.exr"
     command = ("svtruth", mesh.source, "--scene", mesh.scene, "-o", path, "--json")
     return made_once(path, lambda: measured(paper, *command))
@@ -103,7 +103,7 @@ def forget(path):
 
 
 def describe(built, file):
-    """Cells of a table that say what a build took."""
+    """Returns a table's cells that describe a build."""
     took = [f"{built['wall']:.1f}", f"{built['cpu']:.1f}", f"{built['peak'] / 2**20:.0f}"]
     return [*took, ", ".join(map(str, built["resolutions"])), f"{file.stat().st_size / 1e6:.1f}"]
 
@@ -123,7 +123,7 @@ def compare_builds(paper):
 
 
 def draw(paper, mesh, kernel, *choice):
-    """The picture, its splats, and a row's cells that describe it."""
+    """Draws a picture. Returns it, its number of splats, and a row's cells that describe it."""
     file, _ = build(paper, mesh)
     exact, _ = truth(paper, mesh)
     options = ("--kernel", kernel, *choice, *ROOM)
@@ -139,7 +139,7 @@ def draw(paper, mesh, kernel, *choice):
 
 
 def compare_pictures(paper):
-    print("\nPictures, by tolerance and by expected error, beside the exact one:")
+    print("\nPictures, by tolerance and by expected error, against the exact one:")
     table("mesh", "kernel", "asked for", "splats", "RMSE", "frame ms", "of a cold file s", "MB read", "% of the file")
     sheets = {mesh.name: Sheet() for mesh in large_meshes(paper)}
     for mesh in meshes(paper):
@@ -181,7 +181,7 @@ def compare_reductions(paper):
     table("input", "reduction", *build_columns, *(f"{count} splats" for count in counts))
     for mesh in (*large_meshes(paper), Mesh(POINTS, POINTS, None, ("--connectivity", "none"))):
         for reduction in ("octree", "kdtree", "mis"):
-            # svbuild takes the octree by itself: those of the meshes are there.
+            # The octree is svbuild's default, so its builds of the meshes exist already.
             file, built = build(paper, mesh, *(() if reduction == "octree" else ("--reduction", reduction)))
             errors = [""] * len(counts)
             if mesh.scene:
@@ -195,7 +195,7 @@ def compare_reductions(paper):
 
 
 def large(paper):
-    """Figure 9: a generated mesh, the largest real one at hand, and that one refined."""
+    """Figure 9: a generated mesh, the largest real mesh at hand, and the real mesh refined."""
     compare_builds(paper)
     compare_pictures(paper)
     first_pictures(paper)
@@ -203,7 +203,7 @@ def large(paper):
 
 
 def chunk_bytes(file, info):
-    """Packed bytes of chunks, [column, resolution, segment], by the file's directory (spec/svol-1.md, section 5)."""
+    """Returns the packed bytes of chunks, [column, resolution, segment], from the directory (spec, section 5)."""
     counts = info["resolution_counts"]
     groups = [-(-(n - before) // info["points_per_chunk"]) for before, n in zip([0, *counts], counts)]
     root = next(section["offset"] for section in info["sections"] if section["kind"] == "directory_root")
@@ -227,7 +227,7 @@ def chunk_bytes(file, info):
 
 
 def bytes_a_splat(info, sums, kernel, attribute):
-    """What the numbers of one splat take on average, [resolution]."""
+    """Returns the average bytes of a splat in the columns that the kernel reads, [resolution]."""
     wanted = [
         number
         for number, column in enumerate(info["columns"])
@@ -245,7 +245,7 @@ def bytes_a_splat(info, sums, kernel, attribute):
 
 
 def parts_of(info, sums):
-    """Names and bytes of a file's parts in their order."""
+    """Yields names and bytes of a file's parts in their order."""
     sections = sorted(info["sections"], key=lambda section: section["offset"])
     yield "superblock and section table", sections[0]["offset"]
     for section in sections:
@@ -273,7 +273,7 @@ def show_layout(name, info, sums):
 
 
 def bytes_read(paper):
-    """Section 5: the file's parts with their sizes, and how much of it pictures read."""
+    """Section 5: the sizes of the file's parts, and the bytes that pictures read."""
     files = [(view, paper.build(view)[0], paper.scene(view)) for view in VIEWS]
     files += [(mesh.name, build(paper, mesh)[0], mesh.scene) for mesh in large_meshes(paper)]
     opened = []

@@ -1,19 +1,20 @@
-"""What a part of svpaper works with: builds, pictures, errors; and how it prints its tables."""
+"""Tools for svpaper's parts: builds, pictures, errors, tables."""
 
 import json
 import resource
 import subprocess
+import textwrap
 
 MESHES = ("bluntfin", "post", "wing")
-VIEWS = MESHES  # each from outside, as a whole
+VIEWS = MESHES  # each mesh as a whole, from outside
 
 
 class ProgramError(Exception):
-    """A program did not end well; the text is what was called and what it said."""
+    """A program failed. The text holds the command and the program's message."""
 
 
 class Paper:
-    """`pictures`: the folder that parts write theirs into. `work`: one for files that nobody keeps."""
+    """One run. `pictures`: the folder for pictures of the page. `work`: a temporary folder for all other files."""
 
     def __init__(self, options, work):
         self.programs, self.shared, self.work = options.programs, options.shared, work
@@ -21,7 +22,7 @@ class Paper:
         self.built = {}
 
     def attempt(self, program, *arguments):
-        """What subprocess.run gives, whatever the exit code."""
+        """Runs a program. Returns the result of subprocess.run, whatever the exit code."""
         command = [str(self.programs / program), *map(str, arguments)]
         try:
             return subprocess.run(command, capture_output=True, text=True, check=False)
@@ -38,7 +39,7 @@ class Paper:
         return self.shared / "data" / f"{name}.vtu"
 
     def build(self, mesh, *options):
-        """The file, svbuild's summary, and CPU seconds, built once. `mesh`: one of the shared ones, or a path."""
+        """Builds once. Returns the file, svbuild's summary, CPU seconds. `mesh`: a shared mesh's name, or a path."""
         if (mesh, *options) not in self.built:
             source = self.mesh(mesh) if isinstance(mesh, str) else mesh
             file = self.work / f"{source.stem}{''.join(options)}.svol"
@@ -50,7 +51,7 @@ class Paper:
         return self.built[mesh, *options]
 
     def render(self, file, scene, *options):
-        """The picture, and svrender's statistics."""
+        """Draws. Returns the picture and svrender's statistics."""
         picture = self.new_file(".exr")
         return picture, json.loads(
             self.run("svrender", file, "--scene", scene, "-o", picture, "--stats", "-", *options)
@@ -63,7 +64,7 @@ class Paper:
         return self.shared / "scenes" / f"{view}.json"
 
     def changed_scene(self, view, changes):
-        """The view's scene with other fields."""
+        """Writes the view's scene with some fields replaced. Returns its path."""
         path = self.new_file(".json")
         path.write_text(json.dumps(json.loads(self.scene(view).read_text()) | changes))
         return path
@@ -72,7 +73,7 @@ class Paper:
         return self.shared / "truth" / f"{view}.exr"
 
     def difference(self, a, b):
-        """What svdiff says."""
+        """Returns svdiff's report."""
         return json.loads(self.run("svdiff", a, b, "--json"))
 
     def rmse(self, a, b):
@@ -80,6 +81,11 @@ class Paper:
 
     def error(self, picture, view):
         return self.rmse(picture, self.truth(view))
+
+
+def paragraph(text):
+    """Prints an empty line, then the text in lines of at most 120 characters."""
+    print("\n" + textwrap.fill(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False))
 
 
 def table(*names):
@@ -92,7 +98,7 @@ def row(*cells):
 
 
 def show(path, what):
-    """A link to one of the page's pictures."""
+    """Prints a link to one of the page's pictures."""
     print(f"\n![{what}](pictures/{path.name})")
 
 

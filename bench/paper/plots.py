@@ -1,4 +1,4 @@
-"""Curves."""
+"""Plots of error against splats."""
 
 import matplotlib
 
@@ -7,7 +7,7 @@ from matplotlib import pyplot  # noqa: E402
 
 
 def draw_error_curves(curves, path):
-    """`curves`: for (view, kernel, N) [(picture, splats, RMSE)]. A panel for each view, both axes logarithmic."""
+    """Draws a panel for each view, both axes logarithmic. `curves`: for (view, kernel, N) [(picture, splats, RMSE)]."""
     views = list(dict.fromkeys(view for view, _, _ in curves))
     leaves = list(dict.fromkeys(n for _, _, n in curves))
     figure, panels = pyplot.subplots(1, len(views), figsize=(9, 3), layout="constrained")

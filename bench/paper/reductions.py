@@ -1,8 +1,8 @@
-"""Sections 2 and 4.1, and figure 4: how points are thrown out."""
+"""Sections 2 and 4.1, and figure 4: reductions."""
 
 from textwrap import indent
 
-from .measure import MESHES, VIEWS, row, show, table
+from .measure import MESHES, VIEWS, paragraph, row, show, table
 from .plots import draw_error_curves
 from .sheets import Sheet
 
@@ -20,7 +20,7 @@ def reductions(paper):
         "reduction",
         "CPU s",
         "points of the resolutions",
-        "share that stays, each step",
+        "share that stays, each reduction",
         "points of all resolutions, % of the finest",
         "file MB",
     )
@@ -36,8 +36,8 @@ def reductions(paper):
 
 
 def compare_errors(paper):
-    print("\nRMSE against the exact picture with as many splats, kernel `moments`, by expected error; and that of the")
-    print("kernel `octant`, whole resolutions:")
+    paragraph("""RMSE against the exact picture with that many splats, chosen by expected error, kernel `moments`. Last,
+        the RMSE of the kernel `octant` with whole resolutions:""")
     table("view", "reduction", *(f"{n} splats" for n in SPLATS), "octant: splats, RMSE of each resolution")
     sheet = Sheet()
     for view in VIEWS:
@@ -65,7 +65,7 @@ def leaf(paper):
     table(
         "view",
         "N",
-        "share that stays, first step",
+        "share that stays, first reduction",
         "file MB",
         "octant: RMSE at 5 %",
         "splats",
@@ -97,7 +97,7 @@ def leaf(paper):
 
 
 def error_curve(paper, view, file, kernel):
-    """[(picture, splats, RMSE)] of each tolerance, fine to coarse."""
+    """Returns [(picture, splats, RMSE)] of each tolerance, fine to coarse."""
     curve = []
     for tolerance in TOLERANCES:
         options = ("--kernel", kernel, "--tolerance", tolerance, "--sampling", 1)

@@ -11,7 +11,7 @@ COLOURS = 256
 
 
 def thumbnail(rgba, background, size):
-    """The picture as displayed, its longer side `size`, means of pixels in linear light."""
+    """Returns the displayed picture, its longer side about `size`, by means of pixels in linear light."""
     height, width = rgba.shape[:2]
     step = max(1, max(height, width) // size)
     height, width = height // step, width // step
@@ -20,10 +20,10 @@ def thumbnail(rgba, background, size):
 
 
 def write_sheet(path, rows, size):
-    """`rows`: lists of (label, PIL image), all of one size, at most `size`. The sheet has 256 colours."""
+    """Writes a sheet of 256 colours. `rows`: lists of (label, PIL image), all of one size, at most `size`."""
     width, height = rows[0][0][1].size
     if max(width, height) > size:
-        raise ValueError("pictures are too large for their places")
+        raise ValueError("pictures are too large for their areas")
     sheet = Image.new("RGB", (max(map(len, rows)) * (width + 2) - 2, len(rows) * (height + LABEL)), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for r, cells in enumerate(rows):
@@ -35,7 +35,7 @@ def write_sheet(path, rows, size):
 
 
 def save(picture, path):
-    """A PIL image or an array, in 256 colours of its own."""
+    """Saves a PIL image or an array with 256 colours of its own."""
     if isinstance(picture, numpy.ndarray):
         picture = Image.fromarray(picture)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Slices: a field, its gradient and how far off that is, on a plane of constant z."""
+"""Slices: a field, its gradient and the gradient's error, on a plane of constant z."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,8 @@ from vtk.util import numpy_support  # noqa: E402
 from .fields import angles, weighted  # noqa: E402
 from .sheets import save  # noqa: E402
 
-SMALLEST = 100  # gradients shorter by that are shown as nothing: their directions are the values' rounding
-HALF_AXES = 0.95 * 12**0.5  # in deviations, as the kernel `moments` has them
+SMALLEST = 100  # gradients shorter by this factor are not shown: their directions are rounding of the values
+HALF_AXES = 0.95 * 12**0.5  # in deviations, as in the kernel `moments`
 
 
 @dataclass
@@ -42,8 +42,8 @@ class Slice:
 
 
 def exact_slices(mesh, at_points, plane):
-    """Each pixel from the tetrahedron that its centre lies in: with its gradient, and with the vectors `at_points`,
-    [point], interpolated."""
+    """Returns two slices. A pixel takes its value from the tetrahedron round its centre. The first slice has the
+    tetrahedron's gradient, the second the vectors `at_points` [point], interpolated."""
     grid = vtk.vtkUnstructuredGrid()
     grid.CopyStructure(mesh.grid)
     of_points, of_cells = grid.GetPointData(), grid.GetCellData()
@@ -69,8 +69,8 @@ def exact_slices(mesh, at_points, plane):
 
 
 def splat_slice(splats, vectors, plane):
-    """Means over the splats at each pixel, by density: of their linear fields, and of `vectors`. The ellipsoids are
-    those of the kernel `moments`, whole at the mesh's boundary too, and no thinner than a pixel."""
+    """Returns the means over the splats at each pixel, by density, of their linear fields and of `vectors`. The
+    ellipsoids are those of the kernel `moments`, but not cut at the mesh's boundary, and no thinner than a pixel."""
     weights = numpy.zeros(plane.places.shape[:2])
     sums, values = numpy.zeros((*weights.shape, 3)), numpy.zeros(weights.shape)
     shapes = splats.covariances + plane.pixel**2 / 12 * numpy.eye(3)
@@ -93,7 +93,7 @@ def splat_slice(splats, vectors, plane):
 
 
 class Figure:
-    """Two rows of three panels: gradients above, angles to the exact one below."""
+    """Two rows of three panels: gradients above, angles to the exact gradient below."""
 
     def __init__(self, plane, exact):
         self.plane, self.exact = plane, exact
@@ -120,7 +120,7 @@ class Figure:
         self.images[key].append((panel, image))
 
     def add_arrows(self, panel, part, step=11):
-        """As long as the share of the gradient that lies in the plane."""
+        """Adds arrows. The share of the gradient in the plane sets their length."""
         some = (slice(step // 2, None, step), slice(step // 2, None, step))
         with numpy.errstate(invalid="ignore", divide="ignore"):
             arrows = part.gradients[some] / numpy.linalg.norm(part.gradients[some], axis=-1)[..., None]
@@ -140,7 +140,7 @@ class Figure:
         self.draw(part, title, "angle", angle, vmin=0, vmax=45, cmap="magma")
 
     def angle(self, part):
-        """Mean and median of the degrees to the exact gradient, by its length."""
+        """Returns mean and median of the degrees to the exact gradient, weighted by its length."""
         both = self.inside & ~numpy.isnan(part.values)
         return weighted(angles(self.exact.gradients, part.gradients)[both], self.lengths[both])
 

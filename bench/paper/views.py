@@ -31,7 +31,7 @@ def tolerances(paper):
 
 
 def far_away(paper, view, factor):
-    """The view's scene from so many times as far."""
+    """Writes the view's scene with the camera `factor` times as far. Returns its path."""
     camera = json.loads(paper.scene(view).read_text())["camera"]
     eye, focus = camera["position"], camera["focal_point"]
     camera["position"] = [f + factor * (e - f) for e, f in zip(eye, focus)]
@@ -39,7 +39,7 @@ def far_away(paper, view, factor):
 
 
 def relative_rmse(paper, file, view, scene, tolerance):
-    """Splats, and RMSE against all points over the root mean square of those."""
+    """Returns the number of splats, and the RMSE against all points over the root mean square of these."""
     transfer = json.loads(paper.scene(view).read_text())["transfer_function"]
     camera = json.loads(scene.read_text())["camera"]
     empty = {"camera": camera, "transfer_function": transfer | {"density": [[0, 0], [1, 0]]}}
@@ -50,7 +50,7 @@ def relative_rmse(paper, file, view, scene, tolerance):
 
 
 def small(paper):
-    """Section 4.2: what 20 % leaves at full size, and 1 % at 1/400 of the area."""
+    """Section 4.2: 20 % at full size, and 1 % at 1/400 of the area."""
     table(
         "view",
         "at full size, 20 %: splats",
@@ -71,7 +71,7 @@ def small(paper):
 
 
 def sorting(paper):
-    """Section 3.4: what sorting gains."""
+    """Section 3.4: the gain of sorting."""
     sorts = ("none", "axis", "exact")
     columns = (f"{sort}: {what}" for sort in sorts for what in ("RMSE", "ms"))
     table("view", "kernel", "tolerance %", *columns, "none against exact", "axis against exact")
