@@ -16,23 +16,25 @@ double longest_edge(const Box& box) {
   return std::max({edges.x, edges.y, edges.z});
 }
 
-// Distances are compared in units of `scale`, whose squares neither overflow nor vanish; of equal ones the lower index.
+// Finds the point nearest to a position (ties: the lower index). Compares distances in units of `scale`, so that their
+// squares neither overflow nor vanish.
 class Nearest {
  public:
-  Nearest(const dvec3& place, double scale) : place_(place), scale_(scale) {}
+  Nearest(const dvec3& position, double scale) : position_(position), scale_(scale) {}
 
   void consider(std::uint32_t i, const dvec3& position) {
-    const dvec3 offset = scale_ > 0 ? (position - place_) / scale_ : dvec3(0);
+    const dvec3 offset = scale_ > 0 ? (position - position_) / scale_ : dvec3(0);
     nearest_ = std::min(nearest_, {glm::dot(offset, offset), i});
   }
   [[nodiscard]] std::uint32_t index() const { return nearest_.second; }
 
  private:
-  dvec3 place_;
+  dvec3 position_;
   double scale_;
   std::pair<double, std::uint32_t> nearest_{std::numeric_limits<double>::infinity(), none};
 };
 
+// Halves `part` until it has at most `most` points, and sets their owners.
 void halve(std::span<const dvec3> positions, std::span<std::uint32_t> part, std::size_t most,
            std::span<std::uint32_t> owners) {
   Box box;
@@ -52,13 +54,13 @@ void halve(std::span<const dvec3> positions, std::span<std::uint32_t> part, std:
   halve(positions, part.subspan(half), most, owners);
 }
 
-void find_parts(std::span<const dvec3> positions, std::size_t most, std::span<std::uint32_t> owners) {
+void find_buckets(std::span<const dvec3> positions, std::size_t most, std::span<std::uint32_t> owners) {
   std::vector<std::uint32_t> all(positions.size());
   std::iota(all.begin(), all.end(), 0u);
   halve(positions, all, most, owners);
 }
 
-// The points that edges join each point to.
+// The points that an edge joins to each point.
 class Neighbours {
  public:
   Neighbours(std::size_t points, std::span<const Edge> edges) : begins_(points + 1), ends_(2 * edges.size()) {
@@ -110,22 +112,23 @@ const char* reduction_name(Reduction method) {
 
 void find_clusters(Reduction method, std::uint32_t leaf_points, std::span<const MortonKey> keys,
                    std::span<const dvec3> positions, std::span<std::uint32_t> owners) {
-  // What shares a key could never be told apart again, and CGAL wants places to differ.
+  // Points that share a key could never be told apart again, and CGAL wants distinct positions: of each key only the
+  // first point takes part.
   std::vector<std::uint32_t> firsts;
-  std::vector<dvec3> places;
+  std::vector<dvec3> distinct;
   for (std::uint32_t i = 0; i < keys.size(); ++i) {
     if (i > 0 && keys[i] == keys[i - 1]) continue;
     firsts.push_back(i);
-    places.push_back(positions[i]);
+    distinct.push_back(positions[i]);
   }
-  std::vector<std::uint32_t> place_owners(places.size());
+  std::vector<std::uint32_t> distinct_owners(distinct.size());
   if (method == Reduction::kdtree)
-    find_parts(places, leaf_points, place_owners);
+    find_buckets(distinct, leaf_points, distinct_owners);
   else
-    find_independent_set(places, place_owners);
-  for (std::size_t i = 0, place = 0; i < keys.size(); ++i) {
-    if (place + 1 < firsts.size() && firsts[place + 1] == i) ++place;
-    owners[i] = firsts[place_owners[place]];
+    find_independent_set(distinct, distinct_owners);
+  for (std::size_t i = 0, d = 0; i < keys.size(); ++i) {
+    if (d + 1 < firsts.size() && firsts[d + 1] == i) ++d;
+    owners[i] = firsts[distinct_owners[d]];
   }
 }
 

@@ -8,7 +8,7 @@
 #include "builder/mesh/boundary.h"
 #include "builder/reduction/batch_reduction.h"
 #include "builder/mesh/moments.h"
-#include "builder/output/splat_rows.h"
+#include "builder/output/splat_columns.h"
 #include "tests/support/whole_reduction.h"
 
 namespace splatvol::test {
@@ -32,10 +32,10 @@ struct Material {
                                                    std::span<const Resolution> resolutions, Material finest);
 
 /// A resolution's splats: centroid, shape, number and octant. Densities are 1.
-[[nodiscard]] std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
+[[nodiscard]] std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
                                               const Material& material);
 
 /// Fits the densities of the finest resolution's splats.
-void fit_finest_densities(std::span<SplatRow> splats);
+void fit_finest_densities(std::span<StoredSplat> splats);
 
 }  // namespace splatvol::test

@@ -14,8 +14,8 @@ namespace splatvol {
 namespace {
 
 // A uniform box as a splat.
-PlacedShape box(const dvec3& centre, const dvec3& size) {
-  PlacedShape splat;
+FittedSplat box(const dvec3& centre, const dvec3& size) {
+  FittedSplat splat;
   splat.centroid = centre;
   splat.shape.mass = size.x * size.y * size.z;
   splat.shape.deviations = size / std::sqrt(12.0);
@@ -24,8 +24,8 @@ PlacedShape box(const dvec3& centre, const dvec3& size) {
 
 // n^3 cubes of edge 1, by turns `small` and larger splats of together the same mass: what splitting hexahedra into five
 // tetrahedra gives their corners.
-std::vector<PlacedShape> checkerboard(int n, double small) {
-  std::vector<PlacedShape> splats;
+std::vector<FittedSplat> checkerboard(int n, double small) {
+  std::vector<FittedSplat> splats;
   for (int z = 0; z < n; ++z)
     for (int y = 0; y < n; ++y)
       for (int x = 0; x < n; ++x)
@@ -33,9 +33,9 @@ std::vector<PlacedShape> checkerboard(int n, double small) {
   return splats;
 }
 
-double density_at(const std::vector<PlacedShape>& splats, const dvec3& place) {
+double density_at(const std::vector<FittedSplat>& splats, const dvec3& place) {
   double density = 0;
-  for (const PlacedShape& s : splats) {
+  for (const FittedSplat& s : splats) {
     const dvec3 half = moments_half_width * s.shape.deviations;
     const dvec3 p = (place - s.centroid) / half;
     const double rest = 1 - glm::dot(p, p);
@@ -46,7 +46,7 @@ double density_at(const std::vector<PlacedShape>& splats, const dvec3& place) {
 }
 
 // Root mean square of density - 1 over the middle of a block of cubes.
-double ripple(const std::vector<PlacedShape>& splats, int n) {
+double ripple(const std::vector<FittedSplat>& splats, int n) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> place(n / 2.0 - 1.5, n / 2.0 + 0.5);  // two periods
   double sum = 0;
@@ -56,14 +56,14 @@ double ripple(const std::vector<PlacedShape>& splats, int n) {
   return std::sqrt(sum / count);
 }
 
-double mass(const std::vector<PlacedShape>& splats) {
+double mass(const std::vector<FittedSplat>& splats) {
   double sum = 0;
-  for (const PlacedShape& s : splats) sum += s.shape.mass * s.shape.density;
+  for (const FittedSplat& s : splats) sum += s.shape.mass * s.shape.density;
   return sum;
 }
 
 TEST(Density, TakesMostOfACheckerboardsRippleAway) {
-  std::vector<PlacedShape> splats = checkerboard(10, 1.0 / 3);
+  std::vector<FittedSplat> splats = checkerboard(10, 1.0 / 3);
   const double before = ripple(splats, 10);
   fit_densities(splats);
   EXPECT_GT(before, 0.15) << "or there is nothing to take away";
@@ -71,7 +71,7 @@ TEST(Density, TakesMostOfACheckerboardsRippleAway) {
 }
 
 TEST(Density, EqualCubesKeepTheirs) {
-  std::vector<PlacedShape> splats = checkerboard(9, 1);
+  std::vector<FittedSplat> splats = checkerboard(9, 1);
   fit_densities(splats);
   // The one in the middle, out of sight of the block's surface.
   EXPECT_NEAR(splats[splats.size() / 2].shape.density, 1, 0.03);
@@ -79,7 +79,7 @@ TEST(Density, EqualCubesKeepTheirs) {
 
 TEST(Density, KeepsTheMass) {
   for (const double small : {1.0, 0.5, 1.0 / 3, 0.1}) {
-    std::vector<PlacedShape> splats = checkerboard(12, small);
+    std::vector<FittedSplat> splats = checkerboard(12, small);
     fit_densities(splats);
     EXPECT_NEAR(mass(splats) / (12 * 12 * 12), 1, 0.04) << small;  // of neighbourhoods, and so roughly of all
   }
@@ -87,7 +87,7 @@ TEST(Density, KeepsTheMass) {
 
 TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
   // A block of cubes whose first layer is of half cells that end at the plane x = 0.
-  std::vector<PlacedShape> splats;
+  std::vector<FittedSplat> splats;
   for (int z = 0; z < 9; ++z)
     for (int y = 0; y < 9; ++y)
       for (int x = 0; x < 9; ++x) {
@@ -107,12 +107,12 @@ TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
 }
 
 TEST(Density, HardCases) {
-  std::vector<PlacedShape> none;
+  std::vector<FittedSplat> none;
   fit_densities(none);
 
   for (const double scale : {1e-30, 1e-6, 1.0, 1e6, 1e30})
     for (const double shift : {0.0, 1e7}) {
-      std::vector<PlacedShape> splats;
+      std::vector<FittedSplat> splats;
       for (int i = 0; i < 40; ++i)
         splats.push_back(box(scale * (dvec3(i % 4, i / 4 % 4, i / 16) + shift), dvec3(scale)));
       splats[0].shape.mass = 0;                                   // no material
@@ -123,7 +123,7 @@ TEST(Density, HardCases) {
       splats[6].shape.mass *= 1e9;
       splats[7].shape.deviations *= 1e3;  // nine decades of volume
       fit_densities(splats);
-      for (const PlacedShape& s : splats) {
+      for (const FittedSplat& s : splats) {
         ASSERT_TRUE(std::isfinite(s.shape.density));
         ASSERT_GT(s.shape.density, 0);
       }
@@ -135,7 +135,7 @@ TEST(Density, HardCases) {
 TEST(Density, DoesNotDependOnThreads) {
   const auto fit = [](int threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
-    std::vector<PlacedShape> splats = checkerboard(14, 0.4);
+    std::vector<FittedSplat> splats = checkerboard(14, 0.4);
     fit_densities(splats);
     return splats;
   };

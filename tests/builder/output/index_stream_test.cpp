@@ -63,7 +63,7 @@ struct Model {
   std::vector<test::Resolution> resolutions;
   std::vector<std::uint8_t> segments;
   std::vector<test::Material> materials;
-  std::vector<std::vector<SplatRow>> splats;  // [resolution]
+  std::vector<std::vector<StoredSplat>> splats;  // [resolution]
   format::ValueBins bins{0, 1};
 
   explicit Model(const Sorted& sorted) {

@@ -151,16 +151,16 @@ struct Rows {
 };
 
 // All rows of the splats of each resolution, in file order, as the oracle has them.
-std::vector<SplatRow> splats_in_file_order(const Rows& rows) {
+std::vector<StoredSplat> splats_in_file_order(const Rows& rows) {
   const auto materials = test::merge_clusters(rows.points.positions, rows.resolutions, test::material_of(rows.points));
-  std::vector<std::vector<SplatRow>> splats;
+  std::vector<std::vector<StoredSplat>> splats;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r)
     splats.push_back(test::splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
   test::fit_finest_densities(splats.back());
   const std::vector<std::uint64_t> order = test::file_order(rows.resolutions);
-  std::vector<SplatRow> all;
+  std::vector<StoredSplat> all;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r) {
-    std::vector<const SplatRow*> splat_of(rows.points.size());  // [point]
+    std::vector<const StoredSplat*> splat_of(rows.points.size());  // [point]
     for (std::size_t m = 0; m < rows.resolutions[r].size(); ++m)
       splat_of[rows.resolutions[r].members[m]] = &splats[r][m];
     for (const std::uint64_t i : order)
@@ -184,7 +184,7 @@ TEST(RowStreams, RowsComeInFileOrderEachOnce) {
     for (const std::uint64_t i : test::file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
     EXPECT_EQ(flat(rows.values), order);
 
-    const std::vector<SplatRow> expected = splats_in_file_order(rows);
+    const std::vector<StoredSplat> expected = splats_in_file_order(rows);
     const auto shapes = flat(rows.shapes);
     const auto depths = flat(rows.depths), counts = flat(rows.counts);
     ASSERT_EQ(shapes.size(), expected.size());
@@ -201,7 +201,7 @@ TEST(RowStreams, RowsComeInFileOrderEachOnce) {
 // What is fitted is what the oracle fits, and the rest of the file does not depend on it.
 TEST(RowStreams, DensitiesOfTheFinestAreFitted) {
   const Rows fitted(true), none(false);
-  const std::vector<SplatRow> expected = splats_in_file_order(fitted);
+  const std::vector<StoredSplat> expected = splats_in_file_order(fitted);
   const std::size_t finest = fitted.resolutions.back().size();
   const auto shapes = flat(fitted.shapes), none_shapes = flat(none.shapes);
   std::size_t differ = 0;

@@ -84,7 +84,7 @@ TEST(DelaunayEdges, JoinPointsWithoutVolumeToo) {
 }
 
 // Blocks that are hard to cut, in Morton order.
-std::map<std::string, Sorted> hard_blocks() {
+std::map<std::string, Sorted> hard_nodes() {
   std::map<std::string, std::vector<dvec3>> blocks;
   for (const int count : {1, 2, 3, 4, 5, 8, 9, 100, 512}) blocks[std::to_string(count)] = uniform_points(count);
   blocks["all equal"] = std::vector<dvec3>(100, dvec3(0.1, 0.2, 0.3));
@@ -132,7 +132,7 @@ struct Places {
 };
 
 TEST(FindClusters, EachPointGoesWithOneThatStaysAndOnlyOneOfAKeyStays) {
-  for (const auto& [name, block] : hard_blocks())
+  for (const auto& [name, block] : hard_nodes())
     for (const Reduction method : {Reduction::mis, Reduction::kdtree})
       for (const std::uint32_t leaf_points : {8u, 20u}) {
         SCOPED_TRACE(name + ", " + reduction_name(method));
@@ -148,7 +148,7 @@ TEST(FindClusters, EachPointGoesWithOneThatStaysAndOnlyOneOfAKeyStays) {
 }
 
 TEST(FindClusters, TheIndependentSetIsOneAndMaximal) {
-  for (const auto& [name, block] : hard_blocks()) {
+  for (const auto& [name, block] : hard_nodes()) {
     SCOPED_TRACE(name);
     const auto owners = owners_of(Reduction::mis, 8, block);
     const Places places(block);
@@ -177,7 +177,7 @@ TEST(FindClusters, TheIndependentSetIsOneAndMaximal) {
 }
 
 TEST(FindClusters, PartsOfTheTreeAreHalvesOfHalvesInBoxesOfTheirOwn) {
-  for (const auto& [name, block] : hard_blocks())
+  for (const auto& [name, block] : hard_nodes())
     for (const std::uint32_t leaf_points : {8u, 20u}) {
       SCOPED_TRACE(name + ", " + std::to_string(leaf_points));
       const auto owners = owners_of(Reduction::kdtree, leaf_points, block);

@@ -125,7 +125,7 @@ struct Streamed {
   struct Level {
     std::vector<std::uint64_t> members;
     std::vector<int> node_depths;  // [member]; empty at level 0
-    std::vector<SplatRow> splats;  // [member]
+    std::vector<StoredSplat> splats;  // [member]
     test::Material material;       // empty at level 0
   };
 
@@ -136,7 +136,7 @@ struct Streamed {
   std::vector<std::vector<std::size_t>> ends;  // [point]: levels that are its last
   std::vector<std::uint64_t> counts;           // [level]
 
-  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t cell_points,
+  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t index_leaf_points,
            Reduction method = Reduction::octree) {
     ends.resize(positions.size());
     attribute_.min = 0;
@@ -144,7 +144,7 @@ struct Streamed {
     test::PieceSource source({test::scattered(std::move(positions))});
     PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
     cube = stream.summary().cube;
-    Batches batches(stream, cell_points);
+    Batches batches(stream, index_leaf_points);
     EXPECT_TRUE(batches.hold_all([&](PointBatch& all) -> Status {
       test::randomize_material(all);
       std::iota(all.values[0].begin(), all.values[0].end(), 0.0);
@@ -199,7 +199,7 @@ struct Streamed {
 
   void add_splat(std::size_t level, const Member& member, int node_depth) {
     EXPECT_EQ(member.splats.size(), level + 1);
-    EXPECT_EQ(member.value_rows.size(), level + 1);
+    EXPECT_EQ(member.stored_values.size(), level + 1);
     EXPECT_EQ(member.point.position, points.positions[id(member)]);
     levels.resize(std::max(levels.size(), level + 1));
     Level& at = levels[level];
@@ -250,17 +250,17 @@ void expect_same(const BoundaryPlane& a, const BoundaryPlane& b) {
 }
 
 // The cells are those of the octree, and what is too much for one follows in parts.
-void expect_cells_of_definition(std::span<const NodePart> cells, std::span<const MortonKey> keys,
-                                std::size_t cell_points) {
+void expect_leaves_of_definition(std::span<const NodePart> cells, std::span<const MortonKey> keys,
+                                std::size_t index_leaf_points) {
   std::size_t c = 0;
   std::uint64_t leaf = 0;
-  test::visit_octree(keys, cell_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
+  test::visit_octree(keys, index_leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
     if (!is_leaf || testing::Test::HasFatalFailure()) return;
     for (std::size_t at = begin; at < end && c < cells.size(); ++c) {
       const NodePart& cell = cells[c];
       ASSERT_EQ(cell.begin, at);
       ASSERT_GT(cell.end, at);
-      ASSERT_LE(cell.end, std::min(at + cell_points, end));
+      ASSERT_LE(cell.end, std::min(at + index_leaf_points, end));
       ASSERT_EQ(cell.depth, depth);
       ASSERT_EQ(cell.leaf, leaf);
       ASSERT_EQ(cell.continued, at > begin);
@@ -277,7 +277,7 @@ void expect_same_level(const Streamed& streamed, std::size_t level, const test::
   const Streamed::Level& at = streamed.levels[level];
   ASSERT_EQ(at.members, resolution.members);
   ASSERT_EQ(streamed.counts[level], resolution.size());
-  const std::vector<SplatRow> splats = test::splats_of(streamed.points.positions, resolution, material);
+  const std::vector<StoredSplat> splats = test::splats_of(streamed.points.positions, resolution, material);
   for (std::size_t m = 0; m < resolution.size(); ++m) {
     ASSERT_EQ(at.splats[m].number, m);
     ASSERT_EQ(at.splats[m].depth, resolution.depths[m]);
@@ -312,11 +312,11 @@ void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) 
 }
 
 void expect_batches_of_definition(const std::vector<dvec3>& positions) {
-  for (const std::size_t cell_points : {8, 100, 512, 30'000}) {
-    SCOPED_TRACE("at most " + std::to_string(cell_points));
+  for (const std::size_t index_leaf_points : {8, 100, 512, 30'000}) {
+    SCOPED_TRACE("at most " + std::to_string(index_leaf_points));
     test::PieceSource source({test::scattered(positions)});
     PointStream stream = *PointStream::create(source, false, 1 << 24, testing::TempDir(), [](double) {});
-    Batches batches(stream, cell_points);
+    Batches batches(stream, index_leaf_points);
     std::vector<MortonKey> keys;
     std::vector<NodePart> cells;
     PointBatch batch;
@@ -327,7 +327,7 @@ void expect_batches_of_definition(const std::vector<dvec3>& positions) {
         cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
     }
     ASSERT_EQ(keys.size(), positions.size());
-    expect_cells_of_definition(cells, keys, cell_points);
+    expect_leaves_of_definition(cells, keys, index_leaf_points);
   }
 }
 
@@ -362,15 +362,15 @@ TEST(Batches, MayEndWithAFewPointsOfALargeCell) {
 
 TEST(Cascade, GivesTheReductionOfTheDefinition) {
   for (const auto& [name, positions] : hard_cases())
-    for (const auto& [leaf_points, cell_points] :
+    for (const auto& [leaf_points, index_leaf_points] :
          {std::pair{8u, 8u}, {8u, 300u}, {8u, 512u}, {20u, 20u}, {20u, 10'000u}, {600u, 600u}}) {
-      SCOPED_TRACE(name + ", " + std::to_string(leaf_points) + " and " + std::to_string(cell_points));
-      const Streamed streamed(positions, leaf_points, cell_points);
-      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
+      SCOPED_TRACE(name + ", " + std::to_string(leaf_points) + " and " + std::to_string(index_leaf_points));
+      const Streamed streamed(positions, leaf_points, index_leaf_points);
+      expect_leaves_of_definition(streamed.cells, streamed.points.keys, index_leaf_points);
       // The first part of a cell decides for all: the same only where all points are in one place and the count is
       // full.
       const bool in_parts = std::ranges::any_of(streamed.cells, &NodePart::continued);
-      if (!in_parts || (name == "all equal" && cell_points > 255)) expect_same_reduction(streamed, leaf_points);
+      if (!in_parts || (name == "all equal" && index_leaf_points > 255)) expect_same_reduction(streamed, leaf_points);
       if (HasFatalFailure()) return;
     }
 }
@@ -421,8 +421,8 @@ Streamed::Level reduce_nodes(const Streamed& streamed, const Streamed::Level& le
   return coarser;
 }
 
-void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint32_t leaf_points,
-                           std::size_t cell_points) {
+void expect_nodes_reduced(const Streamed& streamed, Reduction method, std::uint32_t leaf_points,
+                           std::size_t index_leaf_points) {
   const std::size_t last = streamed.levels.size() - 1;
   ASSERT_LE(streamed.counts[last], coarsest_target);
   test::Material material = test::material_of(streamed.points);
@@ -440,7 +440,7 @@ void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint
     });
     if (level == last) break;
     const std::size_t node_points =
-        std::min<std::size_t>(most_in_reduction_node(method, leaf_points), level == 0 ? cell_points : -1);
+        std::min<std::size_t>(most_in_reduction_node(method, leaf_points), level == 0 ? index_leaf_points : -1);
     if (level > 0)
       visit_leaves(streamed, at, node_points, [&](std::size_t begin, std::size_t end, int depth) {
         for (std::size_t m = begin; m < end; ++m) ASSERT_EQ(at.node_depths[m], depth);
@@ -468,11 +468,11 @@ void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint
 TEST(Cascade, ReducesBlocksByTheirClusters) {
   for (const auto& [name, positions] : hard_cases())
     for (const Reduction method : {Reduction::mis, Reduction::kdtree})
-      for (const auto& [leaf_points, cell_points] : {std::pair{8u, 300u}, {8u, 512u}, {20u, 3000u}, {600u, 600u}}) {
+      for (const auto& [leaf_points, index_leaf_points] : {std::pair{8u, 300u}, {8u, 512u}, {20u, 3000u}, {600u, 600u}}) {
         SCOPED_TRACE(name + ", " + reduction_name(method) + ", " + std::to_string(leaf_points) + " and " +
-                     std::to_string(cell_points));
-        const Streamed streamed(positions, leaf_points, cell_points, method);
-        if (name != "all equal") expect_blocks_reduced(streamed, method, leaf_points, cell_points);
+                     std::to_string(index_leaf_points));
+        const Streamed streamed(positions, leaf_points, index_leaf_points, method);
+        if (name != "all equal") expect_nodes_reduced(streamed, method, leaf_points, index_leaf_points);
         if (HasFatalFailure()) return;
       }
 }
@@ -483,14 +483,14 @@ TEST(Cascade, CellsInPartsKeepAllPointsAndTheirMass) {
                                       {Reduction::octree, 0x1p-50},
                                       {Reduction::mis, 0x1p-50},
                                       {Reduction::kdtree, 0.0}})
-    for (const std::size_t cell_points : {300, 512, 2999, 3000, 3001}) {
-      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(cell_points) + ", " +
+    for (const std::size_t index_leaf_points : {300, 512, 2999, 3000, 3001}) {
+      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(index_leaf_points) + ", " +
                    reduction_name(method));
       std::vector<dvec3> positions = random_points(1000);
       positions.insert(positions.end(), {{0, 0, 0}, {1, 1, 1}});
       for (int i = 0; i < 3000; ++i) positions.emplace_back(0.25 + apart * (i % 256), 0.25, 0.25);
-      const Streamed streamed(positions, 8, cell_points, method);
-      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
+      const Streamed streamed(positions, 8, index_leaf_points, method);
+      expect_leaves_of_definition(streamed.cells, streamed.points.keys, index_leaf_points);
 
       ASSERT_GE(streamed.levels.size(), 2u);
       for (const auto& ends : streamed.ends) ASSERT_EQ(ends.size(), 1u);
