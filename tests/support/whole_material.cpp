@@ -7,7 +7,7 @@
 namespace splatvol::test {
 namespace {
 
-// Of each of `finer`'s leaves, the members' moments about the one that stays: `kept`.
+// Adds up the moments of each leaf's members about the one that stays. `kept`: the ones that stay, leaf by leaf.
 template <class Moments>
 std::vector<Moments> merge_leaves(const std::vector<Moments>& moments, std::span<const dvec3> positions,
                                   const Resolution& finer, std::span<const std::uint64_t> kept) {
@@ -50,7 +50,7 @@ std::vector<Material> merge_clusters(std::span<const dvec3> positions, std::span
 }
 
 std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
-                                const Material& material) {
+                                   const Material& material) {
   std::vector<StoredSplat> splats;
   for (std::size_t m = 0; m < resolution.size(); ++m) {
     StoredSplat& splat = splats.emplace_back(
@@ -62,7 +62,6 @@ std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resol
   return splats;
 }
 
-// From fine to coarse: a splat looks where its parts are.
 void fit_finest_densities(std::span<StoredSplat> splats) {
   std::vector<FittedSplat> shapes;
   for (const StoredSplat& splat : splats) shapes.push_back({splat.centroid, splat.shape});
