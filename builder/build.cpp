@@ -162,9 +162,9 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
-  // A file that cannot be written fails before the work.
+  // If the file cannot be written, this fails before the work.
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
-  // Where there will be room for the file there is room for parts of it.
+  // A folder with room for the file has room for parts of it.
   const std::string folder = options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,

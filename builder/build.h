@@ -1,4 +1,4 @@
-// From a source to a .svol file.
+// Builds a .svol file from a source.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ namespace splatvol {
 
 struct BuildOptions {
   Reduction reduction = Reduction::octree;              // how coarser resolutions are chosen
-  std::uint32_t leaf_points = 8;                        // N of its octree or k-d tree; at least 8 (see build_volume)
+  std::uint32_t leaf_points = 8;                        // N of the octree or k-d tree; at least 8 (see build_volume)
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; with more, a coarse view reads more in vain
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
@@ -38,10 +38,10 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
 };
 
-/// Name as in options and provenance: "auto", "mesh", "delaunay", "none".
+/// The name as in options and provenance: "auto", "mesh", "delaunay", "none".
 [[nodiscard]] const char* connectivity_name(Connectivity connectivity);
 
-/// Called with the stage's name and the share of it done, in [0, 1].
+/// Gets the stage's name, and the share of the stage that is done, in [0, 1].
 using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the

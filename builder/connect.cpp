@@ -13,7 +13,7 @@
 namespace splatvol {
 namespace {
 
-// For each scattered point that is held.
+// Bytes for each scattered point that is held.
 constexpr std::uint64_t held_point_bytes = 700;
 
 // Most vertices of a mesh that are held. Of so few vertices, merging may leave too few to reduce.
@@ -74,8 +74,7 @@ Connection held_connection(Connectivity used, PointBatch points) {
   return {used, stream_of(std::move(points)), count};
 }
 
-// A small mesh is held: only once all of it has been merged is it known how many vertices are left, and whether these
-// are reduced at all.
+// Holds a small mesh: the number of vertices that merging leaves decides whether they are reduced at all.
 Result<Connection> connect_mesh(PointStream& points) {
   if (points.count() > most_held_vertices) return Connection{Connectivity::mesh, next_of(points), points.count()};
   SPLATVOL_TRY_ASSIGN(all, hold_all(points));

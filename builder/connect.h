@@ -1,4 +1,4 @@
-// What joins points to a volume.
+// Joining of points to a volume.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// What a file says of itself.
+// A file's description of itself.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@ namespace splatvol {
 [[nodiscard]] format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube,
                                                  std::vector<format::Attribute> attributes);
 
-/// How the file came about, as JSON.
+/// Describes the file's origin, as JSON.
 [[nodiscard]] std::string describe_provenance(const BuildOptions& options, const BuildReport& report);
 
 }  // namespace splatvol

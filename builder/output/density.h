@@ -1,4 +1,4 @@
-// How densely splats must be drawn so that together they are as dense as the material.
+// Densities with which splats add up to the density of the material.
 #pragma once
 
 #include <cstdint>

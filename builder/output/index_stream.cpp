@@ -11,9 +11,9 @@ namespace splatvol {
 namespace {
 
 // A splat may come back from the file larger than it was (format/columns.h). Its deviations grow by up to 2^(1/256).
-// The end of each axis moves towards a shorter axis by up to 1/16 of the shorter one, which adds up to less than 1/8 of
-// the extent in any direction, or by the resolution of a quaternion of 20 bits. The centroid moves by up to 1/64 of the
-// shortest deviation.
+// The end of each axis moves towards a shorter axis by up to 1/16 of the shorter one. Together this is less than 1/8 of
+// the extent in any direction; or it is the resolution of a quaternion of 20 bits, if that is more. The centroid moves
+// by up to 1/64 of the shortest deviation.
 constexpr double stretch = 1.003;
 constexpr double tilted_stretch = stretch + 1.0 / 8;
 constexpr double resolved_tilt = 1e-5;

@@ -1,4 +1,4 @@
-// The octree of indices over the points (spec/svol-1.md, section 6), made leaf by leaf.
+// The index over the points (spec/svol-1.md, section 6), made leaf by leaf.
 #pragma once
 
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace splatvol {
 
-/// What a node says of the splats of one resolution whose points lie in it. Splats, and the nodes that a larger node
-/// consists of, may be added in any order.
+/// Bounds of a node's splats at one resolution: those whose points lie in the node. Splats, and the nodes that a larger
+/// node consists of, may be added in any order.
 struct SplatBounds {
   std::uint8_t least_depth = 255;  // of the reduction nodes that hold the points; 255: no splat
   std::uint8_t octant_code = 255;  // size code of the largest octant splat
@@ -31,7 +31,7 @@ struct SplatBounds {
 
 /// An index leaf, whole.
 struct IndexLeaf {
-  MortonKey key;  // of any point in the leaf
+  MortonKey key;  // of any position in the leaf
   int depth = 0;
   std::vector<std::uint64_t> counts;            // [segment]: points
   std::vector<SplatBounds> splats;              // [resolution]
@@ -39,7 +39,7 @@ struct IndexLeaf {
 };
 
 /// Grows the index over its leaves, which come in Morton order. A node's first_resolution is the coarsest resolution r
-/// none of whose clusters crosses the node's border. Clusters stay within reduction nodes, which are leaves of an
+/// at which no cluster crosses the node's border. Clusters stay within reduction nodes, which are leaves of an
 /// octree over resolution r + 1 (Reduction). Holds the path to the last leaf and what IndexPacker holds. After a
 /// failure only destruction is allowed.
 class IndexStream {

@@ -11,7 +11,7 @@
 
 namespace splatvol {
 
-/// Most resolutions. They are counted from the finest here, in levels: level 0 has all points. The number of levels is
+/// Most resolutions. Here they are counted from the finest, in levels: level 0 has all points. The number of levels is
 /// known at the end.
 inline constexpr std::size_t max_levels = 64;
 
@@ -40,7 +40,8 @@ struct Member {
   /// foresees.
   void prefetch() const;
 
-  /// Fetches what the vectors hold and get next. Of use once the member itself is in the cache.
+  /// Fetches the elements of the vectors, and the memory of the next ones. Of use once the member itself is in the
+  /// cache.
   void prefetch_vectors() const;
 };
 

@@ -1,4 +1,4 @@
-// Memory that is going to be used.
+// Memory that will be used soon.
 #pragma once
 
 #include <cstddef>

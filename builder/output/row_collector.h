@@ -38,8 +38,8 @@ class RowCollector {
   /// Adds the next point of a segment, with its splats at all levels that draw it.
   void add_point(std::size_t segment, const Member& member);
 
-  /// Replaces `rows`, which have been written, by those that are complete. They are to be written in this order. May
-  /// be called now and then.
+  /// Replaces `rows`, which have been written, by the rows that are complete. Rows have to be written in this order. It
+  /// is enough to call this now and then.
   void extract_complete(std::vector<PendingRow>& rows) { extract(rows, false); }
 
   /// Fits the densities, and extracts all rows that are left. Called once, after the last point.

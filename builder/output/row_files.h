@@ -35,7 +35,7 @@ class RowFiles {
   /// Bytes of all chunks that went into temporary files.
   [[nodiscard]] std::uint64_t coarse_bytes() const { return coarse_bytes_; }
 
-  /// Gets the entries of a row's chunks, and the chunks side by side; no bytes for the finest rows.
+  /// Gets the entries of a row's chunks, and the chunks side by side; for the finest rows no chunks.
   using Visit = std::function<Status(std::span<const format::ChunkEntry>, std::span<const std::byte>)>;
 
   /// Visits each row in file order, and gives its disk space back. `levels`: how many there are.

@@ -54,7 +54,7 @@ struct StoredValue {
   return {static_cast<float>(moments.min - offset), static_cast<float>(moments.max - offset)};
 }
 
-/// Both of them together.
+/// Makes both of these.
 [[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
                                             double offset);
 

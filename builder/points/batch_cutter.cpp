@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t batch_points = std::size_t{1} << 12;
 
-// Most points in an estimate node. Larger nodes have fewer borders, at which the estimate is worse.
+// Most points in an estimate node. The estimate is worse at borders of nodes, and larger nodes have fewer borders.
 constexpr std::size_t estimate_node_points = 4096;
 
 }  // namespace
@@ -64,7 +64,7 @@ void BatchCutter::cut_index_leaves(std::size_t end, std::vector<NodePart>& parts
 void BatchCutter::copy_points(std::size_t end, PointBatch& batch) const {
   batch.resize_attributes(held_.values.size());
   for_each_array(held_, batch, [&](const auto& from, auto& to) {
-    if (from.empty()) return;  // not known, or estimated later over the material of the last batch
+    if (from.empty()) return;  // not known yet: the estimate writes over the material of the last batch
     to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
   });
   batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : std::nullopt;

@@ -12,8 +12,8 @@ namespace splatvol {
 /// depends on the points alone.
 class BatchCutter {
  public:
-  /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because the
-  /// counts of octree leaves end there. Points of one key that are more than a leaf holds come in several parts.
+  /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because
+  /// octree leaves count up to 255 points. Points of one key that are more than a leaf holds come in several parts.
   BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points);
 
   /// Replaces `batch` by the next points, and uses its memory again. Returns false after the last point.

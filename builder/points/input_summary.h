@@ -1,4 +1,4 @@
-// What is known of an input's points as a whole.
+// Facts about an input as a whole.
 #pragma once
 
 #include <cstdint>
@@ -10,11 +10,11 @@
 
 namespace splatvol {
 
-/// What became of the input's points, counted.
+/// Counts of the input's points.
 struct PointCensus {
   std::uint64_t read = 0;
   std::uint64_t not_finite = 0;  // dropped: a coordinate is NaN or infinite
-  std::uint64_t merged = 0;      // vertices of cells whose position and values repeat an earlier one's: the same sample
+  std::uint64_t merged = 0;      // vertices of cells that repeat the position and values of an earlier one
   std::uint64_t coincident = 0;  // kept, though an earlier point has the same position
   std::uint64_t in_no_cell = 0;  // kept, though the input has cells and none uses them
 };

@@ -1,4 +1,4 @@
-// The material of points without cells, of which there are too many for Voronoi cells.
+// The material of scattered points that are too many for Voronoi cells.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>
@@ -9,7 +9,7 @@
 
 namespace splatvol {
 
-/// Estimates what the points of a batch stand for, each estimate node apart.
+/// Estimates the material of a batch's points, estimate node by estimate node.
 class MaterialEstimator {
  public:
   /// `box`: round all points. `cube`: the octree's root.

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-constexpr std::size_t points_at_once = 1 << 14;  // a task makes the records of so many
+constexpr std::size_t points_at_once = 1 << 14;  // records that a task makes
 
 bool is_finite(const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 

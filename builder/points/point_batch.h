@@ -14,8 +14,8 @@
 
 namespace splatvol {
 
-/// The points of a batch in one octree node: all of the node's points, or some of them if it has more than a batch may
-/// hold. The points of such a node share one Morton key.
+/// Points of a batch in one octree node: all of the node's points, or some of them if the node has more points than a
+/// batch may hold. All points of such a node share one Morton key.
 struct NodePart {
   std::size_t begin, end;  // points of the batch
   int depth;               // of the node

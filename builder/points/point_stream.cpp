@@ -12,7 +12,7 @@
 namespace splatvol {
 namespace {
 
-// Points of one key are compared with each other, at most so many at a time. No vertex belongs to more pieces.
+// Most points of one key that are compared with each other at a time. No vertex belongs to more pieces.
 constexpr std::size_t longest_run(bool of_vertices) { return of_vertices ? std::size_t{1} << 16 : 4096; }
 
 // The least that a point takes in the finished file, which grows while the sorted points are still in their folder.

@@ -49,7 +49,7 @@ void SampleMerger::count_if_repeated(const std::byte* first, const std::byte* la
   last_position_ = layout_.position(last);
 }
 
-// Indices of the records, equal samples side by side, the first of the input in front.
+// Returns the indices of the records, equal samples side by side, the first of the input in front.
 std::vector<std::size_t> SampleMerger::sort_samples(const std::byte* records, std::size_t count) const {
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -61,7 +61,7 @@ std::vector<std::size_t> SampleMerger::sort_samples(const std::byte* records, st
   return order;
 }
 
-// For each record the one that is kept of its sample.
+// Finds for each record the one that is kept of its sample.
 std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const std::vector<std::size_t>& order,
                                                  PointCensus& census) const {
   const auto record = [&](std::size_t i) { return records + i * layout_.bytes(); };

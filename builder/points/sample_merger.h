@@ -37,7 +37,7 @@ class SampleMerger {
   PointRecords layout_;
   bool has_material_;
 
-  // Of the last records that were appended.
+  // Key and position of the last record that was appended.
   std::optional<MortonKey> last_key_;
   dvec3 last_position_{0};
 };

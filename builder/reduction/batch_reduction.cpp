@@ -77,7 +77,7 @@ class BatchReducer {
     }
   }
 
-  // Adds a leaf whose points belong to clusters that do not depend on the leaf.
+  // Adds the points of a leaf, and the clusters of those that stay.
   void add_clusters(std::size_t begin, std::size_t end, OpenIndexLeaf& leaf) {
     for (std::size_t i = begin; i < end; ++i) {
       const bool stays = result_.owners[i] == i;
@@ -92,8 +92,8 @@ class BatchReducer {
     return shortest > 0 ? shortest * error_per_deviation : spacing_at(i) * error_per_spacing;
   }
 
-  // Distance to the nearer neighbour in Morton order, unless the leaf tells of closer points. Coincident points do not
-  // count.
+  // Distance to the nearer neighbour in Morton order, or the mean spacing in the leaf if that is less. Coincident
+  // points do not count.
   double spacing_at(std::size_t i) const {
     const auto distance = [&](const dvec3& other) {
       const double length = glm::length(batch_.positions[i] - other);
@@ -115,7 +115,7 @@ class BatchReducer {
     return static_cast<float>(batch_.values[attribute][i] - offset(attribute));
   }
 
-  // Makes all in its final memory: to copy what was just written, the processor would have to wait.
+  // Makes each element in its final memory: the processor would have to wait before it copies what it just wrote.
   void add_finest(std::size_t i, OpenIndexLeaf& leaf) {
     SplatColumns& columns = result_.tail;
     const SpatialMoments& moments = batch_.moments[i];

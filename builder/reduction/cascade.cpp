@@ -77,7 +77,7 @@ void Cascade::close_nodes(bool at_end) {
 }
 
 // The first member's node is known once there are enough members behind it to split any larger node. It is whole then,
-// too, because no two members share the smallest node.
+// too, because no two members share a finest node.
 void Cascade::close_nodes(std::size_t level, bool at_end) {
   Level& at = levels_[level];
   const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };

@@ -87,7 +87,8 @@ class Cascade {
   /// Reduces all nodes that are whole. It is faster to call this now and then than after each member.
   void advance() { close_nodes(false); }
 
-  /// Adds the material of another member to the last one that was pushed. Both have the same position.
+  /// Adds the material of another member to the last one that was pushed. Both have one Morton key, and count as being
+  /// at one position.
   void add_to_last(const Member& other);
 
   /// Reduces all that is left. Called after the last member.
@@ -138,7 +139,7 @@ class Cascade {
   std::vector<BoundaryPlane> planes_;
   std::vector<dvec3> shifts_;
 
-  // Of the level whose nodes are being closed: members that go on to the next level, and members that do not.
+  // Scratch for the level whose nodes are being closed: members that go on to the next level, and those that end here.
   std::vector<MemberPool::Handle> merged_;
   std::vector<MemberPool::Handle> done_;
 };

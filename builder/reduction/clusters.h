@@ -1,4 +1,4 @@
-// Which points of a reduction node stay for the next coarser resolution, and which points go with them.
+// The points of a reduction node that stay for the next coarser resolution, and the points that go with each of them.
 #pragma once
 
 #include <algorithm>
@@ -37,11 +37,15 @@ enum class Reduction {
 
 /// Finds for each point of a reduction node the point that it goes with: itself if it stays. Points of one key go
 /// together.
+///
 /// mis: vertices of the Delaunay triangulation stay in ascending order of their number of edges (ties: the earlier),
-/// unless an edge joins them to one that stays already. Any other point goes with the nearest of those that an edge
-/// joins it to and that stay. kdtree: points are halved across the longest axis of the box round them until a bucket
-/// has `leaf_points` or fewer distinct keys. Of each bucket the point nearest to the centre of its box stays. Requires
-/// a method other than octree, ascending keys, and spans of one length. Thread-safe.
+/// unless an edge joins them to one that stays already. Any other point goes with its nearest neighbour that stays.
+/// Neighbours are joined by an edge.
+///
+/// kdtree: points are halved across the longest axis of the box round them until each bucket has at most `leaf_points`
+/// distinct keys. The point of a bucket nearest to the centre of its box stays.
+///
+/// Requires a method other than octree, ascending keys, and spans of one length. Thread-safe.
 void find_clusters(Reduction method, std::uint32_t leaf_points, std::span<const MortonKey> keys,
                    std::span<const dvec3> positions, std::span<std::uint32_t> owners);
 

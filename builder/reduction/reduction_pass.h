@@ -1,4 +1,4 @@
-// One pass over the points in Morton order that makes everything the file holds.
+// One pass over the points in Morton order, which makes all of the file's contents.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@
 namespace splatvol {
 
 /// Adds batches to rows and index leaves. Two parts of it grow with the number of points: the finest level's splats, if
-/// their densities are fitted, and what comes late for index leaves, a few thousandths of these.
+/// their densities are fitted, and the leaves for which splats come late, a few thousandths of all.
 class ReductionPass {
  public:
   /// `leaves` gets the index leaves in Morton order. At most `most_open_leaves` of them wait for coarser splats.
@@ -27,13 +27,13 @@ class ReductionPass {
   ReductionPass(const ReductionPass&) = delete;
   ReductionPass& operator=(const ReductionPass&) = delete;
 
-  /// Replaces `result` by what reduce() needs to know of the next batch. Batches come in Morton order.
+  /// Clears `result`, and prepares it for reduce(). Requires batches in Morton order.
   void prepare(const PointBatch& batch, ReducedBatch& result);
 
   /// Reduces the leaf parts of a batch. Thread-safe, also beside prepare() and add().
   void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_batch(batch, settings_, pool_, result); }
 
-  /// Adds the next batch. Extracts the members of `reduced`.
+  /// Adds the next batch. Extracts the members from `reduced`.
   [[nodiscard]] Status add(const PointBatch& batch, ReducedBatch& reduced);
 
   /// Called after the last batch.

@@ -1,4 +1,4 @@
-// A reduction on several threads.
+// The reduction on several threads.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@
 
 namespace splatvol {
 
-/// What batches pass through, from points to packed rows.
+/// The stages of a reduction, from points to packed rows.
 struct ReductionStages {
   BatchCutter& batches;
   MaterialEstimator* estimator;  // null: the points have their material

@@ -13,7 +13,7 @@
 
 namespace splatvol {
 
-/// Box of the node at `depth` that holds the smallest node `key`.
+/// Box of the node at `depth` that holds the finest node `key`.
 [[nodiscard]] inline Box node_box(const MortonKey& key, const Cube& cube, int depth) {
   std::array<std::uint64_t, 3> index = {0, 0, 0};
   for (int d = 0; d < depth; ++d)
@@ -35,7 +35,7 @@ struct KeyLeaf {
 };
 
 /// Finds the leaf that begins with key `begin`, in the octree whose nodes of more than `most` keys are split, down to
-/// the smallest node. `key(i)` gives the keys, ascending, for i < `end`. Requires that no key of the leaf follows
+/// the finest node. `key(i)` gives the keys, ascending, for i < `end`. Requires that no key of the leaf follows
 /// behind `end`, or that there are more than `most` keys from `begin` on. `shared_before`: depth of the smallest node
 /// that holds both key `begin` and the key before it; -1 if there is none before.
 template <class Key>
@@ -52,7 +52,7 @@ template <class Key>
 }
 
 /// Visits the leaves of the octree below a node at `depth` that holds keys [begin, end): nodes with more than
-/// `leaf_points` keys are split, down to the smallest. Calls visit(begin, end, depth); `key(i)` gives the keys,
+/// `leaf_points` keys are split, down to the finest. Calls visit(begin, end, depth); `key(i)` gives the keys,
 /// ascending.
 template <class Key, class Visit>
 void for_each_leaf(const Key& key, std::size_t begin, std::size_t end, int depth, std::size_t leaf_points,

@@ -773,7 +773,7 @@ struct BruteForce {
     return static_cast<std::uint64_t>(std::count(at(node.begin), at(node.end), static_cast<std::uint8_t>(r)));
   }
 
-  // Of the octant splats whose points lie in the node.
+  // Size of the largest octant splat whose point lies in the node.
   [[nodiscard]] double largest_size(const NodePoints& node, std::size_t r) const {
     const test::Resolution& resolution = resolutions[r];
     double largest = 0;

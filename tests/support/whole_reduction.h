@@ -22,7 +22,7 @@ struct Resolution {
 };
 
 /// Visits the nodes of the octree over ascending keys in depth-first order. Nodes with more than `leaf_points` keys are
-/// split, down to the smallest.
+/// split, down to the finest.
 using NodeVisitor = std::function<void(std::size_t begin, std::size_t end, int depth, bool leaf)>;
 void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const NodeVisitor& visit);
 

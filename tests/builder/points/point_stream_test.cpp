@@ -147,7 +147,7 @@ TEST(PointStream, SinglePrecisionKeepsEveryBit) {
 using Coordinates = std::tuple<double, double, double>;
 Coordinates coordinates(const dvec3& p) { return {p.x, p.y, p.z}; }
 
-// `points` have the material of the whole mesh, but for the rounding of sums in another order.
+// `points` have the material of the whole mesh, with the rounding of sums in another order.
 void expect_material_of(const Piece& whole, const PointBatch& points) {
   ASSERT_EQ(points.size(), whole.points.size());
   const VertexMaterial mesh(whole.points, whole.tetrahedra);
