@@ -38,8 +38,8 @@ enum class CellShape {
   return glm::dot(b - a, glm::cross(c - a, d - a));
 }
 
-/// Splits cells into tetrahedra without new points. Two cells split their common face along the same diagonals, in
-/// different pieces too: every face is a fan from its lowest vertex (Dompierre et al. 1999). "Lowest" compares
+/// Splits cells into tetrahedra without new points. Every face becomes a fan from its lowest vertex (Dompierre et al.
+/// 1999), so two cells split their common face along the same diagonals, even in different pieces. "Lowest" compares
 /// positions, x before y before z, and indices only if positions coincide. A face with more than four vertices that is
 /// not convex fans out from the lowest vertex that sees all of it.
 ///

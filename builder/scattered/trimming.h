@@ -18,7 +18,7 @@ namespace splatvol {
                                               std::span<const Tetrahedron> tetrahedra);
 
 /// A tetrahedron does not count for the usual circumradius at a point if its own is more than this many times the
-/// smallest at that point. So nobody needs to know how many tetrahedra lie across a void.
+/// smallest at that point. The number of tetrahedra across a void then does not matter.
 inline constexpr double max_radius_spread = 4;
 
 /// Returns the usual circumradius at each point, 0 if it has no tetrahedra. In a boundary layer every circumradius is

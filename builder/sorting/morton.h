@@ -1,4 +1,4 @@
-// Morton keys with 42 bits for each axis (spec/svol-1.md, section 7): enough for twelve decades of spacing in a data set.
+// Morton keys with 42 bits for each axis (spec/svol-1.md, section 7): enough for twelve decades of spacing at once.
 #pragma once
 
 #ifdef __BMI2__

@@ -177,7 +177,7 @@ TEST(ExternalSort, NothingAndOneRecord) {
   }
 }
 
-// 64 KiB for 8 MB: some 200 runs, of which 9 can be merged at a time. So there are three passes.
+// 64 KiB for 8 MB: some 200 runs, of which 9 can be merged at a time: every record is written three times.
 TEST(ExternalSort, MergesInSeveralPasses) {
   const Bytes records = make_records(500'000, 16, anywhere);
   EXPECT_TRUE(sort_records(records, options_for(16, 1 << 16)).records == sort_in_memory(records, 16));
