@@ -147,6 +147,7 @@ class Subdomain {
   std::vector<Tetrahedron> tetrahedra_;  // kept, at own points; corners by ascending numbers
 };
 
+// Lets the next insert() read a bucket. Marks the bucket, and all nodes above it that are now complete.
 void Subdomain::add_bucket(std::size_t bucket) {
   coming_.push_back(bucket);
   coming_points_ += points_.nodes()[bucket].end - points_.nodes()[bucket].begin;
@@ -285,8 +286,8 @@ Conflict Subdomain::conflict_of(const GrowingDelaunay::Cell& cell) const {
   return circumsphere(p(0), p(1), p(2), p(3), cell.radius);
 }
 
-// Finds the tetrahedra at own points that are kept. Adds all conflicts of a kept tetrahedron that did not seem to
-// matter before; returns whether there was one.
+// Finds the tetrahedra at own points that are kept. If a kept tetrahedron did not seem to matter before, adds the
+// buckets of all its conflicts. Returns whether there was one.
 bool Subdomain::trim() {
   tetrahedra_.clear();
   std::vector<std::size_t> cells;

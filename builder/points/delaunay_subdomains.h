@@ -15,7 +15,7 @@ namespace splatvol {
 /// Returns points with the material of the tetrahedra at them, to the last bit the same as delaunay_tetrahedra gives
 /// for all points at once. A subdomain is triangulated with a halo. A tetrahedron matters if it lies at the subdomain's
 /// own points, or decides on the usual circumradius there. Round by round, the halo gets each bucket of the stored
-/// points that may hold a point in the circumsphere of such a tetrahedron. So neighbouring subdomains find the same
+/// points that may hold a point in the circumsphere of such a tetrahedron. Neighbouring subdomains then find the same
 /// tetrahedra without any exchange.
 class DelaunaySubdomains {
  public:

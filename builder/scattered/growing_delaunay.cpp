@@ -46,7 +46,6 @@ class GrowingDelaunay::Impl {
 };
 
 GrowingDelaunay::GrowingDelaunay() : impl_(std::make_unique<Impl>()) {}
-GrowingDelaunay::GrowingDelaunay(GrowingDelaunay&&) noexcept = default;
 GrowingDelaunay::~GrowingDelaunay() = default;
 
 void GrowingDelaunay::insert(std::span<const dvec3> positions) {

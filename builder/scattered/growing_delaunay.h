@@ -26,7 +26,6 @@ class GrowingDelaunay {
   };
 
   GrowingDelaunay();
-  GrowingDelaunay(GrowingDelaunay&&) noexcept;
   ~GrowingDelaunay();
 
   /// Adds points; their numbers follow those of earlier calls. The first of coincident points in a call takes part.

@@ -15,6 +15,7 @@
 
 #include "builder/scattered/convex_cell.h"
 #include "builder/scattered/gradient_fit.h"
+#include "builder/scattered/trimming.h"
 
 namespace splatvol {
 namespace {
@@ -151,7 +152,8 @@ double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
   return items.empty() ? farthest_neighbour : std::min(quantile(items, 0.25), farthest_neighbour);
 }
 
-constexpr double max_radius_ratio = 2;  // as in trimming.h
+// Least cosine of the angle between a face's normal and the direction away from a vertex, if the face lies on the other
+// side of the point.
 constexpr double min_facing = 0.4;
 
 /// Cuts off vertices that are out of proportion, as they fill holes and concavities of the domain. A cut runs through

@@ -29,11 +29,13 @@ inline constexpr double max_radius_spread = 4;
 [[nodiscard]] std::vector<double> usual_radii(std::size_t points, std::span<const Tetrahedron> tetrahedra,
                                               std::span<const double> radii);
 
+/// The largest ratio of a kept circumradius to the usual one. Above 2, the holes of thin bodies fill up; below 2,
+/// random points lose tetrahedra inside.
+inline constexpr double max_radius_ratio = 2;
+
 /// Returns the largest circumradius with which a tetrahedron is kept. The result is an alpha shape whose alpha follows
 /// the points.
 [[nodiscard]] inline double largest_kept(std::span<const double> usual, const Tetrahedron& corners) {
-  // Above 2, the holes of thin bodies fill up; below 2, random points lose tetrahedra inside.
-  constexpr double max_radius_ratio = 2;
   return max_radius_ratio * std::max({usual[corners[0]], usual[corners[1]], usual[corners[2]], usual[corners[3]]});
 }
 

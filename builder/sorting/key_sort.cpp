@@ -12,8 +12,8 @@ namespace {
 constexpr int key_bits = 126;
 constexpr std::size_t keys_at_once = 256;      // keys made in one call
 constexpr std::size_t gathered_bytes = 16384;  // most bytes of records in one call, if they do not lie side by side
-constexpr std::size_t few = 64;                // words: up to here a comparison sort is fastest
-constexpr std::size_t many = 1 << 14;          // words: from here on a task of its own is worth while
+constexpr std::size_t few = 64;                // words that are sorted by comparisons, at most
+constexpr std::size_t many = 1 << 14;          // words that get tasks of their own, at least
 constexpr int words_ahead = 16;                // fetched into the cache before their turn: two cache lines
 constexpr int least_digit_bits = 4, most_digit_bits = 8;
 
