@@ -246,8 +246,8 @@ class PieceReader {
 
   Status add_faces(const Piece& piece, const std::vector<std::size_t>& kept) {
     if (!faces_) {
-      SPLATVOL_TRY_ASSIGN(faces, ExternalSorter::create(
-                                     {sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_, nullptr}));
+      SPLATVOL_TRY_ASSIGN(
+          faces, ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
       faces_.emplace(std::move(faces));
     }
     std::vector<std::size_t> places(piece.points.size());
@@ -284,8 +284,8 @@ class PieceReader {
 Result<ExternalSorter> sort_corners(ExternalSorter faces, const Cube& cube, std::size_t memory,
                                     const std::string& folder) {
   const auto key = [cube](const CornerArea& corner) { return morton_key(corner.corner.position, cube); };
-  SPLATVOL_TRY_ASSIGN(corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory,
-                                                       memory, folder, nullptr}));
+  SPLATVOL_TRY_ASSIGN(
+      corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory, memory, folder}));
   SPLATVOL_TRY(faces.finish());
   std::vector<Face> run;  // of one key
   MortonKey run_key;
@@ -349,7 +349,7 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
     };
     const std::size_t least = ExternalSorter::least_memory(layout.bytes());
     SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({layout.bytes(), key, std::max(bytes, least),
-                                                        std::max(memory / 4, least), folder, nullptr}));
+                                                        std::max(memory / 4, least), folder}));
     points.emplace(std::move(sorter));
     const std::uint64_t count = source.point_count().value_or(0);
     return check_room(folder, count, points->temp_bytes(count));
