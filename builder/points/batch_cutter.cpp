@@ -33,10 +33,9 @@ Status BatchCutter::hold(std::size_t points) {
 // key. Requires that more than `most` points from there on are held, or all.
 NodePart BatchCutter::part_at(std::size_t begin, std::size_t most) const {
   const std::vector<MortonKey>& keys = held_.keys;
-  const auto key = [&](std::size_t i) -> const MortonKey& { return keys[i]; };
   const int shared_before = begin > 0 ? common_depth(keys[begin - 1], keys[begin]) : -1;
-  const KeyLeaf node = leaf_at(key, begin, std::min(begin + most + 1, keys.size()), most, shared_before);
-  return {begin, std::min(node.end, begin + most), node.depth, 0, begin > 0 && keys[begin - 1] == keys[begin]};
+  const KeyLeaf part = leaf_part_at(keys, begin, most, shared_before);
+  return {begin, part.end, part.depth, 0, begin > 0 && keys[begin - 1] == keys[begin]};
 }
 
 // Cuts a batch's points into estimate nodes, and returns where the last of these ends.

@@ -49,7 +49,7 @@ void MaterialEstimator::estimate_node(const NodePart& node, PointBatch& batch) {
   Box bounds = node_box(batch.keys[node.begin], cube_, node.depth);
   bounds = {glm::max(bounds.low, box_.low), glm::min(bounds.high, box_.high)};
   // Rounding may have put points a little outside.
-  for (const dvec3& p : positions) bounds.include({p, p});
+  for (const dvec3& p : positions) bounds.include(p);
   std::vector<std::span<const double>> values;
   for (auto& of_attribute : batch.values) values.push_back(in_node(of_attribute));
   EstimatedMaterial result{in_node(batch.moments), {}, {}};

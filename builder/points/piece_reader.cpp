@@ -98,7 +98,7 @@ void PieceReader::make_part(const Piece& piece, std::span<const std::size_t> kep
 }
 
 void PieceReader::find_ranges(const Piece& piece, std::span<const std::size_t> kept, PointRanges& ranges) const {
-  for (const std::size_t i : kept) ranges.box.include({piece.points[i], piece.points[i]});
+  for (const std::size_t i : kept) ranges.box.include(piece.points[i]);
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     double low = infinity, high = -infinity;
     for (const std::size_t i : kept) {

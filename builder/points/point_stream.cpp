@@ -75,7 +75,7 @@ class InputSorter {
     };
     const std::size_t least = ExternalSorter::least_memory(layout_.bytes());
     SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({layout_.bytes(), key, std::max(memory, least),
-                                                        std::max(memory_ / 4, least), folder_, nullptr}));
+                                                        std::max(memory_ / 4, least), folder_}));
     const std::uint64_t count = source_.point_count().value_or(0);
     SPLATVOL_TRY(check_room(folder_, count, sorter.temp_bytes(count)));
     return sorter;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/math.h"
+#include "builder/mesh/index_lists.h"
 #include "builder/sorting/morton.h"
 
 namespace splatvol {
@@ -53,16 +54,17 @@ void find_clusters(Reduction method, std::uint32_t leaf_points, std::span<const 
 class Clusters {
  public:
   /// `owners`: of each point the one that it goes with.
-  void assign(std::span<const std::uint32_t> owners);
-
-  /// The points that go with this one, itself among them, in ascending order; none if it does not stay.
-  [[nodiscard]] std::span<const std::uint32_t> of(std::size_t point) const {
-    return std::span(members_).subspan(begins_[point], begins_[point + 1] - begins_[point]);
+  void assign(std::span<const std::uint32_t> owners) {
+    members_.assign(owners.size(), [&](const auto& add) {
+      for (std::uint32_t i = 0; i < owners.size(); ++i) add(owners[i], i);
+    });
   }
 
+  /// The points that go with this one, itself among them, in ascending order; none if it does not stay.
+  [[nodiscard]] std::span<const std::uint32_t> of(std::size_t point) const { return members_[point]; }
+
  private:
-  std::vector<std::uint32_t> begins_;  // [point]: of its cluster's members; and the end of all
-  std::vector<std::uint32_t> members_;
+  IndexLists members_;  // [point]
 };
 
 }  // namespace splatvol

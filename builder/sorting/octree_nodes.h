@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <ranges>
+#include <span>
 
 #include "base/math.h"
 #include "builder/sorting/morton.h"
@@ -49,6 +50,15 @@ template <class Key>
   while (leaf_end < near && is_inside(leaf_end)) ++leaf_end;
   if (leaf_end == near) leaf_end = *std::ranges::partition_point(std::views::iota(near, end), is_inside);
   return {leaf_end, depth};
+}
+
+/// As leaf_at, for the keys of an array. A leaf of more than `most` keys ends after `most` of them: its keys are all
+/// equal.
+[[nodiscard]] inline KeyLeaf leaf_part_at(std::span<const MortonKey> keys, std::size_t begin, std::size_t most,
+                                          int shared_before) {
+  const auto key = [&](std::size_t i) -> const MortonKey& { return keys[i]; };
+  const KeyLeaf leaf = leaf_at(key, begin, std::min(begin + most + 1, keys.size()), most, shared_before);
+  return {std::min(leaf.end, begin + most), leaf.depth};
 }
 
 /// Visits the leaves of the octree below a node at `depth` that holds keys [begin, end): nodes with more than

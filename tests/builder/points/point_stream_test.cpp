@@ -183,6 +183,44 @@ TEST(PointStream, PiecesGiveWhatTheWholeMeshGives) {
   }
 }
 
+TEST(PointStream, FacesBetweenPiecesAreOuterOnlyIfTheirPointsDiffer) {
+  const test::Mesh left = test::lattice(3), right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  for (const bool differ : {false, true}) {
+    PieceSource source(
+        {mesh_piece(left, wave), mesh_piece(right, [&](dvec3 p) { return wave(p) + (differ ? 1 : 0); })});
+    const PointBatch points = (*read_points(source)).points;
+    EXPECT_EQ(points.size(), 4u * 4 * (differ ? 8 : 7));
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const dvec3& p = points.positions[i];
+      if (p.x == 1 && p.y > 0 && p.y < 1 && p.z > 0 && p.z < 1) {
+        EXPECT_EQ(points.planes[i].area != dvec3(0), differ);
+      }
+    }
+  }
+}
+
+// A square as a flat cell lies between two pieces, of which it makes the diagonals agree.
+TEST(PointStream, FacesBehindAFlatCellOfAnotherPieceAreNotOuter) {
+  const std::vector<dvec3> pyramids = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0.5, -1}, {0.5, 0.5, 1}};
+  const test::Mesh below{pyramids, {{0, 1, 2, 4}, {0, 2, 3, 4}, {0, 1, 2, 3}}};
+  const test::Mesh above{pyramids, {{0, 1, 3, 5}, {1, 2, 3, 5}}};
+  test::Mesh whole = below;
+  whole.tetrahedra.insert(whole.tetrahedra.end(), above.tetrahedra.begin(), above.tetrahedra.end());
+  const auto faces = find_outer_faces(whole.points, whole.tetrahedra);
+  ASSERT_EQ(faces.size(), 8u);
+  const auto planes = boundary_planes(whole.points, faces);
+  for (const bool below_first : {false, true}) {
+    PieceSource source({cut(mesh_piece(below_first ? below : above, wave), 1)[0],
+                        cut(mesh_piece(below_first ? above : below, wave), 1)[0]});
+    const PointBatch points = (*read_points(source)).points;
+    ASSERT_EQ(points.size(), pyramids.size());
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const auto v = static_cast<std::size_t>(std::ranges::find(pyramids, points.positions[i]) - pyramids.begin());
+      EXPECT_LE(glm::length(points.planes[i].area - planes[v].area), 1e-15) << v;
+    }
+  }
+}
+
 TEST(PointStream, ZerosOfBothSignsAreOnePosition) {
   Piece whole = mesh_piece(test::jittered(8, 0.2), [](dvec3 p) { return 2 + p.x; });
   for (dvec3& p : whole.points)
