@@ -19,29 +19,52 @@ using glm::dvec3;
 using glm::vec3;
 using glm::vec4;
 
-/// The nearest integer, of two the even one; the library's functions are calls. Requires |number| < 2^51.
+/// Rounds to the nearest integer, ties to the even one; faster than the library's functions. Requires
+/// |number| < 2^51.
 [[nodiscard]] inline std::int64_t nearest_integer(double number) {
-  constexpr double shift = 0x1.8p52;  // above it, doubles are integers
+  constexpr double shift = 0x1.8p52;  // the doubles near it are the integers
   return std::bit_cast<std::int64_t>(number + shift) - std::bit_cast<std::int64_t>(shift);
 }
 
-/// An axis-aligned cube in world units; the octree's root.
+[[nodiscard]] inline double squared_length(const dvec3& v) { return glm::dot(v, v); }
+
+/// The number of the largest component, ties to the first.
+[[nodiscard]] inline int longest_axis(const dvec3& extent) {
+  return extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
+}
+
+/// An axis-aligned cube in world units; the root of the octrees.
 struct Cube {
   dvec3 origin{0};  // the corner with the lowest coordinates
   double edge = 0;
 };
 
-/// An axis-parallel box in world units; empty at first.
+/// An axis-aligned box in world units; empty at first.
 struct Box {
   dvec3 low{std::numeric_limits<double>::infinity()};
   dvec3 high{-std::numeric_limits<double>::infinity()};
 
+  void include(const dvec3& position) {
+    low = glm::min(low, position);
+    high = glm::max(high, position);
+  }
   void include(const Box& other) {
     low = glm::min(low, other.low);
     high = glm::max(high, other.high);
   }
 
+  /// Lengths of the edges. Requires that the box is not empty.
+  [[nodiscard]] dvec3 extent() const { return high - low; }
+
   [[nodiscard]] bool operator==(const Box&) const = default;
 };
+
+/// The square of the smallest distance between a box and a position, or two boxes: 0 where they touch.
+[[nodiscard]] inline double squared_distance(const Box& box, const dvec3& position) {
+  return squared_length(glm::max(glm::max(box.low - position, position - box.high), dvec3(0)));
+}
+[[nodiscard]] inline double squared_distance(const Box& a, const Box& b) {
+  return squared_length(glm::max(glm::max(a.low - b.high, b.low - a.high), dvec3(0)));
+}
 
 }  // namespace splatvol

@@ -1,13 +1,14 @@
-// From a source to a .svol file.
+// Builds a .svol file from a source.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
-#include "builder/points/point_stream.h"
+#include "builder/points/input_summary.h"
 #include "builder/reduction/clusters.h"
 #include "builder/scattered/scattered.h"
 #include "builder/sources/source.h"
@@ -16,13 +17,13 @@ namespace splatvol {
 
 struct BuildOptions {
   Reduction reduction = Reduction::octree;              // how coarser resolutions are chosen
-  std::uint32_t leaf_points = 8;                        // N of its octree or k-d tree; at least 8 (see build_volume)
-  std::uint32_t points_per_chunk = 1024;                // 64 to 65536; what a coarse view reads in vain grows with it
+  std::uint32_t leaf_points = 8;                        // N of the octree or k-d tree; at least 8 (see build_volume)
+  std::uint32_t points_per_chunk = 1024;                // 64 to 65536; with more, a coarse view reads more in vain
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
-  std::uint64_t held_points = std::uint64_t{1} << 20;   // without cells: most that are joined all at once
-  std::string temp_folder;                              // for what does not fit; empty: where the output goes
-  Connectivity connectivity = Connectivity::automatic;  // all but mesh and automatic leave out cells that there are
+  std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once
+  std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
+  Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
   std::string builder = "splatvol";                     // name and version of the program
 };
@@ -30,22 +31,22 @@ struct BuildOptions {
 struct BuildReport {
   std::vector<std::uint64_t> resolution_counts;
   std::uint64_t file_bytes = 0;
-  Connectivity connectivity = Connectivity::mesh;  // the one that was used
+  Connectivity connectivity = Connectivity::mesh;  // that was used
   PointCensus points;
   CellCensus cells;
   std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
 };
 
-/// As in options and provenance: "auto", "mesh", "delaunay", "none".
+/// The name as in options and provenance: "auto", "mesh", "delaunay", "none".
 [[nodiscard]] const char* connectivity_name(Connectivity connectivity);
 
-/// Called with the stage's name and the share of it done, in [0, 1].
+/// Gets the stage's name, and the share of the stage that is done, in [0, 1].
 using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
-/// points, their order and the options, never on threads. Fails with leaf_points under 8 (a split cell must be able to
-/// lose points even if every octant of it keeps one), and where cells are asked for and there are none.
+/// points, their order and the options, never on threads or memory. Fails if leaf_points is under 8 (a node that is
+/// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

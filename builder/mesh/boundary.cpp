@@ -9,18 +9,20 @@
 #include <limits>
 #include <utility>
 
+#include "builder/mesh/index_lists.h"
+
 namespace splatvol {
 namespace {
 
-// Faces turn the same way where the cosine of the angle between them is larger.
+// Faces turn the same way if the cosine of the angle between their normals is larger.
 constexpr double same_way = 0.8;
 
-// The square of the plane's distance from the centroid, in deviations: 3 for a uniform slab along the plane, 15 for a
-// cone whose tip touches it, little for a concave corner with material on both sides.
+// Limits for the square of the plane's distance from the centroid, in deviations. A uniform slab along the plane has 3,
+// a cone whose tip touches the plane has 15, and a concave corner with material on both sides has little.
 constexpr double nearest_square = 1;
 constexpr double farthest_square = 12;
 
-// A face of tetrahedron side / 4, opposite its corner side % 4.
+// The face of tetrahedron side / 4 that lies opposite its corner side % 4.
 using Side = std::uint64_t;
 
 Tetrahedron sorted(Tetrahedron corners) {
@@ -28,7 +30,7 @@ Tetrahedron sorted(Tetrahedron corners) {
   return corners;
 }
 
-// A tetrahedron's turn: the sign of its volume, 0 where it is flat up to rounding.
+// A tetrahedron's turn: the sign of its volume, or 0 if it is flat up to rounding.
 int turn_of(std::span<const dvec3> positions, const Tetrahedron& corners) {
   std::array<dvec3, 3> edges;
   for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
@@ -38,7 +40,7 @@ int turn_of(std::span<const dvec3> positions, const Tetrahedron& corners) {
   return volume > rounding ? 1 : volume < -rounding ? -1 : 0;
 }
 
-// Corners of a side, counterclockwise from outside where the tetrahedron's turn is 1.
+// The corners of a side, counterclockwise from outside if the tetrahedron's turn is 1.
 std::array<std::uint32_t, 3> corners_of(Side side, std::span<const Tetrahedron> tetrahedra) {
   constexpr std::array<std::array<std::uint8_t, 3>, 4> outwards = {{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
   const Tetrahedron& corners = tetrahedra[side / 4];
@@ -46,53 +48,43 @@ std::array<std::uint32_t, 3> corners_of(Side side, std::span<const Tetrahedron> 
   return {corners[a], corners[b], corners[c]};
 }
 
-// Tetrahedra listed under each of their two lowest vertices, one of which is the lowest of any face.
-struct LowVertices {
-  std::vector<std::uint64_t> begins;  // [vertex]: where its tetrahedra begin; and the total
-  std::vector<std::uint32_t> tetrahedra;
-};
-
-LowVertices list_tetrahedra(std::size_t vertices, std::span<const Tetrahedron> tetrahedra) {
-  LowVertices low{std::vector<std::uint64_t>(vertices + 1), {}};
-  const auto visit = [&](auto add) {
+// Lists each tetrahedron under its two lowest vertices: every face has one of them as its lowest vertex.
+IndexLists tetrahedra_at_low_vertices(std::size_t vertices, std::span<const Tetrahedron> tetrahedra) {
+  IndexLists lists;
+  lists.assign(vertices, [&](const auto& add) {
     for (std::uint32_t t = 0; t < tetrahedra.size(); ++t) {
       const auto [a, b, c, d] = sorted(tetrahedra[t]);
       if (a == b || b == c || c == d) continue;
       add(a, t);
       add(b, t);
     }
-  };
-  visit([&](std::uint32_t vertex, std::uint32_t) { ++low.begins[vertex + 1]; });
-  for (std::size_t i = 0; i < vertices; ++i) low.begins[i + 1] += low.begins[i];
-  low.tetrahedra.resize(low.begins.back());
-  std::vector<std::uint64_t> next(low.begins.begin(), low.begins.end() - 1);
-  visit([&](std::uint32_t vertex, std::uint32_t t) { low.tetrahedra[next[vertex]++] = t; });
-  return low;
+  });
+  return lists;
 }
 
-// Sides that are alone, and pairs of sides of which one at least is of a flat tetrahedron.
+// Sides that only one tetrahedron has; and pairs of sides that coincide, where one tetrahedron or both are flat.
 struct Sides {
   std::vector<Side> outer;
   std::vector<std::pair<Side, Side>> at_flat;
 };
 
-// A side by its two higher vertices.
+// A side, found by its two higher vertices.
 struct Candidate {
   std::uint64_t vertices;
   Side side;
   auto operator<=>(const Candidate&) const = default;
 };
 
-// Adds the sides whose lowest vertex this is. `candidates` is scratch memory.
+// Adds the sides whose lowest vertex is `vertex`. `candidates` is scratch memory.
 void match_sides(std::uint32_t vertex, std::span<const std::uint32_t> incident, std::span<const Tetrahedron> tetrahedra,
                  std::span<const std::int8_t> turns, std::vector<Candidate>& candidates, Sides& sides) {
   candidates.clear();
   for (const std::uint32_t t : incident) {
     const Tetrahedron order = sorted(tetrahedra[t]);
     const auto add = [&](int omitted, std::uint32_t second, std::uint32_t third) {
-      const auto place = std::ranges::find(tetrahedra[t], order[static_cast<std::size_t>(omitted)]);
+      const auto opposite = std::ranges::find(tetrahedra[t], order[static_cast<std::size_t>(omitted)]);
       candidates.push_back(
-          {std::uint64_t{second} << 32 | third, 4 * Side{t} + static_cast<Side>(place - tetrahedra[t].begin())});
+          {std::uint64_t{second} << 32 | third, 4 * Side{t} + static_cast<Side>(opposite - tetrahedra[t].begin())});
     };
     if (order[1] == vertex) {
       add(0, order[2], order[3]);
@@ -113,26 +105,24 @@ void match_sides(std::uint32_t vertex, std::span<const std::uint32_t> incident, 
 
 Sides match_all_sides(std::size_t vertices, std::span<const Tetrahedron> tetrahedra,
                       std::span<const std::int8_t> turns) {
-  constexpr std::size_t block = 4096;
-  const LowVertices low = list_tetrahedra(vertices, tetrahedra);
-  std::vector<Sides> blocks((vertices + block - 1) / block);
-  tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+  constexpr std::size_t task_vertices = 4096;
+  const IndexLists incident = tetrahedra_at_low_vertices(vertices, tetrahedra);
+  std::vector<Sides> found((vertices + task_vertices - 1) / task_vertices);
+  tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t task) {
     std::vector<Candidate> candidates;
-    for (std::size_t v = b * block; v < std::min(vertices, (b + 1) * block); ++v)
-      match_sides(static_cast<std::uint32_t>(v),
-                  std::span(low.tetrahedra).subspan(low.begins[v], low.begins[v + 1] - low.begins[v]), tetrahedra,
-                  turns, candidates, blocks[b]);
+    for (std::size_t v = task * task_vertices; v < std::min(vertices, (task + 1) * task_vertices); ++v)
+      match_sides(static_cast<std::uint32_t>(v), incident[v], tetrahedra, turns, candidates, found[task]);
   });
   Sides all;
-  for (const Sides& sides : blocks) {
+  for (const Sides& sides : found) {
     all.outer.insert(all.outer.end(), sides.outer.begin(), sides.outer.end());
     all.at_flat.insert(all.at_flat.end(), sides.at_flat.begin(), sides.at_flat.end());
   }
   return all;
 }
 
-// Two tetrahedra of the same turn run opposite ways round the face between them: so flat ones take theirs from
-// neighbours.
+// Gives flat tetrahedra the turn that a neighbour implies: two tetrahedra of the same turn run opposite ways round the
+// face between them.
 void turn_flat(std::span<const Tetrahedron> tetrahedra, std::vector<std::pair<Side, Side>> pairs,
                std::vector<std::int8_t>& turns) {
   const auto opposite = [&](Side first, Side second) {
@@ -154,9 +144,8 @@ void turn_flat(std::span<const Tetrahedron> tetrahedra, std::vector<std::pair<Si
   }
 }
 
-double squared_length(const dvec3& v) { return glm::dot(v, v); }
-
-// The sum of the largest group of planes that turn the same way. Groups grow round the largest planes.
+// Adds up each group of planes that turn the same way, and returns the largest sum. Groups grow round the largest
+// planes.
 BoundaryPlane largest_group(std::vector<BoundaryPlane>& planes) {
   if (planes.size() < 2) return planes.empty() ? BoundaryPlane{} : planes[0];
   std::ranges::stable_sort(planes, std::greater<>(), [](const BoundaryPlane& p) { return squared_length(p.area); });
@@ -194,32 +183,13 @@ std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions, std::s
   return faces;
 }
 
-void join_outer_faces(std::vector<OuterFace>& faces, std::span<const std::uint64_t> places) {
-  using Key = std::array<std::uint64_t, 3>;  // corners ascending
-  std::vector<std::pair<Key, OuterFace>> keyed(faces.size());
-  tbb::parallel_for(std::size_t{0}, faces.size(), [&](std::size_t f) {
-    OuterFace face = faces[f];
-    for (std::uint64_t& corner : face.corners) corner = places[corner];
-    Key key = face.corners;
-    std::ranges::sort(key);
-    keyed[f] = {key, face};
-  });
-  tbb::parallel_sort(keyed.begin(), keyed.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  faces.clear();
-  for (std::size_t begin = 0, end = 0; begin < keyed.size(); begin = end) {
-    const Key& key = keyed[begin].first;
-    while (end < keyed.size() && keyed[end].first == key) ++end;
-    if (end - begin == 1 && key[0] != key[1] && key[1] != key[2]) faces.push_back(keyed[begin].second);
-  }
-}
-
 std::vector<BoundaryPlane> boundary_planes(std::span<const dvec3> positions, std::span<const OuterFace> faces) {
-  // Faces that count, under each of their corners.
+  // Pairs of a corner and a face, for the faces that count.
   std::vector<dvec3> areas(faces.size());
   std::vector<std::pair<std::uint64_t, std::size_t>> corners;
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    const dvec3& place = positions[faces[f].corners[0]];
-    areas[f] = glm::cross(positions[faces[f].corners[1]] - place, positions[faces[f].corners[2]] - place) / 2.0;
+    const dvec3& origin = positions[faces[f].corners[0]];
+    areas[f] = glm::cross(positions[faces[f].corners[1]] - origin, positions[faces[f].corners[2]] - origin) / 2.0;
     const double area = squared_length(areas[f]);
     if (!faces[f].has_side || !(area > 0) || !std::isfinite(area)) continue;
     for (const std::uint64_t corner : faces[f].corners) corners.emplace_back(corner, f);

@@ -10,8 +10,8 @@
 namespace splatvol {
 namespace {
 
-// Moments of the barycentric coordinates over the quarter where L0 is the largest, with La, Lb two others: E[La], then
-// E[La La] - E[La Lb] and E[La Lb].
+// Moments of the barycentric coordinates over the quarter where L0 is the largest. With two others, La and Lb: E[La],
+// E[La La] - E[La Lb], and E[La Lb].
 constexpr double mean_share = 23.0 / 144;
 constexpr double own_square = (161.0 - 97.0) / 4320;
 constexpr double common_square = 97.0 / 4320;
@@ -26,7 +26,7 @@ SymmetricMatrix operator+(const SymmetricMatrix& a, const SymmetricMatrix& b) {
 
 SymmetricMatrix square(const dvec3& d) { return {d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z}; }
 
-// A quarter of the volume; 0 for what is flat, or too large for double precision.
+// A quarter of the tetrahedron's volume; 0 if the tetrahedron is flat, or too large for double precision.
 double quarter_mass(std::span<const dvec3> positions, const Tetrahedron& corners) {
   std::array<dvec3, 3> edges;
   for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
@@ -35,19 +35,19 @@ double quarter_mass(std::span<const dvec3> positions, const Tetrahedron& corners
   return std::isfinite(mass) && std::isfinite(squares) ? mass : 0;
 }
 
-// A tetrahedron as one of its vertices sees it: everything relative to the vertex, so that its place costs no
-// precision.
+// The quarter of a tetrahedron that one of its vertices owns. Everything is relative to this vertex, so that a position
+// far from the origin costs no precision.
 struct Quarter {
   std::array<std::uint32_t, 3> others;
   std::array<dvec3, 3> edges;
   double mass;
-  double weight;  // share of the mass of all that the vertex owns
+  double weight;  // share of the mass that the vertex owns
 
   [[nodiscard]] dvec3 sum() const { return edges[0] + edges[1] + edges[2]; }
 };
 
-// Raw moments about the vertex, each times the quarter's weight. The vertex borders on its material, so that little
-// cancels when they become central ones.
+// Adds raw moments about the vertex, times the quarter's weight. The vertex lies at its material, so that little
+// cancels when they become central moments.
 void add(SpatialMoments& sums, const Quarter& quarter) {
   const dvec3 sum = quarter.sum();
   sums.mass += quarter.mass;
@@ -63,7 +63,7 @@ void finish(SpatialMoments& sums) {
   sums.covariance = sums.covariance + -1.0 * square(sums.centroid);
 }
 
-// The same for a value, relative to the vertex's own as well.
+// Adds the moments of a value, which is relative to the value at the vertex.
 void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> values, double own) {
   dvec3 rise;
   for (std::size_t k = 0; k < 3; ++k) rise[static_cast<int>(k)] = values[quarter.others[k]] - own;
@@ -79,7 +79,8 @@ void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> val
       weight * own_square * (rise.x * quarter.edges[0] + rise.y * quarter.edges[1] + rise.z * quarter.edges[2]);
   sums.covariance += weight * common_square * total * sum;
 
-  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the cell.
+  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the
+  // tetrahedron.
   double low = 0, high = 0;
   for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, (rise.x + rise.y) / 3, (rise.y + rise.z) / 3,
                               (rise.z + rise.x) / 3, total / 4}) {
@@ -90,7 +91,7 @@ void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> val
   sums.max = std::max(sums.max, own + high);
 }
 
-// `mass`: of all that the vertex owns, with and without a value.
+// `mass`: of all material that the vertex owns, with and without a value.
 void finish(ValueMoments& sums, double mass, double own) {
   if (!(sums.mass > 0)) return;
   const double share = mass / sums.mass;
@@ -101,7 +102,7 @@ void finish(ValueMoments& sums, double mass, double own) {
   sums.mean += own;
 }
 
-// Numbers that belong to different matrices, side by side: what they wait for, roots and quotients, they wait for once.
+// Numbers of different matrices, side by side: the processor waits for their roots and quotients only once.
 constexpr std::size_t lanes = shapes_at_once;
 using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
 using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
@@ -118,7 +119,7 @@ inline bool any(const LaneBits& mask) {
   return all != 0;
 }
 
-// Symmetric matrices on their way to their eigenvalues and, as columns, eigenvectors.
+// Symmetric matrices while they become diagonal: at the end, eigenvalues, and eigenvectors as columns.
 struct Decomposition {
   Lanes diagonal[3] = {};
   Lanes beside[3] = {};  // [k]: the entry in neither row k nor column k
@@ -137,7 +138,8 @@ struct Decomposition {
   }
 };
 
-// Makes the entry in row p and column q 0, unless it is already; r is the third.
+// Rotates so that the entry in row p and column q becomes 0; r is the third axis. Returns false if it is negligible in
+// all lanes already.
 bool rotate(Decomposition& m, int p, int q, int r) {
   constexpr double epsilon = std::numeric_limits<double>::epsilon() / 4, negligible = epsilon * epsilon;
   Lanes& pivot = m.beside[r];
@@ -165,8 +167,8 @@ bool rotate(Decomposition& m, int p, int q, int r) {
   return true;
 }
 
-// Cyclic Jacobi, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow. A lane does
-// not depend on the others.
+// The cyclic Jacobi method, which keeps the small eigenvalues of graded matrices. Requires entries far from overflow. A
+// lane does not depend on the others.
 void diagonalize(Decomposition& m) {
   constexpr int sweeps = 32;  // about 5 are used; rounding noise must not keep it going
   bool rotated = true;
@@ -179,7 +181,7 @@ void diagonalize(Decomposition& m) {
 
 using AxisOrder = std::array<std::uint8_t, 3>;
 
-// Descending and stable. The library's stable sort allocates.
+// Sorts in descending order, stable. The library's stable sort would allocate.
 AxisOrder descending(const std::array<double, 3>& values) {
   AxisOrder order = {0, 1, 2};
   for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
@@ -187,12 +189,12 @@ AxisOrder descending(const std::array<double, 3>& values) {
   return order;
 }
 
-// What turns x and y onto these axes, and z onto the one that makes them right-handed.
+// The rotation that turns x and y onto these axes, and z onto the axis that makes them right-handed.
 glm::dquat orientation(const dvec3& first, const dvec3& second) {
   return glm::normalize(glm::quat_cast(dmat3(first, second, glm::cross(first, second))));
 }
 
-// What turns x, y, z onto themselves, those with the larger numbers first and else as they are.
+// The rotation that turns x, y and z onto the same axes in descending order of these numbers, ties in their old order.
 const glm::dquat& orientation_along_axes(double x, double y, double z) {
   static const auto table = [] {
     std::array<glm::dquat, 8> all{};  // [whether y > x, z > y, z > x], in bits
@@ -214,7 +216,7 @@ bool has_extent(const SpatialMoments& moments) {
   return moments.mass > 0 && std::max({s.xx, s.yy, s.zz}) >= std::numeric_limits<double>::min();
 }
 
-// As the boxes of scattered points are, and what is nothing or a point.
+// True for the boxes of scattered points, and for material without extent.
 bool is_along_axes(const SpatialMoments& moments) {
   const SymmetricMatrix& s = moments.covariance;
   return (s.xy == 0 && s.xz == 0 && s.yz == 0) || !has_extent(moments);
@@ -257,31 +259,36 @@ void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift) {
   a.max = std::max(a.max, b.max);
 }
 
-VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra)
-    : positions_(positions), tetrahedra_(tetrahedra), begins_(positions.size() + 1, 0), masses_(tetrahedra.size()) {
-  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
-                    [&](std::size_t t) { masses_[t] = quarter_mass(positions, tetrahedra[t]); });
-  for (const Tetrahedron& corners : tetrahedra)
-    for (const std::uint32_t corner : corners) ++begins_[corner + 1];
-  for (std::size_t i = 0; i < positions.size(); ++i) begins_[i + 1] += begins_[i];
-  incidence_.resize(begins_.back());
-  std::vector<std::uint64_t> next(begins_.begin(), begins_.end() - 1);
-  for (std::uint32_t t = 0; t < tetrahedra.size(); ++t)
-    for (const std::uint32_t corner : tetrahedra[t]) incidence_[next[corner]++] = t;
+IndexLists tetrahedra_at_points(std::size_t points, std::span<const Tetrahedron> tetrahedra) {
+  IndexLists lists;
+  lists.assign(points, [&](const auto& add) {
+    for (std::uint32_t t = 0; t < tetrahedra.size(); ++t)
+      for (const std::uint32_t corner : tetrahedra[t]) add(corner, t);
+  });
+  return lists;
 }
 
-// Calls add(quarter) for each tetrahedron at a vertex; returns the mass of them all.
+VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra)
+    : positions_(positions),
+      tetrahedra_(tetrahedra),
+      incident_(tetrahedra_at_points(positions.size(), tetrahedra)),
+      masses_(tetrahedra.size()) {
+  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
+                    [&](std::size_t t) { masses_[t] = quarter_mass(positions, tetrahedra[t]); });
+}
+
+// Calls add_quarter(quarter) for each tetrahedron at a vertex; returns the mass of all quarters.
 template <class Add>
 double VertexMaterial::visit(std::size_t vertex, Add add_quarter) const {
-  const auto incident = std::span(incidence_).subspan(begins_[vertex], begins_[vertex + 1] - begins_[vertex]);
+  const std::span<const std::uint32_t> incident = incident_[vertex];
   double mass = 0;
   for (const std::uint32_t t : incident) mass += masses_[t];
   for (const std::uint32_t t : incident) {
     const Tetrahedron& corners = tetrahedra_[t];
-    const auto place = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
+    const auto own = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
     Quarter quarter;
     for (std::size_t k = 0; k < 3; ++k) {
-      quarter.others[k] = corners[(place + 1 + k) % 4];
+      quarter.others[k] = corners[(own + 1 + k) % 4];
       quarter.edges[k] = positions_[quarter.others[k]] - positions_[vertex];
     }
     quarter.mass = masses_[t];

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/math.h"
+#include "builder/mesh/index_lists.h"
 #include "format/columns.h"
 
 namespace splatvol {
@@ -17,46 +18,57 @@ struct SymmetricMatrix {
   double xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;
 };
 
-/// A cluster's material in space. Lengths relative to a point near it, so that nothing is lost far from the origin.
+/// The material of a point or cluster in space. Lengths are relative to the point, so that nothing is lost far from the
+/// origin.
 struct SpatialMoments {
   double mass = 0;             // volume
   dvec3 centroid{0};           // less the point's position; 0 without mass
   SymmetricMatrix covariance;  // about the centroid
 };
 
-/// The part of it that has a value of an attribute.
+/// The part of the material that has a value of an attribute.
 struct ValueMoments {
   double mass = 0;
-  dvec3 centroid{0};                                     // of that part, less the point's position
+  dvec3 centroid{0};                                     // of this part, less the point's position
   double mean = 0;                                       // of the value
   double variance = 0;                                   // of the value
   dvec3 covariance{0};                                   // of position and value
-  double min = std::numeric_limits<double>::infinity();  // what values it takes
+  double min = std::numeric_limits<double>::infinity();  // range of the value
   double max = -std::numeric_limits<double>::infinity();
 };
 
 using Tetrahedron = std::array<std::uint32_t, 4>;
 
-/// Adds b to a, both of disjoint materials; `shift` is b's point less a's. Exact up to rounding, in any order.
+/// Adds weight * d d^T to `sum`.
+inline void add_square(SymmetricMatrix& sum, double weight, const dvec3& d) {
+  sum.xx += weight * d.x * d.x, sum.yy += weight * d.y * d.y, sum.zz += weight * d.z * d.z;
+  sum.xy += weight * d.x * d.y, sum.xz += weight * d.x * d.z, sum.yz += weight * d.y * d.z;
+}
+
+/// Adds b to a, whose materials must be disjoint. `shift` is the position of b's point less that of a's. Exact up to
+/// rounding, in any order.
 void merge(SpatialMoments& a, const SpatialMoments& b, const dvec3& shift);
 void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift);
 
-/// What each vertex owns of its tetrahedra: the quarter where its barycentric coordinate is the largest, in closed form
-/// (values are linear in each tetrahedron). Absolute volumes; what is flat, or too large for double precision, gives
-/// nothing. Both spans must outlive this; fewer than 2^32 tetrahedra. Thread-safe; ask for all that is wanted of a
-/// vertex at once, as it is memory that takes the time.
+/// Lists the tetrahedra at each point by their numbers, ascending; twice if a tetrahedron names the point twice.
+[[nodiscard]] IndexLists tetrahedra_at_points(std::size_t points, std::span<const Tetrahedron> tetrahedra);
+
+/// The material of each vertex of a mesh, in closed form. A vertex owns the quarter of each of its tetrahedra where its
+/// barycentric coordinate is the largest. Values are linear in each tetrahedron, volumes absolute. A tetrahedron that
+/// is flat, or too large for double precision, adds nothing. Both spans must outlive this; fewer than 2^32 tetrahedra.
+/// Thread-safe. Memory accesses take most of the time, so ask for everything about a vertex at once.
 class VertexMaterial {
  public:
   VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra);
 
   [[nodiscard]] SpatialMoments moments(std::size_t vertex) const;
 
-  /// `values` of all vertices; a tetrahedron with a missing one (NaN) at a corner has none.
+  /// `values`: of all vertices. A tetrahedron with a missing value (NaN) at a corner has no value.
   [[nodiscard]] ValueMoments value_moments(std::size_t vertex, std::span<const double> values) const;
 
-  /// Direction of the value's gradient as in Meredith and Ma (2001), section 3.2: the sum of one-sided differences
-  /// along edges, each as often as it belongs to a tetrahedron, so that pieces of a mesh add up to the whole. Any
-  /// length; 0 where there is none.
+  /// Returns the direction of the value's gradient, of any length, as in Meredith and Ma (2001), section 3.2: the sum
+  /// of one-sided differences along edges. An edge counts once for each of its tetrahedra, so that pieces of a mesh add
+  /// up to the whole. 0 if there is none.
   [[nodiscard]] dvec3 gradient(std::size_t vertex, std::span<const double> values) const;
 
  private:
@@ -65,20 +77,22 @@ class VertexMaterial {
 
   std::span<const dvec3> positions_;
   std::span<const Tetrahedron> tetrahedra_;
-  std::vector<std::uint64_t> begins_;     // [position]: where its tetrahedra begin; and the total
-  std::vector<std::uint32_t> incidence_;  // tetrahedra of each vertex, ascending
-  std::vector<double> masses_;            // [tetrahedron]: of a quarter
+  IndexLists incident_;         // [vertex]: tetrahedra
+  std::vector<double> masses_;  // [tetrahedron]: of a quarter
 };
 
-/// Mass and principal axes, as the file stores them; deviations to a few units of rounding of the largest one's square.
+/// Returns mass and principal axes as the file stores them. The squares of the deviations are exact to a few units of
+/// rounding of the largest square.
 [[nodiscard]] format::SplatShape shape_of(const SpatialMoments& moments);
 
-/// The same of up to so many together, which takes a third of the time of one by one. The first moments.size() count.
+/// Returns the shapes of up to `shapes_at_once` moments, in a third of the time that they take one by one. Only the
+/// first moments.size() results count.
 inline constexpr std::size_t shapes_at_once = 4;
 [[nodiscard]] std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments);
 
-/// A value's distribution, as the file stores it but for the mean, which keeps the attribute's offset. `shape` is of
-/// all the material that `value` is a part of. Never larger than 1 what must not be, however thin the material.
+/// Returns a value's distribution as the file stores it, except that the mean still contains the attribute's offset.
+/// `shape` belongs to all the material that `value` is a part of. Correlations, residual and coverage never exceed 1,
+/// however thin the material is.
 [[nodiscard]] format::SplatValue value_of(const ValueMoments& value, const format::SplatShape& shape);
 
 }  // namespace splatvol

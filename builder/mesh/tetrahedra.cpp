@@ -8,7 +8,7 @@
 namespace splatvol {
 namespace {
 
-/// Share of its cell's volume under which an inverted tetrahedron is rounding of the coordinates.
+/// Inverted volume below this share of the cell's volume comes from rounded coordinates.
 constexpr double rounding_share = 1e-6;
 
 using Face = std::vector<std::uint8_t>;  // local nodes, counterclockwise from outside
@@ -27,7 +27,7 @@ const Faces voxel_faces = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3
 const Faces wedge_faces = {{0, 1, 2}, {3, 5, 4}, {0, 3, 4, 1}, {1, 4, 5, 2}, {2, 5, 3, 0}};
 const Faces pyramid_faces = {{0, 3, 2, 1}, {0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}};
 
-/// Node n + i of a quadratic cell with n corners lies on edge i.
+/// In a quadratic cell with n corners, node n + i lies on edge i.
 const std::vector<Edge> tetrahedron_edges = {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}};
 const std::vector<Edge> hexahedron_edges = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
                                             {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
@@ -48,7 +48,7 @@ Faces prism_faces(std::uint8_t sides) {
   return faces;
 }
 
-/// Sides of the polygon around a corner, each from one mid-edge node to the next, put in order.
+/// Puts the sides of the polygon around a corner in order; each side runs from one mid-edge node to the next.
 Face chain(std::vector<Edge> sides) {
   Face polygon{sides.back().first};
   while (polygon.size() < sides.size()) {
@@ -120,7 +120,7 @@ std::uint64_t mix(std::uint64_t key) {
   return key ^ key >> 31;
 }
 
-/// A side of a face of a polyhedron, for matching it with the face beyond.
+/// A side of a polyhedron's face, to be matched with the face beyond.
 struct Side {
   std::uint32_t low, high;  // vertices
   std::uint32_t face;
@@ -218,7 +218,7 @@ std::size_t TetrahedronSplitter::fan_start(std::span<const std::uint32_t> face) 
   const auto lowest = static_cast<std::size_t>(std::ranges::min_element(face, by_position) - face.begin());
   if (face.size() <= 4) return lowest;
 
-  // The cell beyond sees the face the other way round: both go over it in one order, so that rounding agrees.
+  // The cell beyond has the face the other way round. Both cells go over it in one order, so that rounding agrees.
   polygon_.assign(face.begin(), face.end());
   std::ranges::rotate(polygon_, polygon_.begin() + static_cast<std::ptrdiff_t>(lowest));
   if (lower(polygon_.back(), polygon_[1])) std::reverse(polygon_.begin() + 1, polygon_.end());
@@ -245,7 +245,7 @@ bool TetrahedronSplitter::fans_out(std::span<const std::uint32_t> face, std::siz
 }
 
 bool TetrahedronSplitter::faces_agree() const {
-  // Every edge is run along once in each direction: then its hash cancels, and hardly otherwise.
+  // If the faces agree, they run along every edge once in each direction, and its hash cancels. Else it hardly does.
   std::uint64_t balance = 0;
   for_each_face(faces_, [&](std::size_t first, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) {
@@ -272,8 +272,8 @@ void TetrahedronSplitter::orient_faces() {
   const auto edge = [](const Side& side) { return std::pair(side.low, side.high); };
   std::ranges::sort(sides, {}, edge);
 
-  // From the first face outwards: the face beyond a shared edge runs along it the other way. A front of faces is few
-  // enough that scanning all sides for it costs less than an index.
+  // From the first face outwards: the face beyond a shared edge must run along it the other way. A polyhedron has so
+  // few faces that a scan of all sides costs less than an index.
   enum : std::uint8_t { unknown, kept, turned };
   std::vector<std::uint8_t> state(starts.size(), unknown);
   state[0] = kept;
@@ -313,7 +313,7 @@ bool TetrahedronSplitter::finite(std::span<const std::uint32_t> nodes) const {
 }
 
 double TetrahedronSplitter::volume_6(std::uint32_t apex, const Triangle& triangle) const {
-  // The triangle runs counterclockwise from outside, so clockwise from the apex.
+  // The triangle runs counterclockwise from outside, and so clockwise from the apex.
   return signed_volume_6(points_[triangle[0]], points_[triangle[2]], points_[triangle[1]], points_[apex]);
 }
 

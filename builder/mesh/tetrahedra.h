@@ -12,7 +12,7 @@
 
 namespace splatvol {
 
-/// Cells that fill a volume and have a fixed number of nodes, in VTK's node order (as have the names of the files).
+/// Volume cells with a fixed number of nodes. Nodes are in VTK's order, and the names follow VTK's.
 enum class CellShape {
   tetrahedron,
   voxel,
@@ -21,13 +21,13 @@ enum class CellShape {
   pyramid,
   pentagonal_prism,
   hexagonal_prism,
-  quadratic_tetrahedron,  // the quadratic ones: corners, then a node in the middle of each edge
+  quadratic_tetrahedron,  // quadratic cells: corners, then a node in the middle of each edge
   quadratic_hexahedron,
   quadratic_wedge,
   quadratic_pyramid,
 };
 
-/// Nodes of a cell of this shape: 4 to 20.
+/// The number of nodes in a cell of this shape: 4 to 20.
 [[nodiscard]] std::size_t node_count(CellShape shape);
 
 /// The name in a census: "tetrahedron", "pentagonal prism", ...
@@ -38,18 +38,18 @@ enum class CellShape {
   return glm::dot(b - a, glm::cross(c - a, d - a));
 }
 
-/// Splits cells without new points. Two cells that share a face split it along the same diagonals (Dompierre et al.
-/// 1999: every face is a fan from its lowest vertex), and so do cells in different pieces: "lowest" compares positions,
-/// x before y before z, and indices only where positions coincide. A face of more than four vertices that is not convex
-/// fans out from the lowest vertex that sees all of it.
+/// Splits cells into tetrahedra without new points. Every face becomes a fan from its lowest vertex (Dompierre et al.
+/// 1999), so two cells split their common face along the same diagonals, even in different pieces. "Lowest" compares
+/// positions, x before y before z, and indices only if positions coincide. A face with more than four vertices that is
+/// not convex fans out from the lowest vertex that sees all of it.
 ///
-/// The apex that a cell's tetrahedra share is its lowest vertex from which no tetrahedron is inverted; where there is
-/// none, the vertex that inverts the least volume, and the cell is counted as not star-shaped. A share under a
+/// A cell's tetrahedra share an apex: the lowest vertex from which no tetrahedron is inverted. If there is none, the
+/// apex is the vertex that inverts the least volume, and the cell counts as not star-shaped. Inverted volume below a
 /// millionth of the cell's volume counts as rounding. A quadratic cell is cut at its mid-edge nodes into a cap for each
-/// corner and a core, so every node takes part.
+/// corner and a core, so that every node takes part.
 ///
-/// Collapsed cells (nodes given twice) give fewer tetrahedra; nodes with a position that is not finite, none. Holds its
-/// scratch memory, so that a cell costs no allocation. Not thread-safe.
+/// A collapsed cell (a node given twice) gives fewer tetrahedra, a cell with a position that is not finite gives none.
+/// Keeps its scratch memory, so that a cell costs no allocation. Not thread-safe.
 class TetrahedronSplitter {
  public:
   using Tetrahedron = std::array<std::uint32_t, 4>;
@@ -58,12 +58,12 @@ class TetrahedronSplitter {
   TetrahedronSplitter(std::span<const dvec3> points, std::vector<Tetrahedron>& tetrahedra, CellCensus& census)
       : points_(points), tetrahedra_(tetrahedra), census_(census) {}
 
-  /// Requires nodes.size() == node_count(shape) and indices in range. Orientation as VTK's face tables have it; wedges
-  /// are found in files in both orders, so that a whole wedge never counts as inverted.
+  /// Requires nodes.size() == node_count(shape) and indices in range. Expects the orientation of VTK's face tables, but
+  /// files have wedges in both orientations: a whole wedge never counts as inverted.
   void split(CellShape shape, std::span<const std::uint32_t> nodes);
 
-  /// `faces`: for each face its vertex count and its vertices, all indices in range, counterclockwise from outside.
-  /// Faces that are turned round against their neighbours are put right.
+  /// `faces`: for each face its number of vertices, then its vertices, counterclockwise from outside. Requires indices
+  /// in range. Turns faces round that run against their neighbours.
   void split_polyhedron(std::span<const std::uint32_t> faces);
 
  private:
@@ -94,11 +94,11 @@ class TetrahedronSplitter {
   std::vector<Tetrahedron>& tetrahedra_;
   CellCensus& census_;
 
-  // Of the cell at hand.
+  // The current cell.
   std::vector<std::uint32_t> faces_;     // count, vertices, count, vertices, ...
   std::vector<std::uint32_t> vertices_;  // lowest first
   std::vector<Triangle> triangles_;      // its surface
-  std::vector<std::uint32_t> polygon_;   // the face at hand
+  std::vector<std::uint32_t> polygon_;   // the current face
 };
 
 }  // namespace splatvol

@@ -20,20 +20,20 @@ namespace splatvol {
 namespace {
 
 constexpr int iterations = 12;
-constexpr double damping = 0.7;  // splats that see each other would swing
+constexpr double damping = 0.7;  // without it, splats that see each other would swing
 constexpr int spreading_passes = 2;
 constexpr double least_density = 1.0 / 8, largest_density = 8;
 
-// A splat as it is drawn.
+// A splat as the kernel `moments` draws it.
 struct Ellipsoid {
   dvec3 centre{0};
   dmat3 to_ball{0};  // into the unit ball
   dvec3 reach{0};    // half extents of the box round it
   double peak = 0;   // density at the centre; 0: draws nothing
-  dvec3 outward{0};  // in the ball: what lies on this side of the centre is cut off; 0: nothing
+  dvec3 outward{0};  // in the ball: the half on this side of the centre is cut off; 0: nothing is
 };
 
-Ellipsoid make_ellipsoid(const PlacedShape& splat) {
+Ellipsoid make_ellipsoid(const FittedSplat& splat) {
   const format::SplatShape& shape = splat.shape;
   const dvec3& d = shape.deviations;
   if (!(shape.mass > 0 && d[2] > 0)) return {};
@@ -60,22 +60,22 @@ Ellipsoid make_ellipsoid(const PlacedShape& splat) {
   return std::isfinite(ellipsoid.peak) ? ellipsoid : Ellipsoid{};
 }
 
-// Places in a splat's material, at the crossings of a lattice: origin + x level[0] + y level[1] + z level[2], where x,
-// y and z run over `offsets`.
+// Samples of a splat's material, at the positions origin + x spacing[0] + y spacing[1] + z spacing[2] with x, y and z
+// from `offsets`.
 struct Lattice {
   dvec3 origin;
-  dmat3 level;
-  std::array<float, 28> weights;  // 1, or 0 for places outside of the material; and behind the last
-  dvec3 reach;                    // half extents of the box round it
+  dmat3 spacing;
+  std::array<float, 28> weights;  // 1; 0 outside of the material, and behind the last sample
+  dvec3 reach;                    // half extents of the box round the samples
 };
 
-// Three places along each axis, padded to whole vectors.
-constexpr std::size_t places = 27;
+// Three samples along each axis, padded to whole vectors.
+constexpr std::size_t samples = 27;
 struct Offsets {
   std::array<float, 28> x{}, y{}, z{};
 
   constexpr Offsets() {
-    for (std::size_t i = 0; i < places; ++i) {
+    for (std::size_t i = 0; i < samples; ++i) {
       x[i] = static_cast<float>(i % 3) - 1;
       y[i] = static_cast<float>(i / 3 % 3) - 1;
       z[i] = static_cast<float>(i / 9) - 1;
@@ -84,15 +84,15 @@ struct Offsets {
 };
 constexpr Offsets offsets;
 
-// The sum of an ellipsoid's density over a lattice. Single precision where nothing cancels any more: in the ball.
+// The sum of an ellipsoid's density over a lattice. Single precision is enough in the ball, where nothing cancels.
 double density_over(const Ellipsoid& ellipsoid, const Lattice& lattice) {
   const dvec3 middle = ellipsoid.to_ball * (lattice.origin - ellipsoid.centre);
-  const dmat3 level = ellipsoid.to_ball * lattice.level;
-  const double reach = glm::length(level[0]) + glm::length(level[1]) + glm::length(level[2]);
+  const dmat3 spacing = ellipsoid.to_ball * lattice.spacing;
+  const double reach = glm::length(spacing[0]) + glm::length(spacing[1]) + glm::length(spacing[2]);
   const double nearest = glm::length(middle) - reach;
   if (!(nearest < 1)) return 0;
 
-  const vec3 m(middle), u(level[0]), v(level[1]), w(level[2]), outward(ellipsoid.outward);
+  const vec3 m(middle), u(spacing[0]), v(spacing[1]), w(spacing[2]), outward(ellipsoid.outward);
   const Offsets& at = offsets;
   std::array<float, 28> densities;
   for (std::size_t i = 0; i < densities.size(); ++i) {
@@ -129,8 +129,8 @@ struct Bounds {
   }
 };
 
-// Boxes round `fan` boxes each of the level below, the lowest round ellipsoids of about one size: a large one among
-// small ones would make all the boxes above it large.
+// A tree of boxes round ellipsoids of about one size: a large one among small ones would make all the boxes above it
+// large. A box has `fan` children.
 class BoxTree {
  public:
   struct Member {
@@ -141,38 +141,38 @@ class BoxTree {
   BoxTree(std::span<const Ellipsoid> ellipsoids, std::span<const std::uint32_t> members) {
     members_.reserve(members.size());
     for (const std::uint32_t i : members) members_.push_back({{ellipsoids[i].centre, ellipsoids[i].reach}, i});
-    for (std::size_t count = members.size(); levels_.empty() || count > 1;) {
+    for (std::size_t count = members.size(); tiers_.empty() || count > 1;) {
       std::vector<Bounds> above((count + fan - 1) / fan);
       for (std::size_t i = 0; i < count; ++i)
-        above[i / fan].include(levels_.empty() ? members_[i].bounds : levels_.back()[i]);
+        above[i / fan].include(tiers_.empty() ? members_[i].bounds : tiers_.back()[i]);
       count = above.size();
-      levels_.push_back(std::move(above));
+      tiers_.push_back(std::move(above));
     }
   }
 
-  // Calls visit(member) for every ellipsoid whose box meets these.
+  // Calls visit(member) for every ellipsoid whose box meets these bounds.
   template <class Visit>
   void for_each(const Bounds& bounds, const Visit& visit) const {
-    descend(levels_.size() - 1, 0, bounds, visit);
+    descend(tiers_.size() - 1, 0, bounds, visit);
   }
 
  private:
   static constexpr std::size_t fan = 4;
 
   template <class Visit>
-  void descend(std::size_t level, std::size_t i, const Bounds& bounds, const Visit& visit) const {
-    if (!levels_[level][i].meets(bounds)) return;
-    const std::size_t end = std::min((i + 1) * fan, level == 0 ? members_.size() : levels_[level - 1].size());
+  void descend(std::size_t tier, std::size_t i, const Bounds& bounds, const Visit& visit) const {
+    if (!tiers_[tier][i].meets(bounds)) return;
+    const std::size_t end = std::min((i + 1) * fan, tier == 0 ? members_.size() : tiers_[tier - 1].size());
     for (std::size_t child = i * fan; child < end; ++child) {
-      if (level > 0)
-        descend(level - 1, child, bounds, visit);
+      if (tier > 0)
+        descend(tier - 1, child, bounds, visit);
       else if (members_[child].bounds.meets(bounds))
         visit(members_[child]);
     }
   }
 
   std::vector<Member> members_;
-  std::vector<std::vector<Bounds>> levels_;  // boxes round `fan` members each, round `fan` of these, ...
+  std::vector<std::vector<Bounds>> tiers_;  // from the boxes round members up to one box
 };
 
 std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
@@ -189,32 +189,32 @@ std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
   return trees;
 }
 
-// Of a cell with the splat's covariance, cut in three each way.
-Lattice make_lattice(const PlacedShape& splat) {
+// Samples a box with the splat's covariance, cut in three along each axis.
+Lattice make_lattice(const FittedSplat& splat) {
   const dmat3 axes = glm::mat3_cast(splat.shape.orientation);
   const double distance_2 = glm::dot(splat.shape.boundary, splat.shape.boundary);
-  const double level = 2 * std::numbers::sqrt3 / 3;  // deviations
+  const double spacing = 2 * std::numbers::sqrt3 / 3;  // deviations
   Lattice lattice{splat.centroid, axes, {}, dvec3(0)};
   for (int k = 0; k < 3; ++k) {
-    lattice.level[k] *= level * splat.shape.deviations[k];
-    lattice.reach += glm::abs(lattice.level[k]);
+    lattice.spacing[k] *= spacing * splat.shape.deviations[k];
+    lattice.reach += glm::abs(lattice.spacing[k]);
   }
-  for (std::size_t i = 0; i < places; ++i) {
-    const dvec3 place = level * dvec3(offsets.x[i], offsets.y[i], offsets.z[i]);
-    lattice.weights[i] = distance_2 > 0 && glm::dot(place, splat.shape.boundary) > distance_2 ? 0.0F : 1.0F;
+  for (std::size_t i = 0; i < samples; ++i) {
+    const dvec3 sample = spacing * dvec3(offsets.x[i], offsets.y[i], offsets.z[i]);
+    lattice.weights[i] = distance_2 > 0 && glm::dot(sample, splat.shape.boundary) > distance_2 ? 0.0F : 1.0F;
   }
   return lattice;
 }
 
-// What a splat sees of another's density.
+// A splat that another one sees.
 struct View {
   std::uint32_t splat;
-  float weight;
+  float weight;  // its mean density over the other's lattice
 };
 
 class DensityFit {
  public:
-  explicit DensityFit(std::span<PlacedShape> splats) : splats_(splats), ellipsoids_(splats.size()) {
+  explicit DensityFit(std::span<FittedSplat> splats) : splats_(splats), ellipsoids_(splats.size()) {
     tbb::parallel_for(std::size_t{0}, splats.size(),
                       [&](std::size_t i) { ellipsoids_[i] = make_ellipsoid(splats[i]); });
   }
@@ -223,7 +223,7 @@ class DensityFit {
     find_views();
     std::vector<float> densities(splats_.size(), 1.0F), next(splats_.size(), 1.0F);
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) { improve(b, densities, next); });
+      tbb::parallel_for(std::size_t{0}, portions_.size(), [&](std::size_t b) { improve(b, densities, next); });
       densities.swap(next);
     }
     keep_mass(densities);
@@ -231,29 +231,30 @@ class DensityFit {
   }
 
  private:
-  static constexpr std::size_t block_size = 256;
-  struct Block {
+  // Splats that follow each other, handled by one task.
+  static constexpr std::size_t portion_size = 256;
+  struct Portion {
     std::vector<View> views;
-    std::vector<std::uint32_t> ends;  // [splat of the block]
+    std::vector<std::uint32_t> ends;  // [splat of the portion]: of its views
   };
 
-  // Where the splats of a block look, and what may be there.
+  // Where the splats of a portion look, and the ellipsoids that may be there.
   struct Search {
     struct Look {
       Lattice lattice{};
-      Bounds bounds;  // round it; inside out for none
-      double samples = 0;
+      Bounds bounds;       // round the lattice; inside out if the splat draws nothing
+      double samples = 0;  // in the material
     };
-    std::vector<Look> looks;  // [splat of the block]
-    std::vector<BoxTree::Member> found;
-    std::vector<std::uint32_t> candidates;  // of those: for a range of splats, behind those of the range round it
+    std::vector<Look> looks;                // [splat of the portion]
+    std::vector<BoxTree::Member> found;     // by the whole portion
+    std::vector<std::uint32_t> candidates;  // indices of `found`: a range of splats has its own behind its parent's
   };
 
   void find_views() {
     const std::vector<BoxTree> trees = make_trees(ellipsoids_);
-    blocks_.resize((splats_.size() + block_size - 1) / block_size);
+    portions_.resize((splats_.size() + portion_size - 1) / portion_size);
     tbb::enumerable_thread_specific<Search> searches;
-    tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) {
+    tbb::parallel_for(std::size_t{0}, portions_.size(), [&](std::size_t b) {
       Search& search = searches.local();
       find_looks(b, search);
       Bounds bounds;
@@ -263,13 +264,13 @@ class DensityFit {
         tree.for_each(bounds, [&](const BoxTree::Member& member) { search.found.push_back(member); });
       search.candidates.resize(search.found.size());
       std::iota(search.candidates.begin(), search.candidates.end(), 0);
-      append_views(search, 0, search.looks.size(), 0, search.found.size(), blocks_[b]);
+      append_views(search, 0, search.looks.size(), 0, search.found.size(), portions_[b]);
     });
   }
 
   void find_looks(std::size_t b, Search& search) const {
     search.looks.clear();
-    for (std::size_t i = b * block_size; i < std::min((b + 1) * block_size, splats_.size()); ++i) {
+    for (std::size_t i = b * portion_size; i < std::min((b + 1) * portion_size, splats_.size()); ++i) {
       Search::Look& look = search.looks.emplace_back();
       if (!(ellipsoids_[i].peak > 0)) continue;
       look.lattice = make_lattice(splats_[i]);
@@ -278,10 +279,10 @@ class DensityFit {
     }
   }
 
-  // Of a range of splats, whose candidates are a range as well. Neighbours in Morton order look at about the same
-  // places: each half of them has to choose from what the whole has in sight only.
+  // Appends the views of splats [begin, end), whose candidates are [first, last). Neighbours in Morton order look at
+  // about the same ellipsoids: each half of a range chooses from those that the whole range has in sight.
   void append_views(Search& search, std::size_t begin, std::size_t end, std::size_t first, std::size_t last,
-                    Block& block) const {
+                    Portion& portion) const {
     Bounds bounds;
     for (std::size_t k = begin; k < end; ++k) bounds.include(search.looks[k].bounds);
     std::vector<std::uint32_t>& candidates = search.candidates;
@@ -293,33 +294,33 @@ class DensityFit {
     }
     if (end - begin > 1) {
       const std::size_t middle = begin + (end - begin) / 2;
-      append_views(search, begin, middle, last, in_sight, block);
-      append_views(search, middle, end, last, in_sight, block);
+      append_views(search, begin, middle, last, in_sight, portion);
+      append_views(search, middle, end, last, in_sight, portion);
       return;
     }
     const Search::Look& look = search.looks[begin];
     for (std::size_t c = last; c < in_sight && look.samples > 0; ++c) {
       const std::uint32_t j = search.found[candidates[c]].ellipsoid;
       const double seen = density_over(ellipsoids_[j], look.lattice);
-      if (seen > 0) block.views.push_back({j, static_cast<float>(seen / look.samples)});
+      if (seen > 0) portion.views.push_back({j, static_cast<float>(seen / look.samples)});
     }
-    block.ends.push_back(static_cast<std::uint32_t>(block.views.size()));
+    portion.ends.push_back(static_cast<std::uint32_t>(portion.views.size()));
   }
 
   void improve(std::size_t b, const std::vector<float>& densities, std::vector<float>& next) const {
     std::uint32_t view = 0;
-    for (std::size_t k = 0; k < blocks_[b].ends.size(); ++k) {
-      const std::size_t i = b * block_size + k;
+    for (std::size_t k = 0; k < portions_[b].ends.size(); ++k) {
+      const std::size_t i = b * portion_size + k;
       double seen = 0;
-      for (; view < blocks_[b].ends[k]; ++view)
-        seen += double{blocks_[b].views[view].weight} * densities[blocks_[b].views[view].splat];
+      for (; view < portions_[b].ends[k]; ++view)
+        seen += double{portions_[b].views[view].weight} * densities[portions_[b].views[view].splat];
       const double factor = seen > 0 ? std::pow(seen, -damping) : 1;
       next[i] = static_cast<float>(std::clamp(densities[i] * factor, least_density, largest_density));
     }
   }
 
-  // The factors must not add or take mass, neighbourhood by neighbourhood: compares what both give when each splat
-  // spreads its mass evenly over those that it sees, some times over.
+  // Scales the factors so that they neither add nor take mass in any neighbourhood. A splat's neighbourhood has the
+  // mass that arrives there when each splat spreads its mass evenly over the splats that it sees, a few times over.
   void keep_mass(std::vector<float>& densities) const {
     std::vector<double> before(splats_.size()), after(splats_.size());
     for (std::size_t i = 0; i < splats_.size(); ++i) {
@@ -336,25 +337,25 @@ class DensityFit {
 
   void spread(std::vector<double>& masses) const {
     std::vector<double> result(masses.size());
-    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+    for (std::size_t b = 0; b < portions_.size(); ++b) {
       std::uint32_t begin = 0;
-      for (std::size_t k = 0; k < blocks_[b].ends.size(); ++k) {
-        const auto seen = std::span(blocks_[b].views).subspan(begin, blocks_[b].ends[k] - begin);
-        begin = blocks_[b].ends[k];
+      for (std::size_t k = 0; k < portions_[b].ends.size(); ++k) {
+        const auto seen = std::span(portions_[b].views).subspan(begin, portions_[b].ends[k] - begin);
+        begin = portions_[b].ends[k];
         for (const View& view : seen)
-          result[view.splat] += masses[b * block_size + k] / static_cast<double>(seen.size());
+          result[view.splat] += masses[b * portion_size + k] / static_cast<double>(seen.size());
       }
     }
     masses.swap(result);
   }
 
-  std::span<PlacedShape> splats_;
+  std::span<FittedSplat> splats_;
   std::vector<Ellipsoid> ellipsoids_;
-  std::vector<Block> blocks_;
+  std::vector<Portion> portions_;
 };
 
 }  // namespace
 
-void fit_densities(std::span<PlacedShape> splats) { DensityFit(splats).run(); }
+void fit_densities(std::span<FittedSplat> splats) { DensityFit(splats).run(); }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// How densely splats must be drawn so that together they are as dense as the material.
+// Densities with which splats add up to the density of the material.
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,17 @@
 
 namespace splatvol {
 
-/// A splat of the kernel `moments` and where it is.
-struct PlacedShape {
+/// A splat whose density is fitted.
+struct FittedSplat {
   dvec3 centroid{0};
   format::SplatShape shape;
 };
 
-/// Fits the shapes' densities. Ellipsoids that overlap do not add up to the same density everywhere: they ripple, most
-/// where large cells meet small ones. The factors make the mean of the density within each splat's own material 1, what
-/// the material has since a splat's mass is its volume, and keep the mass of every neighbourhood. About 450 bytes a
-/// splat while it runs. Requires splats in Morton order, fewer than 2^32. Does not depend on the number of threads.
-void fit_densities(std::span<PlacedShape> splats);
+/// Fits the shapes' densities, factors on what the kernel `moments` draws. Ellipsoids that overlap do not add up to the
+/// same density everywhere: they ripple, most where large cells meet small ones. The material has density 1, because a
+/// splat's mass is its volume. The factors make the mean density within each splat's own material 1, and keep the mass
+/// of every neighbourhood. Takes about 450 bytes a splat while it runs. Requires splats in Morton order, fewer than
+/// 2^32. Does not depend on the number of threads.
+void fit_densities(std::span<FittedSplat> splats);
 
 }  // namespace splatvol

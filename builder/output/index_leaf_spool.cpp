@@ -7,7 +7,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t block_bytes = std::size_t{1} << 20;
+constexpr std::size_t buffer_bytes = std::size_t{1} << 20;
 
 struct IndexLeafHead {
   MortonKey key;
@@ -20,7 +20,7 @@ void append_all(format::Bytes& bytes, const std::vector<T>& items) {
   bytes.insert(bytes.end(), raw.begin(), raw.end());
 }
 
-// Reads a file front to back, and gives back the room of what it has read.
+// Reads a file front to back, and gives back the disk space of the bytes that it has read.
 class Reader {
  public:
   explicit Reader(TempFile& file) : file_(file) {}
@@ -29,9 +29,9 @@ class Reader {
   Status read(std::span<T> out) {
     auto raw = std::as_writable_bytes(out);
     while (!raw.empty()) {
-      if (at_ == block_.size()) SPLATVOL_TRY(next_block());
-      const std::size_t count = std::min(raw.size(), block_.size() - at_);
-      std::memcpy(raw.data(), block_.data() + at_, count);
+      if (at_ == buffer_.size()) SPLATVOL_TRY(refill());
+      const std::size_t count = std::min(raw.size(), buffer_.size() - at_);
+      std::memcpy(raw.data(), buffer_.data() + at_, count);
       raw = raw.subspan(count);
       at_ += count;
     }
@@ -45,17 +45,17 @@ class Reader {
   }
 
  private:
-  Status next_block() {
-    block_.resize(std::min<std::uint64_t>(block_bytes, file_.size() - offset_));
-    SPLATVOL_TRY(file_.read(offset_, block_));
-    file_.release(offset_, block_.size());
-    offset_ += block_.size();
+  Status refill() {
+    buffer_.resize(std::min<std::uint64_t>(buffer_bytes, file_.size() - offset_));
+    SPLATVOL_TRY(file_.read(offset_, buffer_));
+    file_.release(offset_, buffer_.size());
+    offset_ += buffer_.size();
     at_ = 0;
-    return block_.empty() ? Status(fail(ErrorCode::invalid_argument, "leaves: past the end")) : Status{};
+    return buffer_.empty() ? Status(fail(ErrorCode::invalid_argument, "leaves: past the end")) : Status{};
   }
 
   TempFile& file_;
-  format::Bytes block_;
+  format::Bytes buffer_;
   std::size_t at_ = 0;
   std::uint64_t offset_ = 0;
 };
@@ -89,7 +89,7 @@ Status IndexLeafSpool::append(const OpenIndexLeaf& leaf) {
   append_all(buffer_, leaf.splats);
   append_all(buffer_, leaf.summaries);
   ++count_;
-  return buffer_.size() < block_bytes ? Status{} : flush();
+  return buffer_.size() < buffer_bytes ? Status{} : flush();
 }
 
 Status IndexLeafSpool::flush() {

@@ -1,5 +1,5 @@
-// Leaves of the index on their way from the pass over the points, which counts levels from the finest resolution, to
-// the index, which counts resolutions and must know how many there are.
+// Index leaves between the pass over the points and the index. The pass counts levels from the finest resolution on,
+// the index counts resolutions from the coarsest on.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,9 @@
 
 namespace splatvol {
 
-/// A leaf of the index while it is filled: counts and splats by levels from the finest resolution on, as far as there
-/// are any.
+/// An index leaf while it is filled. Its counts and splats end with the last level that has some.
 struct OpenIndexLeaf {
-  MortonKey key;  // of any point in it
+  MortonKey key;  // of any point in the leaf
   int depth = 0;
   std::vector<std::uint64_t> counts;            // [level]: points that no coarser resolution has
   std::vector<SplatBounds> splats;              // [level]
@@ -24,19 +23,19 @@ struct OpenIndexLeaf {
 
   [[nodiscard]] SplatBounds& splats_at(std::size_t level);
   void count(std::size_t level, std::uint64_t points = 1);
-  void include(const OpenIndexLeaf& other);       // another part of it
-  void include_late(const OpenIndexLeaf& other);  // counts and splats only
+  void include(const OpenIndexLeaf& other);       // adds another part of the leaf
+  void include_late(const OpenIndexLeaf& other);  // adds counts and splats only
 };
 
-/// A queue of leaves in a temporary file.
+/// A queue of index leaves in a temporary file.
 class IndexLeafSpool {
  public:
   explicit IndexLeafSpool(TempFile file) : file_(std::move(file)) {}
 
   [[nodiscard]] Status append(const OpenIndexLeaf& leaf);
 
-  /// Calls visit(leaf) for each, in order, with what came late for it, by its number; their disk space is given back.
-  /// `resolutions`: how many there are.
+  /// Calls visit(leaf) for each leaf in order, with the counts and splats that came late for it. `late`: these by the
+  /// leaf's number. `resolutions`: how many there are. Gives the leaves' disk space back.
   [[nodiscard]] Status read(std::size_t resolutions, const std::map<std::uint64_t, OpenIndexLeaf>& late,
                             const std::function<Status(IndexLeaf)>& visit);
 

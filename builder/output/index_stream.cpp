@@ -5,33 +5,22 @@
 #include <cmath>
 #include <utility>
 
+#include "builder/sorting/octree_nodes.h"
+
 namespace splatvol {
 namespace {
 
-// How much larger than exact a splat may come back from the file (format/columns.h): its deviations by 2^(1/256); the
-// end of each axis moves towards a shorter one by 1/16 of that one, which adds up to less than 1/8 of the extent in any
-// direction, or by what a quaternion of 20 bits resolves; its centroid by 1/64 of the shortest deviation.
+// A splat may come back from the file larger than it was (format/columns.h). Its deviations grow by up to 2^(1/256).
+// The end of each axis moves towards a shorter axis by up to 1/16 of the shorter one. Together this is less than 1/8 of
+// the extent in any direction; or it is the resolution of a quaternion of 20 bits, if that is more. The centroid moves
+// by up to 1/64 of the shortest deviation.
 constexpr double stretch = 1.003;
 constexpr double tilted_stretch = stretch + 1.0 / 8;
 constexpr double resolved_tilt = 1e-5;
 
 const double uniform_width = std::sqrt(12.0);  // of a uniform distribution, in standard deviations
 
-Box cell_box(const MortonKey& key, const Cube& cube, int depth) {
-  std::array<std::uint64_t, 3> cell = {0, 0, 0};
-  for (int d = 0; d < depth; ++d)
-    for (std::size_t axis = 0; axis < 3; ++axis) cell[axis] = cell[axis] << 1 | (octant_at(key, d) >> axis & 1);
-  const double edge = std::ldexp(cube.edge, -depth), half = std::ldexp(cube.edge, -depth - 1);
-  Box box;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double center = cube.origin[axis] + (static_cast<double>(cell[static_cast<std::size_t>(axis)]) + 0.5) * edge;
-    box.low[axis] = center - half;
-    box.high[axis] = center + half;
-  }
-  return box;
-}
-
-// What the splat `moments` may fill; at a boundary, with what its reflection adds.
+// Box that the splat of `moments` may fill; at a boundary, with what its reflection adds.
 Box splat_box(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments) {
   const SymmetricMatrix& s = moments.covariance;
   dvec3 shift(0);
@@ -43,13 +32,13 @@ Box splat_box(const dvec3& centroid, const format::SplatShape& shape, const Spat
   return {center - half, center + half};
 }
 
-// Largest distance along an axis by which `box` reaches out of `cell`.
-double overreach(const Box& box, const Box& cell) {
-  const dvec3 out = glm::max(cell.low - box.low, box.high - cell.high);
+// Largest distance along an axis by which `box` reaches out of `node`.
+double overreach(const Box& box, const Box& node) {
+  const dvec3 out = glm::max(node.low - box.low, box.high - node.high);
   return std::max({out.x, out.y, out.z});
 }
 
-// The size codes of all octant splats: logarithms and roots for each point would take longer than the rest.
+// Looks the size code up in a table: logarithms and roots for each point would take longer than the rest.
 std::uint8_t octant_code(int depth, std::size_t count) {
   static const auto codes = [] {
     std::array<std::array<std::uint8_t, 256>, max_morton_depth + 1> table{};
@@ -68,9 +57,9 @@ std::uint8_t first_resolution(std::span<const SplatBounds> splats, int depth) {
   return static_cast<std::uint8_t>(first);
 }
 
-// Only what reaches furthest out of a cell counts: a box round all splats is enough.
-std::uint8_t moments_code(const SplatBounds& splats, const Box& cell, double edge) {
-  const double size = std::max(splats.width, overreach(splats.box, cell) / 2);
+// Only the splat that reaches furthest out of a node counts: a box round all splats is enough.
+std::uint8_t moments_code(const SplatBounds& splats, const Box& node, double edge) {
+  const double size = std::max(splats.width, overreach(splats.box, node) / 2);
   return size > 0 ? format::size_code(size, edge) : std::uint8_t{255};
 }
 
@@ -134,10 +123,10 @@ Status IndexStream::close_node() {
   IndexLeaf node = std::move(open_.back());
   open_.pop_back();
   if (!open_.empty()) merge_child(open_.back(), node);
-  const Box cell = cell_box(node.key, cube_, node.depth);
+  const Box box = node_box(node.key, cube_, node.depth);
   std::vector<std::uint8_t> size_codes;
   for (const SplatBounds& splats : node.splats) size_codes.push_back(splats.octant_code);
-  for (const SplatBounds& splats : node.splats) size_codes.push_back(moments_code(splats, cell, cube_.edge));
+  for (const SplatBounds& splats : node.splats) size_codes.push_back(moments_code(splats, box, cube_.edge));
   return packer_.end_node({first_resolution(node.splats, node.depth), std::move(node.counts), std::move(size_codes),
                            std::move(node.summaries)});
 }

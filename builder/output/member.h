@@ -6,13 +6,13 @@
 
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
-#include "builder/output/splat_rows.h"
+#include "builder/output/stored_splat.h"
 #include "builder/sorting/morton.h"
 
 namespace splatvol {
 
-/// Resolutions are counted from the finest here, in levels: level 0 has all points. How many there are shows at the
-/// end.
+/// Most resolutions. Here they are counted from the finest, in levels: level 0 has all points. The number of levels is
+/// known at the end.
 inline constexpr std::size_t max_levels = 64;
 
 /// An attribute of a member.
@@ -25,20 +25,23 @@ struct MemberValue {
 /// A point that stays for a coarser level, with the material of its cluster there.
 struct Member {
   MortonKey key;
-  std::uint64_t leaf = 0;  // of the index, by number
-  PlacedPoint point;
+  std::uint64_t leaf = 0;  // number of its index leaf
+  PointPosition point;
   SpatialMoments moments;  // about the point
   BoundaryPlane plane;
-  std::vector<MemberValue> values;   // [attribute]
-  std::vector<SplatRow> splats;      // [level], up to the present one
-  std::vector<ValueRow> value_rows;  // [level * attributes + attribute]
+  std::vector<MemberValue> values;         // [attribute]
+  std::vector<StoredSplat> splats;         // [level], up to the present one
+  std::vector<StoredValue> stored_values;  // [level * attributes + attribute]
 
-  /// Leaves no material and no splats, and values as many as there were.
+  /// Removes material and splats, and keeps the number of attributes.
   void clear();
 
-  /// Fetches it into the cache, and once it is there, what its vectors hold and get next. Members are made on other
-  /// processors, and come in no order that these foresee.
+  /// Fetches the member into the cache: members are made on other processors, and come in an order that no processor
+  /// foresees.
   void prefetch() const;
+
+  /// Fetches the elements of the vectors, and the memory of the next ones. Of use once the member itself is in the
+  /// cache.
   void prefetch_vectors() const;
 };
 

@@ -21,54 +21,46 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// For each point of a block, while that is worked on with its halo.
+// Memory for each own point of a subdomain while the subdomain is triangulated with its halo.
 constexpr std::uint64_t point_bytes = 3500;
 
-// Points of a block and its halo, at most.
+// Most points in a subdomain and its halo.
 constexpr std::size_t most_points = std::size_t{1} << 18;
 
-// A halo begins with what lies within so many spacings, so that few points are left to be added round by round.
+// A halo begins with the points within this many spacings, so that few points remain to be added round by round.
 constexpr double first_halo = 3;
 
-double squared(const dvec3& v) { return glm::dot(v, v); }
-
-double squared_distance(const Box& box, const dvec3& p) {
-  return squared(glm::max(glm::max(box.low - p, p - box.high), dvec3(0)));
-}
-
-double squared_distance(const Box& a, const Box& b) {
-  return squared(glm::max(glm::max(a.low - b.high, b.low - a.high), dvec3(0)));
-}
-
-// Where points would end a tetrahedron, or a face of the hull: in a sphere, or beyond a plane, borders included.
+// The region where a point would end a tetrahedron, or a face of the hull: a sphere, or the space beyond a plane,
+// borders included.
 struct Conflict {
   bool is_plane;
-  dvec3 place;    // centre, or of the plane
-  double square;  // radius; of a plane, the least distance along the normal
+  dvec3 origin;    // the centre, or a position on the plane
+  double measure;  // of a sphere, the square of its radius; of a plane, the least distance along the normal
   dvec3 normal;
 
   [[nodiscard]] bool meets(const Box& box) const {
-    if (!is_plane) return squared_distance(box, place) <= square;
+    if (!is_plane) return squared_distance(box, origin) <= measure;
     const dvec3 farthest(normal.x > 0 ? box.high.x : box.low.x, normal.y > 0 ? box.high.y : box.low.y,
                          normal.z > 0 ? box.high.z : box.low.z);
-    return glm::dot(farthest - place, normal) >= square;
+    return glm::dot(farthest - origin, normal) >= measure;
   }
 };
 
-// What lies on the border decides too, where points are cospherical.
+// Conflicts reach this share further: if points are cospherical, those on the border decide too.
 constexpr double rounding = 1e-6;
 
 Conflict beyond_face(const dvec3& p, const dvec3& b, const dvec3& c) {
   dvec3 normal = glm::cross(b - p, c - p);
   const double length = glm::length(normal);
   if (length > 0) normal /= length;
-  return {true, p, -rounding * std::sqrt(std::max(squared(b - p), squared(c - p))), normal};
+  return {true, p, -rounding * std::sqrt(std::max(squared_length(b - p), squared_length(c - p))), normal};
 }
 
 Conflict circumsphere(const dvec3& p, const dvec3& b, const dvec3& c, const dvec3& d, double radius) {
   const dvec3 u = b - p, v = c - p, w = d - p, vw = glm::cross(v, w);
   const dvec3 center =
-      (squared(u) * vw + squared(v) * glm::cross(w, u) + squared(w) * glm::cross(u, v)) / (2 * glm::dot(u, vw));
+      (squared_length(u) * vw + squared_length(v) * glm::cross(w, u) + squared_length(w) * glm::cross(u, v)) /
+      (2 * glm::dot(u, vw));
   return {false, p + center, std::pow(radius * (1 + rounding), 2), {}};
 }
 
@@ -76,21 +68,25 @@ std::span<const std::uint32_t> corners_of(const GrowingDelaunay::Cell& cell) {
   return std::span(cell.corners).first(cell.is_finite() ? 4 : 3);
 }
 
-// One block with its halo.
-class Block {
+// One subdomain with its halo.
+class Subdomain {
  public:
-  Block(const StoredPoints& points, const Cube& cube, std::size_t first_leaf, std::size_t end_leaf)
-      : points_(points), cube_(cube), first_leaf_(first_leaf), end_leaf_(end_leaf), inside_(points.nodes().size()) {}
+  Subdomain(const StoredPoints& points, const Cube& cube, std::size_t first_bucket, std::size_t end_bucket)
+      : points_(points),
+        cube_(cube),
+        first_bucket_(first_bucket),
+        end_bucket_(end_bucket),
+        inside_(points.nodes().size()) {}
 
   Status run(PointBatch& result);
 
   [[nodiscard]] bool uncertain() const { return uncertain_; }
 
  private:
-  [[nodiscard]] std::size_t own_begin() const { return points_.nodes()[first_leaf_].begin; }
-  [[nodiscard]] std::size_t own_end() const { return points_.nodes()[end_leaf_ - 1].end; }
+  [[nodiscard]] std::size_t own_begin() const { return points_.nodes()[first_bucket_].begin; }
+  [[nodiscard]] std::size_t own_end() const { return points_.nodes()[end_bucket_ - 1].end; }
 
-  // Takes in leaves that wanted(box) is true of, as it must be of every box above them.
+  // Adds the buckets that wanted(box) is true of. It must be true of all boxes above them too.
   template <class Wanted>
   void search(const Wanted& wanted) {
     search(points_.nodes().size() - 1, wanted);
@@ -99,14 +95,14 @@ class Block {
   void search(std::size_t node, const Wanted& wanted) {
     const StoredPoints::Node& at = points_.nodes()[node];
     if (inside_[node] || !wanted(at.box)) return;
-    if (node < points_.leaf_count()) return take(node);
+    if (node < points_.bucket_count()) return add_bucket(node);
     for (std::size_t child = at.begin; child < at.end; ++child) search(child, wanted);
   }
 
-  void take(std::size_t leaf);
+  void add_bucket(std::size_t bucket);
   Status insert();
   [[nodiscard]] double smallest_spacing() const { return std::ldexp(cube_.edge, -max_morton_depth); }
-  void take_surroundings(double spacings);
+  void add_surroundings(double spacings);
   void widen();
   Status surround();
   void measure();
@@ -116,37 +112,48 @@ class Block {
   [[nodiscard]] Conflict conflict_of(const GrowingDelaunay::Cell& cell) const;
   void find_conflicts(double largest);
   bool trim();
-  Status fill(PointBatch& result);
+
+  // Points, in the order of all points, and tetrahedra between them.
+  struct Mesh {
+    std::vector<dvec3> positions;
+    std::vector<std::vector<double>> values;  // [attribute][point]
+    std::vector<Tetrahedron> tetrahedra;
+    std::size_t first_own = 0;  // index of the first own point
+  };
+  [[nodiscard]] std::vector<std::uint32_t> kept_halo() const;
+  Result<Mesh> make_mesh();
+  void fill(const Mesh& mesh, PointBatch& result) const;
 
   const StoredPoints& points_;
   const Cube& cube_;
-  std::size_t first_leaf_, end_leaf_;
+  std::size_t first_bucket_, end_bucket_;
   bool uncertain_ = false;
 
-  std::vector<std::uint8_t> inside_;  // [node]: all of it has been taken in
-  std::vector<std::size_t> coming_;   // leaves
+  std::vector<std::uint8_t> inside_;  // [node]: all of it has been added
+  std::vector<std::size_t> coming_;   // buckets that insert() will read
   std::size_t coming_points_ = 0;
 
   GrowingDelaunay delaunay_;
-  std::size_t own_count_ = 0;           // distinct ones, before the halo
-  std::vector<std::byte> records_;      // of all points in the triangulation
-  std::vector<dvec3> positions_;        // of them
-  std::vector<std::uint64_t> numbers_;  // of them, among all points
+  std::size_t own_count_ = 0;           // distinct own points, which come before the halo
+  std::vector<std::byte> records_;      // of the points in the triangulation
+  std::vector<dvec3> positions_;        // of these points
+  std::vector<std::uint64_t> numbers_;  // of these points, among all points
 
-  std::vector<double> clear_;  // [own point]: within which distance all points are there
+  std::vector<double> clear_;  // [own point]: distance within which the halo had all points at first
 
   std::vector<GrowingDelaunay::Cell> cells_;
-  std::vector<double> smallest_;    // [point]: radius at it
-  std::vector<std::uint8_t> ring_;  // [point]: 0 for own points, 1 for those that share a tetrahedron with them, 2, 3
-  std::vector<Tetrahedron> tetrahedra_;  // at own points, kept; corners in the order of their numbers
+  std::vector<double> smallest_;    // [point]: smallest circumradius at it
+  std::vector<std::uint8_t> ring_;  // [point]: 0 for own points, 1 if it shares a tetrahedron with one, then 2; else 3
+  std::vector<Tetrahedron> tetrahedra_;  // kept, at own points; corners by ascending numbers
 };
 
-void Block::take(std::size_t leaf) {
-  coming_.push_back(leaf);
-  coming_points_ += points_.nodes()[leaf].end - points_.nodes()[leaf].begin;
+// Lets the next insert() read a bucket. Marks the bucket, and all nodes above it that are now complete.
+void Subdomain::add_bucket(std::size_t bucket) {
+  coming_.push_back(bucket);
+  coming_points_ += points_.nodes()[bucket].end - points_.nodes()[bucket].begin;
   const auto& nodes = points_.nodes();
-  for (std::size_t node = leaf; !inside_[node]; node = nodes[node].parent) {
-    if (node >= points_.leaf_count() &&
+  for (std::size_t node = bucket; !inside_[node]; node = nodes[node].parent) {
+    if (node >= points_.bucket_count() &&
         !std::all_of(inside_.begin() + static_cast<std::ptrdiff_t>(nodes[node].begin),
                      inside_.begin() + static_cast<std::ptrdiff_t>(nodes[node].end), [](auto in) { return in != 0; }))
       return;
@@ -154,21 +161,22 @@ void Block::take(std::size_t leaf) {
   }
 }
 
-// Reads what is coming and adds it to the triangulation, all but what lies where the point before it does.
-Status Block::insert() {
+// Reads the coming buckets and adds their points to the triangulation, except a point that coincides with the point
+// before it.
+Status Subdomain::insert() {
   std::ranges::sort(coming_);
   const PointRecords& layout = points_.layout();
   const std::size_t first = positions_.size();
   std::vector<std::byte> records;
-  for (const std::size_t leaf : coming_) {
-    const StoredPoints::Node& node = points_.nodes()[leaf];
+  for (const std::size_t bucket : coming_) {
+    const StoredPoints::Node& node = points_.nodes()[bucket];
     records.clear();
     SPLATVOL_TRY(points_.read(node.begin, node.end, records));
     std::optional<dvec3> last;
     for (std::size_t i = node.begin; i < node.end; ++i) {
       const std::span record = std::span(records).subspan((i - node.begin) * layout.bytes(), layout.bytes());
       const dvec3 position = layout.position(record.data());
-      const bool repeats = last ? *last == position : points_.continues(leaf);
+      const bool repeats = last ? *last == position : points_.continues(bucket);
       last = position;
       if (repeats) continue;
       positions_.push_back(position);
@@ -182,12 +190,12 @@ Status Block::insert() {
   return {};
 }
 
-// Takes in what lies within so many spacings of each own leaf.
-void Block::take_surroundings(double spacings) {
+// Adds the buckets within this many spacings of each own bucket.
+void Subdomain::add_surroundings(double spacings) {
   clear_.assign(own_count_, 0);
   std::size_t point = 0;
-  for (std::size_t leaf = first_leaf_; leaf < end_leaf_; ++leaf) {
-    const StoredPoints::Node& node = points_.nodes()[leaf];
+  for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket) {
+    const StoredPoints::Node& node = points_.nodes()[bucket];
     const double spacing = glm::length(node.box.high - node.box.low) / std::sqrt(3) /
                            std::cbrt(static_cast<double>(node.end - node.begin));
     const double reach = spacings * std::max(spacing, smallest_spacing());
@@ -196,30 +204,32 @@ void Block::take_surroundings(double spacings) {
   }
 }
 
-// Points that span no volume need others from farther and farther away.
-void Block::widen() {
+// Adds buckets from farther and farther away, for points that span no volume.
+void Subdomain::widen() {
   for (double spacings = 2 * first_halo; coming_.empty() && spacings * smallest_spacing() < 4 * cube_.edge;
        spacings *= 2)
-    take_surroundings(spacings);
+    add_surroundings(spacings);
 }
 
-void Block::measure() {
+// Finds all cells, and the smallest circumradius at each point.
+void Subdomain::measure() {
   cells_ = delaunay_.cells();
   smallest_.assign(positions_.size(), infinity);
   for (const GrowingDelaunay::Cell& cell : cells_)
     for (const std::uint32_t i : corners_of(cell)) smallest_[i] = std::min(smallest_[i], cell.radius);
 }
 
-// Whether it may count for what is usual, or be kept.
-bool Block::matters(const GrowingDelaunay::Cell& cell) const {
+// Whether a cell may be kept, or may count for the usual circumradius.
+bool Subdomain::matters(const GrowingDelaunay::Cell& cell) const {
   if (!cell.is_finite()) return false;
   double largest = 0;
   for (const std::uint32_t i : cell.corners) largest = std::max(largest, smallest_[i]);
   return cell.radius <= max_radius_spread * largest || cell.mark == infinity;
 }
 
-// What is usual at the corners of a tetrahedron depends on all that its corners' neighbours have.
-void Block::mark_rings() {
+// Marks the points whose tetrahedra decide. The usual circumradius at a corner of an own tetrahedron depends on the
+// tetrahedra of the corner's neighbours.
+void Subdomain::mark_rings() {
   ring_.assign(positions_.size(), 3);
   std::fill_n(ring_.begin(), own_count_, std::uint8_t{0});
   for (std::uint8_t ring = 0; ring < 2; ++ring)
@@ -230,9 +240,10 @@ void Block::mark_rings() {
     }
 }
 
-// Takes in the leaves that may hold points in conflict with cells at the points of the rings. Where a cell bridges a
-// void, or is a face of the hull, only those near these points can bring a tetrahedron that matters.
-void Block::find_conflicts(double largest) {
+// Adds the buckets that may hold points in conflict with the cells at the rings' points. If a cell bridges a void, or
+// is a face of the hull, only points near the rings' points can lead to a tetrahedron that matters. `largest`: leaves
+// out cells whose radius is more than this many times the smallest at their points.
+void Subdomain::find_conflicts(double largest) {
   for (std::size_t c = 0; c < cells_.size(); ++c) {
     GrowingDelaunay::Cell& cell = cells_[c];
     if (cell.mark == infinity) continue;
@@ -254,30 +265,30 @@ void Block::find_conflicts(double largest) {
     search([&](const Box& box) {
       if (!conflict.meets(box)) return false;
       if (reach == infinity) return true;
-      // Sparse points have tetrahedra as large as their spacing, which reach to dense ones.
-      const double square = std::max(reach * reach, squared(box.high - box.low));
+      // Sparse points have tetrahedra as large as their spacing, which reach to dense points.
+      const double square = std::max(reach * reach, squared_length(box.high - box.low));
       return std::any_of(near.begin(), near.begin() + count,
                          [&](const dvec3& v) { return squared_distance(box, v) <= square; });
     });
   }
 }
 
-// Whether all points that may be in conflict with it are there from the beginning.
-bool Block::is_clear(const GrowingDelaunay::Cell& cell) const {
+// Whether the first halo already had all points that may be in conflict with a cell.
+bool Subdomain::is_clear(const GrowingDelaunay::Cell& cell) const {
   return std::ranges::any_of(corners_of(cell),
                              [&](std::uint32_t i) { return i < own_count_ && 2 * cell.radius < clear_[i]; });
 }
 
-Conflict Block::conflict_of(const GrowingDelaunay::Cell& cell) const {
+Conflict Subdomain::conflict_of(const GrowingDelaunay::Cell& cell) const {
   const auto p = [&](std::size_t k) { return positions_[cell.corners[k]]; };
   if (!cell.is_finite()) return beyond_face(p(0), p(1), p(2));
   if (std::isinf(cell.radius)) return {false, p(0), infinity, {}};
   return circumsphere(p(0), p(1), p(2), p(3), cell.radius);
 }
 
-// Finds the tetrahedra at own points that are kept. Those that mattered more than they seemed to are looked into again;
-// whether there were such.
-bool Block::trim() {
+// Finds the tetrahedra at own points that are kept. If a kept tetrahedron did not seem to matter before, adds the
+// buckets of all its conflicts. Returns whether there was one.
+bool Subdomain::trim() {
   tetrahedra_.clear();
   std::vector<std::size_t> cells;
   for (std::size_t c = 0; c < cells_.size() && cells_[c].is_finite(); ++c) {
@@ -305,18 +316,20 @@ bool Block::trim() {
   return again;
 }
 
-Status Block::run(PointBatch& result) {
-  for (std::size_t leaf = first_leaf_; leaf < end_leaf_; ++leaf) take(leaf);
+Status Subdomain::run(PointBatch& result) {
+  for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket) add_bucket(bucket);
   SPLATVOL_TRY(insert());
   own_count_ = positions_.size();
   if (own_count_ > 0) SPLATVOL_TRY(surround());
   if (is_flat(positions_, tetrahedra_)) tetrahedra_.clear();
-  return fill(result);
+  SPLATVOL_TRY_ASSIGN(mesh, make_mesh());
+  fill(mesh, result);
+  return {};
 }
 
-// Small tetrahedra first: what lies in them leaves few of the large ones.
-Status Block::surround() {
-  take_surroundings(first_halo);
+// Adds the halo. Looks for conflicts of small tetrahedra first, as the points found there leave few large tetrahedra.
+Status Subdomain::surround() {
+  add_surroundings(first_halo);
   for (bool again = true; again;) {
     SPLATVOL_TRY(insert());
     measure();
@@ -336,55 +349,70 @@ Status Block::surround() {
   return {};
 }
 
-// In the order of all points, so that sums have the same terms in the same order in every block.
-Status Block::fill(PointBatch& result) {
-  const PointRecords& layout = points_.layout();
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> before, behind;  // number and place of halo points that count
-  std::vector<std::uint32_t> places(positions_.size());
+// The halo points of kept tetrahedra, by ascending numbers.
+std::vector<std::uint32_t> Subdomain::kept_halo() const {
+  std::vector<bool> kept(positions_.size());
   for (const Tetrahedron& corners : tetrahedra_)
-    for (const std::uint32_t i : corners)
-      if (i >= own_count_ && places[i]++ == 0)
-        (numbers_[i] < own_begin() ? before : behind).emplace_back(numbers_[i], i);
-  std::ranges::sort(before);
-  std::ranges::sort(behind);
+    for (const std::uint32_t i : corners) kept[i] = true;
+  std::vector<std::uint32_t> points;
+  for (auto i = static_cast<std::uint32_t>(own_count_); i < positions_.size(); ++i)
+    if (kept[i]) points.push_back(i);
+  std::ranges::sort(points, {}, [&](std::uint32_t i) { return numbers_[i]; });
+  return points;
+}
 
-  const std::size_t own = own_end() - own_begin(), attributes = layout.attributes();
-  std::vector<dvec3> positions;
-  std::vector<std::vector<double>> values(attributes);
+// Makes a mesh of the kept tetrahedra and all own points. Points are in the order of all points, so that sums have the
+// same terms in the same order in every subdomain.
+Result<Subdomain::Mesh> Subdomain::make_mesh() {
+  const PointRecords& layout = points_.layout();
+  Mesh mesh;
+  mesh.values.resize(layout.attributes());
   const auto add = [&](const std::byte* record) {
-    positions.push_back(layout.position(record));
-    for (std::size_t a = 0; a < attributes; ++a) values[a].push_back(layout.value(record, a));
+    mesh.positions.push_back(layout.position(record));
+    for (std::size_t a = 0; a < layout.attributes(); ++a) mesh.values[a].push_back(layout.value(record, a));
   };
+  std::vector<std::uint32_t> indices(positions_.size());  // in the mesh
+  const auto add_halo = [&](std::uint32_t i) {
+    indices[i] = static_cast<std::uint32_t>(mesh.positions.size());
+    add(records_.data() + i * layout.bytes());
+  };
+  const std::vector<std::uint32_t> halo = kept_halo();
+  const auto behind = std::ranges::partition_point(halo, [&](std::uint32_t i) { return numbers_[i] < own_begin(); });
+  std::for_each(halo.begin(), behind, add_halo);
+  mesh.first_own = mesh.positions.size();
   std::vector<std::byte> own_records;
   SPLATVOL_TRY(points_.read(own_begin(), own_end(), own_records));
-  for (const auto& [number, i] : before)
-    places[i] = static_cast<std::uint32_t>(positions.size()), add(records_.data() + i * layout.bytes());
-  for (std::size_t i = 0; i < own; ++i) add(own_records.data() + i * layout.bytes());
-  for (const auto& [number, i] : behind)
-    places[i] = static_cast<std::uint32_t>(positions.size()), add(records_.data() + i * layout.bytes());
+  for (std::size_t begin = 0; begin < own_records.size(); begin += layout.bytes()) add(own_records.data() + begin);
   for (std::uint32_t i = 0; i < own_count_; ++i)
-    places[i] = static_cast<std::uint32_t>(before.size() + numbers_[i] - own_begin());
-  for (Tetrahedron& corners : tetrahedra_)
-    for (std::uint32_t& i : corners) i = places[i];
-  std::ranges::sort(tetrahedra_);
+    indices[i] = static_cast<std::uint32_t>(mesh.first_own + numbers_[i] - own_begin());
+  std::for_each(behind, halo.end(), add_halo);
 
-  const VertexMaterial mesh(positions, tetrahedra_);
-  const auto planes = boundary_planes(positions, find_outer_faces(positions, tetrahedra_));
+  mesh.tetrahedra = std::move(tetrahedra_);
+  for (Tetrahedron& corners : mesh.tetrahedra)
+    for (std::uint32_t& i : corners) i = indices[i];
+  std::ranges::sort(mesh.tetrahedra);
+  return mesh;
+}
+
+// Fills in the own points with their material and planes.
+void Subdomain::fill(const Mesh& mesh, PointBatch& result) const {
+  const VertexMaterial material(mesh.positions, mesh.tetrahedra);
+  const auto planes = boundary_planes(mesh.positions, find_outer_faces(mesh.positions, mesh.tetrahedra));
+  const std::size_t attributes = mesh.values.size();
   result.values.resize(attributes);
   result.value_moments.resize(attributes);
   result.gradients.resize(attributes);
-  for (std::size_t i = before.size(); i < before.size() + own; ++i) {
-    result.keys.push_back(morton_key(positions[i], cube_));
-    result.positions.push_back(positions[i]);
-    result.moments.push_back(mesh.moments(i));
+  for (std::size_t i = mesh.first_own; i < mesh.first_own + own_end() - own_begin(); ++i) {
+    result.keys.push_back(morton_key(mesh.positions[i], cube_));
+    result.positions.push_back(mesh.positions[i]);
+    result.moments.push_back(material.moments(i));
     result.planes.push_back(planes[i]);
     for (std::size_t a = 0; a < attributes; ++a) {
-      result.values[a].push_back(values[a][i]);
-      result.value_moments[a].push_back(mesh.value_moments(i, values[a]));
-      result.gradients[a].push_back(mesh.gradient(i, values[a]));
+      result.values[a].push_back(mesh.values[a][i]);
+      result.value_moments[a].push_back(material.value_moments(i, mesh.values[a]));
+      result.gradients[a].push_back(material.gradient(i, mesh.values[a]));
     }
   }
-  return {};
 }
 
 template <class T>
@@ -394,17 +422,17 @@ void append(std::vector<T>& to, std::vector<T>& from) {
 
 }  // namespace
 
-DelaunaySubdomains::DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t block_points,
+DelaunaySubdomains::DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points,
                                        std::size_t at_once)
-    : points_(std::move(points)), cube_(cube), at_once_(at_once), cuts_(points_.cut(block_points)) {}
+    : points_(std::move(points)), cube_(cube), at_once_(at_once), cuts_(points_.cut(subdomain_points)) {}
 
 Result<DelaunaySubdomains> DelaunaySubdomains::create(PointStream& stream, std::uint64_t memory,
-                                                      const std::string& folder, std::size_t block_points) {
+                                                      const std::string& folder, std::size_t subdomain_points) {
   SPLATVOL_TRY_ASSIGN(points, StoredPoints::create(stream, folder));
-  const std::uint64_t room = memory / (block_points * point_bytes);
+  const std::uint64_t room = memory / (subdomain_points * point_bytes);
   const auto threads = static_cast<std::uint64_t>(tbb::info::default_concurrency());
   const std::size_t at_once = std::clamp<std::uint64_t>(room, 1, threads);
-  return DelaunaySubdomains(std::move(points), stream.summary().cube, block_points, at_once);
+  return DelaunaySubdomains(std::move(points), stream.summary().cube, subdomain_points, at_once);
 }
 
 Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
@@ -418,9 +446,9 @@ Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
     };
     std::vector<Outcome> outcomes(count);
     tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-      Block block(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1]);
-      outcomes[i].status = block.run(outcomes[i].points);
-      outcomes[i].uncertain = block.uncertain();
+      Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1]);
+      outcomes[i].status = subdomain.run(outcomes[i].points);
+      outcomes[i].uncertain = subdomain.uncertain();
     });
     next_ += count;
     for (Outcome& outcome : outcomes) {
@@ -429,8 +457,8 @@ Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
       ready_.push_back(std::move(outcome.points));
     }
   }
-  PointBatch& block = ready_.front();
-  for_each_array(batch, block, [](auto& all, auto& items) { append(all, items); });
+  PointBatch& subdomain = ready_.front();
+  for_each_array(batch, subdomain, [](auto& all, auto& items) { append(all, items); });
   ready_.pop_front();
   return true;
 }

@@ -1,4 +1,4 @@
-// Delaunay tetrahedra of more points than can be held, block by block.
+// Delaunay tetrahedra of more points than memory holds, subdomain by subdomain.
 #pragma once
 
 #include <cstdint>
@@ -12,37 +12,38 @@
 
 namespace splatvol {
 
-/// Gives points back with the material of the tetrahedra at them, the same to the last bit as from delaunay_tetrahedra
-/// for all points at once. A block is triangulated with a halo that takes in, round by round, each leaf of the stored
-/// points which may hold a point in the circumsphere of a tetrahedron that matters to the block's own points: those at
-/// them, and those that say what is usual there. So neighbouring blocks find the same tetrahedra, and nothing is
-/// exchanged.
+/// Returns points with the material of the tetrahedra at them, to the last bit the same as delaunay_tetrahedra gives
+/// for all points at once. A subdomain is triangulated with a halo. A tetrahedron matters if it lies at the subdomain's
+/// own points, or decides on the usual circumradius there. Round by round, the halo gets each bucket of the stored
+/// points that may hold a point in the circumsphere of such a tetrahedron. Neighbouring subdomains then find the same
+/// tetrahedra without any exchange.
 class DelaunaySubdomains {
  public:
-  /// Of a block; with its halo it may have four times as many.
+  /// Most points in a subdomain. With its halo it may have four times as many.
   static constexpr std::size_t default_subdomain_points = std::size_t{1} << 16;
 
-  /// Takes all points of `stream`, which must have no material. `memory`: bytes for the blocks in work, of which there
-  /// is one at least; what comes out does not depend on it. `folder`: for the points' records.
+  /// Stores all points of `stream`, which must have no material, in `folder`. `memory`: bytes for the subdomains that
+  /// are triangulated at the same time, at least one. The points that next() returns do not depend on `memory`.
   [[nodiscard]] static Result<DelaunaySubdomains> create(PointStream& stream, std::uint64_t memory,
                                                          const std::string& folder,
-                                                         std::size_t block_points = default_subdomain_points);
+                                                         std::size_t subdomain_points = default_subdomain_points);
 
-  /// As PointStream::next(), a block at a time, with material and planes.
+  /// As PointStream::next(), one subdomain at a time, with material and planes.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
-  /// Points that came from blocks whose halo would have become too large: some of their tetrahedra may be others. So it
-  /// is where all points of a block lie on a plane, or hundreds of thousands round a point that is far from all.
+  /// The number of points from subdomains whose halo would have become too large, so that some of their tetrahedra may
+  /// be others. This happens if all points of a subdomain lie on a plane, or if hundreds of thousands of points lie
+  /// round one that is far from all of them.
   [[nodiscard]] std::uint64_t uncertain() const { return uncertain_; }
 
  private:
-  DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t block_points, std::size_t at_once);
+  DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points, std::size_t at_once);
 
   StoredPoints points_;
   Cube cube_;
   std::size_t at_once_;
-  std::vector<std::size_t> cuts_;  // leaves at which blocks begin, and the end
-  std::size_t next_ = 0;           // block
+  std::vector<std::size_t> cuts_;  // buckets at which subdomains begin, and the end
+  std::size_t next_ = 0;           // subdomain
   std::deque<PointBatch> ready_;
   std::uint64_t uncertain_ = 0;
 };

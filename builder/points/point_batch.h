@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <vector>
 
+#include "base/error.h"
 #include "base/math.h"
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
@@ -12,17 +14,17 @@
 
 namespace splatvol {
 
-/// A cell of the index's octree: a leaf, or a part of one that has more points than can be held at once, all of one
-/// key.
+/// Points of a batch in one octree node: all of the node's points, or some of them if the node has more points than a
+/// batch may hold. All points of such a node share one Morton key.
 struct NodePart {
   std::size_t begin, end;  // points of the batch
-  int depth;
-  std::uint64_t leaf;  // of the index, by number
-  bool continued;      // not its first part
+  int depth;               // of the node
+  std::uint64_t leaf;      // number of the index leaf; 0 for a part of an estimate node
+  bool continued;          // not the node's first part
 };
 
-/// Points that follow each other in Morton order, as whole cells. Arrays over the points; those of the material are
-/// empty as long as it is not known.
+/// Points that follow each other in Morton order, with arrays over the points. The arrays of the material are empty as
+/// long as it is not known.
 struct PointBatch {
   std::uint64_t first = 0;  // number of the first point
   std::vector<MortonKey> keys;
@@ -31,13 +33,24 @@ struct PointBatch {
   std::vector<SpatialMoments> moments;
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute]
   std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none
-  std::vector<BoundaryPlane> planes;                     // empty where there are none
-  std::vector<NodePart> cells;
-  std::vector<NodePart> blocks;         // of cells, where material is to be estimated; else none
-  std::optional<dvec3> before, behind;  // places of the neighbours in Morton order
+  std::vector<BoundaryPlane> planes;                     // empty if no point has one
+  std::vector<NodePart> leaf_parts;                      // of index leaves
+  std::vector<NodePart> estimate_parts;                  // of estimate nodes
+  std::optional<dvec3> before, behind;                   // positions of the neighbours in Morton order
 
   [[nodiscard]] std::size_t size() const { return positions.size(); }
+
+  /// Sets the number of attributes.
+  void resize_attributes(std::size_t attributes) {
+    values.resize(attributes);
+    value_moments.resize(attributes);
+    gradients.resize(attributes);
+  }
 };
+
+/// Appends the next points of a stream to a batch, a few thousand or all. Returns false after the last point. Does not
+/// touch the number of the first point, the parts of nodes and the neighbours.
+using NextPoints = std::function<Result<bool>(PointBatch&)>;
 
 /// Calls visit(a, b) for each pair of arrays over the points of two batches with as many attributes.
 template <class A, class B, class Visit>

@@ -11,9 +11,8 @@
 
 namespace splatvol {
 
-/// Where the parts of a point lie in its record: position, a value for each attribute, and, with material, whether a
-/// cell uses it, its moments and, for each attribute, the moments of its values and a gradient of any length; then,
-/// with planes, its plane.
+/// The layout of a point's record. It begins with the sample: the position, and a value for each attribute. With
+/// material follow the vertex part, and for each attribute a value part; with planes, the point's plane.
 class PointRecords {
  public:
   PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false)
@@ -40,7 +39,7 @@ class PointRecords {
     set_number(record, 3 + attribute, value);
   }
 
-  /// Position and values: two records that are the same sample have these bytes in common.
+  /// The bytes of position and values. Records of the same sample have the same bytes.
   [[nodiscard]] std::span<const std::byte> sample(const std::byte* record) const {
     return {record, number_bytes() * (3 + attributes_)};
   }
@@ -49,12 +48,12 @@ class PointRecords {
 
   /// With material only.
   struct VertexPart {
-    double in_cell = 0;  // 1 or 0
+    double in_cell = 0;  // 1 if a cell uses the point, else 0
     SpatialMoments moments;
   };
   struct ValuePart {
     ValueMoments moments;
-    dvec3 gradient{0};
+    dvec3 gradient{0};  // of any length
   };
   [[nodiscard]] VertexPart vertex(const std::byte* record) const { return read<VertexPart>(record, vertex_offset()); }
   void set_vertex(std::byte* record, const VertexPart& part) const { write(record, vertex_offset(), part); }

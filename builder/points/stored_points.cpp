@@ -1,11 +1,10 @@
 #include "builder/points/stored_points.h"
 
 #include <algorithm>
-#include <optional>
 #include <span>
 #include <utility>
 
-#include "builder/sorting/morton.h"
+#include "builder/sorting/octree_nodes.h"
 
 namespace splatvol {
 namespace {
@@ -30,53 +29,53 @@ void erase_front(PointBatch& batch, std::size_t count) {
 Result<StoredPoints> StoredPoints::create(PointStream& stream, const std::string& folder) {
   SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder));
   StoredPoints stored(stream.layout(), std::move(file));
-  const PointRecords& layout = stored.layout_;
-  // Small leaves keep what is read in vain low; their number is bounded.
+  // A search reads whole buckets, so small ones read few points in vain; but the number of buckets is bounded.
   const std::size_t most = std::max<std::size_t>(32, stream.count() >> 19);
-  PointBatch held = empty_batch(layout.attributes());
-  std::vector<std::byte> records;
-  std::optional<MortonKey> last_key;
-  std::optional<dvec3> last_position;
-  std::size_t count = 0;
+  PointBatch held = empty_batch(stored.layout_.attributes());
+  Last last;
   for (bool ended = false; !ended;) {
     SPLATVOL_TRY_ASSIGN(more, stream.next(held));
     ended = !more;
     std::size_t begin = 0;
-    while (ended ? begin < held.size() : begin + most < held.size()) {
-      const auto keys = std::span<const MortonKey>(held.keys).subspan(begin);
-      const int shared = last_key ? common_depth(*last_key, keys[0]) : -1;
-      const int depth = leaf_depth(shared, keys[0], most < keys.size() ? &keys[most] : nullptr);
-      const auto within = keys.first(std::min(most, keys.size()));
-      const auto past = std::ranges::partition_point(
-          within, [&](const MortonKey& key) { return common_depth(keys[0], key) >= depth; });
-      const std::size_t end = begin + static_cast<std::size_t>(past - within.begin());
-      Node leaf{{}, 0, count, count + end - begin};
-      stored.shared_.push_back(static_cast<std::int8_t>(shared));
-      stored.continues_.push_back(last_position == held.positions[begin]);
-      for (std::size_t i = begin; i < end; ++i) {
-        if (last_position != held.positions[i]) leaf.box.include({held.positions[i], held.positions[i]});
-        last_position = held.positions[i];
-      }
-      last_key = held.keys[end - 1];
-      stored.nodes_.push_back(leaf);
-      count = leaf.end;
-      begin = end;
-    }
-    records.resize(begin * layout.bytes());
-    for (std::size_t i = 0; i < begin; ++i) {
-      std::byte* record = records.data() + i * layout.bytes();
-      layout.set_position(record, held.positions[i]);
-      for (std::size_t a = 0; a < layout.attributes(); ++a) layout.set_value(record, a, held.values[a][i]);
-    }
-    SPLATVOL_TRY(stored.file_.append(records));
+    while (ended ? begin < held.size() : begin + most < held.size()) begin = stored.add_bucket(held, begin, most, last);
+    SPLATVOL_TRY(stored.append_records(held, begin));
     erase_front(held, begin);
   }
   stored.build_tree();
   return stored;
 }
 
+// Adds the bucket that begins with a held point: the largest octree node with at most `most` points. Returns its end
+// among the held points. Requires that more than `most` points are held from there on, or all.
+std::size_t StoredPoints::add_bucket(const PointBatch& held, std::size_t begin, std::size_t most, Last& last) {
+  const int shared = last.key ? common_depth(*last.key, held.keys[begin]) : -1;
+  const std::size_t end = leaf_part_at(held.keys, begin, most, shared).end;
+  const std::size_t stored = nodes_.empty() ? 0 : nodes_.back().end;
+  Node bucket{{}, 0, stored, stored + end - begin};
+  shared_.push_back(static_cast<std::int8_t>(shared));
+  continues_.push_back(last.position == held.positions[begin]);
+  for (std::size_t i = begin; i < end; ++i) {
+    if (last.position != held.positions[i]) bucket.box.include(held.positions[i]);
+    last.position = held.positions[i];
+  }
+  last.key = held.keys[end - 1];
+  nodes_.push_back(bucket);
+  return end;
+}
+
+// Appends the records of the first `count` held points to the file.
+Status StoredPoints::append_records(const PointBatch& held, std::size_t count) {
+  std::vector<std::byte> records(count * layout_.bytes());
+  for (std::size_t i = 0; i < count; ++i) {
+    std::byte* record = records.data() + i * layout_.bytes();
+    layout_.set_position(record, held.positions[i]);
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, held.values[a][i]);
+  }
+  return file_.append(records);
+}
+
 void StoredPoints::build_tree() {
-  leaves_ = nodes_.size();
+  buckets_ = nodes_.size();
   constexpr std::size_t children = 8;
   for (std::size_t begin = 0, end = nodes_.size(); end - begin > 1; begin = std::exchange(end, nodes_.size())) {
     for (std::size_t first = begin; first < end; first += children) {
@@ -91,19 +90,19 @@ void StoredPoints::build_tree() {
   nodes_.back().parent = nodes_.size() - 1;
 }
 
-std::vector<std::size_t> StoredPoints::cut(std::size_t block_points) const {
+std::vector<std::size_t> StoredPoints::cut(std::size_t subdomain_points) const {
   std::vector<std::size_t> cuts{0};
-  for (std::size_t begin = 0; begin < leaves_; begin = cuts.back()) {
+  for (std::size_t begin = 0; begin < buckets_; begin = cuts.back()) {
     const std::size_t first = nodes_[begin].begin;
     std::size_t best = begin + 1;
-    for (std::size_t end = begin + 1; nodes_[end - 1].end - first <= block_points; ++end) {
-      // Behind the last leaf ends every cell. In the first half of a block a cut would make for small ones.
-      const bool late = nodes_[end - 1].end - first > block_points / 2;
-      if (end == leaves_) {
+    for (std::size_t end = begin + 1; nodes_[end - 1].end - first <= subdomain_points; ++end) {
+      // Every node ends at the last bucket. A cut in the first half of a subdomain would make subdomains small.
+      const bool late = nodes_[end - 1].end - first > subdomain_points / 2;
+      if (end == buckets_) {
         best = end;
         break;
       }
-      if (!late || nodes_[best - 1].end - first <= block_points / 2 || shared_[end] <= shared_[best]) best = end;
+      if (!late || nodes_[best - 1].end - first <= subdomain_points / 2 || shared_[end] <= shared_[best]) best = end;
     }
     cuts.push_back(best);
   }

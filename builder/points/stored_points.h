@@ -1,7 +1,8 @@
-// Points in Morton order on the disk, found by where they are.
+// Points in Morton order on the disk, found by their positions.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,49 +10,59 @@
 #include "base/temp_file.h"
 #include "builder/points/point_records.h"
 #include "builder/points/point_stream.h"
+#include "builder/sorting/morton.h"
 
 namespace splatvol {
 
-/// The points of a stream without material in a temporary file, and a tree of boxes round them: its leaves, in Morton
-/// order, are cells of the octree with few points each, and every eight boxes have one above them. Holds 100 bytes a
-/// leaf, of which there are at most some million. Thread-safe but for create().
+/// The points of a stream without material, in a temporary file, and a tree of boxes round them. The tree's buckets are
+/// octree nodes with few points each, in Morton order; above them, each box encloses eight boxes. Holds 100 bytes for
+/// each bucket, of which there are at most some million. Thread-safe, except create().
 class StoredPoints {
  public:
   struct Node {
-    Box box;                         // round the distinct points in it; empty where there are none
-    std::size_t parent = 0;          // that of the root is itself
-    std::size_t begin = 0, end = 0;  // nodes below; of a leaf, points
+    Box box;                         // round the distinct points below; empty if there are none
+    std::size_t parent = 0;          // the root is its own parent
+    std::size_t begin = 0, end = 0;  // nodes below; of a bucket, points
   };
 
-  /// Takes all points of `stream`.
+  /// Stores all points that `stream` still has.
   [[nodiscard]] static Result<StoredPoints> create(PointStream& stream, const std::string& folder);
 
-  /// Leaves, then what is above them, level by level; the last is the root.
+  /// The nodes of the tree: buckets, then the nodes above them, one layer after the other. The last is the root.
   [[nodiscard]] const std::vector<Node>& nodes() const { return nodes_; }
-  [[nodiscard]] std::size_t leaf_count() const { return leaves_; }
+  [[nodiscard]] std::size_t bucket_count() const { return buckets_; }
 
-  /// Leaves, from 0 to leaf_count(), at which blocks of at most so many points begin and end, as long as a leaf does
-  /// not have more: where cells as large as can be do.
-  [[nodiscard]] std::vector<std::size_t> cut(std::size_t block_points) const;
+  /// Cuts the points into subdomains of at most `subdomain_points` points, or one bucket if that has more. Returns the
+  /// buckets at which subdomains begin, from 0 on, then bucket_count(). Cuts lie where octree nodes end, the larger the
+  /// better.
+  [[nodiscard]] std::vector<std::size_t> cut(std::size_t subdomain_points) const;
 
   [[nodiscard]] const PointRecords& layout() const { return layout_; }
 
   /// Appends the records of points [begin, end), layout().bytes() each.
   [[nodiscard]] Status read(std::size_t begin, std::size_t end, std::vector<std::byte>& records) const;
 
-  /// Whether a leaf's first point lies where the point before it does.
-  [[nodiscard]] bool continues(std::size_t leaf) const { return continues_[leaf]; }
+  /// Whether a bucket's first point coincides with the point before it.
+  [[nodiscard]] bool continues(std::size_t bucket) const { return continues_[bucket]; }
 
  private:
   StoredPoints(const PointRecords& layout, TempFile file) : layout_(layout), file_(std::move(file)) {}
+
+  // The last point that is in a bucket.
+  struct Last {
+    std::optional<MortonKey> key;
+    std::optional<dvec3> position;
+  };
+  std::size_t add_bucket(const PointBatch& held, std::size_t begin, std::size_t most, Last& last);
+  Status append_records(const PointBatch& held, std::size_t count);
   void build_tree();
 
   PointRecords layout_;
   TempFile file_;
-  std::size_t leaves_ = 0;
+  std::size_t buckets_ = 0;
   std::vector<Node> nodes_;
-  std::vector<std::int8_t> shared_;  // [leaf]: depth of the smallest cell that holds the point before it too
-  std::vector<bool> continues_;      // [leaf]
+  std::vector<std::int8_t> shared_;  // [bucket]: depth of the smallest octree node that also holds the point before it
+  std::vector<bool> continues_;      // [bucket]
 };
 
 }  // namespace splatvol

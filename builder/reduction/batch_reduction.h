@@ -1,14 +1,14 @@
-// The finest level of the reduction, batch by batch: what takes most of a build's time, and needs no order.
+// The finest level of the reduction, batch by batch: it takes most of a build's time, and batches need no order.
 #pragma once
 
 #include <cstdint>
-#include <functional>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/index_stream.h"
+#include "builder/output/row_packer.h"
+#include "builder/output/splat_columns.h"
 #include "builder/points/point_batch.h"
 #include "builder/reduction/cascade.h"
 #include "builder/reduction/clusters.h"
@@ -17,28 +17,32 @@
 
 namespace splatvol {
 
-/// What a batch comes to.
+/// A batch after the reduction of its finest level. A point is *finest* if no coarser level has it. Every point of a
+/// leaf part that is continued is finest, and the leaf part has one member besides, with the material of all its
+/// points.
 struct ReducedBatch {
-  struct Cell {
+  struct LeafPart {
     OpenIndexLeaf leaf;
-    std::size_t members_end;  // where those of the next cell begin
+    std::size_t members_end;  // where the members of the next part begin
   };
   struct Leaf {
-    std::size_t end;  // where the points of the next one begin
+    std::size_t end;  // where the points of the next leaf begin
     int depth;
   };
-  std::vector<Leaf> leaves;                 // of the octree over the points
-  std::vector<std::uint32_t> owners;        // [point]: the one that it goes with; empty where each leaf keeps one
-  std::uint64_t first_finest = 0;           // number of the first point that no coarser resolution has
-  std::vector<SplatRow> splats;             // of all points, where they are wanted
-  SplatRows finest;                         // points that no coarser resolution has: up to where a chunk ends,
-  std::vector<format::Bytes> packed;        // whole chunks behind them,
-  SplatRows tail;                           // and the rest; all in the first where nothing is to be packed
-  std::vector<MemberPool::Handle> members;  // the others, their second splat made; of a cell that is continued one
-                                            // with the material of that part, whose points are all finest
-  std::vector<Cell> cells;
-  format::Histograms histograms;       // of all points
-  std::vector<std::uint64_t> missing;  // [attribute]
+  std::vector<Leaf> leaves;           // of the octree over the points
+  std::vector<std::uint32_t> owners;  // [point]: the one that it goes with; empty if each leaf keeps one point
+  std::uint64_t first_finest = 0;     // number of the first finest point
+  std::vector<StoredSplat> splats;    // of all points; only if they are wanted
+
+  // The finest points: up to the end of a row, then whole rows, then the rest; all in the first if none are packed.
+  SplatColumns finest;
+  std::vector<PackedRow> packed;
+  SplatColumns tail;
+
+  std::vector<MemberPool::Handle> members;  // points that coarser levels have, with their splats at levels 0 and 1
+  std::vector<LeafPart> leaf_parts;         // as in PointBatch
+  format::Histograms histograms;            // of all points
+  std::vector<std::uint64_t> missing;       // [attribute]
 
   explicit ReducedBatch(std::size_t attributes)
       : finest(attributes), tail(attributes), histograms(attributes), missing(attributes) {}
@@ -50,22 +54,20 @@ struct ReducedBatch {
 struct ReductionSettings {
   Cube cube;
   std::uint32_t leaf_points;  // most in a leaf, from 8 up
-  bool reduces;               // false: all points stay
+  bool reduces;               // false: all points are finest
   bool wants_splats;          // in ReducedBatch
   std::span<const format::Attribute> attributes;
   std::span<const double> offsets;  // of the attributes
 
-  // Packs a chunk of the finest rows; none: they are not to be packed.
-  std::function<format::Bytes(const SplatRows&)> pack = nullptr;
+  const RowPacker* packer = nullptr;  // packs whole rows of finest points; null: they are not packed
   std::size_t points_per_chunk = 0;
   Reduction method = Reduction::octree;
 };
 
-/// Finds the leaves of the octree over a batch's points, and their clusters; returns how many of these no coarser
-/// resolution has.
+/// Finds the leaves of the octree over a batch's points, and their clusters. Returns the number of finest points.
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result);
 
-/// Reduces the cells of a batch, whose leaves and clusters are found. Thread-safe.
+/// Reduces the leaf parts of a batch. Requires find_leaves(). Thread-safe.
 void reduce_batch(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result);
 
 }  // namespace splatvol

@@ -6,9 +6,11 @@
 #include <ranges>
 #include <utility>
 
+#include "builder/sorting/octree_nodes.h"
+
 namespace splatvol {
 
-void MemberPool::take(std::size_t count, std::vector<Handle>& members) {
+void MemberPool::acquire(std::size_t count, std::vector<Handle>& members) {
   {
     const tbb::spin_mutex::scoped_lock lock(mutex_);
     const std::size_t kept = free_.size() - std::min(count, free_.size());
@@ -19,7 +21,7 @@ void MemberPool::take(std::size_t count, std::vector<Handle>& members) {
   while (members.size() < count) members.push_back(std::make_unique<Member>());
 }
 
-void MemberPool::give_back(std::vector<Handle>& members) {
+void MemberPool::release(std::vector<Handle>& members) {
   const tbb::spin_mutex::scoped_lock lock(mutex_);
   std::ranges::move(members, std::back_inserter(free_));
   members.clear();
@@ -33,12 +35,12 @@ void add_splats(std::span<const MemberPool::Handle> members, std::span<const dou
     const auto shapes = shapes_of(std::span(moments).first(count));
     for (std::size_t m = 0; m < count; ++m) {
       Member& member = *members[m];
-      member.splats.emplace_back(InPlace{[&] {
-        return make_splat_row(member.point.position, member.point.error, member.moments, shapes[m], member.plane);
+      member.splats.emplace_back(MadeBy{[&] {
+        return make_stored_splat(member.point.position, member.point.error, member.moments, shapes[m], member.plane);
       }});
       for (std::size_t a = 0; a < offsets.size(); ++a)
-        member.value_rows.emplace_back(
-            InPlace{[&] { return make_value_row(member.values[a].moments, shapes[m], offsets[a]); }});
+        member.stored_values.emplace_back(
+            MadeBy{[&] { return make_stored_value(member.values[a].moments, shapes[m], offsets[a]); }});
     }
   }
 }
@@ -52,7 +54,7 @@ void Cascade::add_to_last(const Member& other) {
   last.plane = merge_planes(std::array{last.plane, other.plane}, std::array{dvec3(0), dvec3(0)});
   const std::uint64_t number = last.splats.back().number;
   last.splats.pop_back();
-  last.value_rows.resize(last.value_rows.size() - offsets_.size());
+  last.stored_values.resize(last.stored_values.size() - offsets_.size());
   add_splats({&handle, 1}, offsets_);
   last.splats.back().number = number;
 }
@@ -70,87 +72,89 @@ void Cascade::close_nodes(bool at_end) {
     add_splats(merged_, offsets_);
     for (MemberPool::Handle& member : merged_) push(level + 1, std::move(member));
     merged_.clear();
-    pool_.give_back(done_);
+    pool_.release(done_);
   }
 }
 
-// The first member's block is known once there are enough behind it to split any larger cell; it is whole then too, as
-// no two members share the finest cell.
+// The first member's node is known once there are enough members behind it to split any larger node. It is whole then,
+// too, because no two members share a finest node.
 void Cascade::close_nodes(std::size_t level, bool at_end) {
   Level& at = levels_[level];
   const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };
   while (!at.entries.empty() && (at_end || at.entries.size() > node_points_)) {
-    const MortonKey& first = key(0);
-    const MortonKey* beyond = at.entries.size() > node_points_ ? &key(node_points_) : nullptr;
-    const int depth = leaf_depth(at.before ? common_depth(*at.before, first) : -1, first, beyond);
-    std::size_t size = 1;
-    while (size < at.entries.size() && common_depth(first, key(size)) >= depth) ++size;
-    prefetch_next(at, size);
-    close_node(level, size, depth);
+    const int shared_before = at.before ? common_depth(*at.before, key(0)) : -1;
+    const KeyLeaf node = leaf_at(key, 0, at.entries.size(), node_points_, shared_before);
+    prefetch_next(at, node.end);
+    close_node(level, node.end, node.depth);
   }
 }
 
-// What is behind a block of so many.
+// Prefetches members behind the first `size`.
 void Cascade::prefetch_next(const Level& level, std::size_t size) const {
   const std::size_t end = level.entries.size(), next = std::min(2 * size, end), after = std::min(next + 2 * size, end);
   for (std::size_t m = size; m < next; ++m) level.entries[m]->prefetch_vectors();
   for (std::size_t m = next; m < after; ++m) level.entries[m]->prefetch();
 }
 
-void Cascade::close_node(std::size_t level, std::size_t size, int depth) {
-  Level& at = levels_[level];
-  block_.clear();
-  const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };
+// Sets the octants of the splats of the first `size` members, which make up a node.
+void Cascade::set_octants(const Level& level, std::size_t size, int depth) const {
+  const auto key = [&](std::size_t m) -> const MortonKey& { return level.entries[m]->key; };
   for_each_leaf(key, 0, size, depth, leaf_points_, [&](std::size_t begin, std::size_t end, int octant_depth) {
     for (std::size_t m = begin; m < end; ++m) {
-      SplatRow& splat = at.entries[m]->splats.back();
+      StoredSplat& splat = level.entries[m]->splats.back();
       splat.depth = static_cast<std::uint8_t>(octant_depth);
       splat.count = static_cast<std::uint8_t>(std::min<std::size_t>(end - begin, 255));
     }
   });
+}
+
+void Cascade::close_node(std::size_t level, std::size_t size, int depth) {
+  Level& at = levels_[level];
+  set_octants(at, size, depth);
+  node_members_.clear();
   for (std::size_t m = 0; m < size; ++m) {
-    block_.push_back(std::move(at.entries.front()));
-    sink_.splat(level, *block_.back(), depth);
+    node_members_.push_back(std::move(at.entries.front()));
+    sink_.splat(level, *node_members_.back(), depth);
     at.entries.pop_front();
   }
-  at.before = block_.back()->key;
+  at.before = node_members_.back()->key;
   if (at.reduces() && level + 1 < max_levels) reduce_node(depth);
-  for (MemberPool::Handle& member : block_) {
+  for (MemberPool::Handle& member : node_members_) {
     if (!member) continue;
     sink_.point(level, *member);
-    member->clear();  // here, while it is in the cache
+    member->clear();  // while it is in the cache
     done_.push_back(std::move(member));
   }
-  block_.clear();
+  node_members_.clear();
 }
 
 void Cascade::reduce_node(int depth) {
   if (method_ == Reduction::octree) {
-    const std::size_t kept =
-        nearest_to_center(cube_, depth, block_.size(), [&](std::size_t m) { return block_[m]->point.position; });
-    return merge_cluster(std::views::iota(std::size_t{0}, block_.size()), kept);
+    const std::size_t kept = nearest_to_center(cube_, depth, node_members_.size(),
+                                               [&](std::size_t m) { return node_members_[m]->point.position; });
+    return merge_cluster(std::views::iota(std::size_t{0}, node_members_.size()), kept);
   }
-  keys_.clear();
-  positions_.clear();
-  for (const MemberPool::Handle& member : block_) {
-    keys_.push_back(member->key);
-    positions_.push_back(member->point.position);
+  node_keys_.clear();
+  node_positions_.clear();
+  for (const MemberPool::Handle& member : node_members_) {
+    node_keys_.push_back(member->key);
+    node_positions_.push_back(member->point.position);
   }
-  owners_.resize(block_.size());
-  find_clusters(method_, leaf_points_, keys_, positions_, owners_);
-  clusters_.assign(owners_);
-  for (std::size_t m = 0; m < owners_.size(); ++m)
-    if (owners_[m] == m) merge_cluster(clusters_.of(m), m);
+  node_owners_.resize(node_members_.size());
+  find_clusters(method_, leaf_points_, node_keys_, node_positions_, node_owners_);
+  clusters_.assign(node_owners_);
+  for (std::size_t m = 0; m < node_owners_.size(); ++m)
+    if (node_owners_[m] == m) merge_cluster(clusters_.of(m), m);
 }
 
-// The member that goes on gets the material of all.
+// Gives the material of all members to the one that goes on.
 template <class Cluster>
 void Cascade::merge_cluster(const Cluster& cluster, std::size_t kept) {
-  Member& merged = *block_[kept];
+  Member& merged = *node_members_[kept];
   planes_.clear();
   shifts_.clear();
   for (const std::size_t m : cluster) {
-    const Member& member = *block_[m];
+    const Member& member = *node_members_[m];
     const dvec3 shift = member.point.position - merged.point.position;
     if (m != kept) {
       merge(merged.moments, member.moments, shift);
@@ -162,7 +166,7 @@ void Cascade::merge_cluster(const Cluster& cluster, std::size_t kept) {
     shifts_.push_back(shift);
   }
   if (!planes_.empty()) merged.plane = merge_planes(planes_, shifts_);
-  merged_.push_back(std::move(block_[kept]));
+  merged_.push_back(std::move(node_members_[kept]));
 }
 
 std::uint64_t Cascade::first_open_leaf() const {

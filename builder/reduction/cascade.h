@@ -20,30 +20,30 @@
 
 namespace splatvol {
 
-/// No further reduction of so few points.
+/// A resolution with so few points is not reduced.
 inline constexpr std::uint64_t coarsest_target = 512;
 
-/// Members whose part is done, kept for the next ones: their vectors keep their memory. Thread-safe.
+/// Keeps members that are done, so that the next ones use the memory of their vectors. Thread-safe.
 class MemberPool {
  public:
   using Handle = std::unique_ptr<Member>;
 
-  /// Makes `members` so many, the new ones without material and splats.
-  void take(std::size_t count, std::vector<Handle>& members);
+  /// Appends members without material and splats until there are `count`.
+  void acquire(std::size_t count, std::vector<Handle>& members);
 
-  /// Takes them all, cleared ones.
-  void give_back(std::vector<Handle>& members);
+  /// Releases all of these. Requires that they are cleared.
+  void release(std::vector<Handle>& members);
 
  private:
   tbb::spin_mutex mutex_;
   std::vector<Handle> free_;
 };
 
-/// Adds the splats of the members' next levels, made from their moments. `offsets`: of the attributes.
+/// Adds each member's splat at its next level, made from its moments. `offsets`: of the attributes.
 void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets);
 
-/// What of a leaf goes on: the point nearest to the leaf's centre (ties: the earlier). `position(i)` gives the places
-/// of `count` points.
+/// Returns the point of a leaf that goes on to the next coarser level: the one nearest to the leaf's centre (ties: the
+/// earlier). `position(i)` gives the positions of the leaf's `count` points.
 template <class Position>
 std::size_t nearest_to_center(const Cube& cube, int depth, std::size_t count, const Position& position) {
   const dvec3 center = node_center(position(0), cube, depth);
@@ -57,18 +57,19 @@ std::size_t nearest_to_center(const Cube& cube, int depth, std::size_t count, co
   return nearest;
 }
 
-/// All levels but the finest. A level holds only members whose block is not whole yet.
+/// Reduces all levels but the finest. A level holds only members whose reduction node is not whole yet.
 class Cascade {
  public:
-  /// What becomes of splats and points.
+  /// Gets the splats and points.
   struct Sink {
-    /// The next splat of a level, in Morton order, with its leaf's depth and count, and the depth of its block.
+    /// Gets the member whose splat is the next of a level, in Morton order; the splat has its leaf's depth and count.
+    /// `node_depth`: depth of its reduction node.
     std::function<void(std::size_t level, const Member& member, int node_depth)> splat;
-    /// A point that no coarser level has; within a level's own in Morton order.
+    /// Gets the next point of a level, in Morton order, that no coarser level has.
     std::function<void(std::size_t level, const Member& member)> point;
   };
 
-  /// What is done goes to `pool`, which must outlive this.
+  /// `pool` gets the members that are done; must outlive this.
   Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::vector<double> offsets, MemberPool& pool,
           Sink sink)
       : cube_(cube),
@@ -80,19 +81,20 @@ class Cascade {
         sink_(std::move(sink)),
         levels_(max_levels) {}
 
-  /// The next member of level 1, its splats made.
+  /// Adds the next member of level 1, which has its splats.
   void push(MemberPool::Handle member) { push(1, std::move(member)); }
 
-  /// Reduces what can be. Once in a while is enough, and faster than after each member.
+  /// Reduces all nodes that are whole. It is faster to call this now and then than after each member.
   void advance() { close_nodes(false); }
 
-  /// Adds the material of another member to the last that was pushed; both are at the same place.
+  /// Adds the material of another member to the last one that was pushed. Both have one Morton key, and count as being
+  /// at one position.
   void add_to_last(const Member& other);
 
-  /// After the last member.
+  /// Reduces all that is left. Called after the last member.
   void finish() { close_nodes(true); }
 
-  /// Number of the first index leaf that can still get something.
+  /// Number of the first index leaf that can still get a splat.
   [[nodiscard]] std::uint64_t first_open_leaf() const;
 
   /// Members of each level from 1 on.
@@ -100,9 +102,9 @@ class Cascade {
 
  private:
   struct Level {
-    std::deque<MemberPool::Handle> entries;  // of blocks that are not whole yet
-    std::uint64_t count = 0;                 // members, those that are gone included
-    std::optional<MortonKey> before;         // last key of the blocks that are done
+    std::deque<MemberPool::Handle> entries;  // of nodes that are not whole yet
+    std::uint64_t count = 0;                 // members, with those that are gone
+    std::optional<MortonKey> before;         // last key of the nodes that are done
     [[nodiscard]] bool reduces() const { return count > coarsest_target; }
   };
 
@@ -110,6 +112,7 @@ class Cascade {
   void close_nodes(bool at_end);
   void close_nodes(std::size_t level, bool at_end);
   void close_node(std::size_t level, std::size_t size, int depth);
+  void set_octants(const Level& level, std::size_t size, int depth) const;
   void prefetch_next(const Level& level, std::size_t size) const;
   void reduce_node(int depth);
   template <class Cluster>
@@ -122,16 +125,23 @@ class Cascade {
   std::vector<double> offsets_;
   MemberPool& pool_;
   Sink sink_;
-  std::vector<Level> levels_;               // level 0 is not used
-  std::vector<MemberPool::Handle> block_;   // of the block that is being closed
-  std::vector<MortonKey> keys_;             // theirs
-  std::vector<dvec3> positions_;            // and where
-  std::vector<std::uint32_t> owners_;       // and with which of them each goes
-  Clusters clusters_;                       // so
-  std::vector<BoundaryPlane> planes_;       // of the members of a cluster
-  std::vector<dvec3> shifts_;               // and where
-  std::vector<MemberPool::Handle> merged_;  // of the level whose blocks are being closed: what goes on
-  std::vector<MemberPool::Handle> done_;    // what does not
+  std::vector<Level> levels_;  // level 0 is not used
+
+  // Scratch for the reduction node that is being closed: members, their keys, positions and owners, and the clusters.
+  std::vector<MemberPool::Handle> node_members_;
+  std::vector<MortonKey> node_keys_;
+  std::vector<dvec3> node_positions_;
+  std::vector<std::uint32_t> node_owners_;
+  Clusters clusters_;
+
+  // Scratch for the cluster that is being merged: the planes of its members, and their shifts from the point that
+  // stays.
+  std::vector<BoundaryPlane> planes_;
+  std::vector<dvec3> shifts_;
+
+  // Scratch for the level whose nodes are being closed: members that go on to the next level, and those that end here.
+  std::vector<MemberPool::Handle> merged_;
+  std::vector<MemberPool::Handle> done_;
 };
 
 }  // namespace splatvol

@@ -12,39 +12,40 @@ namespace {
 constexpr std::uint32_t none = std::numeric_limits<std::uint32_t>::max();
 
 double longest_edge(const Box& box) {
-  const dvec3 edges = box.high - box.low;
-  return std::max({edges.x, edges.y, edges.z});
+  const dvec3 extent = box.extent();
+  return extent[longest_axis(extent)];
 }
 
-// Distances are compared in units of `scale`, whose squares neither overflow nor vanish; of equal ones the lower index.
+// Finds the point nearest to a position (ties: the lower index). Compares distances in units of `scale`, so that their
+// squares neither overflow nor vanish.
 class Nearest {
  public:
-  Nearest(const dvec3& place, double scale) : place_(place), scale_(scale) {}
+  Nearest(const dvec3& position, double scale) : position_(position), scale_(scale) {}
 
   void consider(std::uint32_t i, const dvec3& position) {
-    const dvec3 offset = scale_ > 0 ? (position - place_) / scale_ : dvec3(0);
+    const dvec3 offset = scale_ > 0 ? (position - position_) / scale_ : dvec3(0);
     nearest_ = std::min(nearest_, {glm::dot(offset, offset), i});
   }
   [[nodiscard]] std::uint32_t index() const { return nearest_.second; }
 
  private:
-  dvec3 place_;
+  dvec3 position_;
   double scale_;
   std::pair<double, std::uint32_t> nearest_{std::numeric_limits<double>::infinity(), none};
 };
 
+// Halves `part` until it has at most `most` points, and sets their owners.
 void halve(std::span<const dvec3> positions, std::span<std::uint32_t> part, std::size_t most,
            std::span<std::uint32_t> owners) {
   Box box;
-  for (const std::uint32_t i : part) box.include({positions[i], positions[i]});
+  for (const std::uint32_t i : part) box.include(positions[i]);
   if (part.size() <= most) {
     Nearest nearest(box.low / 2.0 + box.high / 2.0, longest_edge(box));
     for (const std::uint32_t i : part) nearest.consider(i, positions[i]);
     for (const std::uint32_t i : part) owners[i] = nearest.index();
     return;
   }
-  const dvec3 edges = box.high - box.low;
-  const int axis = edges.x >= edges.y && edges.x >= edges.z ? 0 : edges.y >= edges.z ? 1 : 2;
+  const int axis = longest_axis(box.extent());
   const std::size_t half = part.size() / 2;
   std::ranges::nth_element(part, part.begin() + static_cast<std::ptrdiff_t>(half), {},
                            [&](std::uint32_t i) { return std::pair(positions[i][axis], i); });
@@ -52,30 +53,26 @@ void halve(std::span<const dvec3> positions, std::span<std::uint32_t> part, std:
   halve(positions, part.subspan(half), most, owners);
 }
 
-void find_parts(std::span<const dvec3> positions, std::size_t most, std::span<std::uint32_t> owners) {
+void find_buckets(std::span<const dvec3> positions, std::size_t most, std::span<std::uint32_t> owners) {
   std::vector<std::uint32_t> all(positions.size());
   std::iota(all.begin(), all.end(), 0u);
   halve(positions, all, most, owners);
 }
 
-// The points that edges join each point to.
-class Neighbours {
- public:
-  Neighbours(std::size_t points, std::span<const Edge> edges) : begins_(points + 1), ends_(2 * edges.size()) {
-    for (const auto& [a, b] : edges) ++begins_[a], ++begins_[b];
-    std::partial_sum(begins_.begin(), begins_.end(), begins_.begin());
-    for (const auto& [a, b] : edges) ends_[--begins_[a]] = b, ends_[--begins_[b]] = a;
-  }
-  [[nodiscard]] std::span<const std::uint32_t> operator[](std::size_t point) const {
-    return std::span(ends_).subspan(begins_[point], begins_[point + 1] - begins_[point]);
-  }
-
- private:
-  std::vector<std::uint32_t> begins_, ends_;
-};
+// The points that an edge joins to each point.
+IndexLists neighbours_of(std::size_t points, std::span<const Edge> edges) {
+  IndexLists neighbours;
+  neighbours.assign(points, [&](const auto& add) {
+    for (const auto& [a, b] : edges) {
+      add(a, b);
+      add(b, a);
+    }
+  });
+  return neighbours;
+}
 
 void find_independent_set(std::span<const dvec3> positions, std::span<std::uint32_t> owners) {
-  const Neighbours neighbours(positions.size(), delaunay_edges(positions));
+  const IndexLists neighbours = neighbours_of(positions.size(), delaunay_edges(positions));
   std::vector<std::uint32_t> order(positions.size());
   std::iota(order.begin(), order.end(), 0u);
   std::ranges::sort(order, {}, [&](std::uint32_t i) { return std::pair(neighbours[i].size(), i); });
@@ -85,7 +82,7 @@ void find_independent_set(std::span<const dvec3> positions, std::span<std::uint3
     if (std::ranges::none_of(neighbours[i], stays)) owners[i] = i;
 
   Box box;
-  for (const dvec3& p : positions) box.include({p, p});
+  for (const dvec3& p : positions) box.include(p);
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     if (stays(i)) continue;
     Nearest nearest(positions[i], longest_edge(box));
@@ -110,31 +107,24 @@ const char* reduction_name(Reduction method) {
 
 void find_clusters(Reduction method, std::uint32_t leaf_points, std::span<const MortonKey> keys,
                    std::span<const dvec3> positions, std::span<std::uint32_t> owners) {
-  // What shares a key could never be told apart again, and CGAL wants places to differ.
+  // Points that share a key could never be told apart again, and CGAL wants distinct positions: of each key only the
+  // first point takes part.
   std::vector<std::uint32_t> firsts;
-  std::vector<dvec3> places;
+  std::vector<dvec3> distinct;
   for (std::uint32_t i = 0; i < keys.size(); ++i) {
     if (i > 0 && keys[i] == keys[i - 1]) continue;
     firsts.push_back(i);
-    places.push_back(positions[i]);
+    distinct.push_back(positions[i]);
   }
-  std::vector<std::uint32_t> place_owners(places.size());
+  std::vector<std::uint32_t> distinct_owners(distinct.size());
   if (method == Reduction::kdtree)
-    find_parts(places, leaf_points, place_owners);
+    find_buckets(distinct, leaf_points, distinct_owners);
   else
-    find_independent_set(places, place_owners);
-  for (std::size_t i = 0, place = 0; i < keys.size(); ++i) {
-    if (place + 1 < firsts.size() && firsts[place + 1] == i) ++place;
-    owners[i] = firsts[place_owners[place]];
+    find_independent_set(distinct, distinct_owners);
+  for (std::size_t i = 0, d = 0; i < keys.size(); ++i) {
+    if (d + 1 < firsts.size() && firsts[d + 1] == i) ++d;
+    owners[i] = firsts[distinct_owners[d]];
   }
-}
-
-void Clusters::assign(std::span<const std::uint32_t> owners) {
-  begins_.assign(owners.size() + 1, 0);
-  members_.resize(owners.size());
-  for (const std::uint32_t owner : owners) ++begins_[owner];
-  std::partial_sum(begins_.begin(), begins_.end(), begins_.begin());
-  for (std::size_t i = owners.size(); i-- > 0;) members_[--begins_[owners[i]]] = static_cast<std::uint32_t>(i);
 }
 
 }  // namespace splatvol

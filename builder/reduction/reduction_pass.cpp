@@ -7,7 +7,7 @@
 
 namespace splatvol {
 
-ReductionPass::ReductionPass(const ReductionSettings& settings, RowStreams& rows,
+ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& rows,
                              std::function<Status(const OpenIndexLeaf&)> leaves, std::uint64_t most_open_leaves)
     : settings_(settings),
       rows_(rows),
@@ -33,36 +33,41 @@ void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
   finest_ += find_leaves(batch, settings_, result);
 }
 
-Status ReductionPass::take(const PointBatch& batch, ReducedBatch& reduced) {
-  for (const SplatRow& splat : reduced.splats) rows_.add_splat(splat);
+Status ReductionPass::add(const PointBatch& batch, ReducedBatch& reduced) {
+  for (const StoredSplat& splat : reduced.splats) rows_.add_splat(splat);
   rows_.add_finest(reduced.finest);
-  for (format::Bytes& chunk : reduced.packed) rows_.add_packed_finest(std::move(chunk));
+  for (PackedRow& row : reduced.packed) rows_.add_packed_finest(std::move(row));
   rows_.add_finest(reduced.tail);
   for (std::size_t a = 0; a < missing_.size(); ++a) {
     missing_[a] += reduced.missing[a];
     for (std::size_t bin = 0; bin < histograms_[a].size(); ++bin) histograms_[a][bin] += reduced.histograms[a][bin];
   }
-  std::size_t m = 0;
-  for (std::size_t c = 0; c < batch.cells.size(); ++c) {
-    const NodePart& cell = batch.cells[c];
-    if (cell.continued)
-      leaf(cell.leaf).include(reduced.cells[c].leaf);
-    else
-      open_leaves_.push_back(std::move(reduced.cells[c].leaf));
-    for (; m < reduced.cells[c].members_end; ++m) {
-      MemberPool::Handle& member = reduced.members[m];
-      if (cell.continued)
-        cascade_.add_to_last(*member);
-      else
-        cascade_.push(std::move(member));
-    }
-  }
+  add_members(batch, reduced);
   cascade_.advance();
   points_ += batch.size();
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
   const std::uint64_t too_old = end > most_open_leaves_ ? end - most_open_leaves_ : 0;
   return close_leaves(std::min(std::max(cascade_.first_open_leaf(), too_old), before_last));
+}
+
+void ReductionPass::add_members(const PointBatch& batch, ReducedBatch& reduced) {
+  std::size_t m = 0;
+  for (std::size_t p = 0; p < batch.leaf_parts.size(); ++p) {
+    const NodePart& part = batch.leaf_parts[p];
+    ReducedBatch::LeafPart& added = reduced.leaf_parts[p];
+    if (part.continued)
+      leaf(part.leaf).include(added.leaf);
+    else
+      open_leaves_.push_back(std::move(added.leaf));
+    for (; m < added.members_end; ++m) {
+      MemberPool::Handle& member = reduced.members[m];
+      if (part.continued)
+        cascade_.add_to_last(*member);
+      else
+        cascade_.push(std::move(member));
+    }
+  }
 }
 
 OpenIndexLeaf& ReductionPass::leaf(std::uint64_t number) {

@@ -1,4 +1,4 @@
-// One pass over the points in Morton order that gives everything the file holds.
+// One pass over the points in Morton order, which makes all of the file's contents.
 #pragma once
 
 #include <cstdint>
@@ -8,56 +8,58 @@
 #include <vector>
 
 #include "builder/output/index_stream.h"
-#include "builder/output/row_streams.h"
+#include "builder/output/row_collector.h"
 #include "builder/reduction/batch_reduction.h"
 #include "builder/reduction/cascade.h"
 #include "format/volume_writer.h"
 
 namespace splatvol {
 
-/// Takes batches, fills rows and index leaves. Nothing in it grows with the number of points but the splats of the
-/// finest level where their densities are fitted, and what comes late for index leaves, a few thousandths of them.
+/// Adds batches to rows and index leaves. Two parts of it grow with the number of points: the finest level's splats, if
+/// their densities are fitted, and the leaves for which splats come late, a few thousandths of all.
 class ReductionPass {
  public:
-  /// `leaves` gets the index's leaves in Morton order, counts and splats by levels; at most so many wait for what is
-  /// still to come for them. References must outlive this.
-  ReductionPass(const ReductionSettings& settings, RowStreams& rows, std::function<Status(const OpenIndexLeaf&)> leaves,
+  /// `leaves` gets the index leaves in Morton order. At most `most_open_leaves` of them wait for coarser splats.
+  /// References must outlive this.
+  ReductionPass(const ReductionSettings& settings, RowCollector& rows,
+                std::function<Status(const OpenIndexLeaf&)> leaves,
                 std::uint64_t most_open_leaves = std::uint64_t{1} << 14);
   ReductionPass(const ReductionPass&) = delete;
   ReductionPass& operator=(const ReductionPass&) = delete;
 
-  /// Before the next points are reduced; what `result` held is gone.
+  /// Clears `result`, and prepares it for reduce(). Requires batches in Morton order.
   void prepare(const PointBatch& batch, ReducedBatch& result);
 
-  /// Reduces the cells of a batch. Thread-safe, also beside prepare() and take().
+  /// Reduces the leaf parts of a batch. Thread-safe, also beside prepare() and add().
   void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_batch(batch, settings_, pool_, result); }
 
-  /// The next points, and what their cells come to, of which members are taken out.
-  [[nodiscard]] Status take(const PointBatch& batch, ReducedBatch& reduced);
+  /// Adds the next batch. Extracts the members from `reduced`.
+  [[nodiscard]] Status add(const PointBatch& batch, ReducedBatch& reduced);
 
-  /// After the last.
+  /// Called after the last batch.
   [[nodiscard]] Status finish();
 
-  /// What came for leaves after they were given out, by their numbers: clusters of the coarsest levels are whole long
-  /// after most of their points have passed. After finish().
+  /// Counts and splats that came for index leaves after `leaves` had got these, by the leaf's number: clusters of the
+  /// coarsest levels are whole long after most of their points have passed. Requires finish().
   [[nodiscard]] const std::map<std::uint64_t, OpenIndexLeaf>& late_leaves() const { return late_leaves_; }
 
-  /// Points of each level, from the finest on.
+  /// Points of each level.
   [[nodiscard]] std::vector<std::uint64_t> counts() const;
   [[nodiscard]] const format::Histograms& histograms() const { return histograms_; }
   [[nodiscard]] const std::vector<std::uint64_t>& missing() const { return missing_; }  // [attribute]
 
  private:
+  void add_members(const PointBatch& batch, ReducedBatch& reduced);
   [[nodiscard]] Status close_leaves(std::uint64_t end);
   OpenIndexLeaf& leaf(std::uint64_t number);
 
   const ReductionSettings& settings_;
-  RowStreams& rows_;
+  RowCollector& rows_;
   std::function<Status(const OpenIndexLeaf&)> leaves_;
   std::uint64_t most_open_leaves_;
   MemberPool pool_;
   Cascade cascade_;
-  std::uint64_t finest_ = 0;  // points that no coarser level has, of all that are prepared
+  std::uint64_t finest_ = 0;  // points that no coarser level has, in all batches that are prepared
   std::uint64_t points_ = 0;
   std::deque<OpenIndexLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one

@@ -33,7 +33,8 @@ std::uint32_t ConvexCell::cross(std::uint32_t inside, std::uint32_t outside) {
   return static_cast<std::uint32_t>(crossings_.size() - 1);
 }
 
-// Between leaving and coming back, the face has a new edge; the new face has it the other way round.
+// Clips a face. Where its border leaves the kept part and returns, the face gets a new edge; the new face has this edge
+// the other way round.
 void ConvexCell::clip_face(const Face& face) {
   const auto begin = static_cast<std::uint32_t>(new_loops_.size());
   std::uint32_t left = nowhere, first_return = nowhere;
@@ -91,20 +92,12 @@ bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
   return true;
 }
 
-// Sum over the tetrahedra between a vertex and the triangles of the faces, with the moments of a uniform tetrahedron:
-// E[x] is the mean of the corners, and E[x x^T] = (sum of corners squared + sum of each corner's square) / 20.
+// Adds up the tetrahedra between one vertex and the triangles of the faces. A uniform tetrahedron has these moments:
+// E[x] is the mean of the corners, and E[x x^T] = (square of the corners' sum + sum of the corners' squares) / 20.
 SpatialMoments ConvexCell::moments() const {
   double volume = 0;
   dvec3 first{0};
   SymmetricMatrix second;
-  const auto add_square = [&](const dvec3& d, double weight) {
-    second.xx += weight * d.x * d.x;
-    second.yy += weight * d.y * d.y;
-    second.zz += weight * d.z * d.z;
-    second.xy += weight * d.x * d.y;
-    second.xz += weight * d.x * d.z;
-    second.yz += weight * d.y * d.z;
-  };
   if (vertices_.empty()) return {};
   const dvec3 apex = vertices_[0];
   for (const Face& face : faces_) {
@@ -116,8 +109,8 @@ SpatialMoments ConvexCell::moments() const {
       const dvec3 sum = edges[0] + edges[1] + edges[2];
       volume += part;
       first += part / 4 * sum;
-      add_square(sum, part / 20);
-      for (const dvec3& edge : edges) add_square(edge, part / 20);
+      add_square(second, part / 20, sum);
+      for (const dvec3& edge : edges) add_square(second, part / 20, edge);
     }
   }
   if (!(volume > 0)) return {};

@@ -18,8 +18,8 @@ using CellBase = CGAL::Delaunay_triangulation_cell_base_3<Kernel>;
 using Structure = CGAL::Triangulation_data_structure_3<VertexBase, CellBase, CGAL::Parallel_tag>;
 using Triangulation = CGAL::Delaunay_triangulation_3<Kernel, Structure>;
 
-// CGAL settles cospherical points by a symbolic perturbation, so there is one triangulation whatever the order in which
-// the threads insert.
+// CGAL decides between cospherical points by a symbolic perturbation, so there is only one triangulation: the order in
+// which the threads insert does not matter.
 std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
   std::vector<std::pair<Kernel::Point_3, std::uint32_t>> points;
   CGAL::Bbox_3 box;
@@ -56,7 +56,7 @@ void trim(std::span<const dvec3> positions, std::vector<Tetrahedron>& tetrahedra
 }  // namespace
 
 Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions) {
-  // There are about seven times as many tetrahedra, whose numbers have to fit too.
+  // There are about seven times as many tetrahedra, and their numbers must fit too.
   if (positions.size() > std::numeric_limits<std::uint32_t>::max() / 8)
     return fail(ErrorCode::unsupported, "{} points are too many for a Delaunay triangulation", positions.size());
   std::vector<Tetrahedron> tetrahedra = triangulate(positions);

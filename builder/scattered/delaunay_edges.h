@@ -1,4 +1,4 @@
-// Which points are neighbours.
+// Neighbours among a few scattered points.
 #pragma once
 
 #include <array>
@@ -13,9 +13,10 @@ namespace splatvol {
 /// Two points, by index.
 using Edge = std::array<std::uint32_t, 2>;
 
-/// Edges of the Delaunay triangulation of a few thousand points at most; of points on one plane or line, of the
-/// triangulation there. They join all points. In any order, each once; of cospherical points the same whatever the
-/// points' order. Requires finite positions, no two alike, near each other in the order for speed. Thread-safe.
+/// Returns the edges of the Delaunay triangulation of a few thousand points at most. For points on one plane or line,
+/// that is the triangulation within the plane or line. The edges join all points; each comes once, in any order. They
+/// do not depend on the order of the points, even of cospherical ones. Requires finite positions, no two alike; it is
+/// faster if near points are near in the order. Thread-safe.
 [[nodiscard]] std::vector<Edge> delaunay_edges(std::span<const dvec3> positions);
 
 }  // namespace splatvol

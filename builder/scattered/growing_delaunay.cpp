@@ -46,7 +46,6 @@ class GrowingDelaunay::Impl {
 };
 
 GrowingDelaunay::GrowingDelaunay() : impl_(std::make_unique<Impl>()) {}
-GrowingDelaunay::GrowingDelaunay(GrowingDelaunay&&) noexcept = default;
 GrowingDelaunay::~GrowingDelaunay() = default;
 
 void GrowingDelaunay::insert(std::span<const dvec3> positions) {
@@ -73,17 +72,16 @@ std::vector<GrowingDelaunay::Cell> GrowingDelaunay::cells() {
     }
     CellInfo& info = cell->info();
     if (info.radius < 0) info.radius = circumradius(*cell);
-    Cell& taken = cells.emplace_back(Cell{{}, info.radius, info.mark});
-    for (int k = 0; k < 4; ++k) taken.corners[static_cast<std::size_t>(k)] = cell->vertex(k)->info();
+    Cell& copy = cells.emplace_back(Cell{{}, info.radius, info.mark});
+    for (int k = 0; k < 4; ++k) copy.corners[static_cast<std::size_t>(k)] = cell->vertex(k)->info();
     impl_->handles.push_back(cell);
   }
   for (const auto cell : outer) {
-    Cell& taken =
+    Cell& copy =
         cells.emplace_back(Cell{{0, 0, 0, Cell::none}, std::numeric_limits<double>::infinity(), cell->info().mark});
     const int infinite = cell->index(triangulation.infinite_vertex());
     for (int k = 0; k < 3; ++k)
-      taken.corners[static_cast<std::size_t>(k)] =
-          cell->vertex(Triangulation::vertex_triple_index(infinite, k))->info();
+      copy.corners[static_cast<std::size_t>(k)] = cell->vertex(Triangulation::vertex_triple_index(infinite, k))->info();
     impl_->handles.push_back(cell);
   }
   return cells;

@@ -14,61 +14,49 @@
 #include <utility>
 
 #include "builder/scattered/convex_cell.h"
+#include "builder/scattered/gradient_fit.h"
+#include "builder/scattered/trimming.h"
 
 namespace splatvol {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// A box round points; none at first.
-struct Bounds {
-  dvec3 low{infinity}, high{-infinity};
-
-  void add(const dvec3& p) {
-    low = glm::min(low, p);
-    high = glm::max(high, p);
-  }
-  [[nodiscard]] double squared_distance(const dvec3& p) const {
-    const dvec3 outside = glm::max(glm::max(low - p, p - high), dvec3(0));
-    return glm::dot(outside, outside);
-  }
-};
-
-/// A balanced k-d tree; the children of node i are 2 i + 1 and 2 i + 2.
+/// A balanced k-d tree; the children of tree node i are 2 i + 1 and 2 i + 2.
 class PointTree {
  public:
   PointTree(std::span<const dvec3> positions, std::vector<std::uint32_t> points)
       : positions_(positions), points_(std::move(points)) {
-    while ((points_.size() >> levels_) > leaf_points) ++levels_;
-    boxes_.resize((std::size_t{2} << levels_) - 1);
+    while ((points_.size() >> bucket_depth_) > bucket_points) ++bucket_depth_;
+    boxes_.resize((std::size_t{2} << bucket_depth_) - 1);
     build({0, 0, points_.size(), 0});
   }
 
   [[nodiscard]] std::span<const std::uint32_t> points() const { return points_; }
-  [[nodiscard]] const Bounds& box() const { return boxes_[0]; }
+  [[nodiscard]] const Box& box() const { return boxes_[0]; }
 
-  /// Calls visit(point) for the points of all boxes that wanted(box) is true of, roughly from near to far.
+  /// Calls visit(point) for the points of every bucket if wanted(box) is true of all boxes round it. Goes roughly from
+  /// near to far.
   template <class Wanted, class Visit>
   void search(const dvec3& from, const Wanted& wanted, const Visit& visit) const {
     search({0, 0, points_.size(), 0}, from, wanted, visit);
   }
 
  private:
-  static constexpr std::size_t leaf_points = 6;
+  static constexpr std::size_t bucket_points = 6;
   struct Node {
     std::size_t number, begin, end;
-    int level;
+    int depth;
     [[nodiscard]] std::size_t middle() const { return begin + (end - begin) / 2; }
-    [[nodiscard]] Node lower() const { return {2 * number + 1, begin, middle(), level + 1}; }
-    [[nodiscard]] Node upper() const { return {2 * number + 2, middle(), end, level + 1}; }
+    [[nodiscard]] Node lower() const { return {2 * number + 1, begin, middle(), depth + 1}; }
+    [[nodiscard]] Node upper() const { return {2 * number + 2, middle(), end, depth + 1}; }
   };
 
   void build(const Node& node) {
-    Bounds& box = boxes_[node.number];
-    for (std::size_t i = node.begin; i < node.end; ++i) box.add(positions_[points_[i]]);
-    if (node.level == levels_) return;
-    const dvec3 extent = box.high - box.low;
-    const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
+    Box& box = boxes_[node.number];
+    for (std::size_t i = node.begin; i < node.end; ++i) box.include(positions_[points_[i]]);
+    if (node.depth == bucket_depth_) return;
+    const int axis = longest_axis(box.extent());
     const auto at = [&](std::size_t i) { return points_.begin() + static_cast<std::ptrdiff_t>(i); };
     std::nth_element(at(node.begin), at(node.middle()), at(node.end), [&](std::uint32_t i, std::uint32_t j) {
       const double a = positions_[i][axis], b = positions_[j][axis];
@@ -86,20 +74,20 @@ class PointTree {
   template <class Wanted, class Visit>
   void search(const Node& node, const dvec3& from, const Wanted& wanted, const Visit& visit) const {
     if (!wanted(boxes_[node.number])) return;
-    if (node.level == levels_) {
+    if (node.depth == bucket_depth_) {
       for (std::size_t i = node.begin; i < node.end; ++i) visit(points_[i]);
       return;
     }
     Node near = node.lower(), far = node.upper();
-    if (boxes_[far.number].squared_distance(from) < boxes_[near.number].squared_distance(from)) std::swap(near, far);
+    if (squared_distance(boxes_[far.number], from) < squared_distance(boxes_[near.number], from)) std::swap(near, far);
     search(near, from, wanted, visit);
     search(far, from, wanted, visit);
   }
 
   std::span<const dvec3> positions_;
   std::vector<std::uint32_t> points_;
-  int levels_ = 0;
-  std::vector<Bounds> boxes_;
+  int bucket_depth_ = 0;
+  std::vector<Box> boxes_;  // [number of a tree node]
 };
 
 double quantile(std::vector<double>& items, double share) {
@@ -110,45 +98,45 @@ double quantile(std::vector<double>& items, double share) {
 
 double farthest_squared(const ConvexCell& cell) {
   double largest = 0;
-  for (const dvec3& v : cell.vertices()) largest = std::max(largest, glm::dot(v, v));
+  for (const dvec3& v : cell.vertices()) largest = std::max(largest, squared_length(v));
   return largest;
 }
 
-/// The Voronoi cell of a point, relative to it. A point of the tree can matter only if it is nearer to a vertex than
-/// the cell's own point is; long rows of points in boundary layers are passed over by whole boxes.
-void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uint32_t point, const Bounds& domain,
+/// Makes the Voronoi cell of a point, relative to the point. Another point can matter only if it is nearer to a vertex
+/// of the cell than this point is: so the search skips whole boxes of long rows in boundary layers.
+void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uint32_t point, const Box& domain,
                ConvexCell& cell) {
   const dvec3 center = positions[point];
   cell.reset(domain.low - center, domain.high - center);
-  double reach = infinity;  // twice the distance of the farthest vertex, squared
-  const auto wanted = [&](const Bounds& box) {
-    if (box.squared_distance(center) >= reach) return false;
-    const Bounds local{box.low - center, box.high - center};
+  double reach = infinity;  // the square of twice the distance to the farthest vertex
+  const auto wanted = [&](const Box& box) {
+    if (squared_distance(box, center) >= reach) return false;
+    const Box local{box.low - center, box.high - center};
     return std::ranges::any_of(cell.vertices(),
-                               [&](const dvec3& v) { return local.squared_distance(v) < glm::dot(v, v); });
+                               [&](const dvec3& v) { return squared_distance(local, v) < squared_length(v); });
   };
   tree.search(center, wanted, [&](std::uint32_t other) {
     const dvec3 d = positions[other] - center;
-    const double length = glm::dot(d, d);
-    if (other == point || length >= reach || !cell.clip(d, length / 2, other)) return;
+    const double square = squared_length(d);
+    if (other == point || square >= reach || !cell.clip(d, square / 2, other)) return;
     reach = 4 * farthest_squared(cell);
   });
 }
 
-/// The same once its neighbours are known.
+/// Makes the Voronoi cell of a point whose neighbours are known.
 void rebuild_cell(std::span<const dvec3> positions, std::uint32_t point, std::span<const std::uint32_t> neighbours,
-                  const Bounds& domain, ConvexCell& cell) {
+                  const Box& domain, ConvexCell& cell) {
   const dvec3 center = positions[point];
   cell.reset(domain.low - center, domain.high - center);
   for (const std::uint32_t other : neighbours) {
     const dvec3 d = positions[other] - center;
-    cell.clip(d, glm::dot(d, d) / 2, other);
+    cell.clip(d, squared_length(d) / 2, other);
   }
 }
 
-/// What is usual for the distance of a cell's vertices, which are the centres of Delaunay tetrahedra: the lower
-/// quartile, as in trimming.h. Points on a plane have none but those on the domain's box, or at random far away:
-/// then the distance of the neighbours stands in.
+/// Returns the usual distance of a cell's vertices, which are the centres of Delaunay tetrahedra: the lower quartile,
+/// as in trimming.h. Points on a plane have vertices only on the domain's box, or at random far away. Then the distance
+/// to the farthest neighbour stands in.
 double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
   std::vector<bool> on_box(cell.vertices().size());
   double farthest_neighbour = 0;
@@ -164,15 +152,16 @@ double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
   return items.empty() ? farthest_neighbour : std::min(quantile(items, 0.25), farthest_neighbour);
 }
 
-constexpr double max_radius_ratio = 2;  // as in trimming.h
+// Least cosine of the angle between a face's normal and the direction away from a vertex, if the face lies on the other
+// side of the point.
 constexpr double min_facing = 0.4;
 
-/// Cuts off what fills holes and concavities of the domain: vertices out of proportion. The cut runs through the point,
-/// parallel to the nearest face on the other side: that ends a boundary layer along the wall however thin it is. With
-/// nothing on the other side (points on a plane), the cell gets the thickness of the spacing.
+/// Cuts off vertices that are out of proportion, as they fill holes and concavities of the domain. A cut runs through
+/// the point, parallel to the nearest face on the other side: so a boundary layer ends along the wall, however thin it
+/// is. If nothing is on the other side (points on a plane), the cell gets the thickness of the spacing.
 void trim(ConvexCell& cell, std::span<const double> usual, double own) {
   for (int cuts = 0; cuts < 32; ++cuts) {
-    // The farthest of the vertices that are too far.
+    // The farthest of the vertices that are too far away.
     std::vector<double> limit(cell.vertices().size(), own);
     for (const auto& face : cell.faces())
       if (face.label != ConvexCell::no_label)
@@ -203,18 +192,119 @@ void trim(ConvexCell& cell, std::span<const double> usual, double own) {
 std::vector<std::uint32_t> distinct_points(std::span<const dvec3> positions) {
   std::vector<std::uint32_t> points(positions.size());
   std::iota(points.begin(), points.end(), 0u);
-  const auto place = [&](std::uint32_t i) {
+  const auto coordinates = [&](std::uint32_t i) {
     const dvec3& p = positions[i];
     return std::tie(p.x, p.y, p.z);
   };
   tbb::parallel_sort(points.begin(), points.end(), [&](std::uint32_t i, std::uint32_t j) {
-    return place(i) != place(j) ? place(i) < place(j) : i < j;
+    return coordinates(i) != coordinates(j) ? coordinates(i) < coordinates(j) : i < j;
   });
   const auto repeated =
-      std::ranges::unique(points, [&](std::uint32_t i, std::uint32_t j) { return place(i) == place(j); });
+      std::ranges::unique(points, [&](std::uint32_t i, std::uint32_t j) { return coordinates(i) == coordinates(j); });
   points.erase(repeated.begin(), repeated.end());
   return points;
 }
+
+class ScatteredEstimate::Builder {
+ public:
+  explicit Builder(ScatteredEstimate& estimate)
+      : estimate_(estimate),
+        positions_(estimate.positions_),
+        tree_(positions_, distinct_points(positions_)),
+        points_(tree_.points()),
+        domain_(tree_.box()),
+        found_((points_.size() + task_points - 1) / task_points),
+        own_(positions_.size()),
+        farthest_(positions_.size()) {
+    // The domain is so large that vertices on its border are out of proportion.
+    const dvec3 extent = domain_.extent();
+    const double margin = extent == dvec3(0) ? 0.5 : 4 * glm::length(extent);
+    domain_.low -= margin;
+    domain_.high += margin;
+  }
+
+  void run() {
+    find_cells();
+    store_neighbours();
+    trim_cells(usual_radii());
+  }
+
+ private:
+  static constexpr std::size_t task_points = 1024;
+
+  // Calls work(task, points) for all points, in parallel.
+  template <class Work>
+  void for_each_task(const Work& work) const {
+    tbb::parallel_for(std::size_t{0}, found_.size(), [&](std::size_t task) {
+      work(task, points_.subspan(task * task_points, std::min(task_points, points_.size() - task * task_points)));
+    });
+  }
+
+  // Finds all cells, and measures them.
+  void find_cells() {
+    for_each_task([&](std::size_t task, std::span<const std::uint32_t> points) {
+      ConvexCell cell;
+      std::vector<double> items;
+      for (const std::uint32_t point : points) {
+        find_cell(tree_, positions_, point, domain_, cell);
+        own_[point] = usual_radius(cell, items);
+        farthest_[point] = std::sqrt(farthest_squared(cell));
+        estimate_.spatial_[point] = cell.moments();
+        for (const auto& face : cell.faces())
+          if (face.label != ConvexCell::no_label) found_[task].push_back(face.label), ++estimate_.begins_[point + 1];
+      }
+    });
+  }
+
+  // Puts each point's neighbours into one array, in the order of the points.
+  void store_neighbours() {
+    std::vector<std::uint64_t>& begins = estimate_.begins_;
+    std::partial_sum(begins.begin(), begins.end(), begins.begin());
+    estimate_.neighbours_.resize(begins.back());
+    for_each_task([&](std::size_t task, std::span<const std::uint32_t> points) {
+      auto next = found_[task].begin();
+      for (const std::uint32_t point : points)
+        for (std::uint64_t k = begins[point]; k < begins[point + 1]; ++k) estimate_.neighbours_[k] = *next++;
+      found_[task] = {};
+    });
+  }
+
+  // [point]: the lower quartile over the point and its neighbours.
+  [[nodiscard]] std::vector<double> usual_radii() const {
+    std::vector<double> usual(positions_.size());
+    for_each_task([&](std::size_t, std::span<const std::uint32_t> points) {
+      std::vector<double> items;
+      for (const std::uint32_t point : points) {
+        items = {own_[point]};
+        for (const std::uint32_t neighbour : estimate_.neighbours(point)) items.push_back(own_[neighbour]);
+        usual[point] = quantile(items, 0.25);
+      }
+    });
+    return usual;
+  }
+
+  // Makes the few cells again that need trimming.
+  void trim_cells(const std::vector<double>& usual) {
+    for_each_task([&](std::size_t, std::span<const std::uint32_t> points) {
+      ConvexCell cell;
+      for (const std::uint32_t point : points) {
+        if (farthest_[point] <= max_radius_ratio * usual[point]) continue;
+        rebuild_cell(positions_, point, estimate_.neighbours(point), domain_, cell);
+        trim(cell, usual, usual[point]);
+        estimate_.spatial_[point] = cell.moments();
+      }
+    });
+  }
+
+  ScatteredEstimate& estimate_;
+  std::span<const dvec3> positions_;
+  PointTree tree_;
+  std::span<const std::uint32_t> points_;          // distinct, in the order of the tree
+  Box domain_;                                     // bounds all cells
+  std::vector<std::vector<std::uint32_t>> found_;  // [task]: neighbours of its points, one point after the other
+  std::vector<double> own_;                        // [point]: usual distance of its cell's vertices
+  std::vector<double> farthest_;                   // [point]: largest such distance
+};
 
 Result<ScatteredEstimate> ScatteredEstimate::create(std::span<const dvec3> positions) {
   if (positions.size() >= ConvexCell::no_label)
@@ -223,99 +313,26 @@ Result<ScatteredEstimate> ScatteredEstimate::create(std::span<const dvec3> posit
   estimate.positions_ = positions;
   estimate.spatial_.resize(positions.size());
   estimate.begins_.resize(positions.size() + 1);
-  if (positions.empty()) return estimate;
-  const PointTree tree(positions, distinct_points(positions));
-  const auto points = tree.points();
-
-  // So far out that vertices on it are out of proportion.
-  Bounds domain = tree.box();
-  const dvec3 extent = domain.high - domain.low;
-  const double margin = extent == dvec3(0) ? 0.5 : 4 * glm::length(extent);
-  domain.low -= margin;
-  domain.high += margin;
-
-  constexpr std::size_t block = 1024;
-  const std::size_t blocks = (points.size() + block - 1) / block;
-  std::vector<std::vector<std::uint32_t>> found(blocks);
-  std::vector<double> own(positions.size()), farthest(positions.size());
-  const auto each_block = [&](const auto& work) {
-    tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t b) {
-      work(b, points.subspan(b * block, std::min(block, points.size() - b * block)));
-    });
-  };
-  // Whole cells, and what they tell.
-  each_block([&](std::size_t b, std::span<const std::uint32_t> members) {
-    ConvexCell cell;
-    std::vector<double> items;
-    for (const std::uint32_t point : members) {
-      find_cell(tree, positions, point, domain, cell);
-      own[point] = usual_radius(cell, items);
-      farthest[point] = std::sqrt(farthest_squared(cell));
-      estimate.spatial_[point] = cell.moments();
-      for (const auto& face : cell.faces())
-        if (face.label != ConvexCell::no_label) found[b].push_back(face.label), ++estimate.begins_[point + 1];
-    }
-  });
-  std::partial_sum(estimate.begins_.begin(), estimate.begins_.end(), estimate.begins_.begin());
-  estimate.neighbours_.resize(estimate.begins_.back());
-  const auto neighbours = [&](std::uint32_t point) {
-    return std::span(estimate.neighbours_)
-        .subspan(estimate.begins_[point], estimate.begins_[point + 1] - estimate.begins_[point]);
-  };
-  each_block([&](std::size_t b, std::span<const std::uint32_t> members) {
-    auto next = found[b].begin();
-    for (const std::uint32_t point : members)
-      for (std::uint32_t& neighbour : neighbours(point)) neighbour = *next++;
-    found[b] = {};
-  });
-
-  std::vector<double> usual(positions.size());
-  each_block([&](std::size_t, std::span<const std::uint32_t> members) {
-    std::vector<double> items;
-    for (const std::uint32_t point : members) {
-      items = {own[point]};
-      for (const std::uint32_t neighbour : neighbours(point)) items.push_back(own[neighbour]);
-      usual[point] = quantile(items, 0.25);
-    }
-  });
-  // The few that need trimming, once more.
-  each_block([&](std::size_t, std::span<const std::uint32_t> members) {
-    ConvexCell cell;
-    for (const std::uint32_t point : members) {
-      if (farthest[point] <= max_radius_ratio * usual[point]) continue;
-      rebuild_cell(positions, point, neighbours(point), domain, cell);
-      trim(cell, usual, usual[point]);
-      estimate.spatial_[point] = cell.moments();
-    }
-  });
+  if (!positions.empty()) Builder(estimate).run();
   return estimate;
 }
 
-// Least squares over the neighbours, each by the square of its inverse distance: the normal matrix is then a sum of
-// unit vectors' squares, well conditioned in boundary layers too.
+// Fits over the neighbours, weighted by the square of their inverse distance. The normal matrix is then a sum of
+// squares of unit vectors, which is well conditioned in boundary layers too.
 ScatteredEstimate::Fit ScatteredEstimate::fit(std::size_t point, std::span<const double> values) const {
   Fit result;
   result.min = result.max = values[point];
-  glm::dmat3 normal(0.0);
-  dvec3 right{0};
-  int used = 0;
-  for (std::uint64_t k = begins_[point]; k < begins_[point + 1]; ++k) {
-    const std::uint32_t neighbour = neighbours_[k];
+  GradientFit fit;
+  for (const std::uint32_t neighbour : neighbours(point)) {
     const double difference = values[neighbour] - values[point];
     if (std::isnan(difference)) continue;
     const dvec3 offset = positions_[neighbour] - positions_[point];
     const double length = glm::length(offset);
-    const dvec3 direction = offset / length;
-    normal += glm::outerProduct(direction, direction);
-    right += difference / length * direction;
+    fit.add(offset / length, difference / length);
     result.min = std::min(result.min, values[neighbour]);
     result.max = std::max(result.max, values[neighbour]);
-    ++used;
   }
-  if (used == 0) return result;
-  // Directions in which there is no neighbour get no gradient.
-  normal += dmat3(1e-12 * used);
-  result.gradient = glm::inverse(normal) * right;
+  if (!fit.empty()) result.gradient = fit.gradient();
   return result;
 }
 
@@ -327,16 +344,9 @@ std::vector<ValueMoments> ScatteredEstimate::values(std::span<const double> valu
     const Fit line = fit(i, values);
     const dvec3& g = line.gradient;
     const SymmetricMatrix& s = cell.covariance;
-    ValueMoments& moments = result[i];
-    moments.mass = cell.mass;
-    moments.centroid = cell.centroid;
-    moments.covariance = {s.xx * g.x + s.xy * g.y + s.xz * g.z, s.xy * g.x + s.yy * g.y + s.yz * g.z,
-                          s.xz * g.x + s.yz * g.y + s.zz * g.z};
-    moments.variance = std::max(0.0, glm::dot(g, moments.covariance));
-    moments.mean = std::clamp(values[i] + glm::dot(g, cell.centroid), line.min, line.max);
-    const double reach = std::sqrt(3 * moments.variance);  // half the width of a uniform distribution
-    moments.min = std::max(line.min, moments.mean - reach);
-    moments.max = std::min(line.max, moments.mean + reach);
+    const dvec3 covariance(s.xx * g.x + s.xy * g.y + s.xz * g.z, s.xy * g.x + s.yy * g.y + s.yz * g.z,
+                           s.xz * g.x + s.yz * g.y + s.zz * g.z);
+    result[i] = linear_value_moments(cell, values[i], g, covariance, line.min, line.max);
   });
   return result;
 }

@@ -11,56 +11,62 @@
 
 namespace splatvol {
 
-/// What joins the points to a volume.
+/// How the points are joined to a volume.
 enum class Connectivity {
-  automatic,  // the input's cells where it has some, else one of the others by the number of points
+  automatic,  // the input's cells if it has any, else delaunay or none by the number of points
   mesh,
   delaunay,  // delaunay_tetrahedra
   none,      // ScatteredEstimate
 };
 
-/// The first point at each position, by ascending x, then y, then z. Requires finite positions, and indices that fit.
+/// Returns the first point at each position, by ascending x, then y, then z. Requires finite positions, and no more
+/// points than an index can name.
 [[nodiscard]] std::vector<std::uint32_t> distinct_points(std::span<const dvec3> positions);
 
-/// Tetrahedra of the Delaunay triangulation, less those that bridge holes and concavities of the domain: their
-/// circumradius is out of proportion to what is usual at their corners, whatever the aspect ratio there. Corners in
-/// ascending order, tetrahedra in lexicographic order; the same for any order of insertion and number of threads. Of
-/// coincident points the first takes part and the others have no tetrahedra. Empty where no four points span a volume;
-/// an estimate still shows these. Fails with more points than an index can name. Requires finite positions, in Morton
-/// order for speed.
+/// Returns the tetrahedra of the Delaunay triangulation, without those that bridge holes and concavities of the domain:
+/// their circumradius is out of proportion to the usual one at their corners, whatever the aspect ratio there. Corners
+/// are in ascending order, tetrahedra in lexicographic order, for any number of threads. The first of coincident points
+/// takes part, the others have no tetrahedra. Empty if no four points span a volume; an estimate still shows such
+/// points. Fails with more points than an index can name. Requires finite positions; Morton order is faster.
 [[nodiscard]] Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions);
 
-/// Moments without a triangulation: each point stands for its Voronoi cell, found by itself from the points around it.
-/// So masses add up to the volume of the domain, which ends at its outer points as that of delaunay_tetrahedra does;
-/// points on one plane, one line or in one place get the thickness of their spacing. Of coincident points the first has
-/// the whole cell, the others have no mass.
+/// Moments without a triangulation: each point stands for its Voronoi cell, which is found from the points around it.
+/// Masses add up to the volume of the domain, which ends at its outer points, as with delaunay_tetrahedra. Points on
+/// one plane, on one line or at one position get the thickness of their spacing. The first of coincident points has the
+/// whole cell, the others have no mass.
 class ScatteredEstimate {
  public:
-  /// Does not depend on the number of threads. Fails with more points than an index can name. Requires finite
-  /// positions, which must outlive this.
+  /// Estimates all cells; does not depend on the number of threads. Fails with more points than an index can name.
+  /// Requires finite positions, which must outlive this.
   [[nodiscard]] static Result<ScatteredEstimate> create(std::span<const dvec3> positions);
 
-  /// [position]
+  /// [point]
   [[nodiscard]] const std::vector<SpatialMoments>& spatial() const { return spatial_; }
 
-  /// Of an attribute, linear within each cell with the gradient that fits the values of the points beside it best; no
-  /// mass where its own value is missing (NaN). Requires values.size() == spatial().size(). [position]
+  /// Returns the moments of an attribute: linear within each cell, with the gradient that fits the neighbours' values
+  /// best. A point has no mass if its own value is missing (NaN). Requires values.size() == spatial().size(). [point]
   [[nodiscard]] std::vector<ValueMoments> values(std::span<const double> values) const;
 
-  /// That gradient; 0 where there is none. [position]
+  /// Returns these gradients; 0 where there is none. [point]
   [[nodiscard]] std::vector<vec3> gradients(std::span<const double> values) const;
 
  private:
-  /// What the values of the points beside it say of a point.
+  class Builder;
+
+  // A point's gradient, and the range of its own and its neighbours' values.
   struct Fit {
     dvec3 gradient{0};
-    double min, max;  // of these values and its own
+    double min, max;
   };
   [[nodiscard]] Fit fit(std::size_t point, std::span<const double> values) const;
 
+  [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t point) const {
+    return std::span(neighbours_).subspan(begins_[point], begins_[point + 1] - begins_[point]);
+  }
+
   std::span<const dvec3> positions_;
   std::vector<SpatialMoments> spatial_;
-  std::vector<std::uint64_t> begins_;  // neighbours of point i: from begins_[i] to begins_[i + 1]
+  std::vector<std::uint64_t> begins_;  // [point]: of its neighbours; then the end
   std::vector<std::uint32_t> neighbours_;
 };
 

@@ -6,29 +6,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 
 namespace splatvol {
 namespace {
 
-// The tetrahedra at each point: those of point i from begins[i] to begins[i + 1].
-struct Stars {
-  std::vector<std::size_t> begins;
-  std::vector<std::uint32_t> tetrahedra;
-
-  Stars(std::size_t points, std::span<const Tetrahedron> all) : begins(points + 1), tetrahedra(4 * all.size()) {
-    for (const Tetrahedron& corners : all)
-      for (const std::uint32_t corner : corners) ++begins[corner];
-    std::inclusive_scan(begins.begin(), begins.end(), begins.begin());
-    for (std::size_t t = all.size(); t-- > 0;)
-      for (const std::uint32_t corner : all[t]) tetrahedra[--begins[corner]] = static_cast<std::uint32_t>(t);
-  }
-  [[nodiscard]] std::span<const std::uint32_t> of(std::size_t point) const {
-    return std::span(tetrahedra).subspan(begins[point], begins[point + 1] - begins[point]);
-  }
-};
-
-// The lower quartile of what `append` puts together for each point; 0 where that is nothing.
+// Returns for each point the lower quartile of the items that append(point, items) adds; 0 if it adds none.
 template <class Append>
 std::vector<double> lower_quartiles(std::size_t points, const Append& append) {
   std::vector<double> result(points, 0.0);
@@ -67,17 +49,17 @@ std::vector<double> circumradii(std::span<const dvec3> positions, std::span<cons
 
 std::vector<double> usual_radii(std::size_t points, std::span<const Tetrahedron> tetrahedra,
                                 std::span<const double> radii) {
-  const Stars stars(points, tetrahedra);
+  const IndexLists incident = tetrahedra_at_points(points, tetrahedra);
   std::vector<double> largest(points, std::numeric_limits<double>::infinity());
   for (std::size_t t = 0; t < tetrahedra.size(); ++t)
     for (const std::uint32_t corner : tetrahedra[t])
       largest[corner] = std::min(largest[corner], max_radius_spread * radii[t]);
   const auto own = lower_quartiles(points, [&](std::size_t i, std::vector<double>& items) {
-    for (const std::uint32_t t : stars.of(i))
+    for (const std::uint32_t t : incident[i])
       if (radii[t] <= largest[i]) items.push_back(radii[t]);
   });
   return lower_quartiles(points, [&](std::size_t i, std::vector<double>& items) {
-    for (const std::uint32_t t : stars.of(i))
+    for (const std::uint32_t t : incident[i])
       if (radii[t] <= largest[i])
         for (const std::uint32_t corner : tetrahedra[t]) items.push_back(own[corner]);
   });

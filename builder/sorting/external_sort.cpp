@@ -16,17 +16,17 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t most_block_bytes = std::size_t{1} << 17;
+constexpr std::size_t most_packet_bytes = std::size_t{1} << 17;
 constexpr std::size_t most_work_bytes = std::size_t{1} << 22;
-constexpr std::size_t most_records = std::numeric_limits<std::uint32_t>::max() - 1;  // of a run made in memory
+constexpr std::size_t most_records = std::numeric_limits<std::uint32_t>::max() - 1;  // in a run made in memory
 constexpr std::size_t alignment = 16;
-constexpr std::size_t records_at_once = 512;  // that a task copies out of memory
-constexpr std::size_t records_ahead = 16;     // that are fetched before their turn
+constexpr std::size_t records_at_once = 512;  // copied by one task
+constexpr std::size_t records_ahead = 16;     // fetched into the cache before their turn
 
 constexpr std::size_t round_up(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
 constexpr std::size_t round_down(std::size_t bytes) { return bytes / alignment * alignment; }
 
-// One allocation; only what is used of it takes room.
+// One allocation; pages that are never used take no memory.
 class Memory {
  public:
   explicit Memory(std::size_t bytes) : bytes_(bytes), data_(std::make_unique_for_overwrite<std::byte[]>(bytes)) {}
@@ -37,30 +37,30 @@ class Memory {
   std::unique_ptr<std::byte[]> data_;
 };
 
-// How memory is shared out.
+// Shares of the memory.
 struct Plan {
   PacketShape packet;
-  std::size_t work_bytes;        // before finish(): packets being packed, or what is handed out
-  std::size_t first_run;         // records; as much as fits, as it may be all
-  std::size_t later_runs;        // records of each of two buffers, one being filled and one sorted
-  std::size_t merge_work_bytes;  // after it: what is handed out; and as much for packets being packed
-  std::size_t runs_at_once;      // that can be merged
+  std::size_t work_bytes;        // until finish(): packets being packed, or the outputs
+  std::size_t first_run;         // records; as many as fit, as they may be all
+  std::size_t later_runs;        // records in each of two buffers, one being filled and one being sorted
+  std::size_t merge_work_bytes;  // from finish() on: the outputs; as much again for packets being packed
+  std::size_t runs_at_once;      // most runs in one merge
 
   explicit Plan(const SortOptions& options) {
     const std::size_t least = std::min(options.memory, options.merge_memory);
     packet.record_bytes = options.record_bytes;
-    packet.records = std::min(least / 64, most_block_bytes) / options.record_bytes;
+    packet.records = std::min(least / 64, most_packet_bytes) / options.record_bytes;
     packet.records = std::max<std::size_t>(packet.records, 1);
     work_bytes = round_down(std::min(options.memory / 8, most_work_bytes));
     merge_work_bytes = round_down(std::min(options.merge_memory / 8, most_work_bytes));
-    const std::size_t rest = options.memory - work_bytes - 2 * alignment;  // which two spans may lose
+    const std::size_t rest = options.memory - work_bytes - 2 * alignment;  // each of two spans may lose `alignment`
     first_run = std::min(rest / (options.record_bytes + sizeof(std::uint64_t)), most_records);
     later_runs = std::min(rest / (2 * options.record_bytes + sizeof(std::uint64_t)), most_records);
     runs_at_once = (options.merge_memory - 2 * merge_work_bytes) / RunMerger::least_memory(packet);
   }
 };
 
-// What is handed out, or going to be.
+// Sorted records for the caller of next(): the ones returned last, or the ones made ahead.
 struct Output {
   std::span<std::byte> records;
   std::span<MortonKey> keys;
@@ -68,7 +68,7 @@ struct Output {
   Status status;
 };
 
-// Two of them in `memory`, of whole packets each.
+// Makes two outputs in `memory`, each for whole packets.
 std::array<Output, 2> make_outputs(const PacketShape& packet, std::span<std::byte> memory) {
   const std::size_t half = round_down(memory.size() / 2);
   const std::size_t fit = (half - alignment) / (packet.record_bytes + sizeof(MortonKey));
@@ -100,7 +100,6 @@ class ExternalSorter::Impl {
   Result<SortedRecords> next();
   std::uint64_t count() const { return count_; }
   std::uint64_t temp_bytes(std::uint64_t count) const;
-  int passes() const { return passes_; }
 
  private:
   std::size_t record_bytes() const { return options_.record_bytes; }
@@ -108,10 +107,6 @@ class ExternalSorter::Impl {
   bool stays_in_memory(std::uint64_t count) const {
     return count <= plan_.first_run &&
            count * (record_bytes() + sizeof(std::uint64_t)) + plan_.work_bytes + 2 * alignment <= options_.merge_memory;
-  }
-  Status check_cancelled() const {
-    if (options_.cancelled && *options_.cancelled) return fail(ErrorCode::invalid_argument, "cancelled");
-    return {};
   }
 
   void use_first_layout();
@@ -132,11 +127,10 @@ class ExternalSorter::Impl {
   Plan plan_;
   std::optional<Memory> memory_;
   std::uint64_t count_ = 0;
-  int passes_ = 0;
 
-  // Before finish().
-  std::span<std::byte> filling_, other_;  // room for records; the latter is empty until the first run is written
-  std::size_t filled_ = 0;                // records
+  // Until finish().
+  std::span<std::byte> filling_, other_;  // room for records; other_ is empty until the first run is written
+  std::size_t filled_ = 0;                // records in filling_
   std::span<std::uint64_t> words_;
   tbb::task_group spilling_;
   Status spilled_;
@@ -144,21 +138,21 @@ class ExternalSorter::Impl {
   std::optional<TempFile> file_;
   std::vector<Run> runs_;
 
-  // After it.
-  std::array<Output, 2> outputs_;      // handed out; being made
-  std::size_t copied_ = 0;             // of the sorted records, where they are in memory
-  std::unique_ptr<RunMerger> merger_;  // where they are not
+  // From finish() on.
+  std::array<Output, 2> outputs_;      // returned last; made ahead
+  std::size_t copied_ = 0;             // sorted records that are in an output already, if all stay in memory
+  std::unique_ptr<RunMerger> merger_;  // if they do not
   tbb::task_group producing_;
 };
 
-// Records, words, work: all in one buffer until the first run is full.
+// Until the first run is full: one buffer for records, then words, then work.
 void ExternalSorter::Impl::use_first_layout() {
   const std::size_t bytes = plan_.first_run * record_bytes();
   filling_ = memory_->span().first(bytes);
   words_ = {reinterpret_cast<std::uint64_t*>(memory_->span().data() + round_up(bytes)), plan_.first_run};
 }
 
-// Then one buffer for what is added, one for what is sorted and written at the same time.
+// For later runs: one buffer that add() fills, and one that is sorted and written at the same time; then words, work.
 void ExternalSorter::Impl::use_later_layout() {
   const std::size_t bytes = plan_.later_runs * record_bytes();
   filling_ = memory_->span().first(bytes);
@@ -167,7 +161,6 @@ void ExternalSorter::Impl::use_later_layout() {
 }
 
 Status ExternalSorter::Impl::add(std::span<const std::byte> records) {
-  SPLATVOL_TRY(check_cancelled());
   while (!records.empty()) {
     if (filled_ * record_bytes() == filling_.size()) SPLATVOL_TRY(make_room());
     const std::span<std::byte> room = filling_.subspan(filled_ * record_bytes());
@@ -180,6 +173,7 @@ Status ExternalSorter::Impl::add(std::span<const std::byte> records) {
   return {};
 }
 
+// Makes filling_ empty.
 Status ExternalSorter::Impl::make_room() {
   if (other_.empty()) {
     SPLATVOL_TRY(spill(filled_records()));
@@ -194,12 +188,11 @@ Status ExternalSorter::Impl::make_room() {
   return {};
 }
 
-// Sorts records and writes them as a run.
+// Sorts the records and writes them as a run.
 Status ExternalSorter::Impl::spill(const RecordSpan& records) {
   if (!file_) {
     SPLATVOL_TRY_ASSIGN(file, TempFile::create(options_.folder));
     file_ = std::move(file);
-    passes_ = 1;
   }
   const std::span<std::uint64_t> words = words_.first(records.count);
   sort_by_key(records, options_.key, words);
@@ -216,21 +209,20 @@ Status ExternalSorter::Impl::spill(const RecordSpan& records) {
   return {};
 }
 
-// As packets, as many of them packed at the same time as fit into `memory`.
+// Appends records as packets; packs as many packets at the same time as fit into `memory`.
 Status ExternalSorter::Impl::append_packets(TempFile& file, std::size_t count, const LocateRecords& locate,
                                             std::span<std::byte> memory) {
   const std::size_t records = plan_.packet.records, bound = packet_bound(records, record_bytes());
   const std::size_t packets = (count + records - 1) / records, at_once = memory.size() / bound;
   std::vector<std::size_t> bytes(at_once);
   for (std::size_t begin = 0; begin < packets; begin += at_once) {
-    SPLATVOL_TRY(check_cancelled());
     const std::size_t end = std::min(begin + at_once, packets);
     tbb::parallel_for(begin, end, [&](std::size_t packet) {
-      const auto locate_in_block = [&](std::size_t first, std::span<const std::byte*> located) {
+      const auto locate_in_packet = [&](std::size_t first, std::span<const std::byte*> located) {
         locate(packet * records + first, located);
       };
-      bytes[packet - begin] = pack_records(std::min(records, count - packet * records), locate_in_block, record_bytes(),
-                                           memory.subspan((packet - begin) * bound, bound));
+      bytes[packet - begin] = pack_records(std::min(records, count - packet * records), locate_in_packet,
+                                           record_bytes(), memory.subspan((packet - begin) * bound, bound));
     });
     for (std::size_t i = 0; i < end - begin; ++i) SPLATVOL_TRY(file.append(memory.subspan(i * bound, bytes[i])));
   }
@@ -255,7 +247,7 @@ Status ExternalSorter::Impl::finish() {
   return {};
 }
 
-// Neighbouring runs, so that equal keys stay in their order; as few groups as can be.
+// Merges groups of neighbouring runs, so that equal keys stay in their order. Makes as few groups as possible.
 Status ExternalSorter::Impl::merge_some() {
   const std::size_t groups = (runs_.size() + plan_.runs_at_once - 1) / plan_.runs_at_once;
   SPLATVOL_TRY_ASSIGN(merged, TempFile::create(options_.folder));
@@ -269,7 +261,6 @@ Status ExternalSorter::Impl::merge_some() {
   merger_.reset();
   file_ = std::move(merged);
   runs_ = std::move(merged_runs);
-  ++passes_;
   return {};
 }
 
@@ -293,10 +284,9 @@ void ExternalSorter::Impl::start_merging(std::span<const Run> runs) {
   producing_.run([this] { produce(); });
 }
 
+// Makes the output that next() will return.
 void ExternalSorter::Impl::produce() {
   Output& output = outputs_[1];
-  output.status = check_cancelled();
-  if (!output.status) return;
   if (!merger_) {
     copy_sorted(output);
   } else if (const Result<std::size_t> count = merger_->fill(output.records, output.keys); count) {
@@ -309,13 +299,13 @@ void ExternalSorter::Impl::produce() {
 void ExternalSorter::Impl::copy_sorted(Output& output) {
   output.count = std::min(output.keys.size(), filled_ - copied_);
   const RecordSpan records = filled_records();
-  const auto place = [&, mask = index_mask(filled_)](std::size_t i) { return records[words_[i] & mask]; };
+  const auto record = [&, mask = index_mask(filled_)](std::size_t i) { return records[words_[i] & mask]; };
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, output.count, records_at_once),
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       std::byte* out = output.records.data() + range.begin() * record_bytes();
                       for (std::size_t i = copied_ + range.begin(); i < copied_ + range.end(); ++i) {
-                        __builtin_prefetch(place(std::min(i + records_ahead, filled_ - 1)));
-                        std::memcpy(out, place(i), record_bytes());
+                        __builtin_prefetch(record(std::min(i + records_ahead, filled_ - 1)));
+                        std::memcpy(out, record(i), record_bytes());
                         out += record_bytes();
                       }
                       options_.key(
@@ -333,13 +323,13 @@ Result<SortedRecords> ExternalSorter::Impl::next() {
   if (output.count > 0)
     producing_.run([this] { produce(); });
   else
-    outputs_[1].count = 0;  // the end stays the end
+    outputs_[1].count = 0;  // later calls return nothing either
   return SortedRecords{output.records.first(output.count * record_bytes()), output.keys.first(output.count)};
 }
 
 std::uint64_t ExternalSorter::Impl::temp_bytes(std::uint64_t count) const {
   if (stays_in_memory(count)) return 0;
-  constexpr std::uint64_t pages = 8192;  // at the ends of a run, which cannot be given back
+  constexpr std::uint64_t pages = 8192;  // bytes at the ends of a run that cannot be released
   const std::uint64_t runs = 2 + count / plan_.later_runs, packets = runs + count / plan_.packet.records;
   return packets * packet_bound(plan_.packet.records, record_bytes()) + runs * pages;
 }
@@ -368,6 +358,5 @@ Status ExternalSorter::finish() { return impl_->finish(); }
 Result<SortedRecords> ExternalSorter::next() { return impl_->next(); }
 std::uint64_t ExternalSorter::count() const { return impl_->count(); }
 std::uint64_t ExternalSorter::temp_bytes(std::uint64_t count) const { return impl_->temp_bytes(count); }
-int ExternalSorter::passes() const { return impl_->passes(); }
 
 }  // namespace splatvol

@@ -1,7 +1,6 @@
-// Sorting of more records than fit into memory.
+// Sorts more records than fit into memory.
 #pragma once
 
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -18,47 +17,44 @@ struct SortOptions {
   KeyFunction key;
   std::size_t memory = 0;        // bytes to hold until finish()
   std::size_t merge_memory = 0;  // bytes to hold from then on
-  std::string folder;            // for what does not fit
-  const std::atomic<bool>* cancelled = nullptr;
+  std::string folder;            // for temporary files
 };
 
-/// Records in order, with their keys: spans for the same number of records.
+/// Records in order, and their keys: as many keys as records.
 struct SortedRecords {
   std::span<const std::byte> records;
   std::span<const MortonKey> keys;
 };
 
-/// Puts fixed-size records into ascending order of their keys; equal keys stay in the order in which they were added.
-/// The records that come out, one after the other, do not depend on memory and threads, but where packets end does.
+/// Puts fixed-size records into ascending order of their keys; records of equal keys stay in the order in which they
+/// were added. The order of all records does not depend on memory and threads; how many next() returns at a time does.
 /// Works ahead of its caller on TBB's threads. One thread at a time may call it.
 class ExternalSorter {
  public:
-  /// Fails with out_of_budget where an amount of memory is below least_memory. Makes no file yet.
+  /// Fails with out_of_budget if an amount of memory is below least_memory. Makes no file yet.
   [[nodiscard]] static Result<ExternalSorter> create(SortOptions options);
   ExternalSorter(ExternalSorter&&) noexcept;
   ExternalSorter& operator=(ExternalSorter&&) noexcept;
   ~ExternalSorter();
 
-  /// Enough for a sort and a merge of records of this size.
+  /// Returns the bytes that suffice for a sort, or a merge, of records of this size.
   [[nodiscard]] static std::size_t least_memory(std::size_t record_bytes);
 
-  /// Appends whole records, any number of them. Errors of the disk may come with any later call.
+  /// Adds any number of whole records. An error of the disk may come with any later call.
   [[nodiscard]] Status add(std::span<const std::byte> records);
 
-  /// Ends the adding; called once.
+  /// Ends the adding. Call it once.
   [[nodiscard]] Status finish();
 
-  /// The next records, empty at the end; theirs until the next call. Requires finish().
+  /// Returns the next records, empty after the last. They are valid until the next call. Requires finish().
   [[nodiscard]] Result<SortedRecords> next();
 
-  /// Records added.
+  /// The number of records added.
   [[nodiscard]] std::uint64_t count() const;
 
-  /// Bytes that sorting `count` records may take in the folder, provided its file system takes back what is released.
+  /// Returns the most bytes that sorting `count` records may take in the folder, if its file system takes released
+  /// bytes back.
   [[nodiscard]] std::uint64_t temp_bytes(std::uint64_t count) const;
-
-  /// How often every record has been written, or is to be by what has been done so far: 0 where all is in memory.
-  [[nodiscard]] int passes() const;
 
  private:
   class Impl;

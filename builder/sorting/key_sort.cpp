@@ -10,32 +10,33 @@ namespace splatvol {
 namespace {
 
 constexpr int key_bits = 126;
-constexpr std::size_t key_batch = 256;      // records whose keys are made at a time
-constexpr std::size_t batch_bytes = 16384;  // that many bytes of them at most, where they do not lie side by side
-constexpr std::size_t few = 64;             // words that are sorted by comparison
-constexpr std::size_t many = 1 << 14;       // words that are worth a task of their own
-constexpr int words_ahead = 16;             // that are fetched before their turn: two cache lines
+constexpr std::size_t keys_at_once = 256;      // keys made in one call
+constexpr std::size_t gathered_bytes = 16384;  // most bytes of records in one call, if they do not lie side by side
+constexpr std::size_t few = 64;                // words that are sorted by comparisons, at most
+constexpr std::size_t many = 1 << 14;          // words that get tasks of their own, at least
+constexpr int words_ahead = 16;                // fetched into the cache before their turn: two cache lines
 constexpr int least_digit_bits = 4, most_digit_bits = 8;
 
-// 64 bits of the key from its bit `first` on, the highest being bit 0; zeros behind its end.
-std::uint64_t key_piece(const MortonKey& key, int first) {
+// Returns 64 bits of the key from its bit `first` on, counted from the highest, bit 0. Zeros follow its end.
+std::uint64_t key_slice(const MortonKey& key, int first) {
   const std::uint64_t high = key.high << 1 | key.low >> 62, low = key.low << 2;
   if (first == 0) return high;
   return first < 64 ? high << first | low >> (64 - first) : low << (first - 64);
 }
 
-// A word is a piece of the key above the record's index: integers, all different, whose order is stable by itself, so
-// that they may be sorted in place. Where a piece does not tell records apart, the next one takes its place.
+// Sorts words: a word is a slice of the key above the record's index. All words differ, and their order is the stable
+// order of the slices, so that words may be sorted in place. If a slice does not tell records apart, the next slice
+// replaces it.
 class KeySort {
  public:
   KeySort(const RecordSpan& records, const KeyFunction& key)
       : records_(records), key_(key), index_bits_(static_cast<int>(std::bit_width(records.count))) {}
 
   void run(std::span<std::uint64_t> words) const {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words.size(), 16 * key_batch),
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words.size(), 16 * keys_at_once),
                       [&](const tbb::blocked_range<std::size_t>& range) {
-                        for (std::size_t i = range.begin(); i < range.end(); i += key_batch)
-                          take_first_piece(i, words.subspan(i, std::min(key_batch, range.end() - i)));
+                        for (std::size_t i = range.begin(); i < range.end(); i += keys_at_once)
+                          fill_first_slice(i, words.subspan(i, std::min(keys_at_once, range.end() - i)));
                       });
     sort(words, 0);
   }
@@ -43,38 +44,38 @@ class KeySort {
  private:
   std::uint64_t mask() const { return index_mask(records_.count); }
 
-  void take_first_piece(std::size_t begin, std::span<std::uint64_t> words) const {
-    std::array<MortonKey, key_batch> keys;
+  void fill_first_slice(std::size_t begin, std::span<std::uint64_t> words) const {
+    std::array<MortonKey, keys_at_once> keys;
     key_({records_[begin], words.size() * records_.record_bytes}, std::span(keys).first(words.size()));
-    for (std::size_t i = 0; i < words.size(); ++i) words[i] = (key_piece(keys[i], 0) & ~mask()) | (begin + i);
+    for (std::size_t i = 0; i < words.size(); ++i) words[i] = (key_slice(keys[i], 0) & ~mask()) | (begin + i);
   }
 
-  // The piece from bit `first` on, for records that lie anywhere.
-  void take_piece(std::span<std::uint64_t> words, int first) const {
+  // Fills the words with the slice from bit `first` on; their records lie anywhere.
+  void fill_slice(std::span<std::uint64_t> words, int first) const {
     const std::size_t bytes = records_.record_bytes;
-    if (bytes > batch_bytes) {
+    if (bytes > gathered_bytes) {
       for (std::uint64_t& word : words) {
         MortonKey key;
         key_({records_[word & mask()], bytes}, {&key, 1});
-        word = (key_piece(key, first) & ~mask()) | (word & mask());
+        word = (key_slice(key, first) & ~mask()) | (word & mask());
       }
       return;
     }
-    std::array<std::byte, batch_bytes> gathered;
-    std::array<MortonKey, key_batch> keys;
-    const std::size_t batch = std::min(key_batch, batch_bytes / bytes);
-    for (; !words.empty(); words = words.subspan(std::min(batch, words.size()))) {
-      const std::span<std::uint64_t> part = words.first(std::min(batch, words.size()));
+    std::array<std::byte, gathered_bytes> gathered;
+    std::array<MortonKey, keys_at_once> keys;
+    const std::size_t most = std::min(keys_at_once, gathered_bytes / bytes);
+    for (; !words.empty(); words = words.subspan(std::min(most, words.size()))) {
+      const std::span<std::uint64_t> part = words.first(std::min(most, words.size()));
       for (const std::uint64_t word : part) __builtin_prefetch(records_[word & mask()]);
       for (std::size_t i = 0; i < part.size(); ++i)
         std::memcpy(gathered.data() + i * bytes, records_[part[i] & mask()], bytes);
       key_(std::span(gathered).first(part.size() * bytes), std::span(keys).first(part.size()));
       for (std::size_t i = 0; i < part.size(); ++i)
-        part[i] = (key_piece(keys[i], first) & ~mask()) | (part[i] & mask());
+        part[i] = (key_slice(keys[i], first) & ~mask()) | (part[i] & mask());
     }
   }
 
-  // Sorts words that hold the piece from bit `first` on.
+  // Sorts words that hold the slice from bit `first` on.
   void sort(std::span<std::uint64_t> words, int first) const {
     if (words.size() <= few) {
       std::ranges::sort(words);
@@ -99,25 +100,25 @@ class KeySort {
     }
   }
 
-  // Sorts words of one piece.
+  // Sorts words whose slices are equal.
   void break_tie(std::span<std::uint64_t> words, int first) const {
     const int next = first + 64 - index_bits_;
     if (next >= key_bits) {
       std::ranges::sort(words);
     } else if (words.size() < many) {
-      take_piece(words, next);
+      fill_slice(words, next);
       sort(words, next);
     } else {
       tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words.size(), many / 2),
                         [&](const tbb::blocked_range<std::size_t>& range) {
-                          take_piece(words.subspan(range.begin(), range.size()), next);
+                          fill_slice(words.subspan(range.begin(), range.size()), next);
                         });
       sort(words, next);
     }
   }
 
-  // Words that differ in their lowest `bits`: by the highest digit of those, every word straight to its place (American
-  // flag sort), then what shares the digit. About 8 words share the last one where keys are spread evenly.
+  // Sorts words that differ in their lowest `bits` bits: moves every word to the range of its highest digit (American
+  // flag sort), then sorts each range. If keys are spread evenly, about 8 words share the last digit.
   void partition(std::span<std::uint64_t> words, int bits, int first) const {
     const int wanted = static_cast<int>(std::bit_width(words.size())) - 4;
     const int digit_bits = std::min(std::clamp(wanted, least_digit_bits, most_digit_bits), bits - index_bits_);
@@ -146,9 +147,9 @@ class KeySort {
       while (next[d] < begins[d + 1]) {
         std::uint64_t word = words[next[d]];
         for (std::size_t to = digit(word); to != d; to = digit(word)) {
-          std::uint64_t& place = words[next[to]++];
-          __builtin_prefetch(&place + words_ahead, 1);
-          std::swap(word, place);
+          std::uint64_t& target = words[next[to]++];
+          __builtin_prefetch(&target + words_ahead, 1);
+          std::swap(word, target);
         }
         words[next[d]++] = word;
       }

@@ -1,4 +1,4 @@
-// Sorting of records in memory by their Morton keys: of their indices, the records stay.
+// Sorts records in memory by their Morton keys: the indices are sorted, and the records stay.
 #pragma once
 
 #include <bit>
@@ -11,8 +11,8 @@
 
 namespace splatvol {
 
-/// Fills in the key of every record. Called for some hundreds or thousands of records where that can be; must be
-/// thread-safe and not throw.
+/// Fills in the key of every record. It is called for some hundreds or thousands of records at a time if possible. It
+/// must be thread-safe and must not throw.
 using KeyFunction = std::function<void(std::span<const std::byte> records, std::span<MortonKey> keys)>;
 
 /// Records side by side in memory.
@@ -24,14 +24,14 @@ struct RecordSpan {
   [[nodiscard]] const std::byte* operator[](std::size_t i) const { return data + i * record_bytes; }
 };
 
-/// The lowest bits of a word that hold an index below `count`; a piece of the key fills the others.
+/// Returns the lowest bits of a word, which hold an index below `count`. A slice of the key fills the other bits.
 [[nodiscard]] constexpr std::uint64_t index_mask(std::size_t count) {
   return (std::uint64_t{1} << std::bit_width(count)) - 1;
 }
 
-/// Puts the indices of the records into `words`, in the order of ascending keys, equal keys in that of ascending
-/// indices: of word i the bits of index_mask(count). In parallel; beyond the words it takes some KiB a thread.
-/// Requires words.size() == records.count < 2^32.
+/// Sorts the indices of the records by ascending keys, equal keys by ascending indices. The bits of index_mask(count)
+/// in words[i] then hold the index of record i in this order. In parallel; takes some KiB for each thread besides
+/// `words`. Requires words.size() == records.count < 2^32.
 void sort_by_key(const RecordSpan& records, const KeyFunction& key, std::span<std::uint64_t> words);
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// Morton keys of 42 bits an axis (spec/svol-1.md, section 7): enough for twelve decades of spacing in one data set.
+// Morton keys with 42 bits for each axis (spec/svol-1.md, section 7): enough for twelve decades of spacing at once.
 #pragma once
 
 #ifdef __BMI2__
@@ -17,10 +17,10 @@
 
 namespace splatvol {
 
-/// An index of the finest cell, the octants of its ancestors from the highest bits down; 126 bits used.
+/// The path from the root to a finest node: one octant for each depth, from the highest bits down. Uses 126 bits.
 struct MortonKey {
-  std::uint64_t high = 0;  // levels 0 to 20, 63 bits
-  std::uint64_t low = 0;   // levels 21 to 41
+  std::uint64_t high = 0;  // octants at depths 0 to 20, 63 bits
+  std::uint64_t low = 0;   // octants at depths 21 to 41
 
   auto operator<=>(const MortonKey&) const = default;
 };
@@ -41,14 +41,15 @@ inline constexpr int max_morton_depth = 42;
   return x;
 }
 
-/// Index of the finest cell on each axis. Requires a finite position inside the cube, borders included.
+/// The index of the finest node at `position`, on each axis. Requires a finite position inside the cube, borders
+/// included.
 [[nodiscard]] inline std::array<std::uint64_t, 3> finest_node(const dvec3& position, const Cube& cube) {
-  constexpr double cells = 1ull << max_morton_depth;
-  std::array<std::uint64_t, 3> cell;
+  constexpr double nodes = 1ull << max_morton_depth;
+  std::array<std::uint64_t, 3> node;
   for (int axis = 0; axis < 3; ++axis)
-    cell[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(
-        std::clamp((position[axis] - cube.origin[axis]) / cube.edge * cells, 0.0, cells - 1));
-  return cell;
+    node[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(
+        std::clamp((position[axis] - cube.origin[axis]) / cube.edge * nodes, 0.0, nodes - 1));
+  return node;
 }
 
 [[nodiscard]] inline MortonKey morton_key(const dvec3& position, const Cube& cube) {
@@ -59,41 +60,41 @@ inline constexpr int max_morton_depth = 42;
   return {interleave(x >> 21, y >> 21, z >> 21), interleave(x, y, z)};
 }
 
-/// Depth of the smallest cell that holds both.
+/// The depth of the smallest node that holds both.
 [[nodiscard]] inline int common_depth(const MortonKey& a, const MortonKey& b) {
   if (a.high != b.high) return (std::countl_zero(a.high ^ b.high) - 1) / 3;
   if (a.low != b.low) return 21 + (std::countl_zero(a.low ^ b.low) - 1) / 3;
   return max_morton_depth;
 }
 
-/// Depth of the octree leaf that begins with `first`, where cells with more than some number of points are split: the
-/// last key before it shares a cell of depth `shared_before` with it (-1: there is none before), and `beyond` is the
-/// key that makes one too many from `first` on (null: there are not so many).
+/// The depth of the octree leaf whose first key is `first`. Nodes with more than N points are split. `shared_before` is
+/// the depth of the smallest node that `first` shares with the key before it, -1 if there is none. `beyond` is the key
+/// N keys after `first`, null if there is none.
 [[nodiscard]] inline int leaf_depth(int shared_before, const MortonKey& first, const MortonKey* beyond) {
   const int shared = beyond ? std::max(shared_before, common_depth(first, *beyond)) : shared_before;
   return std::min(shared + 1, max_morton_depth);
 }
 
-/// Octant that the cell at depth + 1 takes within the cell at `depth` < max_morton_depth.
+/// The octant of the node at depth + 1 within the node at `depth`. Requires depth < max_morton_depth.
 [[nodiscard]] inline unsigned octant_at(const MortonKey& key, int depth) {
   const std::uint64_t half = depth < 21 ? key.high : key.low;
   return static_cast<unsigned>(half >> (60 - 3 * (depth % 21)) & 7);
 }
 
-/// Edge of a cell at `depth`.
+/// The edge of a node at `depth`.
 [[nodiscard]] inline double node_edge(const Cube& cube, int depth) {
   return cube.edge * (1.0 / static_cast<double>(std::uint64_t{1} << depth));
 }
 
-/// Centre of the cell at `depth` that holds `position`.
+/// The centre of the node at `depth` that holds `position`.
 [[nodiscard]] inline dvec3 node_center(const dvec3& position, const Cube& cube, int depth) {
-  const auto cell = finest_node(position, cube);
+  const auto node = finest_node(position, cube);
   const double edge = node_edge(cube, depth);
   dvec3 center;
   for (int axis = 0; axis < 3; ++axis)
     center[axis] =
         cube.origin[axis] +
-        (static_cast<double>(cell[static_cast<std::size_t>(axis)] >> (max_morton_depth - depth)) + 0.5) * edge;
+        (static_cast<double>(node[static_cast<std::size_t>(axis)] >> (max_morton_depth - depth)) + 0.5) * edge;
   return center;
 }
 

@@ -8,15 +8,15 @@
 namespace splatvol {
 namespace {
 
-struct BlockHeader {
-  std::uint32_t bytes;  // of the packet, with this
+struct PacketHeader {
+  std::uint32_t bytes;  // of the packet, header included
   std::uint32_t records;
 };
-static_assert(sizeof(BlockHeader) == 8);
+static_assert(sizeof(PacketHeader) == 8);
 
-constexpr unsigned whole_word = 32;  // the width of a column that is stored as it is
+constexpr unsigned whole_word = 32;  // the width that marks a column of unpacked numbers
 
-// Bytes of `count` differences of `width` bits.
+// The bytes that `count` differences of `width` bits take.
 std::size_t packed_bytes(std::size_t count, unsigned width) { return (count * width + 7) / 8; }
 
 template <class T>
@@ -32,10 +32,10 @@ std::byte* store(std::byte* to, const T& value) {
   return to + sizeof(T);
 }
 
-// Touches up to 8 bytes behind what it writes.
+// Writes numbers bit by bit. Touches up to 8 bytes behind the last.
 class BitWriter {
  public:
-  static constexpr unsigned most_bits = 56;  // at a time
+  static constexpr unsigned most_bits = 56;  // in one call
 
   explicit BitWriter(std::byte* out) : out_(out) {}
   void put(std::uint64_t value, unsigned width) {
@@ -50,10 +50,10 @@ class BitWriter {
  private:
   std::byte* out_;
   std::uint64_t bits_ = 0;
-  unsigned used_ = 0;  // of bits_, below 8
+  unsigned used_ = 0;  // of bits_; below 8 between calls
 };
 
-// A column: its width; the minimum, unless it is stored as it is; the numbers.
+// Packs a column: its width, its minimum unless the numbers stay unpacked, its numbers.
 std::byte* pack_column(std::span<const std::uint32_t> column, std::byte* out) {
   std::uint32_t least = column[0], largest = column[0];
   for (const std::uint32_t value : column) {
@@ -68,7 +68,7 @@ std::byte* pack_column(std::span<const std::uint32_t> column, std::byte* out) {
   }
   out = store(out, static_cast<std::uint8_t>(width));
   out = store(out, least);
-  // Two numbers at a time halve the chain of operations that wait for one another.
+  // Two numbers at a time: half as many operations wait for one another.
   BitWriter writer(out);
   std::size_t i = 0;
   if (2 * width <= BitWriter::most_bits)
@@ -78,7 +78,7 @@ std::byte* pack_column(std::span<const std::uint32_t> column, std::byte* out) {
   return out + packed_bytes(column.size(), width);
 }
 
-// Into every `stride`-th byte from `out` on, `bytes` of each number.
+// Unpacks a column: the low `bytes` bytes of each number, `stride` bytes apart from `out` on.
 template <std::size_t bytes>
 const std::byte* unpack_column(const std::byte* in, std::size_t count, std::byte* out, std::size_t stride) {
   const auto width = load<std::uint8_t>(in++);
@@ -96,7 +96,7 @@ const std::byte* unpack_column(const std::byte* in, std::size_t count, std::byte
   return in + packed_bytes(count, width);
 }
 
-// Columns are gathered some at a time: records lie anywhere, and a cache line of one is to be fetched once.
+// Columns gathered at a time. Records lie anywhere, and each cache line of a record should be fetched once.
 constexpr std::size_t columns_at_once = 16;
 
 std::byte* pack_group(std::span<const std::byte* const> records, std::size_t record_bytes, std::byte* out) {
@@ -137,7 +137,7 @@ const std::byte* unpack_group(const std::byte* in, std::size_t count, std::size_
 
 std::size_t pack_records(std::size_t count, const LocateRecords& locate, std::size_t record_bytes,
                          std::span<std::byte> out) {
-  std::byte* at = out.data() + sizeof(BlockHeader);
+  std::byte* at = out.data() + sizeof(PacketHeader);
   for (std::size_t begin = 0; begin < count; begin += packed_group) {
     std::array<const std::byte*, packed_group> located;
     const auto group = std::span(located).first(std::min(packed_group, count - begin));
@@ -145,18 +145,18 @@ std::size_t pack_records(std::size_t count, const LocateRecords& locate, std::si
     at = pack_group(group, record_bytes, at);
   }
   const auto bytes = static_cast<std::size_t>(at - out.data());
-  store(out.data(), BlockHeader{static_cast<std::uint32_t>(bytes), static_cast<std::uint32_t>(count)});
+  store(out.data(), PacketHeader{static_cast<std::uint32_t>(bytes), static_cast<std::uint32_t>(count)});
   return bytes;
 }
 
 Result<std::size_t> PacketReader::next(std::span<std::byte> out) {
-  const auto has_block = [&] {
-    return unread_.size() >= sizeof(BlockHeader) && unread_.size() >= load<BlockHeader>(unread_.data()).bytes;
+  const auto has_packet = [&] {
+    return unread_.size() >= sizeof(PacketHeader) && unread_.size() >= load<PacketHeader>(unread_.data()).bytes;
   };
-  if (!has_block()) SPLATVOL_TRY(refill());
+  if (!has_packet()) SPLATVOL_TRY(refill());
   if (unread_.empty()) return std::size_t{0};
-  if (!has_block()) return fail(ErrorCode::io, "a temporary file holds other bytes than were written to it");
-  const auto header = load<BlockHeader>(unread_.data());
+  if (!has_packet()) return fail(ErrorCode::io, "a temporary file holds other bytes than were written to it");
+  const auto header = load<PacketHeader>(unread_.data());
   const std::byte* in = unread_.data() + sizeof header;
   for (std::size_t begin = 0; begin < header.records; begin += packed_group)
     in = unpack_group(in, std::min(packed_group, header.records - begin), record_bytes_,

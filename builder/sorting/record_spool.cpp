@@ -7,19 +7,19 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t most_block_bytes = std::size_t{1} << 17;
+constexpr std::size_t most_packet_bytes = std::size_t{1} << 17;
 
 }  // namespace
 
 RecordSpool::RecordSpool(std::size_t record_bytes, std::size_t memory, std::string folder)
     : record_bytes_(record_bytes),
-      packet_records_(std::max<std::size_t>(std::min(memory / 8, most_block_bytes) / record_bytes, 1)),
+      packet_records_(std::max<std::size_t>(std::min(memory / 8, most_packet_bytes) / record_bytes, 1)),
       packet_bytes_(packet_bound(packet_records_, record_bytes)),
       capacity_(std::max((memory - std::min(memory, 2 * packet_bytes_)) / record_bytes, packet_records_)),
       folder_(std::move(folder)) {}
 
 Status RecordSpool::append(std::span<const std::byte> records) {
-  // What is never used takes no memory.
+  // An unused spool takes no memory.
   if (!memory_ && !records.empty()) {
     const std::size_t bytes = 2 * packet_bytes_ + capacity_ * record_bytes_;
     memory_ = std::make_unique_for_overwrite<std::byte[]>(bytes);

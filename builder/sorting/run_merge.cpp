@@ -7,7 +7,8 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t most_read_bytes = std::size_t{1} << 20;  // at a time: more gains nothing, on rotating disks too
+constexpr std::size_t most_read_bytes = std::size_t{1}
+                                        << 20;  // in one read; more gains nothing, even on rotating disks
 constexpr std::size_t alignment = 16;
 
 constexpr std::size_t round_up(std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; }
@@ -27,77 +28,78 @@ RunMerger::RunMerger(TempFile& file, std::span<const Run> runs, const PacketShap
     : record_bytes_(shape.record_bytes), key_(key), tree_(runs.size(), Entry{0, 0, -1}) {
   const std::size_t share = memory.size() / runs.size() / alignment * alignment;
   for (const Run& run : runs) {
-    std::span<std::byte> rest = memory.subspan(sources_.size() * share, share);
-    const auto take = [&](std::size_t bytes) {
-      const std::span<std::byte> taken = rest.first(bytes);
+    std::span<std::byte> rest = memory.subspan(inputs_.size() * share, share);
+    const auto allocate = [&](std::size_t bytes) {
+      const std::span<std::byte> part = rest.first(bytes);
       rest = rest.subspan(round_up(bytes));
-      return taken;
+      return part;
     };
     std::array<Buffer, 2> buffers;
     for (Buffer& buffer : buffers) {
-      buffer.records = take(shape.records * record_bytes_);
-      const std::span<std::byte> keys = take(shape.records * sizeof(MortonKey));
+      buffer.records = allocate(shape.records * record_bytes_);
+      const std::span<std::byte> keys = allocate(shape.records * sizeof(MortonKey));
       buffer.keys = {reinterpret_cast<MortonKey*>(keys.data()), shape.records};
     }
     const std::size_t read_bytes = std::max(packet_bound(shape.records, record_bytes_), most_read_bytes);
-    sources_.push_back(std::make_unique<Source>(
+    inputs_.push_back(std::make_unique<RunInput>(
         PacketReader(file, run.begin, run.end, record_bytes_, rest.first(std::min(rest.size(), read_bytes)))));
-    sources_.back()->buffers = buffers;
+    inputs_.back()->buffers = buffers;
   }
-  for (const auto& source : sources_) read_ahead(*source);
+  for (const auto& input : inputs_) read_ahead(*input);
 }
 
 RunMerger::~RunMerger() { reading_.wait(); }
 
-void RunMerger::read_ahead(Source& source) {
-  source.ready.store(false, std::memory_order_relaxed);
-  reading_.run([this, &source] {
-    Buffer& buffer = source.buffers[1];
-    const Result<std::size_t> count = source.reader.next(buffer.records);
+void RunMerger::read_ahead(RunInput& input) {
+  input.ready.store(false, std::memory_order_relaxed);
+  reading_.run([this, &input] {
+    Buffer& buffer = input.buffers[1];
+    const Result<std::size_t> count = input.reader.next(buffer.records);
     if (count) {
       buffer.count = *count;
       key_(buffer.records.first(*count * record_bytes_), buffer.keys.first(*count));
     } else {
-      source.status = tl::unexpected<Error>(count.error());
+      input.status = tl::unexpected<Error>(count.error());
     }
-    source.ready.store(true, std::memory_order_release);
+    input.ready.store(true, std::memory_order_release);
   });
 }
 
-// To the packet that was read ahead.
-Status RunMerger::advance(Source& source) {
-  if (!source.ready.load(std::memory_order_acquire)) reading_.wait();
-  SPLATVOL_TRY(source.status);
-  std::swap(source.buffers[0], source.buffers[1]);
-  source.position = 0;
-  if (source.buffers[0].count > 0) read_ahead(source);
+// Advances to the packet that was read ahead.
+Status RunMerger::advance(RunInput& input) {
+  if (!input.ready.load(std::memory_order_acquire)) reading_.wait();
+  SPLATVOL_TRY(input.status);
+  std::swap(input.buffers[0], input.buffers[1]);
+  input.next = 0;
+  if (input.buffers[0].count > 0) read_ahead(input);
   return {};
 }
 
-// The run's new key goes up the tree, and against whom it loses stays its place's winner.
+// Replays the matches on the path from a run to the root, with the run's next key: in each match the smaller key moves
+// up, and the larger one stays.
 void RunMerger::replay(std::int64_t run) {
   constexpr std::uint64_t none = std::numeric_limits<std::uint64_t>::max();
-  const Source& source = *sources_[static_cast<std::size_t>(run)];
-  const Buffer& buffer = source.buffers[0];
-  const MortonKey key = source.position < buffer.count ? buffer.keys[source.position] : MortonKey{none, none};
+  const RunInput& input = *inputs_[static_cast<std::size_t>(run)];
+  const Buffer& buffer = input.buffers[0];
+  const MortonKey key = input.next < buffer.count ? buffer.keys[input.next] : MortonKey{none, none};
   Entry winner{key.high, key.low, run};
-  for (std::size_t node = (static_cast<std::size_t>(run) + sources_.size()) / 2; node > 0; node /= 2) {
-    // No branches: none of them could be foreseen.
-    const Entry other = tree_[node];
+  for (std::size_t match = (static_cast<std::size_t>(run) + inputs_.size()) / 2; match > 0; match /= 2) {
+    // No branches, as the processor could not foresee them.
+    const Entry other = tree_[match];
     const bool loses = (other.high < winner.high) |
                        ((other.high == winner.high) &
                         ((other.low < winner.low) | ((other.low == winner.low) & (other.run < winner.run))));
-    tree_[node] = loses ? winner : other;
+    tree_[match] = loses ? winner : other;
     winner = loses ? other : winner;
   }
   tree_[0] = winner;
 }
 
-// The tree is full of entries that win always, each run's pushes one out.
+// At first the tree is full of entries that always win. Each run's entry pushes one of them out.
 Status RunMerger::start() {
   started_ = true;
-  for (std::size_t run = 0; run < sources_.size(); ++run) {
-    SPLATVOL_TRY(advance(*sources_[run]));
+  for (std::size_t run = 0; run < inputs_.size(); ++run) {
+    SPLATVOL_TRY(advance(*inputs_[run]));
     replay(static_cast<std::int64_t>(run));
   }
   return {};
@@ -108,12 +110,12 @@ Result<std::size_t> RunMerger::fill(std::span<std::byte> records, std::span<Mort
   std::byte* out = records.data();
   for (std::size_t filled = 0; filled < keys.size(); ++filled, out += record_bytes_) {
     const Entry& winner = tree_[0];
-    Source& source = *sources_[static_cast<std::size_t>(winner.run)];
-    const Buffer& buffer = source.buffers[0];
-    if (source.position == buffer.count) return filled;
-    std::memcpy(out, buffer.records.data() + source.position * record_bytes_, record_bytes_);
+    RunInput& input = *inputs_[static_cast<std::size_t>(winner.run)];
+    const Buffer& buffer = input.buffers[0];
+    if (input.next == buffer.count) return filled;
+    std::memcpy(out, buffer.records.data() + input.next * record_bytes_, record_bytes_);
     keys[filled] = {winner.high, winner.low};
-    if (++source.position == buffer.count) SPLATVOL_TRY(advance(source));
+    if (++input.next == buffer.count) SPLATVOL_TRY(advance(input));
     replay(winner.run);
   }
   return keys.size();

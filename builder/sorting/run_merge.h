@@ -1,4 +1,4 @@
-// Sorted runs in a file to one sorted stream.
+// Merges sorted runs of a file into one sorted stream.
 #pragma once
 
 #include <tbb/task_group.h>
@@ -22,28 +22,28 @@ struct Run {
   std::uint64_t end = 0;
 };
 
-/// Records, and how many of them a packet has at most.
+/// The size of a record, and the most records in a packet.
 struct PacketShape {
   std::size_t record_bytes = 0;
   std::size_t records = 0;
 };
 
-/// Merges runs by a tree of losers; what they hold next is read, unpacked and given its keys on other threads.
+/// Merges runs by a tree of losers. Other threads read and unpack the next packet of each run, and make its keys.
 class RunMerger {
  public:
-  /// Bytes that a run takes at least.
+  /// Returns the least bytes of memory for each run.
   [[nodiscard]] static std::size_t least_memory(const PacketShape& shape);
 
-  /// Begins to read. `memory`, at least least_memory for each run and aligned as MortonKey is, is where all buffers
-  /// lie; it, file and key stay the caller's. The disk space of what was read is given back.
+  /// Begins to read, and releases the disk space of packets that it has read. All buffers lie in `memory`: at least
+  /// least_memory for each run, aligned as MortonKey is. File, key and memory must outlive this.
   RunMerger(TempFile& file, std::span<const Run> runs, const PacketShape& shape, const KeyFunction& key,
             std::span<std::byte> memory);
   RunMerger(const RunMerger&) = delete;
   RunMerger& operator=(const RunMerger&) = delete;
   ~RunMerger();
 
-  /// Puts the next records into the fronts of both, in ascending order of keys, equal keys in the order of the runs;
-  /// returns their number, below keys.size() only at the end.
+  /// Puts the next records into `records`, and their keys into `keys`: in ascending order of keys, equal keys in the
+  /// order of the runs. Returns their number, which is below keys.size() only after the last.
   [[nodiscard]] Result<std::size_t> fill(std::span<std::byte> records, std::span<MortonKey> keys);
 
  private:
@@ -52,16 +52,16 @@ class RunMerger {
     std::span<MortonKey> keys;
     std::size_t count = 0;
   };
-  struct Source {
-    explicit Source(const PacketReader& packet_reader) : reader(packet_reader) {}
+  struct RunInput {
+    explicit RunInput(const PacketReader& packet_reader) : reader(packet_reader) {}
 
     PacketReader reader;
-    std::array<Buffer, 2> buffers;  // in use; read ahead
-    std::size_t position = 0;
-    Status status;                    // of reading ahead
-    std::atomic<bool> ready = false;  // that has been done
+    std::array<Buffer, 2> buffers;    // being merged; read ahead
+    std::size_t next = 0;             // record of buffers[0]
+    Status status;                    // of the packet read ahead
+    std::atomic<bool> ready = false;  // the packet has been read ahead
   };
-  // A run's next key. Runs that have come to their end lose against all others.
+  // A run with its next key. A run that has ended loses against all others.
   struct Entry {
     std::uint64_t high;
     std::uint64_t low;
@@ -69,14 +69,14 @@ class RunMerger {
   };
 
   Status start();
-  void read_ahead(Source& source);
-  Status advance(Source& source);
+  void read_ahead(RunInput& input);
+  Status advance(RunInput& input);
   void replay(std::int64_t run);
 
   std::size_t record_bytes_;
   const KeyFunction& key_;
-  std::vector<std::unique_ptr<Source>> sources_;
-  std::vector<Entry> tree_;  // losers; the winner at 0
+  std::vector<std::unique_ptr<RunInput>> inputs_;
+  std::vector<Entry> tree_;  // the loser of each match; the winner of all at 0
   bool started_ = false;
   tbb::task_group reading_;
 };

@@ -12,6 +12,7 @@
 #include <numeric>
 #include <random>
 #include <set>
+#include <span>
 #include <tuple>
 
 #include "base/file.h"
@@ -43,7 +44,7 @@ test::Mesh graded_mesh(std::uint32_t cells) {
 
 double wave(dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; }
 
-// In a folder of this process, gone at its end: tests run beside each other.
+// A path in a folder of this process, because tests run beside each other. The folder is removed at the end.
 std::string temporary_path(const std::string& name) {
   struct Folder {
     std::string path = (std::filesystem::path(testing::TempDir()) / "splatvol-build-XXXXXX").string();
@@ -60,13 +61,13 @@ struct Splat {
   format::SplatValue value;
 };
 
-// What a file holds, decoded whole.
+// A file, decoded whole.
 struct Contents {
   std::shared_ptr<const format::Volume> volume;
   std::vector<dvec3> positions;
   std::vector<float> values;
   std::vector<vec3> gradients;
-  std::vector<std::vector<Splat>> splats;  // [resolution][place]
+  std::vector<std::vector<Splat>> splats;  // [resolution][point], in file order
 };
 
 struct Chunk {
@@ -76,8 +77,8 @@ struct Chunk {
 
 Chunk read_chunk(const format::Volume& volume, std::uint64_t row, format::ColumnKind kind, int attribute) {
   const auto page = *volume.read_directory_page(volume.directory_page_of_row(row));
-  const auto& place = volume.find_chunk(page, row, volume.info().find_column(kind, attribute));
-  return {place.entry, *volume.read_bytes(place.offset, place.entry.packed_bytes)};
+  const auto& location = volume.find_chunk(page, row, volume.info().find_column(kind, attribute));
+  return {location.entry, *volume.read_bytes(location.offset, location.entry.packed_bytes)};
 }
 
 template <class T, class Unpack>
@@ -129,7 +130,7 @@ Result<BuildReport> build(std::vector<Piece> pieces, const std::string& path, Bu
   return build_volume(source, path, options, [](const char*, double) {});
 }
 
-TEST(Build, EveryPointOnceAtEveryScaleAndPlace) {
+TEST(Build, EveryPointOnceAtEveryScaleAndOffset) {
   for (const double scale : {1e-6, 1.0, 1e6})
     for (const double offset : {0.0, 1e7}) {
       const std::string path = temporary_path("scales.svol");
@@ -137,7 +138,7 @@ TEST(Build, EveryPointOnceAtEveryScaleAndPlace) {
       ASSERT_TRUE(build({scattered(points)}, path));
       const Contents contents = read_all(path);
       ASSERT_EQ(contents.positions.size(), points.size());
-      // Match by order along x: far closer than the spacing, and the value (x + 2 y) goes along.
+      // Points match by their order along x.
       auto stored = contents.positions;
       std::ranges::sort(points, {}, &dvec3::x);
       std::ranges::sort(stored, {}, &dvec3::x);
@@ -176,7 +177,7 @@ TEST(Build, DegenerateSetsWork) {
   EXPECT_EQ(build({scattered(equal)}, temporary_path("equal.svol"))->points.coincident, 3999u);
 }
 
-TEST(Build, RefusesWhatHoldsNoPoint) {
+TEST(Build, RefusesInputsWithoutPoints) {
   const std::string path = temporary_path("none.svol");
   EXPECT_FALSE(build({}, path));
   EXPECT_FALSE(build({scattered({{nan, 0, 0}})}, path));
@@ -241,7 +242,7 @@ TEST(Build, VerticesThatPiecesShareAreMergedScatteredPointsAreNot) {
   EXPECT_EQ(report->points.merged, 3u);
   EXPECT_EQ(report->resolution_counts.back(), 5u);
 
-  // Two values at one place are two samples.
+  // Two values at one position are two samples.
   right.values[0][0] += 1;
   report = build({left, right}, path);
   EXPECT_EQ(report->points.merged, 2u);
@@ -264,7 +265,7 @@ TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
       options.memory = std::uint64_t{8} << 30;
       ASSERT_TRUE(build(pieces, first, options));
       const std::string expected = *read_text_file(first);
-      // The least makes points, faces and corners sort on the disk.
+      // With the least memory, points, faces and corners are sorted on the disk.
       for (const std::uint64_t memory : {std::uint64_t{1}, std::uint64_t{64} << 20, std::uint64_t{1} << 30})
         for (const std::size_t threads : {1, 2, 7}) {
           const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
@@ -275,7 +276,7 @@ TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
     }
 }
 
-// Small enough not to be reduced once the vertices that pieces share are merged.
+// The mesh is too small to be reduced once the vertices that pieces share are merged.
 TEST(Build, PiecesHaveTheResolutionsOfTheWholeMesh) {
   const Piece whole = mesh_piece(test::jittered(7, 0.2), wave);
   const std::string path = temporary_path("resolutions.svol");
@@ -284,7 +285,7 @@ TEST(Build, PiecesHaveTheResolutionsOfTheWholeMesh) {
   EXPECT_EQ(build(test::cut(whole, 4), path)->resolution_counts, expected);
 }
 
-// The same points as Batches.MayEndWithAFewPointsOfALargeCell.
+// The same points as BatchCutter.BatchesMayEndWithAFewPointsOfALargeNode.
 TEST(Build, BatchesMayEndAnywhere) {
   std::vector<dvec3> points = random_points(65'530, 0.49);
   for (const dvec3& p : random_points(10, 0.25, dvec3(0.5))) points.push_back(p);
@@ -321,7 +322,7 @@ struct Total {
     mean += splat_mass * y;
     second += splat_mass * (within + glm::outerProduct(y, y));
   }
-  // Covariance, each entry over the product of `deviations`.
+  // Entry of the covariance, over the product of the two deviations.
   [[nodiscard]] double correlation(int i, int j, const glm::dvec4& deviations) const {
     return (second[i][j] / mass - mean[i] / mass * (mean[j] / mass)) / (deviations[i] * deviations[j]);
   }
@@ -344,7 +345,7 @@ void expect_same(const Total& a, const Total& b, double tolerance) {
 
 dmat3 dense(const SymmetricMatrix& s) { return {s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}; }
 
-// The index that a build makes, with nodes of at most 100 points.
+// The index that a build makes, with leaves of at most 300 points.
 test::Tree build_index(const Piece& piece) {
   const std::string path = temporary_path("index.svol");
   BuildOptions options;
@@ -353,7 +354,7 @@ test::Tree build_index(const Piece& piece) {
   return *test::read_tree(**format::Volume::open(*open_file(path)), 0);
 }
 
-// An input by itself, reduced and merged all in memory, and the index that a build makes of it.
+// An input, reduced and merged all in memory, and the index that a build makes of it.
 struct Merged {
   PointBatch points;
   Cube cube;
@@ -396,8 +397,8 @@ TEST(BuildMoments, TheWholeIsTheSameAtEveryResolution) {
     EXPECT_NEAR(finest.mass / test::volume(mesh), 1, 1e-12);
     for (std::size_t r = 0; r + 1 < merged.resolutions.size(); ++r) expect_same(merged.total(r), finest, 1e-11);
 
-    // As the file has it, masses and deviations within 2^(1/256), which is 0.3 %, and a tilt of an axis by 1/16 of a
-    // shorter one. Where the errors of thousands of splats do not average out, that makes 1 %.
+    // The file keeps masses and deviations within 2^(1/256), which is 0.3 %, and tilts an axis by up to 1/16 of a
+    // shorter one. If the errors of thousands of splats do not average out, that makes 1 %.
     const std::string path = temporary_path("whole.svol");
     ASSERT_TRUE(build({mesh_piece(mesh, wave)}, path));
     for (const std::vector<Splat>& splats : read_all(path).splats) {
@@ -475,9 +476,9 @@ TEST(BuildMoments, FarFromTheOriginTheyAreTheSame) {
   for (std::size_t r = 0; r < near.splats.size(); ++r)
     for (std::size_t i = 0; i < near.splats[r].size(); ++i) {
       const Splat &a = near.splats[r][i], &b = far.splats[r][i];
-      EXPECT_NEAR(b.shape.mass / a.shape.mass, 1, 1.0 / 100);  // one step of the log code, 2^(1/128)
+      EXPECT_NEAR(b.shape.mass / a.shape.mass, 1, 1.0 / 100);  // a quantisation step of the log code, 2^(1/128)
       EXPECT_NEAR(b.shape.deviations[2] / a.shape.deviations[2], 1, 1.0 / 100);
-      // Each within 1/64 of the smallest deviation of its chunk.
+      // Both centroids are within 1/64 of the smallest deviation of their chunk.
       EXPECT_LT(glm::length(b.centroid - shift - a.centroid), a.shape.deviations[2] * std::sqrt(3.0) / 32);
     }
 }
@@ -492,16 +493,16 @@ TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
   const std::size_t last = merged.resolutions.size() - 1;
   const double range = merged.bins.max - merged.bins.min;
   const std::vector<std::uint64_t> order = test::file_order(merged.resolutions);
-  for (std::size_t place = 0; place < order.size(); ++place) {
-    const std::size_t i = order[place];
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const std::size_t i = order[k];
     const SpatialMoments& moments = merged.materials[last].moments[i];
     const double shortest = shortest_deviation(shape_of(moments));
-    const Splat& splat = contents.splats[last][place];
-    const dvec3 error = contents.positions[place] - merged.points.positions[i];
+    const Splat& splat = contents.splats[last][k];
+    const dvec3 error = contents.positions[k] - merged.points.positions[i];
     const dvec3 centroid_error = splat.centroid - merged.points.positions[i] - moments.centroid;
-    for (int k = 0; k < 3; ++k) {
-      EXPECT_LE(std::abs(error[k]), shortest / 64);
-      EXPECT_LE(std::abs(centroid_error[k]), shortest / 64);
+    for (int axis = 0; axis < 3; ++axis) {
+      EXPECT_LE(std::abs(error[axis]), shortest / 64);
+      EXPECT_LE(std::abs(centroid_error[axis]), shortest / 64);
     }
     const ValueMoments& value = merged.materials[last].value_moments[0][i];
     const double mean = contents.volume->info().attributes[0].offset + splat.value.mean;
@@ -625,14 +626,14 @@ TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
   }
 }
 
-// A file says of itself how it came about, but not in how many parts.
-TEST(BuildConnectivity, DelaunayInBlocksGivesTheSameFileWithAnyMemory) {
-  const Piece points = scattered(random_points(80'000));  // two blocks
+// A file's provenance does not tell the number of subdomains.
+TEST(BuildConnectivity, DelaunayInSubdomainsGivesTheSameFileWithAnyMemory) {
+  const Piece points = scattered(random_points(80'000));  // two subdomains
   const auto bytes = [&](std::uint64_t held_points, std::uint64_t memory) {
     BuildOptions options = connected(Connectivity::delaunay);
     options.held_points = held_points;
     options.memory = memory;
-    const std::string path = temporary_path("blocks.svol");
+    const std::string path = temporary_path("subdomains.svol");
     EXPECT_TRUE(build({points}, path, options));
     return *read_text_file(path);
   };
@@ -641,24 +642,36 @@ TEST(BuildConnectivity, DelaunayInBlocksGivesTheSameFileWithAnyMemory) {
   EXPECT_TRUE(bytes(1000, std::uint64_t{1} << 25) == whole);
 }
 
-// Walks the tree, calling visit(node, begin, end, depth): points [begin, end) in Morton order lie in the node.
+// Walks the tree and calls visit(node, begin, end, depth): points [begin, end) in Morton order lie in the node.
 template <class Visit>
-void walk(const Merged& merged, const Visit& visit) {
+void walk(const test::Tree& tree, std::span<const MortonKey> keys, const Visit& visit) {
   std::size_t next_node = 0;
   const auto descend = [&](const auto& self, std::size_t begin, std::size_t end, int depth) -> void {
     const std::size_t node = next_node++;
     visit(node, begin, end, depth);
-    for (std::size_t child = begin; merged.tree.child_masks[node] != 0 && child < end;) {
+    for (std::size_t child = begin; tree.child_masks[node] != 0 && child < end;) {
+      const unsigned octant = octant_at(keys[child], depth);
+      ASSERT_NE(tree.child_masks[node] & 1u << octant, 0u);
       std::size_t child_end = child;
-      while (child_end < end &&
-             octant_at(merged.points.keys[child_end], depth) == octant_at(merged.points.keys[child], depth))
-        ++child_end;
+      while (child_end < end && octant_at(keys[child_end], depth) == octant) ++child_end;
       self(self, child, child_end, depth + 1);
       child = child_end;
     }
   };
-  descend(descend, 0, merged.points.size(), 0);
-  EXPECT_EQ(next_node, merged.tree.size());
+  descend(descend, 0, keys.size(), 0);
+  EXPECT_EQ(next_node, tree.size());
+}
+
+// Size of a `moments` splat in a node: its width, or half of its reach out of the node if that is more.
+double moments_size(const Splat& splat, const dvec3& node_center, double half) {
+  const dmat3 axes = glm::mat3_cast(splat.shape.orientation);
+  double size = std::sqrt(12.0) * splat.shape.deviations[0];
+  for (int axis = 0; axis < 3; ++axis) {
+    double reach = 0;
+    for (int k = 0; k < 3; ++k) reach += std::pow(axes[k][axis] * splat.shape.deviations[k], 2);
+    size = std::max(size, (std::abs(splat.centroid[axis] - node_center[axis]) + std::sqrt(12 * reach) - half) / 2);
+  }
+  return size;
 }
 
 TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
@@ -671,11 +684,11 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
   const Merged merged(piece);  // the same tree: bytes do not depend on threads
   const Cube& cube = merged.cube;
   const std::vector<std::uint64_t> order = test::file_order(merged.resolutions);
-  std::vector<std::size_t> place(merged.points.size());
-  for (std::size_t k = 0; k < order.size(); ++k) place[order[k]] = k;
+  std::vector<std::size_t> index_in_file(merged.points.size());  // [point in Morton order]
+  for (std::size_t k = 0; k < order.size(); ++k) index_in_file[order[k]] = k;
 
   double tightest = 0;
-  walk(merged, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
+  walk(merged.tree, merged.points.keys, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
     const double half = std::ldexp(cube.edge, -depth - 1);
     const dvec3 center = node_center(merged.points.positions[begin], cube, depth);
     const format::ValueSummary& summary = merged.tree.summaries[node];
@@ -683,17 +696,11 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
       double largest = 0;
       for (std::size_t i = begin; i < end; ++i) {
         if (merged.segments[i] > r) continue;
-        const auto& [centroid, shape, value] = contents.splats[r][place[i]];
-        EXPECT_GE(value.mean + contents.volume->info().attributes[0].offset, summary.min - 1e-5);
-        EXPECT_LE(value.mean + contents.volume->info().attributes[0].offset, summary.max + 1e-5);
-        const dmat3 axes = glm::mat3_cast(shape.orientation);
-        largest = std::max(largest, std::sqrt(12.0) * shape.deviations[0]);
-        for (int axis = 0; axis < 3; ++axis) {
-          double reach = 0;
-          for (int k = 0; k < 3; ++k) reach += std::pow(axes[k][axis] * shape.deviations[k], 2);
-          const double out = std::abs(centroid[axis] - center[axis]) + std::sqrt(12 * reach) - half;
-          largest = std::max(largest, out / 2);
-        }
+        const Splat& splat = contents.splats[r][index_in_file[i]];
+        const double mean = splat.value.mean + contents.volume->info().attributes[0].offset;
+        EXPECT_GE(mean, summary.min - 1e-5);
+        EXPECT_LE(mean, summary.max + 1e-5);
+        largest = std::max(largest, moments_size(splat, center, half));
       }
       if (largest == 0) continue;
       const double bound = format::size_bound(merged.tree.size_code_at(node, 1, r), cube.edge);
@@ -705,10 +712,10 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
   EXPECT_GT(tightest, 0.95);
 }
 
-TEST(BuildIndex, SummariesCoverWhatTheMaterialTakes) {
+TEST(BuildIndex, SummariesCoverTheValuesOfTheMaterial) {
   const test::Mesh mesh = test::jittered(12, 0.3);
   const Merged merged(mesh_piece(mesh, [](dvec3 p) { return p.x > 0.5 ? 10 : std::floor(4 * p.y); }));
-  // Values at random places of the cells, by the vertex that owns the place.
+  // Values at random positions in the cells, by the vertex that owns the position.
   std::map<std::tuple<double, double, double>, std::size_t> index_of;
   for (std::size_t i = 0; i < merged.points.size(); ++i) {
     const dvec3& p = merged.points.positions[i];
@@ -731,7 +738,7 @@ TEST(BuildIndex, SummariesCoverWhatTheMaterialTakes) {
       }
       taken[corners[static_cast<std::size_t>(std::ranges::max_element(share) - share.begin())]].push_back(value);
     }
-  walk(merged, [&](std::size_t node, std::size_t begin, std::size_t end, int) {
+  walk(merged.tree, merged.points.keys, [&](std::size_t node, std::size_t begin, std::size_t end, int) {
     const format::ValueSummary& summary = merged.tree.summaries[node];
     for (std::size_t i = begin; i < end; ++i)
       for (const double value : taken[i]) {
@@ -742,64 +749,76 @@ TEST(BuildIndex, SummariesCoverWhatTheMaterialTakes) {
   });
 }
 
-// Brute force over nodes: counts, size bounds and first_resolution against their definitions.
+// The points of a node, in Morton order.
+struct NodePoints {
+  std::size_t begin, end;
+  int depth;
+};
+
+// A point set and its resolutions. Counts, size bounds and first_resolution follow by brute force.
+struct BruteForce {
+  test::WholePoints whole;
+  std::vector<test::Resolution> resolutions;
+  std::vector<std::uint8_t> segments;
+
+  explicit BruteForce(const std::vector<dvec3>& positions) {
+    PieceSource source({scattered(positions)});
+    whole = *test::read_points(source);
+    resolutions = test::reduce_by_octree(whole.points.keys, whole.points.positions, whole.summary.cube, 8);
+    segments = test::find_segments(resolutions);
+  }
+
+  [[nodiscard]] auto count(const NodePoints& node, std::size_t r) const {
+    const auto at = [&](std::size_t i) { return segments.begin() + static_cast<std::ptrdiff_t>(i); };
+    return static_cast<std::uint64_t>(std::count(at(node.begin), at(node.end), static_cast<std::uint8_t>(r)));
+  }
+
+  // Size of the largest octant splat whose point lies in the node.
+  [[nodiscard]] double largest_size(const NodePoints& node, std::size_t r) const {
+    const test::Resolution& resolution = resolutions[r];
+    double largest = 0;
+    for (std::size_t m = 0; m < resolution.size(); ++m)
+      if (resolution.members[m] >= node.begin && resolution.members[m] < node.end)
+        largest = std::max(largest, std::ldexp(1.0, -resolution.depths[m]) / std::cbrt(resolution.counts[m]));
+    return largest;
+  }
+
+  // Whether a cluster of resolution r - 1, which is a leaf over resolution r, crosses the node's border: it is larger
+  // than the node and has a point in common with it.
+  [[nodiscard]] bool is_crossed(const NodePoints& node, std::size_t r) const {
+    const std::vector<MortonKey>& keys = whole.points.keys;
+    const test::Resolution& resolution = resolutions[r];
+    for (std::size_t m = 0; m < resolution.size(); ++m)
+      if (resolution.depths[m] < node.depth &&
+          common_depth(keys[resolution.members[m]], keys[node.begin]) >= resolution.depths[m])
+        return true;
+    return false;
+  }
+};
+
 TEST(BuildIndex, EveryNodeTellsTheTruth) {
   auto positions = random_points(6000);
   for (std::size_t i = 0; i < 3000; ++i) positions[i] = dvec3(0.7) + 1e-4 * positions[i];
-  PieceSource source({scattered(positions)});
-  const test::WholePoints whole = *test::read_points(source);
-  const PointBatch& points = whole.points;
-  const auto resolutions = test::reduce_by_octree(points.keys, points.positions, whole.summary.cube, 8);
-  const auto segments = test::find_segments(resolutions);
+  const BruteForce expected(positions);
   const test::Tree tree = build_index(scattered(positions));
-
-  struct Cell {
-    std::size_t begin, end;
-    int depth;
-  };
-  std::size_t next_node = 0;
-  const auto check = [&](const auto& self, Cell cell) -> void {
-    const std::size_t node = next_node++;
-    const std::size_t last = resolutions.size() - 1;
-    for (std::size_t r = 0; r <= last; ++r) {
-      std::uint64_t count = 0;
-      double largest = 0;
-      bool crosses = false;
-      for (std::size_t i = cell.begin; i < cell.end; ++i) count += segments[i] == r;
-      ASSERT_EQ(tree.counts_of(node)[r], count);
-      for (std::size_t m = 0; m < resolutions[r].size(); ++m) {
-        const std::uint64_t i = resolutions[r].members[m];
-        const bool inside = i >= cell.begin && i < cell.end;
-        if (inside)
-          largest = std::max(largest, std::ldexp(1.0, -resolutions[r].depths[m]) / std::cbrt(resolutions[r].counts[m]));
-        // Cluster of resolution r - 1: the leaf over resolution r; it crosses the border if it is larger than the cell
-        // and has a point in common with it.
-        if (r > 0 && resolutions[r].depths[m] < cell.depth &&
-            common_depth(points.keys[i], points.keys[cell.begin]) >= resolutions[r].depths[m])
-          crosses = true;
-      }
+  walk(tree, expected.whole.points.keys, [&](std::size_t node, std::size_t begin, std::size_t end, int depth) {
+    const NodePoints points{begin, end, depth};
+    for (std::size_t r = 0; r < expected.resolutions.size(); ++r) {
+      ASSERT_EQ(tree.counts_of(node)[r], expected.count(points, r));
+      const double largest = expected.largest_size(points, r);
       if (largest > 0 && r >= tree.first_resolutions[node]) {
         EXPECT_GE(format::size_bound(tree.size_code_at(node, 0, r), 1.0), largest * (1 - 1e-12));
         EXPECT_LE(format::size_bound(tree.size_code_at(node, 0, r), 1.0), largest * 1.1);
       }
       if (r > 0) {
-        EXPECT_EQ(crosses, tree.first_resolutions[node] >= r) << "resolution " << r << " depth " << cell.depth;
+        EXPECT_EQ(expected.is_crossed(points, r), tree.first_resolutions[node] >= r)
+            << "resolution " << r << " depth " << depth;
       }
     }
-    for (std::size_t begin = cell.begin; tree.child_masks[node] != 0 && begin < cell.end;) {
-      std::size_t end = begin;
-      while (end < cell.end && octant_at(points.keys[end], cell.depth) == octant_at(points.keys[begin], cell.depth))
-        ++end;
-      ASSERT_NE(tree.child_masks[node] & 1 << octant_at(points.keys[begin], cell.depth), 0);
-      self(self, {begin, end, cell.depth + 1});
-      begin = end;
-    }
     if (tree.child_masks[node] == 0) {
-      EXPECT_LE(cell.end - cell.begin, 300u);
+      EXPECT_LE(end - begin, 300u);
     }
-  };
-  check(check, {0, points.size(), 0});
-  EXPECT_EQ(next_node, tree.size());
+  });
 }
 
 constexpr std::array all_reductions = {Reduction::octree, Reduction::mis, Reduction::kdtree};
@@ -811,9 +830,9 @@ BuildOptions reduced_by(Reduction method) {
   return options;
 }
 
-// The masses of a node's splats are the same at each resolution at which it may be drawn, so no cluster crosses its
-// border, and any valid cut has the mass of the whole. Masses in the file are within 2^(1/256), which is 0.28 %.
-// Returns how many nodes may be drawn at more than one.
+// A node's splats have the same mass at each resolution at which it may be drawn: no cluster crosses its border, and
+// any valid cut has the mass of the whole. Masses in the file are within 2^(1/256), which is 0.28 %. Returns the number
+// of nodes that may be drawn at more than one resolution.
 std::size_t expect_nodes_keep_their_mass(const Contents& contents) {
   const test::Tree tree = *test::read_tree(*contents.volume, 0);
   const std::size_t resolutions = contents.splats.size();
@@ -874,7 +893,7 @@ TEST(BuildReductions, HardDistributionsWork) {
       EXPECT_EQ(contents.positions.size(), count);
       const std::vector<std::uint64_t>& counts = report->resolution_counts;
       EXPECT_LE(counts.front(), 512u);
-      // Of a block of 2 k + 1 points on a line an independent set may have k + 1.
+      // An independent set of 2 k + 1 points on a line may have k + 1 points.
       for (std::size_t r = 0; r + 1 < counts.size(); ++r) EXPECT_LT(19 * counts[r], 10 * counts[r + 1]);
       expect_nodes_keep_their_mass(contents);
       if (HasFatalFailure()) return;

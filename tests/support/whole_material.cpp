@@ -7,7 +7,7 @@
 namespace splatvol::test {
 namespace {
 
-// Of each of `finer`'s leaves, the members' moments about the one that stays: `kept`.
+// Adds up the moments of each leaf's members about the one that stays. `kept`: the ones that stay, leaf by leaf.
 template <class Moments>
 std::vector<Moments> merge_leaves(const std::vector<Moments>& moments, std::span<const dvec3> positions,
                                   const Resolution& finer, std::span<const std::uint64_t> kept) {
@@ -49,12 +49,12 @@ std::vector<Material> merge_clusters(std::span<const dvec3> positions, std::span
   return materials;
 }
 
-std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
-                                const Material& material) {
-  std::vector<SplatRow> splats;
+std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
+                                   const Material& material) {
+  std::vector<StoredSplat> splats;
   for (std::size_t m = 0; m < resolution.size(); ++m) {
-    SplatRow& splat = splats.emplace_back(
-        make_splat_row(positions[resolution.members[m]], 0, material.moments[m], material.plane(m)));
+    StoredSplat& splat = splats.emplace_back(
+        make_stored_splat(positions[resolution.members[m]], 0, material.moments[m], material.plane(m)));
     splat.number = m;
     splat.depth = resolution.depths[m];
     splat.count = resolution.counts[m];
@@ -62,10 +62,9 @@ std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resoluti
   return splats;
 }
 
-// From fine to coarse: a splat looks where its parts are.
-void fit_finest_densities(std::span<SplatRow> splats) {
-  std::vector<PlacedShape> shapes;
-  for (const SplatRow& splat : splats) shapes.push_back({splat.centroid, splat.shape});
+void fit_finest_densities(std::span<StoredSplat> splats) {
+  std::vector<FittedSplat> shapes;
+  for (const StoredSplat& splat : splats) shapes.push_back({splat.centroid, splat.shape});
   fit_densities(shapes);
   for (std::size_t m = 0; m < shapes.size(); ++m) splats[m].shape.density = shapes[m].shape.density;
 }

@@ -1,4 +1,4 @@
-// The material of points and of the clusters that coarser resolutions draw in their place, all in memory: an oracle.
+// The material of points, and of the clusters that coarser resolutions draw instead, all in memory: an oracle.
 #pragma once
 
 #include <cstdint>
@@ -6,18 +6,18 @@
 #include <vector>
 
 #include "builder/mesh/boundary.h"
-#include "builder/reduction/batch_reduction.h"
 #include "builder/mesh/moments.h"
-#include "builder/output/splat_rows.h"
+#include "builder/output/stored_splat.h"
+#include "builder/points/point_batch.h"
 #include "tests/support/whole_reduction.h"
 
 namespace splatvol::test {
 
-/// What the points of a resolution stand for: a part of the volume each, and the values in it.
+/// The material of the points of a resolution.
 struct Material {
   std::vector<SpatialMoments> moments;                   // [member]
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][member]
-  std::vector<BoundaryPlane> planes;                     // [member]; empty where the material has no known boundary
+  std::vector<BoundaryPlane> planes;                     // [member]; empty if no boundary is known
 
   [[nodiscard]] BoundaryPlane plane(std::size_t member) const {
     return planes.empty() ? BoundaryPlane{} : planes[member];
@@ -26,16 +26,16 @@ struct Material {
 
 [[nodiscard]] Material material_of(const PointBatch& points);
 
-/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer one.
-/// `finest` is of all points. Resolutions from coarse to fine, as the result.
+/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer
+/// resolution. `finest`: the material of all points. Resolutions and materials go from coarse to fine.
 [[nodiscard]] std::vector<Material> merge_clusters(std::span<const dvec3> positions,
                                                    std::span<const Resolution> resolutions, Material finest);
 
-/// A resolution's splats: centroid, shape, number and octant. Densities are 1.
-[[nodiscard]] std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
-                                              const Material& material);
+/// Makes a resolution's splats: centroid, shape, number and octant. Densities are 1.
+[[nodiscard]] std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
+                                                 const Material& material);
 
 /// Fits the densities of the finest resolution's splats.
-void fit_finest_densities(std::span<SplatRow> splats);
+void fit_finest_densities(std::span<StoredSplat> splats);
 
 }  // namespace splatvol::test

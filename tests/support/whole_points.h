@@ -4,14 +4,15 @@
 #include <cstdint>
 
 #include "base/error.h"
-#include "builder/reduction/batch_reduction.h"
-#include "builder/points/point_stream.h"
+#include "builder/points/input_summary.h"
+#include "builder/points/point_batch.h"
+#include "builder/sources/source.h"
 
 namespace splatvol::test {
 
 struct WholePoints {
   InputSummary summary;
-  PointBatch points;  // in Morton order, equal samples merged, without cells; no material where the input has none
+  PointBatch points;  // in Morton order, copies of vertices merged; no material if the input has none
 };
 
 /// Reads a source through PointStream, which may hold `memory` bytes.

@@ -1,4 +1,4 @@
-// Coarser and coarser subsets of a point set by their definition, all in memory: an oracle for the cascade.
+// Resolutions of a point set by their definition, all in memory: an oracle for the cascade.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace splatvol::test {
 
-/// A resolution: some of the points, in Morton order, and the leaves of the octree over them.
+/// Some of the points, in Morton order, and the leaves of the octree over them.
 struct Resolution {
   std::vector<std::uint64_t> members;  // indices of points
   std::vector<std::uint8_t> depths;    // [member]: of its leaf
@@ -21,23 +21,23 @@ struct Resolution {
   [[nodiscard]] std::size_t size() const { return members.size(); }
 };
 
-/// Visits the octree over keys [begin, end) in depth-first order. Cells with more than `leaf_points` of them are split,
-/// down to the finest.
-using CellVisitor = std::function<void(std::size_t begin, std::size_t end, int depth, bool leaf)>;
-void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const CellVisitor& visit);
+/// Visits the nodes of the octree over ascending keys in depth-first order. Nodes with more than `leaf_points` keys are
+/// split, down to the finest.
+using NodeVisitor = std::function<void(std::size_t begin, std::size_t end, int depth, bool leaf)>;
+void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const NodeVisitor& visit);
 
-/// Resolutions from the coarsest (index 0) to all points. Of each leaf of one resolution the point nearest to the
-/// leaf's centre goes on to the next coarser one (ties: the earlier in Morton order), until at most 512 points are left
-/// or there are 64 resolutions. Requires keys in ascending order; both spans of one length, not empty. Leaf k of a
-/// resolution keeps member k of the next coarser one.
+/// Reduces points to resolutions, from the coarsest (index 0) to all points. Of each leaf of one resolution the point
+/// nearest to the leaf's centre goes on to the next coarser resolution (ties: the earlier in Morton order), until at
+/// most 512 points are left or there are 64 resolutions. Leaf k of a resolution keeps member k of the next coarser one.
+/// Requires ascending keys, and spans of one length, not empty.
 [[nodiscard]] std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys,
                                                        std::span<const dvec3> positions, const Cube& cube,
                                                        std::uint32_t leaf_points);
 
-/// The coarsest resolution that each point belongs to: its segment.
+/// Finds the segment of each point: the coarsest resolution that it belongs to.
 [[nodiscard]] std::vector<std::uint8_t> find_segments(std::span<const Resolution> resolutions);
 
-/// Points in file order: by segment, then along the Morton curve.
+/// Indices of the points in file order: by segment, then along the Morton curve.
 [[nodiscard]] std::vector<std::uint64_t> file_order(std::span<const Resolution> resolutions);
 
 }  // namespace splatvol::test

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <random>
 
 #include "tests/builder/support/meshes.h"
@@ -32,38 +31,15 @@ double area_of(const std::vector<dvec3>& points, const std::vector<OuterFace>& f
   return sum;
 }
 
-// By the divergence theorem what a surface encloses; that it is the mesh's volume says that every face looks outwards.
+// The volume that a surface encloses, by the divergence theorem. It equals the mesh's volume only if every face looks
+// outwards.
 double enclosed(const std::vector<dvec3>& points, const std::vector<OuterFace>& faces) {
   double sum = 0;
   for (const OuterFace& face : faces) sum += glm::dot(points[face.corners[0]] - points[0], area_of(points, face)) / 3;
   return sum;
 }
 
-std::vector<std::uint64_t> identity(std::size_t count) {
-  std::vector<std::uint64_t> places(count);
-  std::iota(places.begin(), places.end(), std::uint64_t{0});
-  return places;
-}
-
-// Both meshes' outer faces, joined where points coincide.
-std::vector<OuterFace> join(const Mesh& first, const Mesh& second, std::vector<dvec3>& points) {
-  std::vector<OuterFace> faces = faces_of(first);
-  for (OuterFace face : faces_of(second)) {
-    for (std::uint64_t& corner : face.corners) corner += first.points.size();
-    faces.push_back(face);
-  }
-  points = first.points;
-  std::vector<std::uint64_t> places = identity(points.size());
-  for (const dvec3& p : second.points) {
-    const auto found = std::ranges::find(points, p);
-    places.push_back(static_cast<std::uint64_t>(found - points.begin()));
-    if (found == points.end()) points.push_back(p);
-  }
-  join_outer_faces(faces, places);
-  return faces;
-}
-
-// How many of the cube's faces a lattice's point lies on, and the sum of their normals.
+// The number of the cube's faces that a lattice point lies on, and the sum of their normals.
 int borders(dvec3 p, dvec3& normals) {
   normals = dvec3(0);
   int count = 0;
@@ -79,7 +55,7 @@ SymmetricMatrix add_square(SymmetricMatrix s, const dvec3& d) {
   return {s.xx + d.x * d.x, s.yy + d.y * d.y, s.zz + d.z * d.z, s.xy + d.x * d.y, s.xz + d.x * d.z, s.yz + d.y * d.z};
 }
 
-// The foot in the world, from the centroid.
+// The foot in world space, relative to the centroid.
 dvec3 foot_of(const dvec3& boundary, const format::SplatShape& shape) {
   return glm::mat3_cast(shape.orientation) * (shape.deviations * boundary);
 }
@@ -138,19 +114,14 @@ TEST(OuterFaces, AreThereForEachOfSeparateTetrahedra) {
 }
 
 TEST(OuterFaces, DoNotDependOnTheNumberOfThreadsNorTheOrderOfTheMesh) {
-  Mesh mesh = test::jittered(20, 0.2);  // several blocks of vertices
-  const auto sorted_faces = [&] {
-    std::vector<OuterFace> faces = faces_of(mesh);
-    join_outer_faces(faces, identity(mesh.points.size()));
-    return boundary_planes(mesh.points, faces);
-  };
-  const std::vector<BoundaryPlane> planes = sorted_faces();
+  Mesh mesh = test::jittered(20, 0.2);  // vertices for several tasks
+  const std::vector<BoundaryPlane> planes = planes_of(mesh);
   {
     const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-    expect_same(planes, sorted_faces());
+    expect_same(planes, planes_of(mesh));
   }
   std::ranges::shuffle(mesh.tetrahedra, std::mt19937(3));
-  const std::vector<BoundaryPlane> shuffled = sorted_faces();
+  const std::vector<BoundaryPlane> shuffled = planes_of(mesh);
   for (std::size_t i = 0; i < planes.size(); ++i)
     EXPECT_NEAR(glm::distance(planes[i].area, shuffled[i].area), 0, 1e-17);
 }
@@ -169,7 +140,7 @@ TEST(OuterFaces, OfCellsThatNameACornerTwiceAreNone) {
   EXPECT_TRUE(find_outer_faces({}, {}).empty());
 }
 
-// A square, seen from its flat tetrahedron: two faces on each diagonal.
+// A square as a flat tetrahedron: it has two faces on each diagonal.
 constexpr Tetrahedron flat_square = {0, 1, 2, 3};
 const std::vector<dvec3> pyramids = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0.5, -1}, {0.5, 0.5, 1}};
 
@@ -180,14 +151,15 @@ TEST(OuterFaces, PassThroughAFlatCellInside) {
   EXPECT_NEAR(enclosed(mesh.points, faces), 2.0 / 3, 1e-15);
 }
 
-// What lies behind it tells which side of a flat cell is outside, whichever way its corners and its neighbours' run,
-// and through a second flat cell.
+// The cells behind a flat cell decide which of its sides is outside. The order of its corners and its neighbours'
+// corners does not matter, and a second flat cell between may pass the decision on.
 TEST(OuterFaces, OfAFlatCellTakeTheirSideFromNeighbours) {
   for (const bool twice : {false, true}) {
     Tetrahedron flat = flat_square;
     do {
       Mesh mesh{pyramids, {flat, {1, 0, 2, 4}, {0, 2, 3, 4}}};
-      // Flat on flat changes the diagonal back: the vertex at the square's middle makes them differ.
+      // The vertex at the square's middle makes the two flat cells differ. Else the second would only change the
+      // diagonal back.
       mesh.points[5] = {0.5, 0.5, 0};
       if (twice) mesh.tetrahedra.insert(mesh.tetrahedra.begin(), {5, 3, 0, 1});
       const std::vector<OuterFace> faces = faces_of(mesh);
@@ -206,35 +178,7 @@ TEST(OuterFaces, OfFlatCellsAloneHaveNoSide) {
   for (const BoundaryPlane& plane : planes_of(mesh)) EXPECT_EQ(plane.area, dvec3(0));
 }
 
-TEST(OuterFaces, VanishBetweenPieces) {
-  const Mesh left = test::lattice(3), right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
-  std::vector<dvec3> points;
-  const std::vector<OuterFace> faces = join(left, right, points);
-  EXPECT_EQ(points.size(), 4u * 4 * 7);
-  EXPECT_EQ(faces.size(), 10u * 3 * 3 * 2);
-  EXPECT_NEAR(area_of(points, faces), 10, 1e-13);
-  EXPECT_NEAR(enclosed(points, faces), 2, 1e-14);
-  const std::vector<BoundaryPlane> planes = boundary_planes(points, faces);
-  for (std::size_t i = 0; i < points.size(); ++i)
-    if (points[i].x == 1 && points[i].y > 0 && points[i].y < 1 && points[i].z > 0 && points[i].z < 1) {
-      EXPECT_EQ(planes[i].area, dvec3(0));
-    }
-}
-
-// A flat cell of one piece lies between the other one's cells and its own.
-TEST(OuterFaces, VanishBehindAFlatCellOfAnotherPiece) {
-  const Mesh below{{pyramids[0], pyramids[1], pyramids[2], pyramids[3], pyramids[4]},
-                   {{0, 1, 2, 4}, {0, 2, 3, 4}, flat_square}};
-  const Mesh above{{pyramids[0], pyramids[1], pyramids[2], pyramids[3], pyramids[5]}, {{0, 1, 3, 4}, {1, 2, 3, 4}}};
-  std::vector<dvec3> points;
-  for (const bool below_first : {false, true}) {
-    const std::vector<OuterFace> faces = below_first ? join(below, above, points) : join(above, below, points);
-    EXPECT_EQ(faces.size(), 8u);
-    EXPECT_NEAR(enclosed(points, faces), 2.0 / 3, 1e-15);
-  }
-}
-
-TEST(OuterFaces, OnBothSidesOfASlitStayUntilItsPointsAreOne) {
+TEST(OuterFaces, LieOnBothSidesOfASlit) {
   const Mesh left = test::lattice(2), right = test::lattice(2, [](dvec3 p) { return p + dvec3(1, 0, 0); });
   Mesh slit = left;
   for (Tetrahedron corners : right.tetrahedra) {
@@ -242,24 +186,13 @@ TEST(OuterFaces, OnBothSidesOfASlitStayUntilItsPointsAreOne) {
     slit.tetrahedra.push_back(corners);
   }
   slit.points.insert(slit.points.end(), right.points.begin(), right.points.end());
-  std::vector<OuterFace> faces = faces_of(slit);
+  const std::vector<OuterFace> faces = faces_of(slit);
   EXPECT_NEAR(area_of(slit.points, faces), 12, 1e-13);
   EXPECT_NEAR(enclosed(slit.points, faces), 2, 1e-14);
-
-  std::vector<std::uint64_t> places = identity(slit.points.size());
-  for (std::size_t i = 0; i < places.size(); ++i)
-    places[i] = static_cast<std::uint64_t>(std::ranges::find(slit.points, slit.points[i]) - slit.points.begin());
-  join_outer_faces(faces, places);
-  EXPECT_NEAR(area_of(slit.points, faces), 10, 1e-13);
 }
 
-TEST(OuterFaces, ThatCollapseVanish) {
-  std::vector<OuterFace> faces = faces_of({pyramids, {{0, 1, 2, 4}}});
-  join_outer_faces(faces, std::vector<std::uint64_t>{0, 0, 2, 3, 4});
-  EXPECT_TRUE(faces.empty());  // two name a corner twice, two coincide
-}
-
-// A lattice's points: none inside, the face's within a face, one of the faces' at edges and corners.
+// A lattice point has no plane inside, the face's plane within a face, and one of the faces' planes at edges and
+// corners.
 TEST(BoundaryPlanes, OfALattice) {
   constexpr std::uint32_t cells = 4;
   for (const double scale : {1e-6, 1.0, 1e6})
@@ -267,7 +200,7 @@ TEST(BoundaryPlanes, OfALattice) {
       const Mesh unit = test::lattice(cells);
       const Mesh mesh = test::lattice(cells, [&](dvec3 p) { return origin + scale * p; });
       const std::vector<BoundaryPlane> planes = planes_of(mesh);
-      const double tolerance = origin == dvec3(0) ? 1e-15 : 1e-8;  // rounding of 10^7
+      const double tolerance = origin == dvec3(0) ? 1e-15 : 1e-8;  // coordinates of 10^7 are rounded
       for (std::size_t i = 0; i < planes.size(); ++i) {
         dvec3 normals;
         const int count = borders(unit.points[i], normals);
@@ -286,22 +219,23 @@ TEST(BoundaryPlanes, OfALattice) {
     }
 }
 
-// On a lattice, cell and reflected cell together are those of a point inside.
+// On a lattice, a border point's cell and its mirror image have the moments of an inner point's cell together.
 TEST(BoundaryFoot, ReflectedMaterialEqualsAFullCells) {
   const Mesh unit = test::lattice(4);
   for (const dvec3& stretch : {dvec3(1), dvec3(1, 1, 1e-4), dvec3(1e-4, 1e-4, 1)})
     for (const double scale : {1e-6, 1.0, 1e6})
       for (const double distance : {0.0, 1e7}) {
-        // Turned, so that no axis is special.
+        // The mesh is turned, so that no axis is special.
         const dmat3 turn = glm::mat3_cast(glm::normalize(glm::dquat(0.3, -0.5, 0.7, 0.2)));
-        // The longest cell's edge is `scale`; distances from the origin count in shortest ones, lest nothing be left.
+        // The longest edge of a cell is `scale`. Distances from the origin count in shortest edges, so that rounding
+        // does not destroy the cells.
         const double shortest = scale * std::min({stretch.x, stretch.y, stretch.z});
         const dvec3 origin = distance * shortest * dvec3(1, -1, 0.5);
         const Mesh mesh = test::lattice(4, [&](dvec3 p) { return origin + turn * (scale * stretch * p); });
         const std::vector<BoundaryPlane> planes = planes_of(mesh);
         const std::vector<SpatialMoments> moments = test::moments_of(mesh);
         const SpatialMoments& full = moments[2 * 25 + 2 * 5 + 2];
-        // Places are rounded to 1e-16 of the distance from the origin, that is of the shortest edge to 1e-8.
+        // Positions are rounded to 1e-16 of the distance from the origin, which is 1e-8 of the shortest edge.
         const double tolerance = distance > 0 ? 1e-6 : 1e-9;
         for (std::size_t i = 0; i < planes.size(); ++i) {
           dvec3 normals;
@@ -311,7 +245,7 @@ TEST(BoundaryFoot, ReflectedMaterialEqualsAFullCells) {
             EXPECT_EQ(foot, dvec3(0));
           }
           if (count != 1) continue;
-          // In the unit lattice, where rounding is of one size.
+          // Compares in the unit lattice, where rounding has one size.
           const dvec3 back = glm::transpose(turn) * foot / (scale * stretch);
           const auto shrink = [&](const SymmetricMatrix& s) {
             const dmat3 matrix(s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz);
@@ -326,7 +260,7 @@ TEST(BoundaryFoot, ReflectedMaterialEqualsAFullCells) {
       }
 }
 
-// A uniform slab on the plane, at any stretch: the foot is sqrt(3) deviations from the centroid, straight out.
+// A uniform slab at the plane, stretched in any way: the foot is sqrt(3) deviations from the centroid, straight out.
 TEST(BoundaryFoot, OfASlabIsAtSqrt3WhateverItsShape) {
   for (const double thickness : {1e-5, 1e-4, 1.0, 1e4, 1e5}) {
     const SpatialMoments moments{.mass = 1,
@@ -336,14 +270,15 @@ TEST(BoundaryFoot, OfASlabIsAtSqrt3WhateverItsShape) {
     const dvec3 foot = boundary_foot({{0, 0, 3}, 0}, moments, shape);
     EXPECT_NEAR(glm::length(foot), std::sqrt(3.0), 1e-10);
     EXPECT_NEAR(foot_of(foot, shape).z, thickness / 2, 1e-10 * thickness);
-    // The same, described from another point.
+    // The same slab, relative to another point.
     SpatialMoments elsewhere = moments;
     elsewhere.centroid += dvec3(1, 2, 3) * thickness;
     EXPECT_NEAR(glm::distance(boundary_foot({{0, 0, 3}, 9 * thickness}, elsewhere, shape), foot), 0, 1e-10);
   }
 }
 
-// Against the definition, in matrices: the foot from the centroid is S n d / (n^T S n); on the plane, and under 4.
+// Compares with the definition, in matrices: the foot relative to the centroid is S n d / (n^T S n). It lies on the
+// plane, and its length is below 4.
 TEST(BoundaryFoot, IsWhereThePlaneIsNearestInTheMetricOfTheMaterial) {
   std::mt19937_64 random(9);
   std::uniform_real_distribution<double> uniform(-1, 1);
@@ -380,7 +315,7 @@ TEST(BoundaryFoot, IsNoneWhereThereIsNothingToReflect) {
   EXPECT_NE(boundary_foot({{0, 0, 1}, 0}, slab, shape_of(slab)), dvec3(0));
   EXPECT_EQ(boundary_foot({}, slab, shape_of(slab)), dvec3(0));
   EXPECT_EQ(boundary_foot({{0, 0, -1}, 0}, slab, shape_of(slab)), dvec3(0));    // material beyond the plane
-  EXPECT_EQ(boundary_foot({{0, 0, 1}, 1}, slab, shape_of(slab)), dvec3(0));     // far away: 27 deviations' square
+  EXPECT_EQ(boundary_foot({{0, 0, 1}, 1}, slab, shape_of(slab)), dvec3(0));     // far away: its square is 27
   EXPECT_EQ(boundary_foot({{0, 0, 1}, -0.5}, slab, shape_of(slab)), dvec3(0));  // through the middle
   const SpatialMoments sheet{.mass = 1, .centroid = {0, 0, -0.5}, .covariance = {.xx = 1, .yy = 1}};
   EXPECT_EQ(boundary_foot({{0, 0, 1}, 0}, sheet, shape_of(sheet)), dvec3(0));
@@ -390,9 +325,9 @@ TEST(BoundaryFoot, IsNoneWhereThereIsNothingToReflect) {
   EXPECT_EQ(boundary_foot({{0, 0, 1}, 1}, point, shape_of(point)), dvec3(0));
 }
 
-// A sector of a disc is reflected up to 210 degrees, not where it goes round a corner.
+// A sector of a disc is mirrored up to 210 degrees, and is not if it goes far round a corner.
 TEST(BoundaryFoot, IsNoneForMaterialOnBothSides) {
-  // Round the direction -x, in closed form; thickness 1 along z.
+  // A sector round the direction -x, of thickness 1 along z, in closed form.
   const auto foot_length = [](double degrees) {
     const double half = degrees * std::acos(-1.0) / 360;
     const double mean = -2 * std::sin(half) / (3 * half);
@@ -406,18 +341,19 @@ TEST(BoundaryFoot, IsNoneForMaterialOnBothSides) {
   for (const double degrees : {240, 270, 300}) EXPECT_EQ(foot_length(degrees), 0) << degrees;
 }
 
-// Of height 1, from its apex at the origin downwards: the plane that touches the apex is 15 variances away, the base
-// 5/3.
+// A cone of height 1, from its apex at the origin downwards. The square of the distance in deviations is 15 for the
+// plane that touches the apex, and 5/3 for the base.
 TEST(BoundaryFoot, OfAConeIsAtItsBaseNotAtItsApex) {
   const SpatialMoments cone{.mass = 1, .centroid = {0, 0, -0.75}, .covariance = {0.15, 0.15, 3.0 / 80}};
   EXPECT_EQ(boundary_foot({{0, 0, 1}, 0}, cone, shape_of(cone)), dvec3(0));
   EXPECT_NEAR(glm::length(boundary_foot({{0, 0, -1}, 1}, cone, shape_of(cone))), std::sqrt(5.0 / 3), 1e-14);
 }
 
-// A ball of tetrahedra: every surface vertex has a plane, which looks outwards within the faces' own turn.
+// A ball of tetrahedra: every surface vertex has a plane. It looks outwards, up to the angle between neighbouring
+// faces.
 TEST(BoundaryPlanes, OfABallLookOutwards) {
   constexpr std::uint32_t cells = 12;
-  // Shells of cubes become shells of spheres.
+  // Turns shells of cubes into shells of spheres.
   const Mesh mesh = test::lattice(cells, [](dvec3 p) {
     const dvec3 c = 2.0 * p - 1.0;
     const double shell = std::max({std::abs(c.x), std::abs(c.y), std::abs(c.z)});
@@ -435,15 +371,15 @@ TEST(BoundaryPlanes, OfABallLookOutwards) {
     ASSERT_EQ(planes[i].area != dvec3(0), outer);
     if (!outer) continue;
     ++surface;
-    // A face spans at most 2/12 sqrt(2) of a right angle's tangent; so far may a normal be from the vertex's direction.
+    // A face spans at most a tangent of 2/12 sqrt(2), and a normal may be that far from the vertex's direction.
     EXPECT_GT(glm::dot(glm::normalize(planes[i].area), mesh.points[i]), 0.97);
     sum += planes[i].area;
     total += glm::length(planes[i].area);
     const dvec3 foot = foot_of(planes[i], moments[i]);
     if (foot != dvec3(0)) ++feet;
   }
-  EXPECT_GE(feet, surface - 8);             // at the cube's corners a vertex may own too little
-  EXPECT_NEAR(glm::length(sum), 0, 1e-12);  // closed, and no face lost to another group
+  EXPECT_GE(feet, surface - 8);             // a vertex at a corner of the cube may own too little
+  EXPECT_NEAR(glm::length(sum), 0, 1e-12);  // the surface is closed, and no group loses a face to another
   EXPECT_NEAR(total, area_of(mesh.points, faces), 0.01 * total);
 }
 
@@ -459,7 +395,7 @@ TEST(BoundaryPlanes, OfFacesThatAreTooLargeTooSmallOrNotFiniteAreNone) {
 
 TEST(MergedPlanes, AreTheLargestGroupsSum) {
   const dvec3 up(0, 0, 1), right(1, 0, 0), tilted = glm::normalize(dvec3(0.3, 0, 1));
-  // Right has the largest member, up the largest sum.
+  // `right` has the largest member, `up` the largest sum.
   const std::vector<BoundaryPlane> members = {{2.0 * up, 0}, {3.0 * right, 0}, {}, {1.5 * tilted, 0}, {0.1 * right, 0}};
   const std::vector<dvec3> shifts = {{0, 0, 1}, {5, 0, 0}, {nan, nan, nan}, {0, 0, 2}, {0, 0, 0}};
   const BoundaryPlane merged = merge_planes(members, shifts);
@@ -469,7 +405,7 @@ TEST(MergedPlanes, AreTheLargestGroupsSum) {
   EXPECT_EQ(merge_planes(std::vector<BoundaryPlane>(3), std::vector<dvec3>(3)).area, dvec3(0));
 }
 
-// A flat face's planes merge into that face's plane, seen from anywhere, and in steps.
+// The planes on a flat face merge into the plane of the face: relative to any point, at once or in steps.
 TEST(MergedPlanes, OfAFlatFaceStayOnIt) {
   const Mesh mesh = test::lattice(4, [](dvec3 p) { return dvec3(p.x, p.y, p.z + 0.3 * p.x + 0.5 * p.y); });
   std::vector<BoundaryPlane> planes;
@@ -500,7 +436,7 @@ TEST(MergedPlanes, OfAFlatFaceStayOnIt) {
   EXPECT_NEAR(steps.offset, whole.offset, 1e-14);
 }
 
-// All of a cube as one cluster: one of its faces, as far from the centroid as a slab's.
+// If a whole cube is one cluster, its plane is one of the cube's faces, as far from the centroid as a slab's.
 TEST(MergedPlanes, OfACubeAreOneFaces) {
   const Mesh mesh = test::lattice(4);
   const std::vector<BoundaryPlane> planes = planes_of(mesh);

@@ -16,11 +16,11 @@ using test::Mesh;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-// Mass, mean and covariance of (x, y, z, v), the long way: sums of raw moments about the origin in extended precision.
+// Mass, mean and covariance of (x, y, z, v), computed the long way: raw moments about the origin in extended precision.
 using Real = long double;
 class RawMoments {
  public:
-  // A tetrahedron with a linear value: E[y y^T] = (sum y_i y_i^T + sum y_i sum y_j^T) / 20.
+  // Adds a tetrahedron with a linear value: E[y y^T] = (sum y_i y_i^T + sum y_i sum y_j^T) / 20.
   void add_tetrahedron(const std::array<std::array<Real, 4>, 4>& corners) {
     Real edges[3][3];
     for (int k = 0; k < 3; ++k)
@@ -65,8 +65,7 @@ std::array<Real, 4> middle(const std::vector<std::array<Real, 4>>& points) {
   return sum;
 }
 
-// The quarter of a tetrahedron where L0 is the largest: the six tetrahedra of its barycentric subdivision round corner
-// 0.
+// The quarter of a tetrahedron where L0 is the largest: six tetrahedra of its barycentric subdivision, round corner 0.
 RawMoments quarter(const std::array<std::array<Real, 4>, 4>& c, double& low, double& high) {
   RawMoments moments;
   low = std::numeric_limits<double>::infinity(), high = -low;
@@ -89,30 +88,30 @@ double covariance_of(const SymmetricMatrix& s, int i, int j) {
   return m[i][j];
 }
 
-// Relative to the standard deviations, and for means to `scale`.
-void expect_equal(const SpatialMoments& moments, const dvec3& place, const RawMoments& exact, double tolerance) {
+// The tolerance is relative to the standard deviations.
+void expect_equal(const SpatialMoments& moments, const dvec3& point, const RawMoments& exact, double tolerance) {
   EXPECT_NEAR(moments.mass / exact.mass(), 1, tolerance);
   for (int i = 0; i < 3; ++i) {
-    EXPECT_NEAR(place[i] + moments.centroid[i], exact.mean(i), tolerance * std::sqrt(exact.covariance(i, i)));
+    EXPECT_NEAR(point[i] + moments.centroid[i], exact.mean(i), tolerance * std::sqrt(exact.covariance(i, i)));
     for (int j = 0; j < 3; ++j)
       EXPECT_NEAR(covariance_of(moments.covariance, i, j), exact.covariance(i, j),
                   tolerance * std::sqrt(exact.covariance(i, i) * exact.covariance(j, j)));
   }
 }
 
-void expect_equal(const ValueMoments& moments, const dvec3& place, const RawMoments& exact, double tolerance) {
+void expect_equal(const ValueMoments& moments, const dvec3& point, const RawMoments& exact, double tolerance) {
   EXPECT_NEAR(moments.mass / exact.mass(), 1, tolerance);
   const double deviation = std::sqrt(exact.covariance(3, 3));
   EXPECT_NEAR(moments.mean, exact.mean(3), tolerance * deviation);
   EXPECT_NEAR(moments.variance, exact.covariance(3, 3), tolerance * deviation * deviation);
   for (int i = 0; i < 3; ++i) {
     const double spread = std::sqrt(exact.covariance(i, i));
-    EXPECT_NEAR(place[i] + moments.centroid[i], exact.mean(i), tolerance * spread);
+    EXPECT_NEAR(point[i] + moments.centroid[i], exact.mean(i), tolerance * spread);
     EXPECT_NEAR(moments.covariance[i], exact.covariance(i, 3), tolerance * spread * deviation);
   }
 }
 
-// S^-1 c, by way of what the file stores.
+// The gradient S^-1 c, from the numbers that the file stores.
 dvec3 gradient_of(const ValueMoments& value, const SpatialMoments& moments) {
   const format::SplatShape shape = shape_of(moments);
   const format::SplatValue splat = value_of(value, shape);
@@ -169,7 +168,7 @@ TEST(VertexMaterial, IsTheQuarterWhereTheVertexIsNearest) {
 }
 
 TEST(VertexMaterial, AddsUpToTheMesh) {
-  for (const double share : {0.0, 0.2, 0.45}) {  // the last inverts some
+  for (const double share : {0.0, 0.2, 0.45}) {  // the last inverts some tetrahedra
     const Mesh mesh = test::jittered(6, share);
     const auto values = test::sample(mesh, [](dvec3 p) { return std::sin(5 * p.x) + p.y * p.z; });
     const RawMoments exact = whole(mesh, values);
@@ -179,8 +178,8 @@ TEST(VertexMaterial, AddsUpToTheMesh) {
   }
 }
 
-// A linear field's gradient comes out of any mesh, at every vertex and in every cluster: S and c are sums over the same
-// pieces, and in each c = S g.
+// Any mesh gives a linear field's gradient g at every vertex and in every cluster: S and c are sums over the same
+// parts, and each part has c = S g.
 TEST(VertexMaterial, LinearFieldsHaveTheirExactGradient) {
   const dvec3 gradient(1, -2, 0.5);
   const glm::dquat turn = glm::normalize(glm::dquat(1, 0.3, -0.2, 0.7));
@@ -189,11 +188,12 @@ TEST(VertexMaterial, LinearFieldsHaveTheirExactGradient) {
     Mesh mesh;
     double tolerance;  // relative
   };
-  std::vector<Case> cases = {{"random tetrahedra", test::random_tetrahedra(200), 1e-6},  // some are as good as flat
-                             {"jittered", test::jittered(7, 0.3), 1e-12},
-                             {"aspect 1e4", test::jittered(7, 0.3), 1e-6},  // rounding 1e-16 times aspect squared
-                             {"tiny", test::jittered(4, 0.3), 1e-12},
-                             {"huge", test::jittered(4, 0.3), 1e-12}};
+  std::vector<Case> cases = {
+      {"random tetrahedra", test::random_tetrahedra(200), 1e-6},  // some are almost flat
+      {"jittered", test::jittered(7, 0.3), 1e-12},
+      {"aspect 1e4", test::jittered(7, 0.3), 1e-6},  // rounding of 1e-16 times the square of the aspect
+      {"tiny", test::jittered(4, 0.3), 1e-12},
+      {"huge", test::jittered(4, 0.3), 1e-12}};
   for (dvec3& p : cases[2].mesh.points) p = turn * (p * dvec3(1, 1, 1e-4));
   for (dvec3& p : cases[3].mesh.points) p *= 1e-60;
   for (dvec3& p : cases[4].mesh.points) p *= 1e60;
@@ -210,7 +210,7 @@ TEST(VertexMaterial, LinearFieldsHaveTheirExactGradient) {
   }
 }
 
-// Root mean square of the gradient's error over the inner vertices, at their centroids.
+// The root mean square of the gradient's error over the inner vertices, at their centroids.
 double gradient_error(std::uint32_t cells, double jitter) {
   const Mesh mesh = test::jittered(cells, jitter);
   const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.x - 2 * p.y * p.z + 0.5 * p.x * p.z; });
@@ -231,18 +231,18 @@ double gradient_error(std::uint32_t cells, double jitter) {
 }
 
 TEST(VertexMaterial, QuadraticFieldsHaveTheirGradientToFirstOrderAtLeast) {
-  // Linear interpolation leaves an error of the order of the spacing; where every vertex sees the same cells it
-  // cancels.
+  // Linear interpolation leaves an error of the order of the spacing. It cancels if all vertices have the same cells
+  // round them.
   EXPECT_LT(gradient_error(8, 0), 1e-12);
   const double coarse = gradient_error(8, 0.2), fine = gradient_error(16, 0.2), finest = gradient_error(32, 0.2);
   const double order = std::log2(coarse / finest) / 2;
   RecordProperty("order", std::to_string(order));
   EXPECT_GT(order, 0.95) << coarse << " " << fine << " " << finest;
-  EXPECT_LT(coarse, 0.1);  // of gradients of up to 2.8
+  EXPECT_LT(coarse, 0.1);  // gradients reach 2.8
 }
 
 TEST(VertexMaterial, KeepsItsShapeAtAnyPlaceAndScale) {
-  // Coordinates are multiples of 2^-20, so that moving them by 10^7 is exact: all that may change is rounding.
+  // Coordinates are multiples of 2^-20, so that a shift by 10^7 is exact. Only rounding may change.
   Mesh mesh = test::jittered(5, 0.3);
   for (dvec3& p : mesh.points) p = glm::round(p * 0x1p20) * 0x1p-20;
   const auto values = test::sample(mesh, [](dvec3 p) { return std::cos(3 * p.x) * p.y; });
@@ -284,7 +284,7 @@ TEST(VertexMaterial, OrientationDoesNotMatterAndFlatCellsGiveNothing) {
     std::swap(other.tetrahedra[t][0], other.tetrahedra[t][1]);
   other.tetrahedra.push_back({0, 0, 1, 2});  // collapsed
   other.points.push_back(mesh.points[0] + 2.0 * (mesh.points[1] - mesh.points[0]));
-  other.tetrahedra.push_back({0, 1, 5, static_cast<std::uint32_t>(mesh.points.size())});  // three on one line
+  other.tetrahedra.push_back({0, 1, 5, static_cast<std::uint32_t>(mesh.points.size())});  // three corners on one line
   const auto moments = test::moments_of(mesh);
   const auto other_moments = test::moments_of(other);
   EXPECT_LT(other_moments.back().mass, 1e-17);  // rounding
@@ -298,7 +298,7 @@ TEST(VertexMaterial, OneTetrahedronGivesEachVertexAQuarterOfTheVolume) {
   const auto moments = test::moments_of({points, tetrahedra});
   for (std::size_t i = 0; i < 4; ++i) EXPECT_DOUBLE_EQ(moments[i].mass, 0.25);
   EXPECT_DOUBLE_EQ(moments[0].centroid.z, 3 * 23.0 / 144);
-  // The fifth is in no cell.
+  // The fifth point is in no cell.
   EXPECT_EQ(moments[4].mass, 0);
   EXPECT_EQ(shape_of(moments[4]).deviations, dvec3(0));
   EXPECT_EQ(value_of({}, shape_of(moments[4])).coverage, 0);
@@ -376,7 +376,7 @@ TEST(VertexGradients, PointAlongTheFieldsGradientWhereNeighboursSurroundTheVerte
   for (std::size_t i = 1; i < gradients.size(); ++i) {
     const dvec3 direction = glm::normalize(gradients[i]);
     EXPECT_GT(glm::dot(direction, gradient), 0) << i;
-    // The edges of a lattice lie along (1, 1, 1) more than across: the formula is not exact.
+    // More edges of the lattice lie along (1, 1, 1) than across it, so the formula is not exact.
     const dvec3 p = mesh.points[i];
     if (glm::all(glm::lessThan(glm::abs(p - 0.5), dvec3(0.4)))) {
       EXPECT_GT(glm::dot(direction, gradient), 0.75) << i;
@@ -397,7 +397,7 @@ TEST(Merge, IsExactInAnyOrder) {
   std::iota(order.begin(), order.end(), 0u);
   for (int round = 0; round < 5; ++round) {
     std::ranges::shuffle(order, random);
-    // Two clusters about different points, one of them with nothing in it to begin with.
+    // Two clusters about different points; one of them has no material at first.
     SpatialMoments a, b;
     ValueMoments va, vb;
     const dvec3 pa = mesh.points[order[0]], pb = mesh.points[order[1]];
@@ -449,7 +449,8 @@ TEST(ShapeOf, FindsThePrincipalAxesAtEveryRatioAndScale) {
         EXPECT_EQ(shape.mass, 3);
         EXPECT_NEAR(glm::length(shape.orientation), 1, 1e-14);
         for (int k = 0; k < 3; ++k)
-          EXPECT_NEAR(shape.deviations[k] / deviations[k], 1, 1e-7);  // 1e-15 of the largest square: 1e-7 of 1e-8
+          EXPECT_NEAR(shape.deviations[k] / deviations[k], 1,
+                      1e-7);  // an error of 1e-15 in the largest square is 1e-7 of 1e-8
         EXPECT_GE(shape.deviations[0], shape.deviations[1]);
         EXPECT_GE(shape.deviations[1], shape.deviations[2]);
         const SymmetricMatrix back = compose(glm::mat3_cast(shape.orientation), shape.deviations);
@@ -463,7 +464,7 @@ TEST(ShapeOf, DegenerateMaterialHasDeviationsOfZero) {
   EXPECT_EQ(shape_of({1, {}, {}}).deviations, dvec3(0));
   EXPECT_EQ(shape_of({1, {}, {}}).orientation, glm::dquat(1, 0, 0, 0));
   EXPECT_EQ(shape_of({1, {}, {0, 4, 0, 0, 0, 0}}).deviations, dvec3(2, 0, 0));
-  // A line and a plane at an angle: what is left is rounding.
+  // A line and a plane that no axis is parallel to: the other deviations are rounding.
   const dvec3 line = shape_of({1, {}, {1, 4, 9, 2, 3, 6}}).deviations;
   EXPECT_NEAR(line.x, std::sqrt(14.0), 1e-14);
   EXPECT_LT(line.y, 1e-7);
@@ -490,7 +491,7 @@ TEST(ValueOf, LinearFieldsLeaveNoResidualAndConstantOnesNoDeviation) {
     EXPECT_EQ(flat.correlation, dvec3(0));
     EXPECT_GT(value_of(curved[i], shape).residual, 0.1);
 
-    // The residual is what is left of the variance after the linear part.
+    // The residual is the rest of the variance after the linear part.
     const dvec3 gradient = gradient_of(curved[i], moments[i]);
     const double left = curved[i].variance - glm::dot(gradient, curved[i].covariance);
     EXPECT_NEAR(value_of(curved[i], shape).residual, std::sqrt(left / curved[i].variance), 1e-9);
@@ -501,7 +502,7 @@ TEST(ValueOf, NearlySingularMaterialDoesNotBlowUp) {
   for (const double thickness : {0.0, 1e-200, 1e-17, 1e-9, 1e-6}) {
     const dmat3 axes = glm::mat3_cast(glm::normalize(glm::dquat(1, 0.5, 0.2, -0.4)));
     const SpatialMoments moments{1, {}, compose(axes, {1, 0.3, thickness})};
-    // A covariance that no value could have with material so thin.
+    // No value could have this covariance in such thin material.
     const ValueMoments value{.mass = 0.5, .mean = 3, .variance = 4, .covariance = axes * dvec3(1, 0.1, 1e-3)};
     const format::SplatValue splat = value_of(value, shape_of(moments));
     for (int k = 0; k < 3; ++k) EXPECT_LE(std::abs(splat.correlation[k]), 1);

@@ -52,7 +52,7 @@ Split split_polyhedron(const std::vector<dvec3>& points, const std::vector<Nodes
   return split;
 }
 
-/// How many tetrahedra have each triangle.
+/// The number of tetrahedra that have each triangle.
 std::map<Triangle, int> triangle_uses(const Tetrahedra& tetrahedra) {
   std::map<Triangle, int> uses;
   for (const auto& tetrahedron : tetrahedra)
@@ -71,7 +71,7 @@ const std::vector<dvec3> cube = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
 const std::vector<Nodes> cube_faces = {{0, 3, 2, 1}, {4, 5, 6, 7}, {0, 1, 5, 4},
                                        {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}};
 
-/// A prism over a polygon in the plane, given counterclockwise; in the order of VTK's prisms and hexahedra.
+/// The points of a prism over a counterclockwise polygon, in the order of VTK's prisms and hexahedra.
 std::vector<dvec3> prism(const std::vector<dvec2>& polygon) {
   std::vector<dvec3> points;
   for (const double z : {0.0, 1.0})
@@ -165,7 +165,7 @@ TEST(Tetrahedra, UnitCellsKeepTheirVolume) {
 }
 
 TEST(Tetrahedra, VolumeDoesNotDependOnPositionOrRotation) {
-  // A turn about a skew axis, so that no coordinate decides alone which vertex is lowest.
+  // Turns about a skew axis, so that no coordinate decides alone which vertex is lowest.
   const double c = std::cos(0.7), s = std::sin(0.7);
   const dmat3 turn = dmat3(c, s, 0, -s, c, 0, 0, 0, 1) * dmat3(1, 0, 0, 0, c, s, 0, -s, c);
   for (UnitCell cell : unit_cells()) {
@@ -201,7 +201,7 @@ TEST(Tetrahedra, TwoHexahedraAgreeOnTheirSharedFace) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> jitter(-0.2, 0.2);
   for (int trial = 0; trial < 3000; ++trial) {
-    // Twelve points in any numbering; half of the trials on the exact lattice, where rounding decides nothing.
+    // Twelve points in any numbering. Half of the trials use the exact lattice, where rounding decides nothing.
     Nodes number(12);
     std::iota(number.begin(), number.end(), 0);
     std::ranges::shuffle(number, random);
@@ -233,8 +233,8 @@ TEST(Tetrahedra, TwoHexahedraAgreeOnTheirSharedFace) {
   }
 }
 
-/// A grid of n^3 cells in the unit cube, inner points moved about; every cell a hexahedron in a random rotation, six
-/// pyramids around a middle point, or a polyhedron.
+/// A grid of n^3 cells in the unit cube, with inner points moved at random. Every cell is a hexahedron in a random
+/// rotation, six pyramids around a middle point, or a polyhedron.
 struct MixedGrid {
   explicit MixedGrid(int n, unsigned seed) : random(seed) {
     std::uniform_real_distribution<double> jitter(-0.25 / n, 0.25 / n);
@@ -270,7 +270,7 @@ struct MixedGrid {
       if (kind == 0) splitter.split(CellShape::hexahedron, nodes);
       Nodes stream;
       for (const Nodes& face : cube_faces) {
-        // Pyramids stand on the face, seen from within.
+        // A pyramid stands on the inner side of the face.
         const Nodes pyramid = {nodes[face[3]], nodes[face[2]], nodes[face[1]], nodes[face[0]], middles[c]};
         if (kind == 1) splitter.split(CellShape::pyramid, pyramid);
         stream.push_back(4);
@@ -306,7 +306,7 @@ TEST(Tetrahedra, MixedGridsAreConforming) {
 }
 
 TEST(Tetrahedra, PiecesWithPointsOfTheirOwnAgree) {
-  // The same warped face, under numbers that run the other way in the other piece.
+  // Both pieces have the same warped face, but number its points in opposite orders.
   const std::vector<dvec3> left = {{0, 0, 0}, {1, 0, 0.1}, {1, 1, -0.1}, {0, 1, 0},
                                    {0, 0, 1}, {1, 0, 1},   {1.1, 1, 1},  {0, 1, 1}};
   std::vector<dvec3> right = {{2, 1, 1}, {2, 0, 1}, {2, 1, 0}, {2, 0, 0}, left[6], left[5], left[2], left[1]};
@@ -329,7 +329,7 @@ TEST(Tetrahedra, PiecesWithPointsOfTheirOwnAgree) {
 }
 
 TEST(Tetrahedra, QuadraticHexahedraAreConforming) {
-  // Two in a row, as polyhedra of the same nodes would be: 8 + 8 - 4 corners, 12 + 12 - 4 edges.
+  // Two cells in a row have the nodes of two polyhedra: 8 + 8 - 4 corners, 12 + 12 - 4 edges.
   std::vector<dvec3> points = quadratic(cube, hexahedron_edges);
   std::map<std::array<double, 3>, std::uint32_t> index;
   for (std::uint32_t i = 0; i < points.size(); ++i) index[{points[i].x, points[i].y, points[i].z}] = i;
@@ -364,7 +364,7 @@ TEST(Tetrahedra, QuadraticHexahedraAreConforming) {
 }
 
 TEST(Tetrahedra, StarShapedPolyhedraNeedNotBeConvex) {
-  // Ls of three unit squares, turned so that the lowest vertex sees the whole of one and only a part of the others.
+  // L shapes of three unit squares, turned so that the lowest vertex sees all of the first and a part of the others.
   const std::vector<std::vector<dvec2>> shapes = {{{0, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 2}, {0, 2}},
                                                   {{0, 0}, {2, 0}, {2, 2}, {1, 2}, {1, 1}, {0, 1}},
                                                   {{0, 1}, {1, 1}, {1, 0}, {2, 0}, {2, 2}, {0, 2}}};
@@ -390,7 +390,7 @@ TEST(Tetrahedra, PolyhedraThatNoVertexSeesAreCounted) {
 }
 
 TEST(Tetrahedra, FacesTurnedAgainstEachOtherAreTurnedBack) {
-  // Every choice of turned faces of an L whose apex decides on the orientation.
+  // Every choice of turned faces of an L shape; its apex decides on the orientation.
   const std::vector<dvec3> points = prism({{0, 0}, {2, 0}, {2, 2}, {1, 2}, {1, 1}, {0, 1}});
   for (unsigned turned = 0; turned < 256; ++turned) {
     std::vector<Nodes> faces = prism_faces(6);
@@ -421,7 +421,7 @@ TEST(Tetrahedra, FlatAndCollapsedCells) {
   EXPECT_EQ(flat.census.flat, 1u);
   EXPECT_EQ(flat.census.inverted, 0u);
 
-  // A hexahedron with an edge collapsed on either side is a wedge; with all nodes one, nothing.
+  // A hexahedron with one edge collapsed at both ends is a wedge. If all its nodes are one, it is nothing.
   const Split wedge = split_cell(CellShape::hexahedron, cube, {0, 1, 2, 2, 4, 5, 6, 6});
   EXPECT_NEAR(absolute_volume(cube, wedge.tetrahedra), 0.5, 1e-15);
   EXPECT_EQ(wedge.census.flat, 0u);
@@ -439,17 +439,17 @@ TEST(Tetrahedra, CellsWithoutAPlaceAreLeftOut) {
   }
 }
 
-/// Lattice places of a unit cell, in an order of no meaning.
-std::vector<dvec3> lattice_places(CellShape shape, int order) {
-  std::vector<dvec3> places;
+/// The lattice positions of a unit cell, in an arbitrary order.
+std::vector<dvec3> lattice_positions(CellShape shape, int order) {
+  std::vector<dvec3> positions;
   for (int i = order; i >= 0; --i)
     for (int k = 0; k <= order; ++k)
       for (int j = 0; j <= order; ++j) {
         if (shape == CellShape::wedge && i + j > order) continue;
         if (shape == CellShape::tetrahedron && i + j + k > order) continue;
-        places.push_back(dvec3(i, j, k) / static_cast<double>(order));
+        positions.push_back(dvec3(i, j, k) / static_cast<double>(order));
       }
-  return places;
+  return positions;
 }
 
 TEST(Lattice, LinearCellsFillTheCell) {
@@ -458,26 +458,26 @@ TEST(Lattice, LinearCellsFillTheCell) {
   for (const auto& [shape, volume] : volumes)
     for (int order = 1; order <= 5; ++order) {
       SCOPED_TRACE(fmt::format("{} of order {}", shape_name(shape), order));
-      const std::vector<dvec3> places = lattice_places(shape, order);
-      EXPECT_EQ(lattice_order(shape, false, places.size()), order);
-      const auto cells = divide_lattice(shape, order, order, places);
+      const std::vector<dvec3> positions = lattice_positions(shape, order);
+      EXPECT_EQ(lattice_order(shape, false, positions.size()), order);
+      const auto cells = divide_lattice(shape, order, order, positions);
       ASSERT_TRUE(cells);
       Split split;
-      TetrahedronSplitter splitter(places, split.tetrahedra, split.census);
+      TetrahedronSplitter splitter(positions, split.tetrahedra, split.census);
       for (std::size_t at = 0; at < cells->size(); at += node_count(shape))
         splitter.split(shape, std::span(*cells).subspan(at, node_count(shape)));
-      EXPECT_NEAR(absolute_volume(places, split.tetrahedra), volume, 1e-13);
+      EXPECT_NEAR(absolute_volume(positions, split.tetrahedra), volume, 1e-13);
       EXPECT_EQ(split.census.inverted, 0u);
       for (const auto& [triangle, uses] : triangle_uses(split.tetrahedra)) EXPECT_LE(uses, 2);
     }
 }
 
 TEST(Lattice, RefusesNodesThatAreNoLattice) {
-  std::vector<dvec3> places = lattice_places(CellShape::hexahedron, 2);
-  places[3] = places[4];
-  EXPECT_FALSE(divide_lattice(CellShape::hexahedron, 2, 2, places));
-  places.pop_back();
-  EXPECT_FALSE(divide_lattice(CellShape::hexahedron, 2, 2, places));
+  std::vector<dvec3> positions = lattice_positions(CellShape::hexahedron, 2);
+  positions[3] = positions[4];
+  EXPECT_FALSE(divide_lattice(CellShape::hexahedron, 2, 2, positions));
+  positions.pop_back();
+  EXPECT_FALSE(divide_lattice(CellShape::hexahedron, 2, 2, positions));
   EXPECT_FALSE(lattice_order(CellShape::hexahedron, false, 26));
 }
 

@@ -1,4 +1,3 @@
-// Densities with which splats add up to the density of the material.
 #include "builder/output/density.h"
 
 #include <gtest/gtest.h>
@@ -14,18 +13,18 @@ namespace splatvol {
 namespace {
 
 // A uniform box as a splat.
-PlacedShape box(const dvec3& centre, const dvec3& size) {
-  PlacedShape splat;
+FittedSplat box(const dvec3& centre, const dvec3& size) {
+  FittedSplat splat;
   splat.centroid = centre;
   splat.shape.mass = size.x * size.y * size.z;
   splat.shape.deviations = size / std::sqrt(12.0);
   return splat;
 }
 
-// n^3 cubes of edge 1, by turns `small` and larger splats of together the same mass: what splitting hexahedra into five
-// tetrahedra gives their corners.
-std::vector<PlacedShape> checkerboard(int n, double small) {
-  std::vector<PlacedShape> splats;
+// n^3 cubes of edge 1. Small and large splats take turns, as at the corners of hexahedra that are split into five
+// tetrahedra. A small and a large one together have the mass of two cubes.
+std::vector<FittedSplat> checkerboard(int n, double small) {
+  std::vector<FittedSplat> splats;
   for (int z = 0; z < n; ++z)
     for (int y = 0; y < n; ++y)
       for (int x = 0; x < n; ++x)
@@ -33,11 +32,11 @@ std::vector<PlacedShape> checkerboard(int n, double small) {
   return splats;
 }
 
-double density_at(const std::vector<PlacedShape>& splats, const dvec3& place) {
+double density_at(const std::vector<FittedSplat>& splats, const dvec3& position) {
   double density = 0;
-  for (const PlacedShape& s : splats) {
+  for (const FittedSplat& s : splats) {
     const dvec3 half = moments_half_width * s.shape.deviations;
-    const dvec3 p = (place - s.centroid) / half;
+    const dvec3 p = (position - s.centroid) / half;
     const double rest = 1 - glm::dot(p, p);
     if (rest > 0)
       density += s.shape.density * s.shape.mass * moments_peak / (half.x * half.y * half.z) * rest * std::sqrt(rest);
@@ -45,25 +44,25 @@ double density_at(const std::vector<PlacedShape>& splats, const dvec3& place) {
   return density;
 }
 
-// Root mean square of density - 1 over the middle of a block of cubes.
-double ripple(const std::vector<PlacedShape>& splats, int n) {
+// Root mean square of density - 1 over the middle of n^3 cubes.
+double ripple(const std::vector<FittedSplat>& splats, int n) {
   std::mt19937 random(7);
-  std::uniform_real_distribution<double> place(n / 2.0 - 1.5, n / 2.0 + 0.5);  // two periods
+  std::uniform_real_distribution<double> coordinate(n / 2.0 - 1.5, n / 2.0 + 0.5);  // two periods
   double sum = 0;
   constexpr int count = 4000;
   for (int i = 0; i < count; ++i)
-    sum += std::pow(density_at(splats, {place(random), place(random), place(random)}) - 1, 2);
+    sum += std::pow(density_at(splats, {coordinate(random), coordinate(random), coordinate(random)}) - 1, 2);
   return std::sqrt(sum / count);
 }
 
-double mass(const std::vector<PlacedShape>& splats) {
+double mass(const std::vector<FittedSplat>& splats) {
   double sum = 0;
-  for (const PlacedShape& s : splats) sum += s.shape.mass * s.shape.density;
+  for (const FittedSplat& s : splats) sum += s.shape.mass * s.shape.density;
   return sum;
 }
 
 TEST(Density, TakesMostOfACheckerboardsRippleAway) {
-  std::vector<PlacedShape> splats = checkerboard(10, 1.0 / 3);
+  std::vector<FittedSplat> splats = checkerboard(10, 1.0 / 3);
   const double before = ripple(splats, 10);
   fit_densities(splats);
   EXPECT_GT(before, 0.15) << "or there is nothing to take away";
@@ -71,23 +70,24 @@ TEST(Density, TakesMostOfACheckerboardsRippleAway) {
 }
 
 TEST(Density, EqualCubesKeepTheirs) {
-  std::vector<PlacedShape> splats = checkerboard(9, 1);
+  std::vector<FittedSplat> splats = checkerboard(9, 1);
   fit_densities(splats);
-  // The one in the middle, out of sight of the block's surface.
+  // The splat in the middle does not see the surface.
   EXPECT_NEAR(splats[splats.size() / 2].shape.density, 1, 0.03);
 }
 
 TEST(Density, KeepsTheMass) {
   for (const double small : {1.0, 0.5, 1.0 / 3, 0.1}) {
-    std::vector<PlacedShape> splats = checkerboard(12, small);
+    std::vector<FittedSplat> splats = checkerboard(12, small);
     fit_densities(splats);
-    EXPECT_NEAR(mass(splats) / (12 * 12 * 12), 1, 0.04) << small;  // of neighbourhoods, and so roughly of all
+    EXPECT_NEAR(mass(splats) / (12 * 12 * 12), 1, 0.04)
+        << small;  // the fit keeps the mass of neighbourhoods, and so roughly that of all
   }
 }
 
 TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
-  // A block of cubes whose first layer is of half cells that end at the plane x = 0.
-  std::vector<PlacedShape> splats;
+  // Cubes whose first layer has only half cubes, which end at the plane x = 0.
+  std::vector<FittedSplat> splats;
   for (int z = 0; z < 9; ++z)
     for (int y = 0; y < 9; ++y)
       for (int x = 0; x < 9; ++x) {
@@ -107,23 +107,23 @@ TEST(Density, AHalfCellAtABoundaryIsAsDenseAsTheRest) {
 }
 
 TEST(Density, HardCases) {
-  std::vector<PlacedShape> none;
+  std::vector<FittedSplat> none;
   fit_densities(none);
 
   for (const double scale : {1e-30, 1e-6, 1.0, 1e6, 1e30})
     for (const double shift : {0.0, 1e7}) {
-      std::vector<PlacedShape> splats;
+      std::vector<FittedSplat> splats;
       for (int i = 0; i < 40; ++i)
         splats.push_back(box(scale * (dvec3(i % 4, i / 4 % 4, i / 16) + shift), dvec3(scale)));
       splats[0].shape.mass = 0;                                   // no material
       splats[1].shape.deviations = scale * dvec3(1, 1e-4, 1e-8);  // nearly flat
       splats[2].shape.deviations = scale * dvec3(1, 1, 0);        // flat
       splats[3].shape.deviations = dvec3(0);                      // a point
-      splats[4].centroid = splats[5].centroid;                    // in one place
+      splats[4].centroid = splats[5].centroid;                    // at one position
       splats[6].shape.mass *= 1e9;
       splats[7].shape.deviations *= 1e3;  // nine decades of volume
       fit_densities(splats);
-      for (const PlacedShape& s : splats) {
+      for (const FittedSplat& s : splats) {
         ASSERT_TRUE(std::isfinite(s.shape.density));
         ASSERT_GT(s.shape.density, 0);
       }
@@ -135,7 +135,7 @@ TEST(Density, HardCases) {
 TEST(Density, DoesNotDependOnThreads) {
   const auto fit = [](int threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
-    std::vector<PlacedShape> splats = checkerboard(14, 0.4);
+    std::vector<FittedSplat> splats = checkerboard(14, 0.4);
     fit_densities(splats);
     return splats;
   };

@@ -25,9 +25,9 @@ std::map<std::string, Sorted> distributions() {
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::normal_distribution<double> normal(0, 1);
-  const auto draw = [&](std::size_t count, auto place) {
+  const auto draw = [&](std::size_t count, auto map) {
     std::vector<dvec3> points(count);
-    for (dvec3& p : points) p = glm::clamp(place(dvec3(uniform(random), uniform(random), uniform(random))), 0.0, 1.0);
+    for (dvec3& p : points) p = glm::clamp(map(dvec3(uniform(random), uniform(random), uniform(random))), 0.0, 1.0);
     return points;
   };
   const auto both = [](std::vector<dvec3> a, const std::vector<dvec3>& b) {
@@ -35,7 +35,7 @@ std::map<std::string, Sorted> distributions() {
     return a;
   };
   const auto anywhere = [](dvec3 p) { return p; };
-  const auto in_one_place = [](dvec3) { return dvec3(0.1, 0.2, 0.3); };
+  const auto at_one_position = [](dvec3) { return dvec3(0.1, 0.2, 0.3); };
   const std::vector<dvec3> uniform_points = draw(4000, anywhere);
   std::map<std::string, Sorted> all;
   all["uniform"] = sort_points(uniform_points);
@@ -43,11 +43,11 @@ std::map<std::string, Sorted> distributions() {
     const dvec3 center = glm::round(3.0 * p) / 3.0;
     return center + dvec3(normal(random), normal(random), normal(random)) * std::pow(10.0, -6 * p.x);
   }));
-  all["all coincident"] = sort_points(draw(3000, in_one_place));
-  all["half coincident"] = sort_points(both(uniform_points, draw(3000, in_one_place)));
+  all["all coincident"] = sort_points(draw(3000, at_one_position));
+  all["half coincident"] = sort_points(both(uniform_points, draw(3000, at_one_position)));
   all["half in 1e-9 of the volume"] =
       sort_points(both(uniform_points, draw(4000, [](dvec3 p) { return dvec3(0.7, 0.3, 0.6) + 1e-3 * p; })));
-  // Cells of one child all the way down: some points less than the finest cell apart, some just above.
+  // Nodes have one child all the way down: some points are closer than the finest node's edge, some a little farther.
   all["on both sides of the finest border"] =
       sort_points(draw(3000, [](dvec3 p) { return 0.5 + 0x1p-41 * (p - 0.5); }));
   all["on a line"] = sort_points(draw(3000, [](dvec3 p) { return dvec3(p.x, 0.3, 0.7); }));
@@ -56,14 +56,14 @@ std::map<std::string, Sorted> distributions() {
   return all;
 }
 
-// Points with materials, values and splats at random.
+// Points with random material and values, and their splats.
 struct Model {
   PointBatch points;
   std::vector<float> values;
   std::vector<test::Resolution> resolutions;
   std::vector<std::uint8_t> segments;
   std::vector<test::Material> materials;
-  std::vector<std::vector<SplatRow>> splats;  // [resolution]
+  std::vector<std::vector<StoredSplat>> splats;  // [resolution]
   format::ValueBins bins{0, 1};
 
   explicit Model(const Sorted& sorted) {
@@ -81,7 +81,7 @@ struct Model {
       splats.push_back(test::splats_of(points.positions, resolutions[r], materials[r]));
   }
 
-  // Calls visit(leaf) for each leaf in Morton order.
+  // Calls visit(leaf) for each index leaf in Morton order.
   template <class Visit>
   Status for_each_leaf(std::uint64_t leaf_points, const Visit& visit) const {
     std::vector<std::size_t> next(resolutions.size());  // member
@@ -101,7 +101,7 @@ struct Model {
     return status;
   }
 
-  // Every node by itself, from all of its points.
+  // Makes every node from all of its points, without its children.
   [[nodiscard]] test::Tree tree(std::uint64_t leaf_points) const {
     test::Tree tree;
     tree.shape = IndexStream::shape(resolutions.size(), 1);
@@ -148,8 +148,8 @@ struct Model {
         octant_size = std::max(octant_size, std::ldexp(1.0, -leaf_depth) / std::cbrt(resolutions[r].counts[m]));
         moments_size = std::max(moments_size, splat_size(i, r, m, depth));
       }
-      // The clusters of the next coarser resolution are leaves over this one: one crosses the border unless all of this
-      // resolution's leaves that meet the cell are inside.
+      // The clusters of the next coarser resolution are leaves over this one. A cluster crosses the border unless all
+      // of this resolution's leaves that meet the node are inside.
       if (!inside) first = r;
       octant_codes[r] = octant_size > 0 ? format::size_code(octant_size, 1) : std::uint8_t{255};
       moments_codes[r] = moments_size > 0 ? format::size_code(moments_size, 1) : std::uint8_t{255};
@@ -161,7 +161,7 @@ struct Model {
     tree.size_codes.insert(tree.size_codes.end(), moments_codes.begin(), moments_codes.end());
   }
 
-  // Of a moments splat alone, in the cell at `depth` that holds its point.
+  // Size of one `moments` splat, in the node at `depth` that holds its point.
   [[nodiscard]] double splat_size(std::size_t point, std::size_t resolution, std::size_t member, int depth) const {
     SplatBounds splat;
     splat.include(splats[resolution][member], materials[resolution].moments[member]);
@@ -223,7 +223,7 @@ TEST(IndexStream, RefusesLeavesThatDoNotFollow) {
   EXPECT_TRUE(refuses({}));
   EXPECT_TRUE(refuses({leaf(0.6, 1), leaf(0.1, 1)}));                // backwards
   EXPECT_TRUE(refuses({leaf(0.1, 2), leaf(0.1, 2)}));                // twice
-  EXPECT_TRUE(refuses({leaf(0.1, 1), leaf(0.4, 2)}));                // inside of the one before
+  EXPECT_TRUE(refuses({leaf(0.1, 1), leaf(0.4, 2)}));                // inside the one before
   EXPECT_TRUE(refuses({leaf(0.1, 2), leaf(0.4, 1), leaf(0.6, 1)}));  // round the one before
   EXPECT_TRUE(refuses({leaf(0.1, 43)}));
   EXPECT_TRUE(refuses({leaf(0.1, -1)}));
@@ -231,7 +231,7 @@ TEST(IndexStream, RefusesLeavesThatDoNotFollow) {
   EXPECT_TRUE(refuses({leaf(0.1, 0, 2, 2)}));
 }
 
-// More than one block of the file; levels from the finest on become resolutions from the coarsest on.
+// The leaves need more than one read of the file. Levels from the finest on become resolutions from the coarsest on.
 TEST(IndexLeafSpool, GivesLeavesBackByResolution) {
   constexpr std::size_t leaves = 20'000, resolutions = 5;
   IndexLeafSpool spool(*TempFile::create(testing::TempDir()));

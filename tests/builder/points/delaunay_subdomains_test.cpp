@@ -36,7 +36,7 @@ PointBatch empty_batch() {
   return batch;
 }
 
-// All at once, as one triangulation.
+// All points at once, in one triangulation.
 PointBatch whole(Source& source) {
   PointStream stream = stream_of(source);
   PointBatch all = empty_batch();
@@ -54,22 +54,22 @@ PointBatch whole(Source& source) {
   return all;
 }
 
-struct InBlocks {
+struct InSubdomains {
   PointBatch points;
   std::uint64_t uncertain;
 };
 
-InBlocks in_blocks(Source& source, std::size_t block_points, std::uint64_t bytes = memory) {
+InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::uint64_t bytes = memory) {
   PointStream stream = stream_of(source);
-  auto blocks = DelaunaySubdomains::create(stream, bytes, folder(), block_points);
-  EXPECT_TRUE(blocks) << blocks.error().message;
+  auto subdomains = DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points);
+  EXPECT_TRUE(subdomains) << subdomains.error().message;
   PointBatch all = empty_batch();
   for (;;) {
-    const auto more = blocks->next(all);
+    const auto more = subdomains->next(all);
     EXPECT_TRUE(more) << more.error().message;
     if (!more || !*more) break;
   }
-  return {std::move(all), blocks->uncertain()};
+  return {std::move(all), subdomains->uncertain()};
 }
 
 double total_mass(const PointBatch& points) {
@@ -91,7 +91,7 @@ bool same_material(const PointBatch& a, const PointBatch& b, std::size_t i) {
          a.planes[i].area == b.planes[i].area && a.planes[i].offset == b.planes[i].offset;
 }
 
-// Sums have the same terms in the same order, so that nothing is left to rounding.
+// Sums have the same terms in the same order, so that they are equal to the last bit.
 void expect_same(const PointBatch& a, const PointBatch& b) {
   ASSERT_EQ(a.positions, b.positions);
   EXPECT_EQ(a.keys, b.keys);
@@ -103,11 +103,11 @@ void expect_same(const PointBatch& a, const PointBatch& b) {
 
 using Make = std::function<std::unique_ptr<Source>()>;
 
-void expect_whole(const Make& make, std::size_t block_points) {
+void expect_whole(const Make& make, std::size_t subdomain_points) {
   const PointBatch all = whole(*make());
-  const InBlocks blocks = in_blocks(*make(), block_points);
-  expect_same(all, blocks.points);
-  EXPECT_EQ(blocks.uncertain, 0u);
+  const InSubdomains parts = in_subdomains(*make(), subdomain_points);
+  expect_same(all, parts.points);
+  EXPECT_EQ(parts.uncertain, 0u);
 }
 
 Make points(Points points) {
@@ -160,7 +160,7 @@ TEST(DelaunaySubdomains, FindThoseOfLatticesThoughAllIsCospherical) {
   expect_whole(points(lattice(20, 20, 20, {1, 0.5, 1e-3})), 1000);
 }
 
-// Each block is on one of two planes at first, and no plane spans a volume.
+// At first each subdomain lies on one of two planes, and no plane spans a volume.
 TEST(DelaunaySubdomains, FindThoseBetweenTwoSheetsFarApart) {
   expect_whole(points(lattice(60, 60, 2, {1, 1, 20})), 600);
 }
@@ -170,12 +170,12 @@ TEST(DelaunaySubdomains, LeaveHolesAsEmptyAsTheWholeDoes) {
   for (const dvec3& p : test::random_points(40'000, 2, dvec3(-1)))
     if (glm::length(p) < 1 && glm::length(p) > 0.7) shell.push_back(p);
   expect_whole(points(shell), 1500);
-  // Random points end where they like: the hull's share is a layer of about half a spacing, 0.03, on both sides.
+  // Random points end somewhere near the border: on both sides, a layer of about half a spacing, 0.03, is uncertain.
   const double volume = 4.0 / 3 * std::numbers::pi * (1 - 0.7 * 0.7 * 0.7);
-  EXPECT_NEAR(total_mass(in_blocks(*points(shell)(), 1500).points) / volume, 1, 0.15);
+  EXPECT_NEAR(total_mass(in_subdomains(*points(shell)(), 1500).points) / volume, 1, 0.15);
 }
 
-TEST(DelaunaySubdomains, GiveCoincidentPointsVolumeOnceThoughTheyFillBlocks) {
+TEST(DelaunaySubdomains, GiveCoincidentPointsVolumeOnceThoughTheyFillSubdomains) {
   Points many = test::random_points(3000);
   many.insert(many.end(), 5000, dvec3(0.5));
   const auto copies = test::random_points(1000);
@@ -192,7 +192,7 @@ TEST(DelaunaySubdomains, LeaveMissingValuesMissing) {
 TEST(DelaunaySubdomains, FindNothingWhereNoFourPointsSpanAVolume) {
   for (const auto& flat : {lattice(80, 80, 1, {1, 1, 1}), Points{dvec3(3)}, lattice(3, 1, 1, {1, 1, 1})}) {
     expect_whole(points(flat), 1000);
-    EXPECT_EQ(total_mass(in_blocks(*points(flat)(), 1000).points), 0);
+    EXPECT_EQ(total_mass(in_subdomains(*points(flat)(), 1000).points), 0);
   }
 }
 
@@ -205,19 +205,20 @@ TEST(DelaunaySubdomains, HoldTheVolumeOfTheTetrahedraWhateverTheirSize) {
                                 glm::cross(all.positions[c] - all.positions[a], all.positions[d] - all.positions[a]))) /
               6;
   // Sums of 1e5 terms, all positive.
-  for (const std::size_t block_points : {300, 3000, 100'000})
-    EXPECT_NEAR(total_mass(in_blocks(*generated(Distribution::vortex)(), block_points).points) / volume, 1, 1e-11);
+  for (const std::size_t subdomain_points : {300, 3000, 100'000})
+    EXPECT_NEAR(total_mass(in_subdomains(*generated(Distribution::vortex)(), subdomain_points).points) / volume, 1,
+                1e-11);
 }
 
 TEST(DelaunaySubdomains, DoNotDependOnMemory) {
-  const auto one = in_blocks(*generated(Distribution::uniform)(), 1000, 0);
-  const auto many = in_blocks(*generated(Distribution::uniform)(), 1000, std::uint64_t{1} << 40);
+  const auto one = in_subdomains(*generated(Distribution::uniform)(), 1000, 0);
+  const auto many = in_subdomains(*generated(Distribution::uniform)(), 1000, std::uint64_t{1} << 40);
   expect_same(one.points, many.points);
 }
 
-// A block on a line looks for a point beside it among all others.
+// A subdomain on a line looks for a point beside the line among all other points.
 TEST(DelaunaySubdomains, SayWhereTheirHaloWouldBecomeTooLarge) {
-  EXPECT_GT(in_blocks(*generated(Distribution::line, 300'000)(), 1 << 16).uncertain, 0u);
+  EXPECT_GT(in_subdomains(*generated(Distribution::line, 300'000)(), 1 << 16).uncertain, 0u);
 }
 
 }  // namespace

@@ -50,7 +50,7 @@ void expect_same(const WholePoints& a, const WholePoints& b) {
             std::tie(d.read, d.not_finite, d.merged, d.coincident, d.in_no_cell));
 }
 
-// Whether sorting these takes a disk where there is only the least memory.
+// Whether these do not fit into the least memory, so that they are sorted on the disk.
 bool passes_least_memory(std::uint64_t points, bool material) {
   const std::size_t bytes = PointRecords(1, false, material).bytes();
   return points * bytes > 2 * ExternalSorter::least_memory(bytes);
@@ -92,7 +92,7 @@ TEST(PointStream, RunsOfEqualKeysAreTheSameAtAnyMemory) {
   expect_same_at_any_memory({piece});
 }
 
-// A fan of tetrahedra, each a piece by itself, whose common edge comes as often as there are pieces.
+// A fan of tetrahedra round one edge. Each is a piece of its own, so the edge's vertices come with every piece.
 TEST(PointStream, VerticesOfThousandsOfPiecesAreMergedAtAnyMemory) {
   std::vector<Piece> pieces;
   for (int i = 0; i < 5000; ++i) {
@@ -144,19 +144,19 @@ TEST(PointStream, SinglePrecisionKeepsEveryBit) {
   expect_same(*read_points(single), *read_points(full));
 }
 
-using Place = std::tuple<double, double, double>;
-Place place(const dvec3& p) { return {p.x, p.y, p.z}; }
+using Coordinates = std::tuple<double, double, double>;
+Coordinates coordinates(const dvec3& p) { return {p.x, p.y, p.z}; }
 
-// `points` have the material of the whole mesh up to the order of sums, its points at `positions`.
+// `points` have the material of the whole mesh, with the rounding of sums in another order.
 void expect_material_of(const Piece& whole, const PointBatch& points) {
   ASSERT_EQ(points.size(), whole.points.size());
   const VertexMaterial mesh(whole.points, whole.tetrahedra);
   const auto planes = boundary_planes(whole.points, find_outer_faces(whole.points, whole.tetrahedra));
-  std::map<Place, std::size_t> places;
-  for (std::size_t i = 0; i < points.size(); ++i) places[place(points.positions[i])] = i;
+  std::map<Coordinates, std::size_t> index_of;
+  for (std::size_t i = 0; i < points.size(); ++i) index_of[coordinates(points.positions[i])] = i;
   std::size_t at_boundary = 0;
   for (std::size_t v = 0; v < whole.points.size(); ++v) {
-    const std::size_t i = places.at(place(whole.points[v]));
+    const std::size_t i = index_of.at(coordinates(whole.points[v]));
     const SpatialMoments expected = mesh.moments(v);
     EXPECT_NEAR(points.moments[i].mass / expected.mass, 1, 1e-13);
     EXPECT_NEAR(points.moments[i].covariance.xx / expected.covariance.xx, 1, 1e-12);
@@ -183,7 +183,45 @@ TEST(PointStream, PiecesGiveWhatTheWholeMeshGives) {
   }
 }
 
-TEST(PointStream, ZerosOfBothSignsAreOnePlace) {
+TEST(PointStream, FacesBetweenPiecesAreOuterOnlyIfTheirPointsDiffer) {
+  const test::Mesh left = test::lattice(3), right = test::lattice(3, [](dvec3 p) { return p + dvec3(1, 0, 0); });
+  for (const bool differ : {false, true}) {
+    PieceSource source(
+        {mesh_piece(left, wave), mesh_piece(right, [&](dvec3 p) { return wave(p) + (differ ? 1 : 0); })});
+    const PointBatch points = (*read_points(source)).points;
+    EXPECT_EQ(points.size(), 4u * 4 * (differ ? 8 : 7));
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const dvec3& p = points.positions[i];
+      if (p.x == 1 && p.y > 0 && p.y < 1 && p.z > 0 && p.z < 1) {
+        EXPECT_EQ(points.planes[i].area != dvec3(0), differ);
+      }
+    }
+  }
+}
+
+// A square as a flat cell lies between two pieces, of which it makes the diagonals agree.
+TEST(PointStream, FacesBehindAFlatCellOfAnotherPieceAreNotOuter) {
+  const std::vector<dvec3> pyramids = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0.5, -1}, {0.5, 0.5, 1}};
+  const test::Mesh below{pyramids, {{0, 1, 2, 4}, {0, 2, 3, 4}, {0, 1, 2, 3}}};
+  const test::Mesh above{pyramids, {{0, 1, 3, 5}, {1, 2, 3, 5}}};
+  test::Mesh whole = below;
+  whole.tetrahedra.insert(whole.tetrahedra.end(), above.tetrahedra.begin(), above.tetrahedra.end());
+  const auto faces = find_outer_faces(whole.points, whole.tetrahedra);
+  ASSERT_EQ(faces.size(), 8u);
+  const auto planes = boundary_planes(whole.points, faces);
+  for (const bool below_first : {false, true}) {
+    PieceSource source({cut(mesh_piece(below_first ? below : above, wave), 1)[0],
+                        cut(mesh_piece(below_first ? above : below, wave), 1)[0]});
+    const PointBatch points = (*read_points(source)).points;
+    ASSERT_EQ(points.size(), pyramids.size());
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const auto v = static_cast<std::size_t>(std::ranges::find(pyramids, points.positions[i]) - pyramids.begin());
+      EXPECT_LE(glm::length(points.planes[i].area - planes[v].area), 1e-15) << v;
+    }
+  }
+}
+
+TEST(PointStream, ZerosOfBothSignsAreOnePosition) {
   Piece whole = mesh_piece(test::jittered(8, 0.2), [](dvec3 p) { return 2 + p.x; });
   for (dvec3& p : whole.points)
     if (std::abs(p.x - 0.5) < 0.01 + 0.2 / 8) p.x = 0.5;

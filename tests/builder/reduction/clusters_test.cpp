@@ -30,7 +30,7 @@ std::set<Edge> as_set(std::span<const Edge> edges) {
 
 std::set<Edge> edges_of(std::span<const dvec3> positions) { return as_set(delaunay_edges(positions)); }
 
-// Those of all tetrahedra, by another triangulation.
+// The edges of all tetrahedra, by another triangulation.
 std::set<Edge> tetrahedra_edges(std::span<const dvec3> positions) {
   GrowingDelaunay triangulation;
   triangulation.insert(positions);
@@ -73,7 +73,7 @@ TEST(DelaunayEdges, JoinPointsWithoutVolumeToo) {
   EXPECT_TRUE(edges_of(uniform_points(1)).empty());
   EXPECT_EQ(edges_of(uniform_points(2)), (std::set<Edge>{{0, 1}}));
   EXPECT_EQ(edges_of(lattice(4, 1, 1)), (std::set<Edge>{{0, 1}, {1, 2}, {2, 3}}));
-  // Euler: a triangulation of n points in a plane, h of them on the hull, has 3 n - 3 - h edges.
+  // By Euler's formula, a triangulation of n points in a plane, h of them on the hull, has 3 n - 3 - h edges.
   EXPECT_EQ(edges_of(lattice(10, 7, 1)).size(), 3u * 70 - 3 - 30);
   std::vector<dvec3> slanted = uniform_points(40);
   for (dvec3& p : slanted)
@@ -83,64 +83,64 @@ TEST(DelaunayEdges, JoinPointsWithoutVolumeToo) {
   EXPECT_LT(edges.size(), 3u * 40);
 }
 
-// Blocks that are hard to cut, in Morton order.
-std::map<std::string, Sorted> hard_blocks() {
-  std::map<std::string, std::vector<dvec3>> blocks;
-  for (const int count : {1, 2, 3, 4, 5, 8, 9, 100, 512}) blocks[std::to_string(count)] = uniform_points(count);
-  blocks["all equal"] = std::vector<dvec3>(100, dvec3(0.1, 0.2, 0.3));
-  blocks["two places"] = std::vector<dvec3>(100, dvec3(0.1, 0.2, 0.3));
-  for (int i = 0; i < 50; ++i) blocks["two places"].emplace_back(0.9, 0.2, 0.3);
-  blocks["half equal"] = uniform_points(200);
-  for (std::size_t i = 0; i < 100; ++i) blocks["half equal"][i] = dvec3(0.5);
-  blocks["of one key, but not equal"] = uniform_points(40);
-  for (int i = 0; i < 40; ++i) blocks["of one key, but not equal"].emplace_back(0.25 + i * 0x1p-50, 0.25, 0.25);
-  blocks["line"] = uniform_points(300);
-  for (dvec3& p : blocks["line"]) p = {p.x, 0.3, 0.7};
-  blocks["slanted line"] = uniform_points(300);
-  for (dvec3& p : blocks["slanted line"]) p = dvec3(p.x);
-  blocks["plane"] = uniform_points(300);
-  for (dvec3& p : blocks["plane"]) p.z = 0.5;
-  for (const dvec3& p : lattice(8, 8, 8)) blocks["lattice"].push_back((p + 0.5) / 8.0);
-  for (const dvec3& p : lattice(20, 20, 1)) blocks["flat lattice"].push_back((p + 0.5) / 20.0);
-  for (const dvec3& p : uniform_points(300)) blocks["sphere"].push_back(0.5 + 0.5 * glm::normalize(p - 0.5));
-  blocks["nine decades"] = uniform_points(500);
-  for (dvec3& p : blocks["nine decades"]) p = {std::pow(10, -9 * p.x), std::pow(10, -9 * p.y), std::pow(10, -9 * p.z)};
-  blocks["thin"] = uniform_points(500);
-  for (dvec3& p : blocks["thin"]) p.z *= 1e-8;
+// Points of reduction nodes that are hard to divide, in Morton order.
+std::map<std::string, Sorted> hard_nodes() {
+  std::map<std::string, std::vector<dvec3>> nodes;
+  for (const int count : {1, 2, 3, 4, 5, 8, 9, 100, 512}) nodes[std::to_string(count)] = uniform_points(count);
+  nodes["all equal"] = std::vector<dvec3>(100, dvec3(0.1, 0.2, 0.3));
+  nodes["two positions"] = std::vector<dvec3>(100, dvec3(0.1, 0.2, 0.3));
+  for (int i = 0; i < 50; ++i) nodes["two positions"].emplace_back(0.9, 0.2, 0.3);
+  nodes["half equal"] = uniform_points(200);
+  for (std::size_t i = 0; i < 100; ++i) nodes["half equal"][i] = dvec3(0.5);
+  nodes["of one key, but not equal"] = uniform_points(40);
+  for (int i = 0; i < 40; ++i) nodes["of one key, but not equal"].emplace_back(0.25 + i * 0x1p-50, 0.25, 0.25);
+  nodes["line"] = uniform_points(300);
+  for (dvec3& p : nodes["line"]) p = {p.x, 0.3, 0.7};
+  nodes["slanted line"] = uniform_points(300);
+  for (dvec3& p : nodes["slanted line"]) p = dvec3(p.x);
+  nodes["plane"] = uniform_points(300);
+  for (dvec3& p : nodes["plane"]) p.z = 0.5;
+  for (const dvec3& p : lattice(8, 8, 8)) nodes["lattice"].push_back((p + 0.5) / 8.0);
+  for (const dvec3& p : lattice(20, 20, 1)) nodes["flat lattice"].push_back((p + 0.5) / 20.0);
+  for (const dvec3& p : uniform_points(300)) nodes["sphere"].push_back(0.5 + 0.5 * glm::normalize(p - 0.5));
+  nodes["nine decades"] = uniform_points(500);
+  for (dvec3& p : nodes["nine decades"]) p = {std::pow(10, -9 * p.x), std::pow(10, -9 * p.y), std::pow(10, -9 * p.z)};
+  nodes["thin"] = uniform_points(500);
+  for (dvec3& p : nodes["thin"]) p.z *= 1e-8;
   std::map<std::string, Sorted> sorted;
-  for (auto& [name, positions] : blocks) sorted[name] = sort_points(positions);
+  for (auto& [name, positions] : nodes) sorted[name] = sort_points(positions);
   return sorted;
 }
 
-std::vector<std::uint32_t> owners_of(Reduction method, std::uint32_t leaf_points, const Sorted& block) {
-  std::vector<std::uint32_t> owners(block.keys.size(), 12345);
-  find_clusters(method, leaf_points, block.keys, block.positions, owners);
+std::vector<std::uint32_t> owners_of(Reduction method, std::uint32_t leaf_points, const Sorted& node) {
+  std::vector<std::uint32_t> owners(node.keys.size(), 12345);
+  find_clusters(method, leaf_points, node.keys, node.positions, owners);
   return owners;
 }
 
 // The first point of each key.
-struct Places {
+struct Distinct {
   std::vector<std::uint32_t> firsts;
   std::vector<dvec3> positions;
-  explicit Places(const Sorted& block) {
-    for (std::uint32_t i = 0; i < block.keys.size(); ++i)
-      if (i == 0 || block.keys[i] != block.keys[i - 1]) {
+  explicit Distinct(const Sorted& node) {
+    for (std::uint32_t i = 0; i < node.keys.size(); ++i)
+      if (i == 0 || node.keys[i] != node.keys[i - 1]) {
         firsts.push_back(i);
-        positions.push_back(block.positions[i]);
+        positions.push_back(node.positions[i]);
       }
   }
 };
 
 TEST(FindClusters, EachPointGoesWithOneThatStaysAndOnlyOneOfAKeyStays) {
-  for (const auto& [name, block] : hard_blocks())
+  for (const auto& [name, node] : hard_nodes())
     for (const Reduction method : {Reduction::mis, Reduction::kdtree})
       for (const std::uint32_t leaf_points : {8u, 20u}) {
         SCOPED_TRACE(name + ", " + reduction_name(method));
-        const auto owners = owners_of(method, leaf_points, block);
+        const auto owners = owners_of(method, leaf_points, node);
         for (std::size_t i = 0; i < owners.size(); ++i) {
           ASSERT_LT(owners[i], owners.size());
           ASSERT_EQ(owners[owners[i]], owners[i]);
-          if (i > 0 && block.keys[i] == block.keys[i - 1]) {
+          if (i > 0 && node.keys[i] == node.keys[i - 1]) {
             ASSERT_EQ(owners[i], owners[i - 1]);
           }
         }
@@ -148,62 +148,63 @@ TEST(FindClusters, EachPointGoesWithOneThatStaysAndOnlyOneOfAKeyStays) {
 }
 
 TEST(FindClusters, TheIndependentSetIsOneAndMaximal) {
-  for (const auto& [name, block] : hard_blocks()) {
+  for (const auto& [name, node] : hard_nodes()) {
     SCOPED_TRACE(name);
-    const auto owners = owners_of(Reduction::mis, 8, block);
-    const Places places(block);
-    const auto edges = edges_of(places.positions);
-    std::vector<std::set<std::uint32_t>> neighbours(places.firsts.size());
+    const auto owners = owners_of(Reduction::mis, 8, node);
+    const Distinct distinct(node);
+    const auto edges = edges_of(distinct.positions);
+    std::vector<std::set<std::uint32_t>> neighbours(distinct.firsts.size());
     for (const auto& [a, b] : edges) neighbours[a].insert(b), neighbours[b].insert(a);
-    const auto stays = [&](std::uint32_t place) { return owners[places.firsts[place]] == places.firsts[place]; };
+    const auto stays = [&](std::uint32_t i) { return owners[distinct.firsts[i]] == distinct.firsts[i]; };
     const auto before = [&](std::uint32_t a, std::uint32_t b) {
       return std::pair(neighbours[a].size(), a) < std::pair(neighbours[b].size(), b);
     };
-    for (std::uint32_t i = 0; i < places.firsts.size(); ++i) {
+    for (std::uint32_t i = 0; i < distinct.firsts.size(); ++i) {
       const auto& near = neighbours[i];
       if (stays(i)) {
         ASSERT_TRUE(std::ranges::none_of(near, stays));
         continue;
       }
-      // One that came before keeps it out, and it goes with the nearest.
+      // A neighbour that came before keeps it out, and it goes with the nearest neighbour that stays.
       ASSERT_TRUE(std::ranges::any_of(near, [&](std::uint32_t k) { return stays(k) && before(k, i); }));
       double least = std::numeric_limits<double>::infinity();
       for (const std::uint32_t k : near)
-        if (stays(k)) least = std::min(least, glm::length(places.positions[k] - places.positions[i]));
-      const dvec3& owner = block.positions[owners[places.firsts[i]]];
-      ASSERT_LE(glm::length(owner - places.positions[i]), least * (1 + 1e-15));
+        if (stays(k)) least = std::min(least, glm::length(distinct.positions[k] - distinct.positions[i]));
+      const dvec3& owner = node.positions[owners[distinct.firsts[i]]];
+      ASSERT_LE(glm::length(owner - distinct.positions[i]), least * (1 + 1e-15));
     }
   }
 }
 
-TEST(FindClusters, PartsOfTheTreeAreHalvesOfHalvesInBoxesOfTheirOwn) {
-  for (const auto& [name, block] : hard_blocks())
+TEST(FindClusters, BucketsAreHalvesOfHalvesInBoxesOfTheirOwn) {
+  for (const auto& [name, node] : hard_nodes())
     for (const std::uint32_t leaf_points : {8u, 20u}) {
       SCOPED_TRACE(name + ", " + std::to_string(leaf_points));
-      const auto owners = owners_of(Reduction::kdtree, leaf_points, block);
-      const Places places(block);
-      std::map<std::uint32_t, std::vector<dvec3>> parts;
+      const auto owners = owners_of(Reduction::kdtree, leaf_points, node);
+      const Distinct distinct(node);
+      std::map<std::uint32_t, std::vector<dvec3>> buckets;
       std::map<std::uint32_t, Box> boxes;
-      for (std::size_t i = 0; i < places.firsts.size(); ++i) {
-        const std::uint32_t owner = owners[places.firsts[i]];
-        parts[owner].push_back(places.positions[i]);
-        boxes[owner].include({places.positions[i], places.positions[i]});
+      for (std::size_t i = 0; i < distinct.firsts.size(); ++i) {
+        const std::uint32_t owner = owners[distinct.firsts[i]];
+        buckets[owner].push_back(distinct.positions[i]);
+        boxes[owner].include({distinct.positions[i], distinct.positions[i]});
       }
-      // All of one level have as many places, or one more; at the last, these may be one too many.
-      std::size_t least = places.firsts.size(), most = least;
+      // All buckets at one depth of the tree have `least` or `most` points. At the last depth but one, `most` may be
+      // one too many.
+      std::size_t least = distinct.firsts.size(), most = least;
       while (least > leaf_points) least = least / 2, most = (most + 1) / 2;
-      for (const auto& [owner, part] : parts) {
-        if (most <= leaf_points || part.size() == least) {
-          ASSERT_GE(part.size(), least);
-          ASSERT_LE(part.size(), most);
+      for (const auto& [owner, bucket] : buckets) {
+        if (most <= leaf_points || bucket.size() == least) {
+          ASSERT_GE(bucket.size(), least);
+          ASSERT_LE(bucket.size(), most);
         } else {
-          ASSERT_GE(part.size(), most / 2);
-          ASSERT_LE(part.size(), (most + 1) / 2);
+          ASSERT_GE(bucket.size(), most / 2);
+          ASSERT_LE(bucket.size(), (most + 1) / 2);
         }
         const Box& box = boxes[owner];
         const dvec3 center = (box.low + box.high) / 2.0;
-        for (const dvec3& p : part)
-          ASSERT_LE(glm::length(block.positions[owner] - center), glm::length(p - center) * (1 + 1e-15));
+        for (const dvec3& p : bucket)
+          ASSERT_LE(glm::length(node.positions[owner] - center), glm::length(p - center) * (1 + 1e-15));
         for (const auto& [other, other_box] : boxes) {
           if (owner == other) continue;
           ASSERT_TRUE(glm::any(glm::lessThanEqual(box.high, other_box.low)) ||
@@ -214,10 +215,10 @@ TEST(FindClusters, PartsOfTheTreeAreHalvesOfHalvesInBoxesOfTheirOwn) {
 }
 
 TEST(FindClusters, KeepAboutASixth) {
-  const Sorted block = sort_points(uniform_points(512));
+  const Sorted node = sort_points(uniform_points(512));
   for (const auto& [method, low, high] :
        {std::tuple(Reduction::mis, 0.13, 0.23), std::tuple(Reduction::kdtree, 0.124, 0.126)}) {
-    const auto owners = owners_of(method, 8, block);
+    const auto owners = owners_of(method, 8, node);
     const auto kept = std::ranges::count_if(std::views::iota(0u, 512u), [&](unsigned i) { return owners[i] == i; });
     EXPECT_GT(static_cast<double>(kept) / 512, low) << reduction_name(method);
     EXPECT_LT(static_cast<double>(kept) / 512, high) << reduction_name(method);

@@ -1,6 +1,3 @@
-#include "tests/builder/support/point_sets.h"
-#include "tests/support/whole_reduction.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,12 +6,18 @@
 #include <numeric>
 #include <random>
 
-#include "builder/points/batches.h"
+#include "builder/points/batch_cutter.h"
+#include "builder/points/held_points.h"
+#include "builder/points/point_stream.h"
 #include "builder/reduction/batch_reduction.h"
 #include "builder/reduction/cascade.h"
+#include "builder/sorting/octree_nodes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/point_sets.h"
 #include "tests/builder/support/random_material.h"
 #include "tests/support/whole_material.h"
+#include "tests/support/whole_points.h"
+#include "tests/support/whole_reduction.h"
 
 namespace splatvol {
 namespace {
@@ -32,7 +35,7 @@ std::vector<dvec3> random_points(
   return points;
 }
 
-// Every distribution that has broken an octree before.
+// Distributions that have broken an octree before.
 std::map<std::string, std::vector<dvec3>> hard_cases() {
   std::map<std::string, std::vector<dvec3>> cases;
   cases["uniform"] = random_points(5000);
@@ -64,10 +67,10 @@ TEST(MortonKey, OrdersByInterleavedBitsOfFortyTwoLevels) {
   }
 }
 
-TEST(MortonKey, CommonDepthIsTheSmallestSharedCell) {
+TEST(MortonKey, CommonDepthIsThatOfTheSmallestSharedNode) {
   for (int depth = 0; depth < max_morton_depth; ++depth) {
-    const double cell = std::ldexp(1.0, -depth);
-    const dvec3 a{0.25 * cell, 0.25 * cell, 0.25 * cell}, b{0.25 * cell, 0.75 * cell, 0.25 * cell};
+    const double edge = std::ldexp(1.0, -depth);
+    const dvec3 a{0.25 * edge, 0.25 * edge, 0.25 * edge}, b{0.25 * edge, 0.75 * edge, 0.25 * edge};
     EXPECT_EQ(common_depth(morton_key(a, unit_cube), morton_key(b, unit_cube)), depth);
   }
   EXPECT_EQ(common_depth(morton_key({0.5, 0.5, 0.5}, unit_cube), morton_key({0.5, 0.5, 0.5}, unit_cube)),
@@ -79,16 +82,18 @@ TEST(MortonKey, BordersOfTheCubeAreInside) {
   EXPECT_EQ(finest_node({0, 0, 0}, unit_cube)[0], 0u);
 }
 
-TEST(LeafDepth, IsThatOfTheDefinition) {
+TEST(LeafAt, IsTheLeafOfTheDefinition) {
   for (const auto& [name, positions] : hard_cases()) {
     const Sorted sorted = sort_points(positions);
     const std::vector<MortonKey>& keys = sorted.keys;
+    const auto key = [&](std::size_t i) -> const MortonKey& { return keys[i]; };
     for (const std::size_t n : {1, 8, 25, 512, 100'000})
-      test::visit_octree(keys, n, [&](std::size_t begin, std::size_t, int depth, bool leaf) {
+      test::visit_octree(keys, n, [&](std::size_t begin, std::size_t end, int depth, bool leaf) {
         if (!leaf) return;
-        const int shared = begin == 0 ? -1 : common_depth(keys[begin - 1], keys[begin]);
-        const MortonKey* beyond = begin + n < keys.size() ? &keys[begin + n] : nullptr;
-        ASSERT_EQ(leaf_depth(shared, keys[begin], beyond), depth) << name << ", N = " << n << ", point " << begin;
+        const int shared_before = begin == 0 ? -1 : common_depth(keys[begin - 1], keys[begin]);
+        const KeyLeaf found = leaf_at(key, begin, keys.size(), n, shared_before);
+        ASSERT_EQ(found.end, end) << name << ", N = " << n << ", point " << begin;
+        ASSERT_EQ(found.depth, depth) << name << ", N = " << n << ", point " << begin;
       });
   }
 }
@@ -119,91 +124,96 @@ TEST(ReduceByOctree, KeepsAboutAThirdOfUniformPoints) {
   EXPECT_LT(share, 0.45);
 }
 
-// What the cells of a stream and the cascade make of points with random material. Points are named by their place in
-// Morton order, which is also their value.
+void append_parts(const PointBatch& batch, std::vector<NodePart>& parts) {
+  for (const NodePart& part : batch.leaf_parts)
+    parts.push_back({batch.first + part.begin, batch.first + part.end, part.depth, part.leaf, part.continued});
+}
+
+// Batches and the cascade's levels, of points with random material. A point's number is its index in Morton order, and
+// its value.
 struct Streamed {
   struct Level {
     std::vector<std::uint64_t> members;
-    std::vector<int> node_depths;  // [member]; empty at level 0
-    std::vector<SplatRow> splats;  // [member]
-    test::Material material;       // empty at level 0
+    std::vector<int> node_depths;     // [member]; empty at level 0
+    std::vector<StoredSplat> splats;  // [member]
+    test::Material material;          // empty at level 0
   };
 
   Cube cube;
   PointBatch points;
-  std::vector<NodePart> cells;  // begin and end counted from the first point of all
+  std::vector<NodePart> leaf_parts;  // begin and end counted from the first point of all
   std::vector<Level> levels = std::vector<Level>(1);
   std::vector<std::vector<std::size_t>> ends;  // [point]: levels that are its last
   std::vector<std::uint64_t> counts;           // [level]
 
-  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t cell_points,
+  Streamed(std::vector<dvec3> positions, std::uint32_t leaf_points, std::size_t index_leaf_points,
            Reduction method = Reduction::octree) {
     ends.resize(positions.size());
     attribute_.min = 0;
     attribute_.max = static_cast<double>(positions.size());
     test::PieceSource source({test::scattered(std::move(positions))});
-    PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
-    cube = stream.summary().cube;
-    Batches batches(stream, cell_points);
-    EXPECT_TRUE(batches.hold_all([&](PointBatch& all) -> Status {
-      test::randomize_material(all);
-      std::iota(all.values[0].begin(), all.values[0].end(), 0.0);
-      points = all;
-      return {};
-    }));
-    Cascade cascade(
-        cube, method, leaf_points, {0}, pool_,
-        {[this](std::size_t level, const Member& member, int node_depth) { add_splat(level, member, node_depth); },
-         [this](std::size_t level, const Member& member) { ends[id(member)].push_back(level); }});
+    test::WholePoints whole = *test::read_points(source, false, 1 << 20);
+    cube = whole.summary.cube;
+    points = std::move(whole.points);
+    test::randomize_material(points);
+    std::iota(points.values[0].begin(), points.values[0].end(), 0.0);
     const double offset = 0;
-    const ReductionSettings settings{.cube = cube,
-                                     .leaf_points = leaf_points,
-                                     .reduces = points.size() > coarsest_target,
-                                     .wants_splats = true,
-                                     .attributes = std::span(&attribute_, 1),
-                                     .offsets = std::span(&offset, 1),
-                                     .method = method};
+    reduce({.cube = cube,
+            .leaf_points = leaf_points,
+            .reduces = points.size() > coarsest_target,
+            .wants_splats = true,
+            .attributes = std::span(&attribute_, 1),
+            .offsets = std::span(&offset, 1),
+            .method = method},
+           index_leaf_points);
+    for (std::uint64_t i = 0; i < points.size(); ++i) levels[0].members.push_back(i);
+  }
+
+ private:
+  static std::uint64_t number(const Member& member) { return static_cast<std::uint64_t>(member.values[0].value); }
+
+  void reduce(const ReductionSettings& settings, std::size_t index_leaf_points) {
+    Cascade cascade(
+        cube, settings.method, settings.leaf_points, {0}, pool_,
+        {[this](std::size_t level, const Member& member, int node_depth) { add_splat(level, member, node_depth); },
+         [this](std::size_t level, const Member& member) { ends[number(member)].push_back(level); }});
+    BatchCutter batches(stream_of(points), 1, index_leaf_points);
     PointBatch batch;
     ReducedBatch reduced(1);
     while (*batches.next(batch)) {
       EXPECT_EQ(batch.first, levels[0].splats.size());
-      for (const NodePart& cell : batch.cells)
-        cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
+      append_parts(batch, leaf_parts);
       find_leaves(batch, settings, reduced);
       reduce_batch(batch, settings, pool_, reduced);
-      take(batch, reduced, cascade);
+      add(batch, reduced, cascade);
       reduced.clear();
     }
     cascade.finish();
     counts = cascade.counts();
     counts.insert(counts.begin(), levels[0].splats.size());
-    for (std::uint64_t i = 0; i < points.size(); ++i) levels[0].members.push_back(i);
   }
 
- private:
-  static std::uint64_t id(const Member& member) { return static_cast<std::uint64_t>(member.values[0].value); }
-
-  void take(const PointBatch& batch, ReducedBatch& reduced, Cascade& cascade) {
+  void add(const PointBatch& batch, ReducedBatch& reduced, Cascade& cascade) {
     levels[0].splats.insert(levels[0].splats.end(), reduced.splats.begin(), reduced.splats.end());
     for (const float i : reduced.finest.point_values[0].values) ends[static_cast<std::size_t>(i)].push_back(0);
     std::size_t m = 0;
-    for (std::size_t c = 0; c < batch.cells.size(); ++c)
-      for (; m < reduced.cells[c].members_end; ++m) {
-        if (batch.cells[c].continued)
+    for (std::size_t p = 0; p < batch.leaf_parts.size(); ++p)
+      for (; m < reduced.leaf_parts[p].members_end; ++m) {
+        if (batch.leaf_parts[p].continued)
           cascade.add_to_last(*reduced.members[m]);
         else
           cascade.push(std::move(reduced.members[m]));
       }
-    if (batch.first % 2 == 0) cascade.advance();  // sometimes; what comes of it does not depend on it
+    if (batch.first % 2 == 0) cascade.advance();  // now and then: the result does not depend on it
   }
 
   void add_splat(std::size_t level, const Member& member, int node_depth) {
     EXPECT_EQ(member.splats.size(), level + 1);
-    EXPECT_EQ(member.value_rows.size(), level + 1);
-    EXPECT_EQ(member.point.position, points.positions[id(member)]);
+    EXPECT_EQ(member.stored_values.size(), level + 1);
+    EXPECT_EQ(member.point.position, points.positions[number(member)]);
     levels.resize(std::max(levels.size(), level + 1));
     Level& at = levels[level];
-    at.members.push_back(id(member));
+    at.members.push_back(number(member));
     at.node_depths.push_back(node_depth);
     at.splats.push_back(member.splats[level]);
     at.material.moments.push_back(member.moments);
@@ -216,7 +226,7 @@ struct Streamed {
   MemberPool pool_;
 };
 
-// Sums of the same numbers in perhaps another order.
+// The same numbers may be added in another order.
 constexpr double rounding = 1e-12;
 
 void expect_near(const dvec3& a, const dvec3& b, double scale) {
@@ -249,27 +259,27 @@ void expect_same(const BoundaryPlane& a, const BoundaryPlane& b) {
   ASSERT_LE(std::abs(a.offset - b.offset), rounding * (std::abs(b.offset) + glm::length(b.area)));
 }
 
-// The cells are those of the octree, and what is too much for one follows in parts.
-void expect_cells_of_definition(std::span<const NodePart> cells, std::span<const MortonKey> keys,
-                                std::size_t cell_points) {
-  std::size_t c = 0;
+// The index leaves are those of the octree. Points that are more than a leaf may hold follow in parts.
+void expect_leaves_of_definition(std::span<const NodePart> parts, std::span<const MortonKey> keys,
+                                 std::size_t index_leaf_points) {
+  std::size_t p = 0;
   std::uint64_t leaf = 0;
-  test::visit_octree(keys, cell_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
+  test::visit_octree(keys, index_leaf_points, [&](std::size_t begin, std::size_t end, int depth, bool is_leaf) {
     if (!is_leaf || testing::Test::HasFatalFailure()) return;
-    for (std::size_t at = begin; at < end && c < cells.size(); ++c) {
-      const NodePart& cell = cells[c];
-      ASSERT_EQ(cell.begin, at);
-      ASSERT_GT(cell.end, at);
-      ASSERT_LE(cell.end, std::min(at + cell_points, end));
-      ASSERT_EQ(cell.depth, depth);
-      ASSERT_EQ(cell.leaf, leaf);
-      ASSERT_EQ(cell.continued, at > begin);
-      at = cell.end;
+    for (std::size_t at = begin; at < end && p < parts.size(); ++p) {
+      const NodePart& part = parts[p];
+      ASSERT_EQ(part.begin, at);
+      ASSERT_GT(part.end, at);
+      ASSERT_LE(part.end, std::min(at + index_leaf_points, end));
+      ASSERT_EQ(part.depth, depth);
+      ASSERT_EQ(part.leaf, leaf);
+      ASSERT_EQ(part.continued, at > begin);
+      at = part.end;
     }
     ++leaf;
   });
-  EXPECT_EQ(c, cells.size());
-  EXPECT_EQ(cells.back().end, keys.size());
+  EXPECT_EQ(p, parts.size());
+  EXPECT_EQ(parts.back().end, keys.size());
 }
 
 void expect_same_level(const Streamed& streamed, std::size_t level, const test::Resolution& resolution,
@@ -277,7 +287,7 @@ void expect_same_level(const Streamed& streamed, std::size_t level, const test::
   const Streamed::Level& at = streamed.levels[level];
   ASSERT_EQ(at.members, resolution.members);
   ASSERT_EQ(streamed.counts[level], resolution.size());
-  const std::vector<SplatRow> splats = test::splats_of(streamed.points.positions, resolution, material);
+  const std::vector<StoredSplat> splats = test::splats_of(streamed.points.positions, resolution, material);
   for (std::size_t m = 0; m < resolution.size(); ++m) {
     ASSERT_EQ(at.splats[m].number, m);
     ASSERT_EQ(at.splats[m].depth, resolution.depths[m]);
@@ -288,7 +298,7 @@ void expect_same_level(const Streamed& streamed, std::size_t level, const test::
     if (level == 0) continue;
     expect_same(at.material.moments[m], material.moments[m]);
     expect_same(at.material.value_moments[0][m], material.value_moments[0][m], material.moments[m]);
-    // What of many planes is the largest group depends on which are merged first.
+    // Which group of many planes is the largest depends on the order of merging.
     const bool in_parts = at.splats[m].depth == max_morton_depth || resolution.size() == 1;
     if (!in_parts) expect_same(at.material.planes[m], material.planes[m]);
   }
@@ -312,46 +322,45 @@ void expect_same_reduction(const Streamed& streamed, std::uint32_t leaf_points) 
 }
 
 void expect_batches_of_definition(const std::vector<dvec3>& positions) {
-  for (const std::size_t cell_points : {8, 100, 512, 30'000}) {
-    SCOPED_TRACE("at most " + std::to_string(cell_points));
+  for (const std::size_t index_leaf_points : {8, 100, 512, 30'000}) {
+    SCOPED_TRACE("at most " + std::to_string(index_leaf_points));
     test::PieceSource source({test::scattered(positions)});
     PointStream stream = *PointStream::create(source, false, 1 << 24, testing::TempDir(), [](double) {});
-    Batches batches(stream, cell_points);
+    BatchCutter batches([&](PointBatch& points) { return stream.next(points); }, 1, index_leaf_points);
     std::vector<MortonKey> keys;
-    std::vector<NodePart> cells;
+    std::vector<NodePart> leaf_parts;
     PointBatch batch;
     while (*batches.next(batch)) {
       ASSERT_EQ(batch.first, keys.size());
       keys.insert(keys.end(), batch.keys.begin(), batch.keys.end());
-      for (const NodePart& cell : batch.cells)
-        cells.push_back({batch.first + cell.begin, batch.first + cell.end, cell.depth, cell.leaf, cell.continued});
+      append_parts(batch, leaf_parts);
     }
     ASSERT_EQ(keys.size(), positions.size());
-    expect_cells_of_definition(cells, keys, cell_points);
+    expect_leaves_of_definition(leaf_parts, keys, index_leaf_points);
   }
 }
 
 // Clusters of all sizes, some of coincident points, so that batches end anywhere in the octree.
-TEST(Batches, CellsAreThoseOfTheDefinition) {
+TEST(BatchCutter, IndexLeavesAreThoseOfTheDefinition) {
   std::mt19937_64 random(9);
   std::uniform_real_distribution<double> uniform(0, 1);
-  const auto place = [&] { return dvec3(uniform(random), uniform(random), uniform(random)); };
+  const auto anywhere = [&] { return dvec3(uniform(random), uniform(random), uniform(random)); };
   for (int round = 0; round < 4; ++round) {
     SCOPED_TRACE("round " + std::to_string(round));
     std::vector<dvec3> positions = {{0, 0, 0}, {1, 1, 1}};
     while (positions.size() < 300'000) {
-      const dvec3 corner = 0.5 * place();
+      const dvec3 corner = 0.5 * anywhere();
       const double size = uniform(random) < 0.05 ? 0 : 0.5 * std::pow(10.0, -9 * uniform(random));
       const auto count = static_cast<std::size_t>(std::pow(10.0, 4.5 * uniform(random)));
-      for (std::size_t i = 0; i < count; ++i) positions.push_back(corner + size * place());
+      for (std::size_t i = 0; i < count; ++i) positions.push_back(corner + size * anywhere());
     }
     expect_batches_of_definition(positions);
     if (HasFatalFailure()) return;
   }
 }
 
-// Batches that end anywhere, some with the first octant of a cell that must be split for what follows.
-TEST(Batches, MayEndWithAFewPointsOfALargeCell) {
+// Batches end anywhere. Some end with the first octant of a node that is split because of the points behind.
+TEST(BatchCutter, BatchesMayEndWithAFewPointsOfALargeNode) {
   std::vector<dvec3> positions = random_points(65'530, [](double x) { return 0.49 * x; });
   for (const auto& [count, low] : {std::pair{10, 0.5}, {20'000, 0.75}})
     for (const dvec3& p : random_points(static_cast<std::size_t>(count), [low](double x) { return low + 0.25 * x; }))
@@ -362,20 +371,20 @@ TEST(Batches, MayEndWithAFewPointsOfALargeCell) {
 
 TEST(Cascade, GivesTheReductionOfTheDefinition) {
   for (const auto& [name, positions] : hard_cases())
-    for (const auto& [leaf_points, cell_points] :
+    for (const auto& [leaf_points, index_leaf_points] :
          {std::pair{8u, 8u}, {8u, 300u}, {8u, 512u}, {20u, 20u}, {20u, 10'000u}, {600u, 600u}}) {
-      SCOPED_TRACE(name + ", " + std::to_string(leaf_points) + " and " + std::to_string(cell_points));
-      const Streamed streamed(positions, leaf_points, cell_points);
-      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
-      // The first part of a cell decides for all: the same only where all points are in one place and the count is
-      // full.
-      const bool in_parts = std::ranges::any_of(streamed.cells, &NodePart::continued);
-      if (!in_parts || (name == "all equal" && cell_points > 255)) expect_same_reduction(streamed, leaf_points);
+      SCOPED_TRACE(name + ", " + std::to_string(leaf_points) + " and " + std::to_string(index_leaf_points));
+      const Streamed streamed(positions, leaf_points, index_leaf_points);
+      expect_leaves_of_definition(streamed.leaf_parts, streamed.points.keys, index_leaf_points);
+      // The first part of a leaf decides for all of it. That gives the same reduction only if all points coincide and
+      // their count is full.
+      const bool in_parts = std::ranges::any_of(streamed.leaf_parts, &NodePart::continued);
+      if (!in_parts || (name == "all equal" && index_leaf_points > 255)) expect_same_reduction(streamed, leaf_points);
       if (HasFatalFailure()) return;
     }
 }
 
-// A level's members by the leaves of an octree over them.
+// Visits the leaves of the octree over a level's members.
 void visit_leaves(const Streamed& streamed, const Streamed::Level& level, std::size_t leaf_points,
                   const std::function<void(std::size_t begin, std::size_t end, int depth)>& visit) {
   std::vector<MortonKey> keys;
@@ -385,7 +394,7 @@ void visit_leaves(const Streamed& streamed, const Streamed::Level& level, std::s
   });
 }
 
-// What a level's blocks come to by the definition: who stays, and the material of each.
+// Reduces a level's nodes by the definition: the members that stay, and the material of each.
 Streamed::Level reduce_nodes(const Streamed& streamed, const Streamed::Level& level, const test::Material& material,
                              Reduction method, std::uint32_t leaf_points, std::size_t node_points) {
   Streamed::Level coarser;
@@ -421,8 +430,29 @@ Streamed::Level reduce_nodes(const Streamed& streamed, const Streamed::Level& le
   return coarser;
 }
 
-void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint32_t leaf_points,
-                           std::size_t cell_points) {
+// The octree's leaves do not depend on the clusters.
+void expect_octants(const Streamed& streamed, const Streamed::Level& at, std::uint32_t leaf_points) {
+  visit_leaves(streamed, at, leaf_points, [&](std::size_t begin, std::size_t end, int depth) {
+    for (std::size_t m = begin; m < end; ++m) {
+      ASSERT_EQ(at.splats[m].number, m);
+      ASSERT_EQ(at.splats[m].depth, depth);
+      ASSERT_EQ(at.splats[m].count, std::min<std::size_t>(end - begin, 255));
+    }
+  });
+}
+
+void expect_same_members(const Streamed::Level& level, const Streamed::Level& expected) {
+  ASSERT_EQ(level.members, expected.members);
+  for (std::size_t m = 0; m < expected.members.size(); ++m) {
+    expect_same(level.material.moments[m], expected.material.moments[m]);
+    expect_same(level.material.value_moments[0][m], expected.material.value_moments[0][m],
+                expected.material.moments[m]);
+    expect_same(level.material.planes[m], expected.material.planes[m]);
+  }
+}
+
+void expect_nodes_reduced(const Streamed& streamed, Reduction method, std::uint32_t leaf_points,
+                          std::size_t index_leaf_points) {
   const std::size_t last = streamed.levels.size() - 1;
   ASSERT_LE(streamed.counts[last], coarsest_target);
   test::Material material = test::material_of(streamed.points);
@@ -430,31 +460,17 @@ void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint
     SCOPED_TRACE("level " + std::to_string(level));
     const Streamed::Level& at = streamed.levels[level];
     ASSERT_EQ(at.splats.size(), streamed.counts[level]);
-    // The octree's leaves have nothing to do with the clusters.
-    visit_leaves(streamed, at, leaf_points, [&](std::size_t begin, std::size_t end, int depth) {
-      for (std::size_t m = begin; m < end; ++m) {
-        ASSERT_EQ(at.splats[m].number, m);
-        ASSERT_EQ(at.splats[m].depth, depth);
-        ASSERT_EQ(at.splats[m].count, std::min<std::size_t>(end - begin, 255));
-      }
-    });
+    expect_octants(streamed, at, leaf_points);
     if (level == last) break;
     const std::size_t node_points =
-        std::min<std::size_t>(most_in_reduction_node(method, leaf_points), level == 0 ? cell_points : -1);
+        std::min<std::size_t>(most_in_reduction_node(method, leaf_points), level == 0 ? index_leaf_points : -1);
     if (level > 0)
       visit_leaves(streamed, at, node_points, [&](std::size_t begin, std::size_t end, int depth) {
         for (std::size_t m = begin; m < end; ++m) ASSERT_EQ(at.node_depths[m], depth);
       });
-    const Streamed::Level expected = reduce_nodes(streamed, at, material, method, leaf_points, node_points);
     const Streamed::Level& coarser = streamed.levels[level + 1];
-    ASSERT_EQ(coarser.members, expected.members);
     ASSERT_LT(coarser.members.size(), at.members.size());
-    for (std::size_t m = 0; m < expected.members.size(); ++m) {
-      expect_same(coarser.material.moments[m], expected.material.moments[m]);
-      expect_same(coarser.material.value_moments[0][m], expected.material.value_moments[0][m],
-                  expected.material.moments[m]);
-      expect_same(coarser.material.planes[m], expected.material.planes[m]);
-    }
+    expect_same_members(coarser, reduce_nodes(streamed, at, material, method, leaf_points, node_points));
     for (const std::uint64_t i : at.members) {
       const bool stays = std::ranges::binary_search(coarser.members, i);
       ASSERT_EQ(streamed.ends[i] == std::vector<std::size_t>{level}, !stays) << "point " << i;
@@ -465,43 +481,44 @@ void expect_blocks_reduced(const Streamed& streamed, Reduction method, std::uint
     ASSERT_EQ(streamed.ends[i], std::vector<std::size_t>{last}) << "point " << i;
 }
 
-TEST(Cascade, ReducesBlocksByTheirClusters) {
+TEST(Cascade, ReducesNodesByTheirClusters) {
   for (const auto& [name, positions] : hard_cases())
     for (const Reduction method : {Reduction::mis, Reduction::kdtree})
-      for (const auto& [leaf_points, cell_points] : {std::pair{8u, 300u}, {8u, 512u}, {20u, 3000u}, {600u, 600u}}) {
+      for (const auto& [leaf_points, index_leaf_points] :
+           {std::pair{8u, 300u}, {8u, 512u}, {20u, 3000u}, {600u, 600u}}) {
         SCOPED_TRACE(name + ", " + reduction_name(method) + ", " + std::to_string(leaf_points) + " and " +
-                     std::to_string(cell_points));
-        const Streamed streamed(positions, leaf_points, cell_points, method);
-        if (name != "all equal") expect_blocks_reduced(streamed, method, leaf_points, cell_points);
+                     std::to_string(index_leaf_points));
+        const Streamed streamed(positions, leaf_points, index_leaf_points, method);
+        if (name != "all equal") expect_nodes_reduced(streamed, method, leaf_points, index_leaf_points);
         if (HasFatalFailure()) return;
       }
 }
 
-// Thousands of points in one finest cell, coincident or not, that are more than a cell may hold.
-TEST(Cascade, CellsInPartsKeepAllPointsAndTheirMass) {
+// Thousands of points, coincident or not, lie in one of the smallest nodes: more than an index leaf may hold.
+TEST(Cascade, LeavesInPartsKeepAllPointsAndTheirMass) {
   for (const auto& [method, apart] : {std::pair{Reduction::octree, 0.0},
                                       {Reduction::octree, 0x1p-50},
                                       {Reduction::mis, 0x1p-50},
                                       {Reduction::kdtree, 0.0}})
-    for (const std::size_t cell_points : {300, 512, 2999, 3000, 3001}) {
-      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(cell_points) + ", " +
+    for (const std::size_t index_leaf_points : {300, 512, 2999, 3000, 3001}) {
+      SCOPED_TRACE(std::to_string(apart) + " apart, at most " + std::to_string(index_leaf_points) + ", " +
                    reduction_name(method));
       std::vector<dvec3> positions = random_points(1000);
       positions.insert(positions.end(), {{0, 0, 0}, {1, 1, 1}});
       for (int i = 0; i < 3000; ++i) positions.emplace_back(0.25 + apart * (i % 256), 0.25, 0.25);
-      const Streamed streamed(positions, 8, cell_points, method);
-      expect_cells_of_definition(streamed.cells, streamed.points.keys, cell_points);
+      const Streamed streamed(positions, 8, index_leaf_points, method);
+      expect_leaves_of_definition(streamed.leaf_parts, streamed.points.keys, index_leaf_points);
 
       ASSERT_GE(streamed.levels.size(), 2u);
       for (const auto& ends : streamed.ends) ASSERT_EQ(ends.size(), 1u);
-      std::size_t in_one_cell = 0;
+      std::size_t in_one_node = 0;
       for (std::size_t i = 0; i < positions.size(); ++i) {
         if (glm::length(streamed.points.positions[i] - 0.25) > 1e-9) continue;
-        ++in_one_cell;
+        ++in_one_node;
         EXPECT_EQ(streamed.levels[0].splats[i].count, 255);
         EXPECT_EQ(streamed.levels[0].splats[i].depth, max_morton_depth);
       }
-      ASSERT_EQ(in_one_cell, 3000u);
+      ASSERT_EQ(in_one_node, 3000u);
       const auto mass = [](const auto& moments) {
         return std::accumulate(moments.begin(), moments.end(), 0.0,
                                [](double sum, const auto& moment) { return sum + moment.mass; });

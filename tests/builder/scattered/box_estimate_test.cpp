@@ -1,4 +1,4 @@
-// Shares of a block's volume by a k-d tree over its points.
+// Shares of an estimate node's volume by a k-d tree over its points.
 #include "builder/scattered/box_estimate.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ using Points = std::vector<dvec3>;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-// In the middle of n^3 cells that fill a box from the origin on.
+// The centres of n^3 cells that fill a box from the origin on.
 Points lattice(int n, dvec3 spacing) {
   Points points;
   for (int k = 0; k < n; ++k)
@@ -63,8 +63,8 @@ double total_mass(const Material& material) {
   return sum;
 }
 
-TEST(BoxEstimate, MassesAddUpToTheBlock) {
-  // Full cells: no side is thrice the usual one.
+TEST(BoxEstimate, MassesAddUpToTheNode) {
+  // All cells are full: no side is three times as long as the usual one.
   for (const int n : {1, 2, 3, 5, 7, 12, 16}) {
     const Points points = lattice(n, dvec3(1.0 / n));
     EXPECT_NEAR(total_mass(estimate(points, {dvec3(0), dvec3(1)})), 1, 1e-12) << n;
@@ -76,7 +76,7 @@ TEST(BoxEstimate, RandomPointsLoseLittle) {
     double sum = 0;
     for (unsigned seed = 1; seed <= 8; ++seed)
       sum += total_mass(estimate(test::uniform_points(count, seed), {dvec3(0), dvec3(1)})) / 8;
-    // Measured: under 0.1 % with thousands of points; with 64 each box borders on the block.
+    // Measured: under 0.1 % with thousands of points. With 64, each box borders on the node's border.
     EXPECT_GE(sum, count > 64 ? 0.995 : 0.98) << count;
     EXPECT_LE(sum, 1 + 1e-12) << count;
   }
@@ -104,7 +104,7 @@ TEST(BoxEstimate, ALinearFieldKeepsItsGradient) {
     for (const dvec3& p : points) high = glm::max(high, p);
     const Material material = estimate(points, {dvec3(0), high});
     for (std::size_t i = 0; i < points.size(); ++i) {
-      // Values near 20 are rounded to 2e-15, over a spacing of 1e-4; and what keeps the matrix regular weighs 1e-12.
+      // Values near 20 are rounded to 2e-15, over a spacing of 1e-4; the term that keeps the matrix regular is 1e-12.
       ASSERT_LT(glm::length(material.gradients[0][i] - slope), 1e-6) << i;
       const SpatialMoments& own = material.moments[i];
       const ValueMoments& value = material.value_moments[0][i];
@@ -119,7 +119,7 @@ TEST(BoxEstimate, ALinearFieldKeepsItsGradient) {
   }
 }
 
-TEST(BoxEstimate, DoesNotDependOnPlaceOrScale) {
+TEST(BoxEstimate, DoesNotDependOnPositionOrScale) {
   const Points points = test::uniform_points(2000);
   const Material here = estimate(points, {dvec3(0), dvec3(1)});
   struct Change {
@@ -127,7 +127,7 @@ TEST(BoxEstimate, DoesNotDependOnPlaceOrScale) {
     dvec3 shift;
     double tolerance;
   };
-  // Coordinates of 1e7 are rounded to 1e-9, which is 1e-7 of widths of 0.01 and more of the thinnest.
+  // Coordinates of 1e7 are rounded to 1e-9. That is 1e-7 of a width of 0.01, and more of the thinnest widths.
   for (const Change& change : {Change{1, dvec3(1e7, -1e7, 1e7), 1e-4}, Change{0x1p-20, dvec3(0), 1e-12},
                                Change{0x1p20, dvec3(0), 1e-12}, Change{1e-6, dvec3(0), 1e-9}}) {
     Points moved;
@@ -141,7 +141,7 @@ TEST(BoxEstimate, DoesNotDependOnPlaceOrScale) {
 
 TEST(BoxEstimate, PointsWithoutAVolumeGetTheThicknessOfTheirSpacing) {
   const Box bounds{dvec3(-10), dvec3(10)};
-  // A unit square of spacing 0.05, its material up to half a spacing beyond: thinner than 4 spacings.
+  // A unit square of spacing 0.05. Its material reaches up to half a spacing beyond, and is thinner than 4 spacings.
   Points plane, tilted;
   for (int i = 0; i <= 20; ++i)
     for (int j = 0; j <= 20; ++j) {
@@ -153,7 +153,7 @@ TEST(BoxEstimate, PointsWithoutAVolumeGetTheThicknessOfTheirSpacing) {
     EXPECT_GT(mass, 0.02);
     EXPECT_LT(mass, 1.1 * 1.1 * 0.2);
   }
-  // One place has the whole block, once.
+  // Points at one position have the whole node, once.
   EXPECT_DOUBLE_EQ(total_mass(estimate({dvec3(5)}, bounds)), 8000);
   const Material coincident = estimate(Points(500, dvec3(1, 2, 3)), bounds);
   EXPECT_DOUBLE_EQ(coincident.moments[0].mass, 8000);
@@ -162,7 +162,8 @@ TEST(BoxEstimate, PointsWithoutAVolumeGetTheThicknessOfTheirSpacing) {
 }
 
 TEST(BoxEstimate, LeavesVoidsEmpty) {
-  // Half a lattice, and a hole of 6^3 of its 16^3 cells: what is left of them is half a cell on each side.
+  // Half a lattice; and a lattice with a hole of 6^3 of its 16^3 cells, of which half a cell on each side remains
+  // filled.
   Points half, holed;
   for (const dvec3& p : lattice(16, dvec3(1))) {
     if (p.x < 8) half.push_back(p);
@@ -221,7 +222,7 @@ TEST(BoxEstimate, MissingValuesHaveNoMassAndDoNotSpread) {
 }
 
 TEST(BoxEstimate, DoesNotDependOnThreadsOrOnWhatCameBefore) {
-  const auto all_blocks = [] {
+  const auto all_nodes = [] {
     std::vector<Material> materials(32);
     tbb::parallel_for(std::size_t{0}, materials.size(), [&](std::size_t b) {
       thread_local BoxEstimate kept;
@@ -232,9 +233,9 @@ TEST(BoxEstimate, DoesNotDependOnThreadsOrOnWhatCameBefore) {
     });
     return materials;
   };
-  const auto many = all_blocks();
+  const auto many = all_nodes();
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  const auto single = all_blocks();
+  const auto single = all_nodes();
   for (std::size_t b = 0; b < many.size(); ++b)
     for (std::size_t i = 0; i < many[b].moments.size(); ++i) {
       ASSERT_EQ(many[b].moments[i].mass, single[b].moments[i].mass);

@@ -80,7 +80,7 @@ TEST(ConvexCell, CutsKeepVolumeAndMomentsOfWhatIsLeft) {
   EXPECT_DOUBLE_EQ(cell.moments().mass, 48);
   EXPECT_NEAR(cell.moments().covariance.yy, 16.0 / 12, 1e-12);
   EXPECT_FALSE(cell.clip({1, 1, 1}, 6.5, 7));
-  // The corner that x + y + z > 5 cuts off is a tetrahedron with three edges of length 1.
+  // x + y + z > 5 cuts a corner off: a tetrahedron with three edges of length 1.
   EXPECT_TRUE(cell.clip({2, 2, 2}, 10, 7));
   EXPECT_NEAR(cell.moments().mass, 48 - 1.0 / 6, 1e-12);
   EXPECT_NEAR(cell.moments().centroid.x, -0.75 / 6 / (48 - 1.0 / 6), 1e-12);
@@ -100,7 +100,7 @@ TEST(ConvexCell, SurvivesCutsThroughItsOwnVerticesAndIsEmptyAtLast) {
   EXPECT_TRUE(cell.vertices().empty());
 }
 
-TEST(DelaunayTetrahedra, FillTheHullOfALatticeWhateverItsAspectRatioAndPlace) {
+TEST(DelaunayTetrahedra, FillTheHullOfALatticeWhateverItsAspectRatioAndPosition) {
   for (const double thin : {1.0, 1e-2, 1e-4})
     for (const double origin : {0.0, 1e7}) {
       const Points points = lattice(8, {1, 0.5, thin}, dvec3(origin));
@@ -115,13 +115,13 @@ TEST(DelaunayTetrahedra, KeepTheInsideOfRandomPoints) {
   const Points points = test::uniform_points(20'000);
   const auto tetrahedra = delaunay_tetrahedra(points);
   ASSERT_TRUE(tetrahedra);
-  // Every place in the inner cube is covered: the tetrahedra that reach into it hold at least its volume.
+  // Tetrahedra cover the whole inner cube, so those inside have its volume.
   double covered = 0;
   for (const Tetrahedron& t : *tetrahedra) {
     const dvec3 center = (points[t[0]] + points[t[1]] + points[t[2]] + points[t[3]]) / 4.0;
     if (inside(center, dvec3(0.2), dvec3(0.8))) covered += volume(points, {t});
   }
-  // Tetrahedra of edge 0.05 that straddle the border count by their centres: an error of 1 % at most, of random sign.
+  // Tetrahedra of edge 0.05 across the border count by their centres: an error of 1 % at most, of random sign.
   EXPECT_NEAR(covered / (0.6 * 0.6 * 0.6), 1, 0.01);
 }
 
@@ -164,7 +164,7 @@ TEST(DelaunayTetrahedra, GiveCoincidentPointsVolumeOnce) {
   for (const Tetrahedron& t : *tetrahedra) EXPECT_LT(t[3], distinct);
 }
 
-// Points without a volume, with the volume that the estimate gives them.
+// Points without a volume, and the volume that the estimate may give them.
 struct Flat {
   const char* name;
   Points points;
@@ -174,7 +174,7 @@ struct Flat {
 std::vector<Flat> flat_cases() {
   std::vector<Flat> cases = {
       {"none", {}, 0, 0}, {"one", {{5, 5, 5}}, 1, 1}, {"coincident", Points(500, dvec3(1e7, -3, 2)), 1, 1}};
-  // A unit square or line of spacing 0.1; a thickness between half the spacing and twice the diagonal.
+  // A unit square or line of spacing 0.1. Its thickness lies between half the spacing and twice the diagonal.
   Points plane, tilted, line, diagonal;
   for (int i = 0; i <= 10; ++i) {
     line.emplace_back(0.1 * i, 2, 3);
@@ -211,7 +211,7 @@ TEST(ScatteredEstimate, CellsOfALatticeAreItsBoxes) {
       const auto estimate = ScatteredEstimate::create(points);
       ASSERT_TRUE(estimate);
       const double tolerance = origin > 0 ? 1e-3 : 1e-9;  // rounding of the positions, as above; squared in covariances
-      // The domain ends at the outer points, so their cells are halved, quartered or an eighth.
+      // The domain ends at the outer points, so it has only a half, a quarter or an eighth of their cells.
       EXPECT_NEAR(total_mass(*estimate) / (343 * 0.5 * thin), 1, tolerance) << thin << " at " << origin;
       for (std::size_t i = 0; i < points.size(); ++i) {
         if (!inside(points[i], dvec3(origin) + 0.5 * spacing, dvec3(origin) + 6.5 * spacing)) continue;
@@ -232,7 +232,7 @@ TEST(ScatteredEstimate, MassesOfRandomPointsAddUpInside) {
   double mass = 0;
   for (std::size_t i = 0; i < points.size(); ++i)
     if (inside(points[i], dvec3(0.2), dvec3(0.8))) mass += estimate->spatial()[i].mass;
-  EXPECT_NEAR(mass / (0.6 * 0.6 * 0.6), 1, 0.01);  // cells of size 0.04 on the border: random, 1 % at most
+  EXPECT_NEAR(mass / (0.6 * 0.6 * 0.6), 1, 0.01);  // cells of size 0.04 on the border: a random error of 1 % at most
 }
 
 TEST(ScatteredEstimate, LeavesHolesEmptyBesideThinLayers) {
@@ -240,8 +240,8 @@ TEST(ScatteredEstimate, LeavesHolesEmptyBesideThinLayers) {
     const auto points = round_cylinder(first_layer);
     const auto estimate = ScatteredEstimate::create(points);
     ASSERT_TRUE(estimate);
-    // The hole holds 0.125 of it. Cuts are planes through the outer points: the arc between two of them, 0.006 of the
-    // radius, stays with the cell.
+    // The hole has 0.125 of the volume. Cuts are planes through the outer points, so a cell keeps the arc between two
+    // of them, 0.006 of the radius.
     EXPECT_NEAR(total_mass(*estimate) / cylinder_volume, 1, 0.01) << first_layer;
   }
 }
@@ -326,7 +326,7 @@ TEST(ScatteredEstimate, CoversNineDecadesOfCellVolume) {
       }
   const auto estimate = ScatteredEstimate::create(points);
   ASSERT_TRUE(estimate);
-  // Spacings that grow by 1.8 from one to the next look here and there like the border of the domain.
+  // Spacings that grow by a factor of 1.8 look like the border of the domain here and there.
   EXPECT_NEAR(total_mass(*estimate) / 8e9, 1, 1e-3);
 }
 

@@ -26,7 +26,7 @@ using Bytes = std::vector<std::byte>;
 
 constexpr Cube cube{dvec3(0), 1};
 
-// A record begins with three floats, its position; what follows is noise that tells records apart.
+// A record begins with three floats, its position. The other bytes are noise that tells records apart.
 dvec3 position_of(const std::byte* record) {
   std::array<float, 3> p;
   std::memcpy(p.data(), record, sizeof p);
@@ -41,11 +41,11 @@ KeyFunction key_of(std::size_t record_bytes) {
   };
 }
 
-Bytes make_records(std::size_t count, std::size_t record_bytes, const std::function<dvec3(std::mt19937&)>& place) {
+Bytes make_records(std::size_t count, std::size_t record_bytes, const std::function<dvec3(std::mt19937&)>& position) {
   std::mt19937 random(1);
   Bytes records(count * record_bytes);
   for (std::size_t i = 0; i < count; ++i) {
-    const dvec3 p = place(random);
+    const dvec3 p = position(random);
     const std::array<float, 3> stored = {float(p.x), float(p.y), float(p.z)};
     std::byte* record = records.data() + i * record_bytes;
     std::memcpy(record, stored.data(), sizeof stored);
@@ -59,7 +59,7 @@ dvec3 anywhere(std::mt19937& random) {
   return {uniform(random), uniform(random), uniform(random)};
 }
 
-// Half of the points in a billionth of the volume, at the cube's corner, where floats still tell them apart.
+// Half of the points lie in a billionth of the volume, at the cube's corner, where floats still tell them apart.
 dvec3 clustered(std::mt19937& random) { return (random() % 2 == 0 ? 1e-3 : 1.0) * anywhere(random); }
 
 // Twelve decades of distance to a corner: all bits of the keys count.
@@ -68,8 +68,8 @@ dvec3 graded(std::mt19937& random) {
   return std::pow(10.0, exponent(random)) * anywhere(random);
 }
 
-// So few places that most keys occur often.
-dvec3 in_few_places(std::mt19937& random) { return dvec3(random() % 10, random() % 10, 3) / 10.0; }
+// At so few positions that most keys occur often.
+dvec3 at_few_positions(std::mt19937& random) { return dvec3(random() % 10, random() % 10, 3) / 10.0; }
 
 Bytes sort_in_memory(const Bytes& records, std::size_t record_bytes) {
   std::vector<std::pair<MortonKey, std::size_t>> order;
@@ -84,17 +84,29 @@ Bytes sort_in_memory(const Bytes& records, std::size_t record_bytes) {
 }
 
 SortOptions options_for(std::size_t record_bytes, std::size_t memory) {
-  return {record_bytes, key_of(record_bytes), memory, memory, ::testing::TempDir(), nullptr};
+  return {record_bytes, key_of(record_bytes), memory, memory, ::testing::TempDir()};
+}
+
+// The bytes on the disk of this process's files without a name.
+std::uint64_t unnamed_bytes() {
+  std::uint64_t bytes = 0;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    struct stat status {};
+    if (::stat(entry.path().c_str(), &status) == 0 && S_ISREG(status.st_mode) && status.st_nlink == 0)
+      bytes += static_cast<std::uint64_t>(status.st_blocks) * 512;
+  }
+  return bytes;
 }
 
 struct Sorted {
   Bytes records;
-  int passes = 0;
+  bool in_file = false;  // records were in a temporary file
 };
 
-// Added in pieces of uneven sizes. Checks the keys that come along.
+// Adds the records in pieces of uneven sizes. Checks the keys that come with the sorted records.
 Sorted sort_records(const Bytes& records, SortOptions options) {
   const std::size_t record_bytes = options.record_bytes;
+  const std::uint64_t other_files = unnamed_bytes();
   auto sorter = ExternalSorter::create(std::move(options)).value();
   std::size_t added = 0;
   for (std::size_t piece = 1; added < records.size(); piece = piece * 3 % 10007) {
@@ -105,6 +117,7 @@ Sorted sort_records(const Bytes& records, SortOptions options) {
   EXPECT_EQ(sorter.count(), records.size() / record_bytes);
   EXPECT_TRUE(sorter.finish());
   Sorted sorted;
+  sorted.in_file = unnamed_bytes() > other_files;
   for (;;) {
     const SortedRecords packet = sorter.next().value();
     if (packet.keys.empty()) break;
@@ -114,7 +127,6 @@ Sorted sort_records(const Bytes& records, SortOptions options) {
     sorted.records.insert(sorted.records.end(), packet.records.begin(), packet.records.end());
   }
   EXPECT_TRUE(sorter.next().value().keys.empty());
-  sorted.passes = sorter.passes();
   return sorted;
 }
 
@@ -122,7 +134,7 @@ void expect_sorted(const Bytes& records, std::size_t record_bytes, std::initiali
   const Bytes expected = sort_in_memory(records, record_bytes);
   for (const std::size_t memory : memories) {
     const Sorted sorted = sort_records(records, options_for(record_bytes, memory));
-    EXPECT_EQ(sorted.passes > 0, records.size() > memory) << memory;
+    EXPECT_EQ(sorted.in_file, records.size() > memory) << memory;
     EXPECT_TRUE(sorted.records == expected) << record_bytes << " bytes a record, memory of " << memory;
   }
 }
@@ -136,11 +148,11 @@ TEST(ExternalSort, SameAsStableSortForEverySizeOfRecord) {
 }
 
 TEST(ExternalSort, SameAsStableSortHoweverPointsLie) {
-  for (const auto& place : {clustered, graded, in_few_places})
-    expect_sorted(make_records(300'000, 16, place), 16, {1 << 16, 1 << 20, 1 << 24});
+  for (const auto& position : {clustered, graded, at_few_positions})
+    expect_sorted(make_records(300'000, 16, position), 16, {1 << 16, 1 << 20, 1 << 24});
 }
 
-// Equal keys in the order of their coming, through runs and several passes; and no quadratic time in the sort.
+// Equal keys keep their order through runs and several passes, and the sort takes no quadratic time.
 TEST(ExternalSort, LeavesRecordsOfOneKeyInTheirOrder) {
   const Bytes records = make_records(1'000'000, 16, [](std::mt19937&) { return dvec3(0.3); });
   for (const std::size_t memory : {std::size_t{1} << 16, std::size_t{1} << 21, std::size_t{1} << 26})
@@ -161,27 +173,24 @@ TEST(ExternalSort, NothingAndOneRecord) {
     const Bytes records = make_records(count, 12, anywhere);
     const Sorted sorted = sort_records(records, options_for(12, 1 << 16));
     EXPECT_EQ(sorted.records, records);
-    EXPECT_EQ(sorted.passes, 0);
+    EXPECT_FALSE(sorted.in_file);
   }
 }
 
-// 64 KiB for 8 MB: some 200 runs, of which 9 can be merged at a time.
-TEST(ExternalSort, MergesInAsManyPassesAsMemoryNeeds) {
+// 64 KiB for 8 MB: some 200 runs, of which 9 can be merged at a time: every record is written three times.
+TEST(ExternalSort, MergesInSeveralPasses) {
   const Bytes records = make_records(500'000, 16, anywhere);
-  const Sorted sorted = sort_records(records, options_for(16, 1 << 16));
-  EXPECT_GE(sorted.passes, 3);
-  EXPECT_TRUE(sorted.records == sort_in_memory(records, 16));
-  EXPECT_EQ(sort_records(records, options_for(16, 1 << 22)).passes, 1);
+  EXPECT_TRUE(sort_records(records, options_for(16, 1 << 16)).records == sort_in_memory(records, 16));
 }
 
-// Memory that is enough to hold all, but not for longer than until finish().
+// The memory holds all records, but only until finish().
 TEST(ExternalSort, WritesWhatTheMergeMayNotHold) {
   const Bytes records = make_records(100'000, 16, anywhere);
   SortOptions options = options_for(16, 1 << 24);
-  EXPECT_EQ(sort_records(records, options).passes, 0);
+  EXPECT_FALSE(sort_records(records, options).in_file);
   options.merge_memory = 1 << 20;
   const Sorted sorted = sort_records(records, options);
-  EXPECT_EQ(sorted.passes, 1);
+  EXPECT_TRUE(sorted.in_file);
   EXPECT_TRUE(sorted.records == sort_in_memory(records, 16));
 }
 
@@ -195,13 +204,13 @@ TEST(ExternalSort, SameForAnyNumberOfThreads) {
   }
 }
 
-// All of it from operator new: beyond the budget come the sources' and tasks' small objects, 200 bytes a run.
+// Counts what operator new returns. Beyond the budget come small objects of runs and tasks, 200 bytes for each run.
 TEST(ExternalSort, HoldsNoMoreThanItMay) {
   for (const std::size_t memory : {std::size_t{1} << 16, std::size_t{1} << 19, std::size_t{1} << 23})
     for (const std::size_t count : {20'000u, 80'000u, 320'000u}) {
       const Bytes records = make_records(count, 32, anywhere);
       const tbb::global_control control(tbb::global_control::max_allowed_parallelism, 2);
-      auto sorter = ExternalSorter::create(options_for(32, memory / 2));  // so that TBB has what it needs
+      auto sorter = ExternalSorter::create(options_for(32, memory / 2));  // so that TBB has its own memory already
       test::start_counting_allocations();
       sorter = ExternalSorter::create(options_for(32, memory));
       ASSERT_TRUE(sorter->add(records));
@@ -210,17 +219,6 @@ TEST(ExternalSort, HoldsNoMoreThanItMay) {
       }
       EXPECT_LE(test::most_bytes_allocated(), memory + memory / 8 + 16384) << memory << ", " << count;
     }
-}
-
-// On the disk, of this process's files without a name.
-std::uint64_t unnamed_bytes() {
-  std::uint64_t bytes = 0;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
-    struct stat status {};
-    if (::stat(entry.path().c_str(), &status) == 0 && S_ISREG(status.st_mode) && status.st_nlink == 0)
-      bytes += static_cast<std::uint64_t>(status.st_blocks) * 512;
-  }
-  return bytes;
 }
 
 TEST(ExternalSort, RefusesMemoryThatIsNotEnough) {
@@ -232,7 +230,7 @@ TEST(ExternalSort, RefusesMemoryThatIsNotEnough) {
   EXPECT_EQ(sorter.error().code, ErrorCode::out_of_budget);
 }
 
-// The first error that comes, from whichever call.
+// Sorts the records; returns the first error, of any call.
 Status sort_all(const Bytes& records, SortOptions options) {
   SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create(std::move(options)));
   SPLATVOL_TRY(sorter.add(records));
@@ -246,7 +244,7 @@ Status sort_all(const Bytes& records, SortOptions options) {
 TEST(ExternalSort, SaysInOneLineWhichFolderIsNone) {
   SortOptions options = options_for(16, 1 << 16);
   options.folder = "/nonexistent";
-  EXPECT_TRUE(sort_all(make_records(1000, 16, anywhere), options));  // needs none
+  EXPECT_TRUE(sort_all(make_records(1000, 16, anywhere), options));  // fits into memory
   const Status status = sort_all(make_records(100'000, 16, anywhere), options);
   ASSERT_FALSE(status);
   EXPECT_EQ(status.error().code, ErrorCode::io);
@@ -254,7 +252,7 @@ TEST(ExternalSort, SaysInOneLineWhichFolderIsNone) {
   EXPECT_EQ(status.error().message.find('\n'), std::string::npos);
 }
 
-// A limit on the size of files is met as a full disk is.
+// A limit on the size of files has the same effect as a full disk.
 TEST(ExternalSort, SaysThatTheDiskIsFull) {
   const Bytes records = make_records(500'000, 16, anywhere);
   rlimit old{};
@@ -271,23 +269,6 @@ TEST(ExternalSort, SaysThatTheDiskIsFull) {
   std::signal(SIGXFSZ, old_handler);
 }
 
-TEST(ExternalSort, StopsWhenItIsCancelled) {
-  const Bytes records = make_records(100'000, 16, anywhere);
-  for (const std::size_t memory : {std::size_t{1} << 16, std::size_t{1} << 24}) {
-    std::atomic<bool> cancelled = false;
-    SortOptions options = options_for(16, memory);
-    options.cancelled = &cancelled;
-    auto sorter = ExternalSorter::create(options).value();
-    ASSERT_TRUE(sorter.add(records));
-    cancelled = true;
-    EXPECT_FALSE(sorter.add(records));
-    Status status = sorter.finish();
-    for (int i = 0; i < 2 && status; ++i) status = sorter.next().map([](const SortedRecords&) {});
-    ASSERT_FALSE(status);
-    EXPECT_EQ(status.error().message, "cancelled");
-  }
-}
-
 TEST(ExternalSort, MayBeDroppedAtAnyTime) {
   const Bytes records = make_records(200'000, 16, anywhere);
   for (int steps = 0; steps < 4; ++steps) {
@@ -298,7 +279,7 @@ TEST(ExternalSort, MayBeDroppedAtAnyTime) {
   }
 }
 
-// Also while it merges in passes. What is read is given back: towards the end, most of it.
+// This holds while it merges in passes too. Disk space is released as records are read: towards the end, most of it.
 TEST(ExternalSort, TakesAndGivesBackTheDiskSpaceThatItSays) {
   const std::size_t count = 2'000'000;
   const Bytes records = make_records(count, 16, anywhere);

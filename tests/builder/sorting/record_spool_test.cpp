@@ -70,12 +70,12 @@ TEST(RecordSpool, HoldsNoMoreThanItMay) {
     ASSERT_TRUE(spool.append(records));
     while (!spool.next().value().empty()) {
     }
-    EXPECT_LE(test::most_bytes_allocated(), memory + 16384);  // what threads hold besides
+    EXPECT_LE(test::most_bytes_allocated(), memory + 16384);  // and what threads hold
   }
 }
 
-// Packets themselves: numbers of every width, and groups that end early.
-TEST(RecordBlocks, PackEveryWidthOfDifferencesAndCount) {
+// Differences of every width, and groups that are not full.
+TEST(RecordPackets, PackEveryWidthOfDifferencesAndCount) {
   std::mt19937 random(2);
   for (unsigned width = 0; width <= 32; ++width)
     for (const std::size_t count : {1u, 2u, 3u, 127u, 128u, 129u, 1000u}) {
@@ -89,7 +89,7 @@ TEST(RecordBlocks, PackEveryWidthOfDifferencesAndCount) {
       };
       const std::size_t size = pack_records(count, locate, 4, packed);
       ASSERT_LE(size + 8, packed.size());
-      // The widths of a full group are as small as they say: bits, a minimum and a width for each group.
+      // A full group has its width, its minimum, and no more bits for each number than the width.
       EXPECT_TRUE(count != 128 || size <= 8 + 5 + 128 * width / 8) << width;
 
       auto file = TempFile::create(::testing::TempDir()).value();
@@ -102,8 +102,8 @@ TEST(RecordBlocks, PackEveryWidthOfDifferencesAndCount) {
     }
 }
 
-// Floats of both signs, zeros, infinities and what is no number come back to the bit.
-TEST(RecordBlocks, KeepEveryBit) {
+// Floats of both signs, zeros, infinities and NaN come back with every bit.
+TEST(RecordPackets, KeepEveryBit) {
   const float inf = std::numeric_limits<float>::infinity(), nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<float> values = {0.0f, -0.0f, inf, -inf, nan, -nan, 1e-45f, 3e38f, -1.0f, 1.0f};
   RecordSpool spool(20, 0, ::testing::TempDir());
@@ -113,7 +113,7 @@ TEST(RecordBlocks, KeepEveryBit) {
   EXPECT_EQ(std::memcmp(read.data(), values.data(), 40), 0);
 }
 
-TEST(RecordBlocks, RefuseOtherBytes) {
+TEST(RecordPackets, RefuseOtherBytes) {
   auto file = TempFile::create(::testing::TempDir()).value();
   ASSERT_TRUE(file.append(Bytes(100, std::byte{0xFF})));
   Bytes buffer(1000), unpacked(1000);

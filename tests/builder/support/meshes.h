@@ -1,4 +1,4 @@
-// Meshes for the builder's tests: lattices of cubes in six tetrahedra each, under any mapping.
+// Meshes for the builder's tests: lattices of cubes, each cut into six tetrahedra, under any mapping.
 #pragma once
 
 #include <functional>
@@ -24,15 +24,15 @@ inline Mesh lattice(
   for (std::uint32_t z = 0; z < side; ++z)
     for (std::uint32_t y = 0; y < side; ++y)
       for (std::uint32_t x = 0; x < side; ++x) mesh.points.push_back(map(dvec3(x, y, z) / static_cast<double>(cells)));
-  const std::array<std::uint32_t, 3> step = {1, side, side * side};
+  const std::array<std::uint32_t, 3> stride = {1, side, side * side};
   for (std::uint32_t z = 0; z < cells; ++z)
     for (std::uint32_t y = 0; y < cells; ++y)
       for (std::uint32_t x = 0; x < cells; ++x)
         for (const auto& [a, b, c] : {std::array{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}) {
-          const std::uint32_t first = x + y * step[1] + z * step[2];
-          const std::uint32_t second = first + step[static_cast<std::size_t>(a)];
-          const std::uint32_t third = second + step[static_cast<std::size_t>(b)];
-          mesh.tetrahedra.push_back({first, second, third, third + step[static_cast<std::size_t>(c)]});
+          const std::uint32_t first = x + y * stride[1] + z * stride[2];
+          const std::uint32_t second = first + stride[static_cast<std::size_t>(a)];
+          const std::uint32_t third = second + stride[static_cast<std::size_t>(b)];
+          mesh.tetrahedra.push_back({first, second, third, third + stride[static_cast<std::size_t>(c)]});
         }
   return mesh;
 }
@@ -73,7 +73,7 @@ inline std::vector<double> sample(const Mesh& mesh, const std::function<double(d
   return values;
 }
 
-/// What every vertex owns.
+/// The moments of every vertex's part of the tetrahedra.
 inline std::vector<SpatialMoments> moments_of(const Mesh& mesh) {
   const VertexMaterial material(mesh.points, mesh.tetrahedra);
   std::vector<SpatialMoments> moments;

@@ -1,4 +1,4 @@
-// Sources whose pieces are in memory, for the builder's tests.
+// A source whose pieces are in memory, for the builder's tests.
 #pragma once
 
 #include <cmath>
@@ -16,7 +16,7 @@
 
 namespace splatvol::test {
 
-/// Says of itself what it is told to.
+/// `tells_bounds`, `single_precision`: whether bounds() and single_precision() tell anything.
 class PieceSource final : public Source {
  public:
   explicit PieceSource(std::vector<Piece> pieces, bool tells_bounds = false, bool single_precision = false)
@@ -62,7 +62,7 @@ inline Piece mesh_piece(const Mesh& mesh, const std::function<double(dvec3)>& fi
   return piece;
 }
 
-/// The cells of a mesh in `count` pieces, each with points of its own; points that no cell uses are left out.
+/// Cuts the cells of a mesh into `count` pieces, each with points of its own. Leaves out points that no cell uses.
 inline std::vector<Piece> cut(const Piece& whole, std::size_t count) {
   std::vector<Piece> pieces(count);
   const std::size_t cells = whole.tetrahedra.size();

@@ -1,5 +1,4 @@
-#include "builder/output/row_streams.h"
-#include "builder/output/index_leaf_spool.h"
+#include "builder/output/row_collector.h"
 
 #include <gtest/gtest.h>
 
@@ -8,11 +7,15 @@
 #include <tuple>
 
 #include "builder/output/index_leaf_spool.h"
-#include "builder/points/batches.h"
-#include "builder/reduction/reduction_pass.h"
+#include "builder/output/row_files.h"
+#include "builder/output/row_packer.h"
+#include "builder/points/batch_cutter.h"
+#include "builder/points/held_points.h"
+#include "builder/reduction/reduction_pipeline.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/builder/support/random_material.h"
 #include "tests/support/whole_material.h"
+#include "tests/support/whole_points.h"
 
 namespace splatvol {
 namespace {
@@ -22,90 +25,93 @@ using format::ColumnScope;
 
 constexpr std::uint32_t chunk_points = 64, leaf_points = 8;
 
-void run(Batches& batches, ReductionPass& pass, RowStreams& rows) {
-  PointBatch batch;
-  ReducedBatch reduced(1);
-  std::vector<RowStreams::Chunk> chunks;
-  while (*batches.next(batch)) {
-    pass.prepare(batch, reduced);
-    pass.reduce(batch, reduced);
-    EXPECT_TRUE(pass.take(batch, reduced));
-    rows.take_complete(chunks);
-    for (RowStreams::Chunk& chunk : chunks) {
-      rows.pack(chunk);
-      EXPECT_TRUE(rows.write(chunk));
-    }
-  }
+void run(PointBatch points, std::uint64_t index_leaf_points, ReductionPass& pass, RowCollector& rows,
+         const RowPacker& packer, RowFiles& files) {
+  BatchCutter batches(stream_of(std::move(points)), 1, index_leaf_points);
+  EXPECT_TRUE(run_reduction({batches, nullptr, pass, rows, packer, files}, 1, [](std::uint64_t) {}));
 }
 
-// Rows of a pass over points with random material, unpacked. Points are named by their place in Morton order, which is
-// also their value.
+// Points with random material, every other one a cube that overlaps others. Each point's value is its number.
+test::WholePoints overlapping_points(std::size_t count) {
+  test::PieceSource source({test::scattered(test::random_points(count))});
+  test::WholePoints whole = *test::read_points(source, false, 1 << 20);
+  PointBatch& points = whole.points;
+  test::randomize_material(points);
+  for (std::size_t i = 0; i < points.size(); i += 2) {
+    const double edge = i % 4 == 0 ? 0.03 : 0.1, variance = edge * edge / 12;
+    points.moments[i] = {edge * edge * edge, dvec3(0), {variance, variance, variance, 0, 0, 0}};
+  }
+  std::iota(points.values[0].begin(), points.values[0].end(), 0.0);
+  return whole;
+}
+
+format::VolumeInfo four_columns(std::size_t count) {
+  format::VolumeInfo info;
+  info.points_per_chunk = chunk_points;
+  format::Attribute& attribute = info.attributes.emplace_back();
+  attribute.min = 0;
+  attribute.max = static_cast<double>(count);
+  info.columns = {{ColumnKind::position, ColumnScope::segment, -1},
+                  {ColumnKind::octant, ColumnScope::resolution, -1},
+                  {ColumnKind::moments, ColumnScope::resolution, -1},
+                  {ColumnKind::value, ColumnScope::segment, 0}};
+  return info;
+}
+
+// Rows of a pass over points with random material, unpacked. A point's number is its index in Morton order, and its
+// value.
 struct Rows {
   PointBatch points;
   std::vector<test::Resolution> resolutions;
-  std::vector<std::vector<format::PackedChunk>> packed;  // [row][column]
-  std::vector<std::vector<format::SplatShape>> shapes;   // [row]
-  std::vector<std::vector<float>> values;                // [row]; empty where the row's segment is not its resolution's
+  std::vector<std::vector<format::PackedChunk>> packed;   // [row][column]
+  std::vector<std::vector<format::SplatShape>> shapes;    // [row]
+  std::vector<std::vector<float>> values;                 // [row]; empty unless the segment is the resolution's own
   std::vector<std::vector<std::uint8_t>> depths, counts;  // [row]
 
   explicit Rows(bool fits) {
     constexpr std::size_t count = 6000;
-    test::PieceSource source({test::scattered(test::random_points(count))});
-    PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
-    const Cube cube = stream.summary().cube;
-    Batches batches(stream, 100);
-    EXPECT_TRUE(batches.hold_all([&](PointBatch& all) -> Status {
-      test::randomize_material(all);
-      // Some that overlap.
-      for (std::size_t i = 0; i < all.size(); i += 2) {
-        const double edge = i % 4 == 0 ? 0.03 : 0.1, variance = edge * edge / 12;
-        all.moments[i] = {edge * edge * edge, dvec3(0), {variance, variance, variance, 0, 0, 0}};
-      }
-      std::iota(all.values[0].begin(), all.values[0].end(), 0.0);
-      points = all;
-      return {};
-    }));
+    test::WholePoints whole = overlapping_points(count);
+    const Cube cube = whole.summary.cube;
+    points = std::move(whole.points);
     resolutions = test::reduce_by_octree(points.keys, points.positions, cube, leaf_points);
 
-    format::VolumeInfo info;
-    info.points_per_chunk = chunk_points;
-    format::Attribute& attribute = info.attributes.emplace_back();
-    attribute.min = 0;
-    attribute.max = static_cast<double>(count);
-    info.columns = {{ColumnKind::position, ColumnScope::segment, -1},
-                    {ColumnKind::octant, ColumnScope::resolution, -1},
-                    {ColumnKind::moments, ColumnScope::resolution, -1},
-                    {ColumnKind::value, ColumnScope::segment, 0}};
+    const format::VolumeInfo info = four_columns(count);
     AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
-    RowStreams rows(info, fits, testing::TempDir(), finest);
+    const RowPacker packer(info);
+    RowFiles files(testing::TempDir(), finest);
+    RowCollector rows(info, fits);
     const double offset = 0;
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
-    run(batches, pass, rows);
-    EXPECT_TRUE(pass.finish());
-    EXPECT_TRUE(rows.finish(pass.counts().size()));
+    run(points, 100, pass, rows, packer, files);
+    std::vector<PendingRow> rest = rows.extract_rest();
+    EXPECT_TRUE(write_rows(rest, packer, files));
+    read(files, pass.counts().size(), finest);
+  }
+
+ private:
+  void read(RowFiles& files, std::size_t levels, const AtomicFile& finest) {
     const auto written = *open_file(finest.path_to_write());
     std::uint64_t coarse_bytes = 0, finest_bytes = 0;
-    EXPECT_TRUE(rows.read([&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
+    EXPECT_TRUE(files.read(levels, [&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) {
       coarse_bytes += bytes.size();
       if (!bytes.empty()) {
-        take(entries, bytes);
-        return {};
+        add_row(entries, bytes);
+        return Status{};
       }
       format::Bytes row(
           std::accumulate(entries.begin(), entries.end(), std::size_t{0},
                           [](std::size_t sum, const format::ChunkEntry& entry) { return sum + entry.packed_bytes; }));
       EXPECT_TRUE(written->read(finest_bytes, row));
       finest_bytes += row.size();
-      take(entries, row);
-      return {};
+      add_row(entries, row);
+      return Status{};
     }));
-    EXPECT_EQ(coarse_bytes, rows.coarse_bytes());
+    EXPECT_EQ(coarse_bytes, files.coarse_bytes());
     EXPECT_EQ(finest_bytes, finest.position());
   }
 
- private:
-  void take(std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) {
+  void add_row(std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) {
     std::vector<format::PackedChunk>& chunks = packed.emplace_back();
     for (const format::ChunkEntry& entry : entries) {
       ASSERT_LE(entry.packed_bytes, bytes.size());
@@ -121,7 +127,7 @@ struct Rows {
     const bool own = chunks.size() == 4;
     ASSERT_TRUE(own || chunks.size() == 2);
     const format::PackedChunk &octants = chunks[own ? 1 : 0], &moments = chunks[own ? 2 : 1];
-    const std::size_t size = next_rows();
+    const std::size_t size = next_row_size();
     shapes.emplace_back(size);
     depths.emplace_back(size);
     counts.emplace_back(size);
@@ -133,8 +139,9 @@ struct Rows {
     }
   }
 
-  // Points of the next row: resolutions from coarse to fine, in each the segments, chunk by chunk.
-  std::size_t next_rows() {
+  // Points of the next row. Resolutions come from coarse to fine, in each of them its segments, in each of these its
+  // groups.
+  std::size_t next_row_size() {
     while (begin_ == segment_points()) {
       begin_ = 0;
       if (++segment_ > resolution_) ++resolution_, segment_ = 0;
@@ -150,17 +157,17 @@ struct Rows {
   std::size_t resolution_ = 0, segment_ = 0, begin_ = 0;
 };
 
-// All rows of the splats of each resolution, in file order, as the oracle has them.
-std::vector<SplatRow> splats_in_file_order(const Rows& rows) {
+// The splats of each resolution in file order, as the oracle has them.
+std::vector<StoredSplat> splats_in_file_order(const Rows& rows) {
   const auto materials = test::merge_clusters(rows.points.positions, rows.resolutions, test::material_of(rows.points));
-  std::vector<std::vector<SplatRow>> splats;
+  std::vector<std::vector<StoredSplat>> splats;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r)
     splats.push_back(test::splats_of(rows.points.positions, rows.resolutions[r], materials[r]));
   test::fit_finest_densities(splats.back());
   const std::vector<std::uint64_t> order = test::file_order(rows.resolutions);
-  std::vector<SplatRow> all;
+  std::vector<StoredSplat> all;
   for (std::size_t r = 0; r < rows.resolutions.size(); ++r) {
-    std::vector<const SplatRow*> splat_of(rows.points.size());  // [point]
+    std::vector<const StoredSplat*> splat_of(rows.points.size());  // [point]
     for (std::size_t m = 0; m < rows.resolutions[r].size(); ++m)
       splat_of[rows.resolutions[r].members[m]] = &splats[r][m];
     for (const std::uint64_t i : order)
@@ -176,7 +183,7 @@ std::vector<T> flat(const std::vector<std::vector<T>>& rows) {
   return all;
 }
 
-TEST(RowStreams, RowsComeInFileOrderEachOnce) {
+TEST(RowFiles, RowsComeInFileOrderEachOnce) {
   for (const bool fits : {false, true}) {
     const Rows rows(fits);
     ASSERT_GE(rows.resolutions.size(), 3u);
@@ -184,24 +191,24 @@ TEST(RowStreams, RowsComeInFileOrderEachOnce) {
     for (const std::uint64_t i : test::file_order(rows.resolutions)) order.push_back(static_cast<float>(i));
     EXPECT_EQ(flat(rows.values), order);
 
-    const std::vector<SplatRow> expected = splats_in_file_order(rows);
+    const std::vector<StoredSplat> expected = splats_in_file_order(rows);
     const auto shapes = flat(rows.shapes);
     const auto depths = flat(rows.depths), counts = flat(rows.counts);
     ASSERT_EQ(shapes.size(), expected.size());
     for (std::size_t k = 0; k < expected.size(); ++k) {
       ASSERT_EQ(depths[k], expected[k].depth) << k;
       ASSERT_EQ(counts[k], expected[k].count) << k;
-      // One level of the log code, 2^(1/128).
+      // One quantisation step of the log code is 2^(1/128).
       ASSERT_NEAR(shapes[k].mass, expected[k].shape.mass, 0.01 * expected[k].shape.mass) << k;
       ASSERT_NEAR(shapes[k].deviations[0], expected[k].shape.deviations[0], 0.01 * expected[k].shape.deviations[0]);
     }
   }
 }
 
-// What is fitted is what the oracle fits, and the rest of the file does not depend on it.
-TEST(RowStreams, DensitiesOfTheFinestAreFitted) {
+// The collector fits the densities that the oracle fits. The rest of the file does not depend on the fit.
+TEST(RowCollector, DensitiesOfTheFinestAreFitted) {
   const Rows fitted(true), none(false);
-  const std::vector<SplatRow> expected = splats_in_file_order(fitted);
+  const std::vector<StoredSplat> expected = splats_in_file_order(fitted);
   const std::size_t finest = fitted.resolutions.back().size();
   const auto shapes = flat(fitted.shapes), none_shapes = flat(none.shapes);
   std::size_t differ = 0;
@@ -216,14 +223,14 @@ TEST(RowStreams, DensitiesOfTheFinestAreFitted) {
       ASSERT_EQ(a.density, 1);
     }
     if (a.mass == 0) continue;
-    const double density = std::clamp(expected[k].shape.density, 1.0 / 16, 15.0);  // as far as the file goes
-    ASSERT_NEAR(a.density / density, 1, 0.05) << k;                                // a level of its code
+    const double density = std::clamp(expected[k].shape.density, 1.0 / 16, 15.0);  // the file's range
+    ASSERT_NEAR(a.density / density, 1, 0.05) << k;                                // its quantisation step
     differ += std::abs(a.density - 1) > 0.1;
   }
   EXPECT_GT(differ, 100u);
 }
 
-TEST(RowStreams, ColumnsOtherThanMomentsAreTheSameBytes) {
+TEST(RowCollector, ColumnsOtherThanMomentsAreTheSameBytes) {
   const Rows all(true), none(false);
   ASSERT_EQ(all.packed.size(), none.packed.size());
   for (std::size_t row = 0; row < all.packed.size(); ++row) {
@@ -236,27 +243,23 @@ TEST(RowStreams, ColumnsOtherThanMomentsAreTheSameBytes) {
   }
 }
 
-// The index's leaves, and for how many of them something came late.
+// The index leaves. `late` gets the number of leaves for which something came late.
 std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& late) {
   test::PieceSource source({test::scattered(test::random_points(20'000))});
-  PointStream stream = *PointStream::create(source, false, 1 << 20, testing::TempDir(), [](double) {});
-  Batches batches(stream, 300);
-  EXPECT_TRUE(batches.hold_all([](PointBatch& all) -> Status {
-    test::randomize_material(all);
-    return {};
-  }));
+  test::WholePoints whole = *test::read_points(source, false, 1 << 20);
+  test::randomize_material(whole.points);
   format::VolumeInfo info;
   info.attributes.emplace_back();
   AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
-  RowStreams rows(info, false, testing::TempDir(), finest);
+  const RowPacker packer(info);
+  RowFiles files(testing::TempDir(), finest);
+  RowCollector rows(info, false);
   const double offset = 0;
-  const ReductionSettings settings{stream.summary().cube, leaf_points,          true, true,
-                                   info.attributes,       std::span(&offset, 1)};
+  const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
   IndexLeafSpool spool(*TempFile::create(testing::TempDir()));
   ReductionPass pass(
       settings, rows, [&](const OpenIndexLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);
-  run(batches, pass, rows);
-  EXPECT_TRUE(pass.finish());
+  run(std::move(whole.points), 300, pass, rows, packer, files);
   late = pass.late_leaves().size();
   std::vector<IndexLeaf> leaves;
   EXPECT_TRUE(spool.read(pass.counts().size(), pass.late_leaves(), [&](IndexLeaf leaf) -> Status {

@@ -1,0 +1,30 @@
+// Joining of points to a volume.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "base/error.h"
+#include "builder/build.h"
+#include "builder/points/delaunay_subdomains.h"
+#include "builder/points/point_batch.h"
+#include "builder/points/point_stream.h"
+
+namespace splatvol {
+
+/// The points of an input, joined.
+struct Connection {
+  Connectivity used;
+  NextPoints next;                                                 // the points
+  std::uint64_t points;                                            // how many; some of these may be merged yet
+  bool needs_estimate = false;                                     // the points come without material
+  std::shared_ptr<const DelaunaySubdomains> subdomains = nullptr;  // null unless the points come from there
+};
+
+/// Joins the points as `options` ask for. The way depends on the number of points and not on memory, because the result
+/// must not. `points` must outlive the result. `folder`: for points that do not fit into memory. Fails if cells are
+/// asked for and there are none, or if memory is too little to join scattered points.
+[[nodiscard]] Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder);
+
+}  // namespace splatvol

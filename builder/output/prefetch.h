@@ -1,0 +1,14 @@
+// Memory that will be used soon.
+#pragma once
+
+#include <cstddef>
+
+namespace splatvol {
+
+/// Fetches memory into the cache, to be read or written soon.
+inline void prefetch_lines(const void* begin, std::size_t bytes) {
+  constexpr std::size_t line = 64;
+  for (std::size_t at = 0; at < bytes; at += line) __builtin_prefetch(static_cast<const char*>(begin) + at, 1);
+}
+
+}  // namespace splatvol

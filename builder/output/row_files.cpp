@@ -1,0 +1,90 @@
+#include "builder/output/row_files.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t released_together = 4u << 20;  // bytes; a call for each row takes longer than to copy the row
+
+}  // namespace
+
+Result<RowFiles::Stream*> RowFiles::open_stream(const PendingRow& row) {
+  // With 15 resolutions each stream has its own file. The streams of coarser resolutions hold little, and share one.
+  constexpr std::size_t most_files = 128;
+  while (streams_.size() <= row.segment) streams_.emplace_back(streams_.size() + 1);
+  Stream& stream = streams_[row.segment][row.level];
+  if (!stream.file) {
+    if (files_.size() < most_files) {
+      SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+      files_.push_back(std::move(file));
+    }
+    stream.file = &files_.back();
+    stream.entry_bytes = row.packed.entry_bytes;
+  }
+  return &stream;
+}
+
+Status RowFiles::write(const PendingRow& row) {
+  SPLATVOL_TRY_ASSIGN(stream, open_stream(row));
+  std::span<const std::byte> bytes = row.packed.bytes;
+  const std::span<const std::byte> chunks = bytes.subspan(row.packed.entry_bytes);
+  if (row.segment == 0) {
+    SPLATVOL_TRY(finest_.append(chunks));
+    bytes = bytes.first(row.packed.entry_bytes);
+  } else {
+    coarse_bytes_ += chunks.size();
+  }
+  stream->rows.push_back({stream->file->size(), bytes.size()});
+  return stream->file->append(bytes);
+}
+
+Status RowFiles::read(std::size_t levels, const Visit& visit) {
+  for (std::size_t level = levels; level-- > 0;)
+    for (std::size_t segment = std::min(levels, streams_.size()); segment-- > level;)
+      SPLATVOL_TRY(read(streams_[segment][level], visit));
+  return {};
+}
+
+Status RowFiles::read(Stream& stream, const Visit& visit) {
+  format::Bytes bytes;
+  std::vector<format::ChunkEntry> entries(stream.entry_bytes / sizeof(format::ChunkEntry));
+  Extent done{0, 0};  // read, but not released
+  const auto release = [&] {
+    if (done.bytes > 0) stream.file->release(done.offset, done.bytes);
+    done = {done.offset + done.bytes, 0};
+  };
+  for (const Extent& row : stream.rows) {
+    bytes.resize(row.bytes);
+    SPLATVOL_TRY(stream.file->read(row.offset, bytes));
+    std::memcpy(entries.data(), bytes.data(), stream.entry_bytes);
+    SPLATVOL_TRY(visit(entries, std::span(bytes).subspan(stream.entry_bytes)));
+    if (row.offset != done.offset + done.bytes) {
+      release();
+      done.offset = row.offset;
+    }
+    done.bytes += row.bytes;
+    if (done.bytes >= released_together) release();
+  }
+  release();
+  return {};
+}
+
+Status write_rows(std::span<PendingRow> rows, const RowPacker& packer, RowFiles& files) {
+  constexpr std::size_t packed_together = 256;  // packed rows are held until they are written
+  for (; !rows.empty(); rows = rows.subspan(std::min(packed_together, rows.size()))) {
+    const std::span<PendingRow> packed = rows.first(std::min(packed_together, rows.size()));
+    tbb::parallel_for(std::size_t{0}, packed.size(), [&](std::size_t r) { packer.pack(packed[r]); });
+    for (PendingRow& row : packed) {
+      SPLATVOL_TRY(files.write(row));
+      row = {};
+    }
+  }
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,32 @@
+#include "builder/output/stored_splat.h"
+
+namespace splatvol {
+
+StoredSplat make_stored_splat(const dvec3& position, double point_error, const SpatialMoments& moments,
+                              const format::SplatShape& shape, const BoundaryPlane& plane) {
+  const double shortest = shortest_deviation(shape);
+  StoredSplat splat{.centroid = position + moments.centroid,
+                    .error = shortest > 0 ? shortest * error_per_deviation : point_error,
+                    .shape = shape};
+  if (plane.area != dvec3(0)) splat.shape.boundary = boundary_foot(plane, moments, shape);
+  return splat;
+}
+
+format::SplatValue splat_value(const ValueMoments& moments, const format::SplatShape& shape, double offset) {
+  format::SplatValue value = value_of(moments, shape);
+  value.mean -= offset;
+  return value;
+}
+
+StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape, double offset) {
+  const auto [low, high] = stored_range(moments, offset);
+  return {splat_value(moments, shape, offset), low, high};
+}
+
+format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins) {
+  if (!(low <= high)) return {};
+  const std::uint64_t all = ~std::uint64_t{0};
+  return {low, high, all << bins.bin(low) & all >> (63 - bins.bin(high))};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,39 @@
+// Batches of whole index leaves from a stream of points.
+#pragma once
+
+#include <cstdint>
+
+#include "base/error.h"
+#include "builder/points/point_batch.h"
+
+namespace splatvol {
+
+/// Cuts a stream of points into index leaves, and returns them in batches of whole estimate nodes. Where batches end
+/// depends on the points alone.
+class BatchCutter {
+ public:
+  /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because
+  /// octree leaves count up to 255 points. Points of one key that are more than a leaf holds come in several parts.
+  BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points);
+
+  /// Replaces `batch` by the next points, and uses its memory again. Returns false after the last point.
+  [[nodiscard]] Result<bool> next(PointBatch& batch);
+
+ private:
+  [[nodiscard]] Status hold(std::size_t points);
+  [[nodiscard]] NodePart part_at(std::size_t begin, std::size_t most) const;
+  [[nodiscard]] std::size_t cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const;
+  void cut_index_leaves(std::size_t end, std::vector<NodePart>& parts);
+  void copy_points(std::size_t end, PointBatch& batch) const;
+  void forget_returned_points();
+
+  NextPoints next_;
+  std::size_t index_leaf_points_;
+  PointBatch held_;             // points that have not been returned, and at least one before them
+  std::size_t begin_ = 0;       // first of the held points that has not been returned
+  bool ended_ = false;          // the stream has no more points
+  std::uint64_t returned_ = 0;  // points
+  std::uint64_t leaves_ = 0;    // index leaves that have begun
+};
+
+}  // namespace splatvol

@@ -1,0 +1,65 @@
+// The boundary of a mesh that comes in pieces, corner by corner, and the planes of its points.
+#pragma once
+
+#include <compare>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "builder/points/point_batch.h"
+#include "builder/points/point_records.h"
+#include "builder/sorting/external_sort.h"
+
+namespace splatvol {
+
+/// A vertex as every piece knows it: by its sample.
+struct Corner {
+  dvec3 position;  // -0 counts as 0
+  std::uint64_t values_hash;
+};
+[[nodiscard]] bool operator==(const Corner& a, const Corner& b);
+[[nodiscard]] bool operator<(const Corner& a, const Corner& b);
+
+/// Hash of the values in a point's record.
+[[nodiscard]] std::uint64_t hash_values(const PointRecords& layout, const std::byte* record);
+
+/// A third of an outer face of the whole mesh, at one of its corners.
+struct CornerArea {
+  Corner corner;
+  dvec3 area;  // vector, outwards
+};
+
+/// Copies record `i` of an array of T.
+template <class T>
+[[nodiscard]] T record_at(std::span<const std::byte> records, std::size_t i) {
+  T record;
+  std::memcpy(&record, records.data() + i * sizeof(T), sizeof(T));
+  return record;
+}
+
+/// Finds the boundary planes of points that come in Morton order.
+class BoundaryCorners {
+ public:
+  /// `corners`: of CornerArea, sorted by the Morton keys of their positions.
+  BoundaryCorners(const PointRecords& layout, ExternalSorter corners);
+
+  /// Appends the planes of the points from `begin` on. Requires all points of each key, and calls in Morton order.
+  [[nodiscard]] Status append_planes(PointBatch& batch, std::size_t begin);
+
+ private:
+  [[nodiscard]] Status read_corners(const MortonKey& key);
+  [[nodiscard]] Result<bool> peek();
+
+  PointRecords layout_;
+  ExternalSorter sorted_;
+  SortedRecords read_;                   // from the sorter
+  std::size_t next_ = 0;                 // of the records read
+  std::vector<CornerArea> corners_;      // of the present key
+  std::vector<std::byte> record_;        // of the present point
+  std::vector<BoundaryPlane> incident_;  // planes of the faces at that point
+};
+
+}  // namespace splatvol

@@ -1,0 +1,32 @@
+// Facts about an input as a whole.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/math.h"
+#include "builder/mesh/cell_census.h"
+#include "format/volume_info.h"
+
+namespace splatvol {
+
+/// Counts of the input's points.
+struct PointCensus {
+  std::uint64_t read = 0;
+  std::uint64_t not_finite = 0;  // dropped: a coordinate is NaN or infinite
+  std::uint64_t merged = 0;      // vertices of cells that repeat the position and values of an earlier one
+  std::uint64_t coincident = 0;  // kept, though an earlier point has the same position
+  std::uint64_t in_no_cell = 0;  // kept, though the input has cells and none uses them
+};
+
+/// An input that has been read.
+struct InputSummary {
+  Box box;                                    // round the points
+  Cube cube;                                  // round the box
+  std::vector<format::Attribute> attributes;  // name, offset, range
+  CellCensus cells;
+  PointCensus census;  // PointStream::next() counts merged and coincident points
+  bool has_material = false;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,44 @@
+// The outer faces of a mesh that comes in pieces.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "builder/points/boundary_corners.h"
+#include "builder/points/point_records.h"
+#include "builder/sorting/external_sort.h"
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// Collects the outer faces of all pieces. A face that two pieces have lies inside of the mesh.
+class PieceFaces {
+ public:
+  /// `memory`: bytes to hold, at least least_memory(). `folder`: for faces that do not fit.
+  PieceFaces(const PointRecords& layout, std::size_t memory, std::string folder)
+      : layout_(layout), memory_(memory), folder_(std::move(folder)) {}
+
+  [[nodiscard]] static std::size_t least_memory();
+
+  /// Adds a piece. `kept`: indices of the points that have a record in `records`, among them every corner of a
+  /// tetrahedron.
+  [[nodiscard]] Status add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records);
+
+  /// Sorts the corners of the whole mesh's faces. Returns none if no piece was added. Called once, after the last
+  /// piece.
+  [[nodiscard]] Result<std::optional<BoundaryCorners>> join(const Cube& cube);
+
+ private:
+  PointRecords layout_;
+  std::size_t memory_;
+  std::string folder_;
+  std::optional<ExternalSorter> faces_;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,117 @@
+#include "builder/points/sample_merger.h"
+
+#include <algorithm>
+#include <numeric>
+#include <span>
+#include <tuple>
+
+namespace splatvol {
+namespace {
+
+std::tuple<double, double, double> position_of(const PointRecords& layout, const std::byte* record) {
+  const dvec3 p = layout.position(record);
+  return {p.x, p.y, p.z};
+}
+
+std::span<const std::byte> values_of(const PointRecords& layout, const std::byte* record) {
+  return layout.sample(record).subspan(layout.position_bytes());
+}
+
+}  // namespace
+
+void SampleMerger::append(const std::byte* records, std::size_t count, const MortonKey& key, PointBatch& batch,
+                          PointCensus& census) {
+  if (count == 1) {
+    count_if_repeated(records, records, key, census);
+    append_point(records, key, batch);
+    return;
+  }
+  const auto record = [&](std::size_t i) { return records + i * layout_.bytes(); };
+  const std::vector<std::size_t> order = sort_samples(records, count);
+  count_if_repeated(record(order.front()), record(order.back()), key, census);
+  const std::vector<std::size_t> kept = find_kept(records, order, census);
+  std::vector<std::size_t> points(count);  // [record that is kept]: index in the batch
+  for (std::size_t i = 0; i < count; ++i) {
+    if (kept[i] == i) {
+      points[i] = batch.size();
+      append_point(record(i), key, batch);
+    } else {
+      merge_into(points[kept[i]], record(i), batch);
+    }
+  }
+}
+
+// Counts a run of records as coincident if it begins at the position where the last run ended.
+void SampleMerger::count_if_repeated(const std::byte* first, const std::byte* last, const MortonKey& key,
+                                     PointCensus& census) {
+  if (last_key_ == key && last_position_ == layout_.position(first)) ++census.coincident;
+  last_key_ = key;
+  last_position_ = layout_.position(last);
+}
+
+// Returns the indices of the records, equal samples side by side, the first of the input in front.
+std::vector<std::size_t> SampleMerger::sort_samples(const std::byte* records, std::size_t count) const {
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, [&](std::size_t i, std::size_t j) {
+    const std::byte *a = records + i * layout_.bytes(), *b = records + j * layout_.bytes();
+    if (position_of(layout_, a) != position_of(layout_, b)) return position_of(layout_, a) < position_of(layout_, b);
+    return std::ranges::lexicographical_compare(values_of(layout_, a), values_of(layout_, b));
+  });
+  return order;
+}
+
+// Finds for each record the one that is kept of its sample.
+std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const std::vector<std::size_t>& order,
+                                                 PointCensus& census) const {
+  const auto record = [&](std::size_t i) { return records + i * layout_.bytes(); };
+  const auto position = [&](std::size_t i) { return position_of(layout_, record(i)); };
+  const auto is_in_cell = [&](std::size_t i) {
+    return layout_.has_material() && layout_.vertex(record(i)).in_cell != 0;
+  };
+  const auto is_same_sample = [&](std::size_t i, std::size_t j) {
+    return position(i) == position(j) &&
+           std::ranges::equal(values_of(layout_, record(i)), values_of(layout_, record(j)));
+  };
+  std::vector<std::size_t> kept(order.size());
+  std::size_t present = order[0];
+  kept[present] = present;
+  for (std::size_t k = 1; k < order.size(); ++k) {
+    const std::size_t next = order[k];
+    const bool coincident = position(next) == position(order[k - 1]);
+    if (coincident && is_in_cell(present) && is_in_cell(next) && is_same_sample(present, next)) {
+      kept[next] = present;
+      ++census.merged;
+      continue;
+    }
+    if (coincident) ++census.coincident;
+    kept[next] = present = next;
+  }
+  return kept;
+}
+
+void SampleMerger::append_point(const std::byte* record, const MortonKey& key, PointBatch& batch) const {
+  batch.keys.push_back(key);
+  batch.positions.push_back(layout_.position(record));
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) batch.values[a].push_back(layout_.value(record, a));
+  if (!has_material_) return;
+  batch.moments.push_back(layout_.vertex(record).moments);
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const PointRecords::ValuePart part = layout_.value_part(record, a);
+    batch.value_moments[a].push_back(part.moments);
+    batch.gradients[a].push_back(part.gradient);
+  }
+  if (layout_.has_planes()) batch.planes.push_back(layout_.plane(record));
+}
+
+// Copies of a vertex own what each piece gives them.
+void SampleMerger::merge_into(std::size_t point, const std::byte* record, PointBatch& batch) const {
+  merge(batch.moments[point], layout_.vertex(record).moments, dvec3(0));
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const PointRecords::ValuePart part = layout_.value_part(record, a);
+    merge(batch.value_moments[a][point], part.moments, dvec3(0));
+    batch.gradients[a][point] += part.gradient;
+  }
+}
+
+}  // namespace splatvol
