@@ -11,15 +11,15 @@
 namespace splatvol {
 
 /// Opens an input of any format:
-/// - VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk); several are pieces of one data set
+/// - VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk); several are pieces of one data set.
 /// - Exodus, EnSight, OpenFOAM and CGNS files, known by their extensions; they count as VTK files, and their blocks are
-///   pieces (builder/sources/vtk/blocks.h)
-/// - .npy files; several are one point set (builder/sources/npy_source.h)
-/// - a PLOT3D grid and its solution, as two paths in this order
-/// - OpenVDB files (builder/sources/vdb_source.h)
-/// - "gen:..." for a generated input (builder/sources/generator.h)
-/// - a folder: an OpenFOAM case, or all files in it with known extensions, in the order of their names, with numbers in
-///   the names compared by size. Pieces that a .pvtu names are read once.
+///   pieces (builder/sources/vtk/blocks.h).
+/// - .npy files; several are one point set (builder/sources/npy_source.h).
+/// - a PLOT3D grid and its solution, as two paths in this order.
+/// - OpenVDB files (builder/sources/vdb_source.h).
+/// - "gen:..." for a generated input (builder/sources/generator.h).
+/// - a folder: an OpenFOAM case, or all files in it with known extensions. Their order is that of their names, with
+///   numbers compared by size. Pieces that a .pvtu names are read once.
 ///
 /// Cells become tetrahedra (builder/mesh/tetrahedra.h). Hidden cells and ghost copies are left out, with the points
 /// that only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN.
