@@ -12,8 +12,8 @@ namespace splatvol {
 [[nodiscard]] bool is_surface(vtkDataSet& data);
 
 /// Adds an array of the points for each selected array of the cells. A point gets the mean of the finite values of the
-/// cells round it, or NaN if there are none. Only cells with a volume count, if there are any. An array of the points
-/// takes precedence over an array of the cells with the same name.
+/// cells round it, or NaN if there are none. Hidden cells do not count; if there are cells with a volume, only these
+/// count. An array of the points takes precedence over an array of the cells with the same name.
 void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection);
 
 }  // namespace splatvol

@@ -14,10 +14,10 @@ struct CompressionLayout {
   bool big_endian = false;  // byte_order="BigEndian"
 };
 
-/// Checks the header at `offset`. It holds the number of compressed blocks, the bytes of an unpacked block, those of a
-/// shorter last block, and the packed bytes of each compressed block. Fails if the header is cut off. Fails also if
-/// VTK 9.1 would divide by zero, read a compressed block that is not there, or allocate more than such a file can need.
-/// Safe on untrusted bytes.
+/// Checks the header at `offset`. It holds the number of compressed blocks, their unpacked bytes, the unpacked bytes of
+/// a shorter last one (0: none), and the packed bytes of each. Fails if the header is cut off. Fails also if VTK 9.1
+/// would divide by zero, read a compressed block that is not there, or allocate more than such a file can need. Safe on
+/// untrusted bytes.
 [[nodiscard]] Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset,
                                               bool base64);
 
