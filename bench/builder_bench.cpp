@@ -1,4 +1,4 @@
-// Material of scattered points: time a point, by what estimates it.
+// Material of scattered points: the time for each point, by kind of estimate.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
@@ -10,7 +10,7 @@
 namespace splatvol {
 namespace {
 
-// `count` random points of a cube of edge 1.
+// `count` random points in a cube of edge 1.
 std::vector<dvec3> random_points(std::size_t count) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit;
@@ -25,27 +25,28 @@ std::vector<double> values_at(std::span<const dvec3> points) {
   return values;
 }
 
-// 10^7 points by the block of so many; blocks differ, so that no branch is learnt by heart.
-void block_estimate(benchmark::State& state) {
-  const auto block = static_cast<std::size_t>(state.range(0));
+// 10^7 points by estimate nodes of a given number of points. The nodes differ, so that the processor cannot learn
+// branches by heart.
+void box_estimate(benchmark::State& state) {
+  const auto node_points = static_cast<std::size_t>(state.range(0));
   constexpr std::size_t total = 10'000'000;
   const auto points = random_points(total);
   const auto values = values_at(points);
   BoxEstimate estimate;
-  std::vector<SpatialMoments> moments(block);
-  std::vector<ValueMoments> value_moments(block);
-  std::vector<dvec3> gradients(block);
+  std::vector<SpatialMoments> moments(node_points);
+  std::vector<ValueMoments> value_moments(node_points);
+  std::vector<dvec3> gradients(node_points);
   const EstimatedMaterial material{moments, {value_moments}, {gradients}};
   for (auto run : state)
-    for (std::size_t begin = 0; begin + block <= total; begin += block) {
-      const std::span<const double> part = std::span(values).subspan(begin, block);
-      estimate.estimate(std::span(points).subspan(begin, block), {&part, 1}, {dvec3(0), dvec3(1)}, material);
+    for (std::size_t begin = 0; begin + node_points <= total; begin += node_points) {
+      const std::span<const double> part = std::span(values).subspan(begin, node_points);
+      estimate.estimate(std::span(points).subspan(begin, node_points), {&part, 1}, {dvec3(0), dvec3(1)}, material);
       benchmark::DoNotOptimize(material.moments.data());
     }
-  state.counters["points"] =
-      benchmark::Counter(static_cast<double>(total / block * block), benchmark::Counter::kIsIterationInvariantRate);
+  state.counters["points"] = benchmark::Counter(static_cast<double>(total / node_points * node_points),
+                                                benchmark::Counter::kIsIterationInvariantRate);
 }
-BENCHMARK(block_estimate)->Arg(64)->Arg(512)->Arg(4096)->Unit(benchmark::kMillisecond);
+BENCHMARK(box_estimate)->Arg(64)->Arg(512)->Arg(4096)->Unit(benchmark::kMillisecond);
 
 void voronoi_cells(benchmark::State& state) {
   const auto points = random_points(20'000);

@@ -1,4 +1,4 @@
-// External sorting of scattered points: records a second in all, and CPU time a record.
+// External sorting of scattered points: records in a second, and CPU time for each record.
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 
@@ -19,7 +19,7 @@ struct Sample {
 
 constexpr Cube cube{dvec3(-1), 2};
 
-// Random points in a cube with a smooth value, so made that they take little time against the sort: some 10 ns each.
+// Random points in a cube with a smooth value. They take some 10 ns each, little against the sort.
 class Samples {
  public:
   template <class T>

@@ -1,4 +1,4 @@
-// Packing and unpacking of chunks: bytes of points in memory a second, by kind of column.
+// Packing and unpacking of chunks: bytes of points in memory in a second, by kind of column.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t points = 4096;
 
-// A group as a builder makes it: neighbours of a smooth field, near one another.
+// A group like the builder's: points of a smooth field, near one another.
 std::vector<dvec3> positions() {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -77,7 +77,7 @@ void unpack_column(benchmark::State& state, std::size_t bytes_per_point, const P
   report(state, chunk, bytes_per_point);
 }
 
-// Argument: the error in parts of the group's extent, as a power of two; 0: exact.
+// The argument e sets the error to 2^-e of the group's extent; 0: exact.
 double error_of(const benchmark::State& state) {
   return state.range(0) == 0 ? 0 : std::ldexp(1, -static_cast<int>(state.range(0)));
 }

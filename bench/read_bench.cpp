@@ -1,4 +1,4 @@
-// Reads of a view's size from a file that is not in the system's cache: positional reads by threads, and io_uring.
+// Reads of a view's size from a file that the system has not cached: positional reads by threads, and io_uring.
 #include <benchmark/benchmark.h>
 #include <fcntl.h>
 #include <linux/io_uring.h>
@@ -19,7 +19,7 @@
 
 namespace {
 
-// As a view of a large file reads: some hundreds of runs, of a few chunks each.
+// A view of a large file reads some hundreds of ranges, of a few chunks each.
 constexpr std::size_t reads = 1000;
 constexpr std::size_t read_bytes = 16u << 10;
 
@@ -28,7 +28,7 @@ struct Read {
   std::byte* out;
 };
 
-// The file of SPLATVOL_READ_BENCH, such as a large .svol.
+// The file that SPLATVOL_READ_BENCH names, such as a large .svol.
 class ColdFile {
  public:
   ColdFile() {
@@ -72,7 +72,7 @@ bool read_by_threads(const ColdFile& file, std::size_t threads) {
   return !failed;
 }
 
-// A ring for so many reads at once, by the kernel's interface alone.
+// A ring for `depth` reads at once, without liburing.
 class Ring {
  public:
   explicit Ring(unsigned depth) {
@@ -85,7 +85,7 @@ class Ring {
     entries_ = static_cast<io_uring_sqe*>(map(params_.sq_entries * sizeof(io_uring_sqe), IORING_OFF_SQES));
   }
   ~Ring() {
-    for (const auto& [place, bytes] : maps_) ::munmap(place, bytes);
+    for (const auto& [address, bytes] : maps_) ::munmap(address, bytes);
     if (descriptor_ >= 0) ::close(descriptor_);
   }
   Ring(const Ring&) = delete;
@@ -109,7 +109,8 @@ class Ring {
     ++pending_;
   }
 
-  // Hands over what was submitted and waits for at least one; how many are done, or -1 where one has failed.
+  // Hands the submitted reads to the kernel and waits for at least one. Returns the number of finished reads, or -1 if
+  // one has failed.
   int complete() {
     ::syscall(SYS_io_uring_enter, descriptor_, pending_, 1, IORING_ENTER_GETEVENTS, nullptr, 0);
     pending_ = 0;
@@ -130,10 +131,10 @@ class Ring {
     return reinterpret_cast<std::uint32_t*>(static_cast<std::byte*>(ring) + offset);
   }
   void* map(std::size_t bytes, off_t what) {
-    void* place = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, descriptor_, what);
-    if (place == MAP_FAILED) return nullptr;
-    maps_.emplace_back(place, bytes);
-    return place;
+    void* address = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, descriptor_, what);
+    if (address == MAP_FAILED) return nullptr;
+    maps_.emplace_back(address, bytes);
+    return address;
   }
 
   io_uring_params params_{};

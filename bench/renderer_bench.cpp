@@ -1,4 +1,4 @@
-// Frames of random splats: what drawing and sorting cost, by number and size of the splats on the screen.
+// Frames of random splats: the time of drawing and sorting, by number and size of the splats on the screen.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
@@ -32,15 +32,15 @@ std::vector<Splat> random_splats(std::size_t count, float size) {
   return splats;
 }
 
-/// The camera on a circle round the cube [-1, 1]^3, which fills most of the picture.
+/// A camera on a circle round the cube [-1, 1]^3, which fills most of the picture.
 View orbit(double angle) {
   Camera camera;
   camera.position = {5 * std::sin(angle), 0, 5 * std::cos(angle)};
   return make_view(camera, image_size, image_size).value();
 }
 
-/// Arguments: splats, size on the screen in tenths of a pixel (edge of the cell that one stands for), way of sorting,
-/// moving camera.
+/// Arguments: number of splats, their size on the screen in tenths of a pixel (the edge of the cube that a splat stands
+/// for), way of sorting, whether the camera moves.
 template <class Splat>
 void frame(benchmark::State& state) {
   static const std::unique_ptr<HeadlessContext> context = HeadlessContext::create().value();

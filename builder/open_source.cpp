@@ -6,25 +6,26 @@
 #include <filesystem>
 #include <optional>
 #include <set>
-#include <span>
 #include <string_view>
 
 #include "base/file.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/npy_source.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
+#include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/reader.h"
 #include "builder/sources/vtk/source.h"
 
 namespace splatvol {
 namespace {
 
-/// What the first bytes of a file say that it is.
+/// The format of a file, by its first bytes and its name.
 struct FileHeader {
-  enum class Format { vtk_xml, vtk_legacy, blocks, npy, vdb, other };
+  enum class Format { vtk_xml, vtk_legacy, multi_block, npy, vdb, other };
   Format format = Format::other;
-  VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of blocks
+  VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of a multi-block file
   std::string type;                                  // of an XML file: "UnstructuredGrid", ...
   int major = 0;
   int minor = 0;
@@ -45,27 +46,27 @@ bool has_vtk_extension(std::string_view path) {
   return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
 }
 
-struct BlockExtension {
+struct MultiBlockExtension {
   std::string_view extension;
   VtkFile::Kind kind;
 };
-constexpr std::array<BlockExtension, 9> block_extensions = {{{".e", VtkFile::Kind::exodus},
-                                                             {".exo", VtkFile::Kind::exodus},
-                                                             {".exii", VtkFile::Kind::exodus},
-                                                             {".ex2", VtkFile::Kind::exodus},
-                                                             {".g", VtkFile::Kind::exodus},
-                                                             {".case", VtkFile::Kind::ensight},
-                                                             {".encas", VtkFile::Kind::ensight},
-                                                             {".foam", VtkFile::Kind::openfoam},
-                                                             {".cgns", VtkFile::Kind::cgns}}};
+constexpr std::array<MultiBlockExtension, 9> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
+                                                                        {".exo", VtkFile::Kind::exodus},
+                                                                        {".exii", VtkFile::Kind::exodus},
+                                                                        {".ex2", VtkFile::Kind::exodus},
+                                                                        {".g", VtkFile::Kind::exodus},
+                                                                        {".case", VtkFile::Kind::ensight},
+                                                                        {".encas", VtkFile::Kind::ensight},
+                                                                        {".foam", VtkFile::Kind::openfoam},
+                                                                        {".cgns", VtkFile::Kind::cgns}}};
 
-/// Of formats with blocks, by the name, as most of them are HDF5 or plain text. A part of a mesh in Exodus files is
-/// called "mesh.e.4.0".
-std::optional<VtkFile::Kind> blocks_kind(std::string_view path) {
+/// Finds the format of a multi-block file by its name: most of these files are HDF5 or plain text. An Exodus file that
+/// holds a part of a mesh has a name such as "mesh.e.4.0".
+std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
   const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
     const auto found = std::ranges::find_if(
-        block_extensions, [&](const BlockExtension& known) { return name.ends_with(known.extension); });
-    return found == block_extensions.end() ? std::nullopt : std::optional(found->kind);
+        multi_block_extensions, [&](const MultiBlockExtension& known) { return name.ends_with(known.extension); });
+    return found == multi_block_extensions.end() ? std::nullopt : std::optional(found->kind);
   };
   if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
   if (const auto kind = kind_of(path)) return kind;
@@ -77,7 +78,7 @@ std::optional<VtkFile::Kind> blocks_kind(std::string_view path) {
   return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
 }
 
-std::string attribute_of(std::string_view element, std::string_view name) {
+std::string xml_attribute(std::string_view element, std::string_view name) {
   for (const char quote : {'"', '\''}) {
     const std::string start = fmt::format(" {}={}", name, quote);
     const std::size_t at = element.find(start);
@@ -95,10 +96,34 @@ bool parse_version(std::string_view text, FileHeader& header) {
   return std::from_chars(major.ptr + 1, end, header.minor).ec == std::errc{};
 }
 
+constexpr std::string_view legacy_start = "# vtk DataFile Version ";
+
+Result<FileHeader> read_legacy_header(const std::string& path, std::string_view text) {
+  FileHeader header;
+  header.format = FileHeader::Format::vtk_legacy;
+  if (!parse_version(text.substr(legacy_start.size()), header))
+    return fail(ErrorCode::invalid_data, "{}: the version in its first line is not a number", path);
+  return header;
+}
+
+/// `element`: the start tag of the VTKFile element.
+Result<FileHeader> read_xml_header(const std::string& path, std::string element) {
+  // White space of any kind may separate XML attributes.
+  std::ranges::replace_if(
+      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  FileHeader header;
+  header.format = FileHeader::Format::vtk_xml;
+  header.type = xml_attribute(element, "type");
+  const std::string version = xml_attribute(element, "version");
+  if (!version.empty() && !parse_version(version, header))
+    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
+                version);
+  return header;
+}
+
 Result<FileHeader> read_header(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  std::string text(std::min<std::uint64_t>(file->size(), 65536), '\0');
-  SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(text))));
+  SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, 65536));
 
   FileHeader header;
   if (text.starts_with(npy_magic) || path.ends_with(".npy")) {
@@ -109,34 +134,16 @@ Result<FileHeader> read_header(const std::string& path) {
     header.format = FileHeader::Format::vdb;
     return header;
   }
-  // Exodus as NetCDF's own format, whatever its name.
-  const bool netcdf = text.starts_with("CDF\x01") || text.starts_with("CDF\x02") || text.starts_with("CDF\x05");
-  if (const auto kind = netcdf ? VtkFile::Kind::exodus : blocks_kind(path)) {
-    header.format = FileHeader::Format::blocks;
+  // Exodus files in NetCDF's own format may have any name.
+  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path)) {
+    header.format = FileHeader::Format::multi_block;
     header.kind = *kind;
     return header;
   }
-  constexpr std::string_view legacy_start = "# vtk DataFile Version ";
-  if (text.starts_with(legacy_start)) {
-    header.format = FileHeader::Format::vtk_legacy;
-    if (!parse_version(std::string_view(text).substr(legacy_start.size()), header))
-      return fail(ErrorCode::invalid_data, "{}: the version in its first line is not a number", path);
-    return header;
-  }
-  const std::size_t at = text.find("<VTKFile");
-  if (at == std::string::npos) return header;
-
-  // White space of any kind may separate an element's attributes.
-  std::string element = text.substr(at, text.find('>', at) - at);
-  std::ranges::replace_if(
-      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
-  header.format = FileHeader::Format::vtk_xml;
-  header.type = attribute_of(element, "type");
-  const std::string version = attribute_of(element, "version");
-  if (!version.empty() && !parse_version(version, header))
-    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
-                version);
-  return header;
+  if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
+  const std::size_t tag = text.find("<VTKFile");
+  if (tag == std::string::npos) return header;
+  return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
 }
 
 bool newer_than(const FileHeader& header, int major, int minor) {
@@ -149,14 +156,28 @@ tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& he
               header.minor, newest);
 }
 
-/// VTK warns of a newer major version at most, and reads what it recognises; so the version is judged here. What 2.3
-/// brought, polyhedra in arrays of their own, vtk_unstructured_reader.cpp reads by itself.
+/// Checks the version here, because VTK at most warns of a newer major version, and reads what it recognises. The
+/// polyhedra of version 2.3 are read by builder/sources/vtk/unstructured_reader.cpp.
 Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
   const auto type = std::ranges::find(xml_types, header.type, &XmlType::name);
   if (type == xml_types.end())
     return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
   if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
   return VtkFile{path, type->kind};
+}
+
+/// Appends the pieces that a .pvtu names.
+Status append_pieces(const std::string& path, std::vector<VtkFile>& files) {
+  SPLATVOL_TRY_ASSIGN(pieces, pvtu_pieces(path));
+  for (const std::string& piece : pieces) {
+    const auto header = read_header(piece);
+    if (!header) return fail_in(path, header.error());
+    if (header->format != FileHeader::Format::vtk_xml || header->type != "UnstructuredGrid")
+      return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
+    SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, *header));
+    files.push_back(file);
+  }
+  return {};
 }
 
 Status append_file(const std::string& path, std::vector<VtkFile>& files) {
@@ -168,7 +189,7 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
   if (header.format == FileHeader::Format::other)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
-  if (header.format == FileHeader::Format::blocks) {
+  if (header.format == FileHeader::Format::multi_block) {
     files.push_back({path, header.kind});
     return {};
   }
@@ -177,25 +198,13 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
     files.push_back({path, VtkFile::Kind::legacy});
     return {};
   }
-  if (header.type == "PUnstructuredGrid") {
-    SPLATVOL_TRY_ASSIGN(pieces, pvtu_pieces(path));
-    for (const std::string& piece : pieces) {
-      const auto piece_result = read_header(piece);
-      if (!piece_result) return fail_in(path, piece_result.error());
-      const FileHeader& piece_header = *piece_result;
-      if (piece_header.format != FileHeader::Format::vtk_xml || piece_header.type != "UnstructuredGrid")
-        return fail(ErrorCode::invalid_data, "{}: its piece {} is not a .vtu file", path, piece);
-      SPLATVOL_TRY_ASSIGN(file, identify_xml(piece, piece_header));
-      files.push_back(file);
-    }
-    return {};
-  }
+  if (header.type == "PUnstructuredGrid") return append_pieces(path, files);
   SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
   files.push_back(file);
   return {};
 }
 
-/// "piece2" comes before "piece10".
+/// Compares names with numbers by size: "piece2" comes before "piece10".
 bool name_before(std::string_view a, std::string_view b) {
   const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
   while (!a.empty() && !b.empty()) {
@@ -206,7 +215,7 @@ bool name_before(std::string_view a, std::string_view b) {
     }
     a.remove_prefix(part_a.size());
     b.remove_prefix(part_b.size());
-    // Of numbers without leading zeros, the longer is the larger.
+    // Without leading zeros, the longer of two numbers is the larger.
     part_a.remove_prefix(std::min(part_a.find_first_not_of('0'), part_a.size() - 1));
     part_b.remove_prefix(std::min(part_b.find_first_not_of('0'), part_b.size() - 1));
     if (part_a.size() != part_b.size()) return part_a.size() < part_b.size();
@@ -215,18 +224,19 @@ bool name_before(std::string_view a, std::string_view b) {
   return a.size() < b.size();
 }
 
-/// The files in a folder that can be read, by their extensions.
+/// Lists the files in a folder that can be read, by their extensions.
 Result<std::vector<std::string>> list_folder(const std::string& folder) {
   std::error_code error;
   std::vector<std::string> names;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    const bool known = has_vtk_extension(name) || blocks_kind(name) || name.ends_with(".npy") || name.ends_with(".vdb");
+    const bool known =
+        has_vtk_extension(name) || multi_block_kind(name) || name.ends_with(".npy") || name.ends_with(".vdb");
     if (known && !name.starts_with('.')) names.push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
   if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
-  // Names that differ in leading zeros only are told apart by their bytes.
+  // Names that differ only in leading zeros are compared by their bytes.
   std::ranges::sort(names, [](const std::string& a, const std::string& b) {
     return name_before(a, b) || (!name_before(b, a) && a < b);
   });
@@ -235,7 +245,7 @@ Result<std::vector<std::string>> list_folder(const std::string& folder) {
   return paths;
 }
 
-/// The files named, and those in the folders named; an OpenFOAM case is a folder and one input.
+/// Replaces folders by the files in them. An OpenFOAM case is a folder, but one input.
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {
@@ -255,7 +265,7 @@ Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& 
   return paths;
 }
 
-/// A folder may hold a .pvtu and the pieces that it names.
+/// Drops repeated files: a folder may hold a .pvtu and the pieces that it names.
 void drop_repeated(std::vector<VtkFile>& files) {
   std::set<std::string> seen;
   std::erase_if(files, [&](const VtkFile& file) {

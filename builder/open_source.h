@@ -1,4 +1,4 @@
-// Opens any input by what is in it.
+// Opens an input of any format.
 #pragma once
 
 #include <memory>
@@ -10,22 +10,25 @@
 
 namespace splatvol {
 
-/// Opens an input by what is in it: VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk), several of which are
-/// pieces of one data set; .npy files, several of which are one point set (builder/sources/npy_source.h); a PLOT3D grid
-/// and its solution as two paths in this order; OpenVDB files (builder/sources/vdb_source.h); or "gen:..." for one that
-/// is made up (builder/sources/generator.h). Exodus, EnSight, OpenFOAM and CGNS files count as VTK's and are told by
-/// their extensions; their blocks are pieces (builder/sources/vtk/blocks.h). A folder is an OpenFOAM case, or stands
-/// for the files in it that can be read by their extensions, in the order of their names, numbers in these by size;
-/// pieces that a .pvtu names are read once.
+/// Opens an input of any format:
+/// - VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk); several are pieces of one data set.
+/// - Exodus, EnSight, OpenFOAM and CGNS files, known by their extensions; they count as VTK files, and their blocks are
+///   pieces (builder/sources/vtk/blocks.h).
+/// - .npy files; several are one point set (builder/sources/npy_source.h).
+/// - a PLOT3D grid and its solution, as two paths in this order.
+/// - OpenVDB files (builder/sources/vdb_source.h).
+/// - "gen:..." for a generated input (builder/sources/generator.h).
+/// - a folder: an OpenFOAM case, or all files in it with known extensions. Their order is that of their names, with
+///   numbers compared by size. Pieces that a .pvtu names are read once.
 ///
 /// Cells become tetrahedra (builder/mesh/tetrahedra.h). Hidden cells and ghost copies are left out, with the points
-/// that only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN;
-/// positions that are not finite stay, but no tetrahedron uses them.
+/// that only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN.
+/// Points with positions that are not finite stay, but no tetrahedron uses them.
 ///
-/// Fails where a file is missing, damaged, of a kind or version that cannot be read right, has no point data, or lacks
-/// a selected attribute (the message lists those that are there), and where columns are named, or a time is, of files
-/// that have none.
-/// Safe on untrusted files as far as VTK's and OpenVDB's readers are.
+/// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
+/// no point data or lacks a selected attribute; the message lists its attributes. `columns` may only be given for .npy
+/// files, and a `time` only for files with time steps.
+/// As safe on untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 

@@ -12,9 +12,9 @@ namespace {
 constexpr std::uint64_t max_header_bytes = 1 << 20;
 constexpr std::uint64_t max_row_bytes = 1 << 20;
 constexpr std::uint64_t max_columns = 4096;
-constexpr int max_depth = 8;  // of literals in literals: a structured type takes 4
+constexpr int max_depth = 8;  // of literals in literals; a structured type has 4
 
-/// A value of the Python literal that the header is.
+/// A value of the header, which is a Python literal.
 struct Literal {
   enum class Kind { text, number, boolean, sequence, dictionary };
   Kind kind;
@@ -29,12 +29,13 @@ struct Literal {
   }
 };
 
-/// Reads what NumPy writes: texts without escapes, whole numbers, True and False, tuples, lists, a dictionary.
+/// Reads the literals that NumPy writes: texts without escapes, whole numbers, True, False, tuples, lists,
+/// dictionaries.
 class LiteralReader {
  public:
   explicit LiteralReader(std::string_view text) : text_(text) {}
 
-  /// The one value of the text.
+  /// Reads the text's only value; empty if the text is anything else.
   std::optional<Literal> read() {
     auto value = read_value(0);
     skip_space();
@@ -44,7 +45,8 @@ class LiteralReader {
  private:
   void skip_space() { text_.remove_prefix(std::min(text_.find_first_not_of(" \t\r\n"), text_.size())); }
 
-  bool take(std::string_view word) {
+  /// Skips `word` if it comes next.
+  bool accept(std::string_view word) {
     skip_space();
     if (!text_.starts_with(word)) return false;
     text_.remove_prefix(word.size());
@@ -53,13 +55,13 @@ class LiteralReader {
 
   std::optional<Literal> read_value(int depth) {
     if (depth == max_depth) return std::nullopt;
-    if (take("'")) return read_text('\'');
-    if (take("\"")) return read_text('"');
-    if (take("(")) return read_items(Literal::Kind::sequence, ")", depth);
-    if (take("[")) return read_items(Literal::Kind::sequence, "]", depth);
-    if (take("{")) return read_items(Literal::Kind::dictionary, "}", depth);
-    if (take("True")) return Literal{Literal::Kind::boolean, {}, 1, {}};
-    if (take("False")) return Literal{Literal::Kind::boolean, {}, 0, {}};
+    if (accept("'")) return read_text('\'');
+    if (accept("\"")) return read_text('"');
+    if (accept("(")) return read_items(Literal::Kind::sequence, ")", depth);
+    if (accept("[")) return read_items(Literal::Kind::sequence, "]", depth);
+    if (accept("{")) return read_items(Literal::Kind::dictionary, "}", depth);
+    if (accept("True")) return Literal{Literal::Kind::boolean, {}, 1, {}};
+    if (accept("False")) return Literal{Literal::Kind::boolean, {}, 0, {}};
     return read_number();
   }
 
@@ -76,20 +78,20 @@ class LiteralReader {
     const auto [end, error] = std::from_chars(text_.data(), text_.data() + text_.size(), value.number);
     if (error != std::errc{}) return std::nullopt;
     text_.remove_prefix(static_cast<std::size_t>(end - text_.data()));
-    take("L");  // as Python 2 wrote them
+    accept("L");  // Python 2 wrote such numbers
     return value;
   }
 
   std::optional<Literal> read_items(Literal::Kind kind, std::string_view end, int depth) {
     Literal value{kind, {}, 0, {}};
-    while (!take(end)) {
-      if (!value.items.empty() && !take(",")) return std::nullopt;
-      if (!value.items.empty() && take(end)) break;
+    while (!accept(end)) {
+      if (!value.items.empty() && !accept(",")) return std::nullopt;
+      if (!value.items.empty() && accept(end)) break;
       auto item = read_value(depth + 1);
       if (!item) return std::nullopt;
       value.items.push_back(std::move(*item));
       if (kind != Literal::Kind::dictionary) continue;
-      if (!take(":")) return std::nullopt;
+      if (!accept(":")) return std::nullopt;
       auto mapped = read_value(depth + 1);
       if (!mapped) return std::nullopt;
       value.items.push_back(std::move(*mapped));
@@ -104,8 +106,8 @@ tl::unexpected<Error> fail_damaged(const ByteSource& file) {
   return fail(ErrorCode::invalid_data, "{}: the .npy header is damaged", file.name());
 }
 
-/// The header's text; moves `data` to the first byte behind it.
-Result<std::string> read_header_text(ByteSource& file, std::uint64_t& data) {
+/// Returns the header's text, and sets `data_offset` to the offset behind it.
+Result<std::string> read_header_text(ByteSource& file, std::uint64_t& data_offset) {
   std::array<unsigned char, 12> start{};
   const std::uint64_t available = std::min<std::uint64_t>(file.size(), start.size());
   SPLATVOL_TRY(file.read(0, std::as_writable_bytes(std::span(start)).first(available)));
@@ -119,15 +121,15 @@ Result<std::string> read_header_text(ByteSource& file, std::uint64_t& data) {
 
   std::uint64_t bytes = start[8] + 256u * start[9];
   if (major > 1) bytes += 65536ull * start[10] + 16777216ull * start[11];
-  data = major > 1 ? 12 : 10;
-  if (bytes > max_header_bytes || bytes > file.size() - data) return fail_damaged(file);
+  data_offset = major > 1 ? 12 : 10;
+  if (bytes > max_header_bytes || bytes > file.size() - data_offset) return fail_damaged(file);
   std::string text(bytes, '\0');
-  SPLATVOL_TRY(file.read(data, std::as_writable_bytes(std::span(text))));
-  data += bytes;
+  SPLATVOL_TRY(file.read(data_offset, std::as_writable_bytes(std::span(text))));
+  data_offset += bytes;
   return text;
 }
 
-/// A type such as "<f8"; nothing where it is not written so.
+/// Reads a type such as "<f8"; empty if the text is none.
 std::optional<NpyColumn> parse_type(std::string_view text) {
   if (text.size() < 3 || std::string_view("<>=|").find(text[0]) == std::string_view::npos) return std::nullopt;
   NpyColumn column;
@@ -153,7 +155,7 @@ Status add_fields(const ByteSource& file, const Literal& type, NpyTable& table) 
   for (const Literal& field : type.items) {
     const std::size_t parts = field.items.size();
     if (field.kind != Literal::Kind::sequence || parts < 2 || parts > 3) return fail_damaged(file);
-    // A name may come with a title, as a pair of both.
+    // A name may come in a pair: (title, name).
     const Literal& label = field.items[0];
     const Literal& name = label.items.size() == 2 ? label.items[1] : label;
     if (name.kind != Literal::Kind::text) return fail_damaged(file);
@@ -189,7 +191,7 @@ Status add_numbers(const ByteSource& file, const std::string& type, std::uint64_
 
 Result<NpyTable> read_npy_header(ByteSource& file) {
   NpyTable table;
-  SPLATVOL_TRY_ASSIGN(text, read_header_text(file, table.data));
+  SPLATVOL_TRY_ASSIGN(text, read_header_text(file, table.data_offset));
   const auto header = LiteralReader(text).read();
   const Literal* type = header ? header->find("descr") : nullptr;
   const Literal* order = header ? header->find("fortran_order") : nullptr;
@@ -206,17 +208,17 @@ Result<NpyTable> read_npy_header(ByteSource& file) {
   SPLATVOL_TRY(table.structured ? add_fields(file, *type, table)
                                 : add_numbers(file, type->text, shape->items[1].number, order->number == 1, table));
 
-  // What one row takes, wherever its numbers are.
+  // The bytes of one row, even if its numbers lie apart (Fortran order).
   std::uint64_t row_bytes = 0;
   for (const NpyColumn& column : table.columns) row_bytes += column.bytes;
-  const std::uint64_t bytes = file.size() - table.data;
+  const std::uint64_t bytes = file.size() - table.data_offset;
   if (row_bytes == 0 || bytes % row_bytes != 0 || bytes / row_bytes != table.rows)
     return fail(ErrorCode::invalid_data, "{}: {} bytes of data, and not {} rows of {}", file.name(), bytes, table.rows,
                 row_bytes);
   for (std::size_t i = 0; i < table.columns.size(); ++i)
     table.columns[i].offset =
-        table.data + (table.structured ? table.columns[i].offset
-                                       : i * table.columns[i].bytes * (table.columns_apart ? table.rows : 1));
+        table.data_offset + (table.structured ? table.columns[i].offset
+                                              : i * table.columns[i].bytes * (table.columns_apart ? table.rows : 1));
   return table;
 }
 

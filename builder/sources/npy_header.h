@@ -1,4 +1,4 @@
-// What a .npy file holds, by its header: NumPy's format versions 1.0 to 3.0.
+// The headers of .npy files: NumPy's format versions 1.0 to 3.0.
 #pragma once
 
 #include <cstdint>
@@ -14,29 +14,30 @@ namespace splatvol {
 /// The first bytes of every .npy file.
 inline constexpr std::string_view npy_magic = "\x93NUMPY";
 
-/// One number of every row.
+/// A column of a table: one number of every row.
 struct NpyColumn {
   enum class Kind : char { real = 'f', integer = 'i', natural = 'u', other = 0 };
-  std::string name;         // of a structured type's field, which may be empty
-  Kind kind = Kind::other;  // other: nothing that is read as a number
+  std::string name;         // of a structured type's field; may be empty
+  Kind kind = Kind::other;  // other: not read as a number
   std::uint32_t bytes = 0;  // of a number: 4 or 8 (real), 1, 2, 4, 8 (integer, natural)
   bool big_endian = false;
-  std::uint64_t offset = 0;  // of the first row's number, bytes from the file's start
+  std::uint64_t offset = 0;  // of the first row's number in the file
 };
 
-/// A table: two dimensions of numbers, or one of a structured type.
+/// A table: an array of numbers with two dimensions, or of a structured type with one.
 struct NpyTable {
   std::vector<NpyColumn> columns;
   std::uint64_t rows = 0;
-  std::uint64_t stride = 0;    // bytes from a column's number to that of the next row
-  std::uint64_t data = 0;      // offset of the first row
-  bool structured = false;     // columns have names
+  std::uint64_t stride = 0;  // bytes between a column's numbers in two successive rows
+  std::uint64_t data_offset = 0;
+  bool structured = false;     // the columns have names
   bool columns_apart = false;  // Fortran order: one column after the other
 };
 
-/// Reads the header and holds it against the file's size. Fails where it is damaged or of a newer version, the file is
-/// too short or too long for it, or the array is no such table, has more than 4096 columns or rows of more than 1 MiB.
-/// Safe on untrusted files: allocates no more than some multiple of the header's bytes, which are at most 1 MiB.
+/// Reads the header and compares it with the file's size. Fails if the header is damaged or of a newer version, if the
+/// array is no such table, or if the file's size differs from the table's. A table has at most 4096 columns, and 1 MiB
+/// in a row. Safe on untrusted files: allocates at most a small multiple of the header's bytes, which are at most 1
+/// MiB.
 [[nodiscard]] Result<NpyTable> read_npy_header(ByteSource& file);
 
 }  // namespace splatvol

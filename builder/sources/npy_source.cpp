@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <span>
 #include <utility>
 
@@ -19,16 +18,15 @@ namespace splatvol {
 namespace {
 
 constexpr std::uint64_t max_read_bytes = 16 << 20;
-constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// A file, and which of its columns are what.
+/// A file, with its columns by their use.
 struct NpyFile {
   std::string path;
   NpyTable table;
   std::array<NpyColumn, 3> position;
   std::vector<NpyColumn> values;  // [attribute]
 
-  /// Of all columns that are read.
+  /// Whether single precision holds every number of the columns that are read.
   [[nodiscard]] bool single_precision() const {
     const auto exact = [](const NpyColumn& column) {
       return column.bytes < 4 || (column.bytes == 4 && column.kind == NpyColumn::Kind::real);
@@ -37,18 +35,19 @@ struct NpyFile {
   }
 };
 
-/// Rows that are read at once.
-struct Block {
+/// Rows that are read at once: a piece.
+struct RowRange {
   std::size_t file;
   std::uint64_t first;
-  std::size_t rows;
+  std::size_t count;
 };
 
-/// Numbers that lie `stride` bytes apart, to ones `step` numbers apart.
+/// Converts numbers that lie `stride` bytes apart to doubles that lie `to_stride` doubles apart.
 template <class T>
-void convert(const std::byte* from, std::size_t stride, bool swap, std::size_t count, double* to, std::size_t step) {
+void convert(const std::byte* from, std::size_t stride, bool swap, std::size_t count, double* to,
+             std::size_t to_stride) {
   std::array<std::byte, sizeof(T)> raw;
-  for (std::size_t i = 0; i < count; ++i, from += stride, to += step) {
+  for (std::size_t i = 0; i < count; ++i, from += stride, to += to_stride) {
     T value;
     std::memcpy(&raw, from, sizeof(T));
     if (swap) std::ranges::reverse(raw);
@@ -74,21 +73,21 @@ auto converter(const NpyColumn& column) {
   }
 }
 
-/// The bytes of a block, and numbers from them.
-class BlockReader {
+/// Reads the bytes of a range of rows, and numbers from them.
+class RowReader {
  public:
-  /// Fails where the file cannot be opened any more.
-  static Result<BlockReader> open(const NpyFile& file, const Block& block) {
+  /// Fails if the file can no longer be opened.
+  static Result<RowReader> open(const NpyFile& file, const RowRange& rows) {
     SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
-    BlockReader reader(std::move(bytes), file.table, block);
-    if (!file.table.columns_apart) SPLATVOL_TRY(reader.read(file.table.data));
+    RowReader reader(std::move(bytes), file.table, rows);
+    if (!file.table.columns_apart) SPLATVOL_TRY(reader.read(file.table.data_offset));
     return reader;
   }
 
-  Status get(const NpyColumn& column, double* to, std::size_t step) {
+  Status get(const NpyColumn& column, double* to, std::size_t to_stride) {
     if (table_.columns_apart) SPLATVOL_TRY(read(column.offset));
-    const std::uint64_t within = table_.columns_apart ? 0 : column.offset - table_.data;
-    converter(column)(buffer_.data() + within, table_.stride, column.big_endian, block_.rows, to, step);
+    const std::uint64_t within = table_.columns_apart ? 0 : column.offset - table_.data_offset;
+    converter(column)(buffer_.data() + within, table_.stride, column.big_endian, rows_.count, to, to_stride);
     return {};
   }
 
@@ -98,27 +97,27 @@ class BlockReader {
   }
 
  private:
-  BlockReader(std::unique_ptr<ByteSource> file, const NpyTable& table, const Block& block)
-      : file_(std::move(file)), table_(table), block_(block), buffer_(block.rows * table.stride) {}
+  RowReader(std::unique_ptr<ByteSource> file, const NpyTable& table, const RowRange& rows)
+      : file_(std::move(file)), table_(table), rows_(rows), buffer_(rows.count * table.stride) {}
 
-  /// The block's part of what begins at `offset`.
-  Status read(std::uint64_t offset) { return file_->read(offset + block_.first * table_.stride, buffer_); }
+  /// Reads the rows' part of a column or table that begins at `offset`.
+  Status read(std::uint64_t offset) { return file_->read(offset + rows_.first * table_.stride, buffer_); }
 
   std::unique_ptr<ByteSource> file_;
   const NpyTable& table_;
-  const Block& block_;
+  const RowRange& rows_;
   std::vector<std::byte> buffer_;
 };
 
-std::vector<Block> divide(const std::vector<NpyFile>& files) {
-  std::vector<Block> blocks;
+std::vector<RowRange> divide(const std::vector<NpyFile>& files) {
+  std::vector<RowRange> ranges;
   for (std::size_t f = 0; f < files.size(); ++f) {
     const NpyTable& table = files[f].table;
-    const std::uint64_t rows = std::clamp<std::uint64_t>(max_read_bytes / table.stride, 1, max_piece_points);
-    for (std::uint64_t first = 0; first < table.rows; first += rows)
-      blocks.push_back({f, first, static_cast<std::size_t>(std::min(rows, table.rows - first))});
+    const std::uint64_t most = std::clamp<std::uint64_t>(max_read_bytes / table.stride, 1, max_piece_points);
+    for (std::uint64_t first = 0; first < table.rows; first += most)
+      ranges.push_back({f, first, static_cast<std::size_t>(std::min(most, table.rows - first))});
   }
-  return blocks;
+  return ranges;
 }
 
 class NpySource final : public Source {
@@ -126,8 +125,8 @@ class NpySource final : public Source {
   NpySource(std::vector<NpyFile> files, std::vector<std::string> attributes)
       : files_(std::move(files)),
         attributes_(std::move(attributes)),
-        blocks_(divide(files_)),
-        pieces_(blocks_.size(), [this](std::size_t piece) { return make_piece(blocks_[piece]); }) {}
+        ranges_(divide(files_)),
+        pieces_(ranges_.size(), [this](std::size_t piece) { return make_piece(ranges_[piece]); }) {}
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
@@ -142,48 +141,48 @@ class NpySource final : public Source {
   }
 
   Result<std::optional<Box>> bounds() override {
-    std::vector<Result<Box>> boxes(blocks_.size(), Box{});
-    tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t b) { boxes[b] = find_box(blocks_[b]); });
-    Box all{dvec3(infinity), dvec3(-infinity)};
+    std::vector<Result<Box>> boxes(ranges_.size(), Box{});
+    tbb::parallel_for(std::size_t{0}, ranges_.size(), [&](std::size_t r) { boxes[r] = find_box(ranges_[r]); });
+    Box all;
     for (const Result<Box>& box : boxes) {
       SPLATVOL_TRY(box);
-      all = {glm::min(all.low, box->low), glm::max(all.high, box->high)};
+      all.include(*box);
     }
     return all.low.x <= all.high.x ? std::optional(all) : std::nullopt;
   }
 
  private:
-  Result<std::unique_ptr<Piece>> make_piece(const Block& block) const {
-    const NpyFile& file = files_[block.file];
-    SPLATVOL_TRY_ASSIGN(reader, BlockReader::open(file, block));
+  Result<std::unique_ptr<Piece>> make_piece(const RowRange& rows) const {
+    const NpyFile& file = files_[rows.file];
+    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
     auto piece = std::make_unique<Piece>();
-    piece->points.resize(block.rows);
+    piece->points.resize(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, piece->points));
     for (const NpyColumn& column : file.values) {
-      std::vector<double>& values = piece->values.emplace_back(block.rows);
+      std::vector<double>& values = piece->values.emplace_back(rows.count);
       SPLATVOL_TRY(reader.get(column, values.data(), 1));
-      for (double& value : values) value = std::isfinite(value) ? value : std::numeric_limits<double>::quiet_NaN();
+      for (double& value : values) value = finite_or_missing(value);
     }
     return piece;
   }
 
-  /// Empty where no point is finite.
-  Result<Box> find_box(const Block& block) const {
-    const NpyFile& file = files_[block.file];
-    SPLATVOL_TRY_ASSIGN(reader, BlockReader::open(file, block));
-    std::vector<dvec3> points(block.rows);
+  /// Finds the box round all finite points; empty if there are none.
+  Result<Box> find_box(const RowRange& rows) const {
+    const NpyFile& file = files_[rows.file];
+    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
+    std::vector<dvec3> points(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, points));
-    Box box{dvec3(infinity), dvec3(-infinity)};
+    Box box;
     for (const dvec3& p : points) {
       if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) continue;
-      box = {glm::min(box.low, p), glm::max(box.high, p)};
+      box.include({p, p});
     }
     return box;
   }
 
   std::vector<NpyFile> files_;
   std::vector<std::string> attributes_;
-  std::vector<Block> blocks_;
+  std::vector<RowRange> ranges_;
   PieceAhead pieces_;
 };
 

@@ -1,4 +1,4 @@
-// One piece in use, the next one in the making.
+// Makes the next piece while one is in use.
 #pragma once
 
 #include <cstddef>
@@ -11,8 +11,8 @@
 
 namespace splatvol {
 
-/// Makes pieces in order, each on a thread of its own while the one before it is in use. Not thread-safe. Destroyed, it
-/// waits for the piece at hand: declare it last of what `make` uses.
+/// Makes pieces in order, each on a thread of its own while the one before it is in use. Not thread-safe. The
+/// destructor waits for the piece that is being made: declare this member after all members that `make` uses.
 class PieceAhead {
  public:
   /// Makes piece i of a source.
@@ -20,7 +20,7 @@ class PieceAhead {
 
   PieceAhead(std::size_t count, Make make) : count_(count), make_(std::move(make)) {}
 
-  /// Pieces in all.
+  /// Number of pieces.
   [[nodiscard]] std::size_t count() const { return count_; }
 
   /// Contract as Source::next().
@@ -33,7 +33,7 @@ class PieceAhead {
   }
 
  private:
-  // Nothing is made before it is first asked for. Without a free thread, it is made when it is asked for.
+  // The first piece is made when next() is first called. Without a free thread, each piece is made in its next().
   void start() {
     if (next_ < count_) coming_ = std::async(std::launch::async | std::launch::deferred, make_, next_++);
   }

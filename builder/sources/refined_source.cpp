@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t piece_tetrahedra = 1'500'000;
 
-/// Some tetrahedra of a piece, with the points that they use, in the order of their first use.
+/// Copies some tetrahedra of a piece, with the points that they use in the order of first use.
 Piece part_of(const Piece& whole, std::span<const std::uint32_t> cells) {
   Piece part;
   part.values.resize(whole.values.size());
@@ -35,7 +35,7 @@ Piece part_of(const Piece& whole, std::span<const std::uint32_t> cells) {
   return part;
 }
 
-/// Adds the middles of edges to a piece, each once.
+/// Adds the middle of each edge to a piece, once.
 class EdgeMiddles {
  public:
   explicit EdgeMiddles(Piece& piece) : piece_(piece) { middles_.reserve(2 * piece.tetrahedra.size()); }
@@ -44,7 +44,7 @@ class EdgeMiddles {
     const std::uint64_t edge = std::uint64_t{std::min(a, b)} << 32 | std::max(a, b);
     const auto [found, is_new] = middles_.try_emplace(edge, static_cast<std::uint32_t>(piece_.points.size()));
     if (is_new) {
-      // Sums do not depend on the order of two, so that pieces agree on what they repeat.
+      // A sum of two numbers does not depend on their order, so pieces agree on their common points.
       piece_.points.push_back((piece_.points[a] + piece_.points[b]) / 2.0);
       for (auto& values : piece_.values) values.push_back((values[a] + values[b]) / 2);
     }
@@ -56,8 +56,7 @@ class EdgeMiddles {
   std::unordered_map<std::uint64_t, std::uint32_t> middles_;
 };
 
-/// Splits every tetrahedron into eight, in the order of corners that Bey's rule asks for: the sixth and the last are
-/// mirrored.
+/// Splits every tetrahedron into eight, by Bey's rule. Its order of corners mirrors the sixth and the eighth.
 void split(Piece& piece) {
   EdgeMiddles middle(piece);
   std::vector<Tetrahedron> parts;
@@ -78,19 +77,19 @@ void split(Piece& piece) {
   piece.tetrahedra = std::move(parts);
 }
 
-/// Turns those that splitting has mirrored; `levels`: how often it was done.
-void turn_mirrored(Piece& piece, int levels) {
+/// Turns the tetrahedra that `refinements` splits have mirrored.
+void turn_mirrored(Piece& piece, int refinements) {
   for (std::size_t i = 0; i < piece.tetrahedra.size(); ++i) {
     bool is_mirrored = false;
-    for (int level = 0; level < levels; ++level) {
-      const std::size_t child = i >> static_cast<unsigned>(3 * level) & 7;
+    for (int r = 0; r < refinements; ++r) {
+      const std::size_t child = i >> static_cast<unsigned>(3 * r) & 7;
       is_mirrored ^= child == 5 || child == 7;
     }
     if (is_mirrored) std::swap(piece.tetrahedra[i][2], piece.tetrahedra[i][3]);
   }
 }
 
-/// Tetrahedra along a Morton curve through their corners' means, so that runs of them are compact.
+/// Lists tetrahedra along a Morton curve through their corners' means, so that successive ones are close together.
 std::vector<std::uint32_t> ordered_cells(const Piece& piece) {
   Box box;
   for (const Tetrahedron& corners : piece.tetrahedra)
@@ -108,17 +107,17 @@ std::vector<std::uint32_t> ordered_cells(const Piece& piece) {
 
 class RefinedSource final : public Source {
  public:
-  RefinedSource(std::unique_ptr<Source> source, int levels, std::string name)
+  RefinedSource(std::unique_ptr<Source> source, int refinements, std::string name)
       : source_(std::move(source)),
-        levels_(levels),
+        refinements_(refinements),
         name_(std::move(name)),
-        run_(std::max<std::size_t>(1, piece_tetrahedra >> static_cast<unsigned>(3 * levels))) {}
+        part_size_(std::max<std::size_t>(1, piece_tetrahedra >> static_cast<unsigned>(3 * refinements))) {}
 
   const std::vector<std::string>& attributes() const override { return source_->attributes(); }
-  std::size_t piece_count() const override { return made_ + runs_left() + (source_->piece_count() - read_); }
+  std::size_t piece_count() const override { return made_ + parts_left() + (source_->piece_count() - read_); }
 
   Result<std::unique_ptr<Piece>> next() override {
-    if (runs_left() == 0) {
+    if (parts_left() == 0) {
       SPLATVOL_TRY_ASSIGN(piece, source_->next());
       if (!piece) return nullptr;
       if (piece->tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", name_);
@@ -127,10 +126,10 @@ class RefinedSource final : public Source {
       begin_ = 0;
       ++read_;
     }
-    const std::size_t count = std::min(run_, cells_.size() - begin_);
+    const std::size_t count = std::min(part_size_, cells_.size() - begin_);
     auto part = std::make_unique<Piece>(part_of(*whole_, std::span(cells_).subspan(begin_, count)));
-    for (int level = 0; level < levels_; ++level) split(*part);
-    turn_mirrored(*part, levels_);
+    for (int r = 0; r < refinements_; ++r) split(*part);
+    turn_mirrored(*part, refinements_);
     part->census.cells["tetrahedron"] = part->census.tetrahedra = part->tetrahedra.size();
     begin_ += count;
     ++made_;
@@ -138,23 +137,23 @@ class RefinedSource final : public Source {
   }
 
  private:
-  [[nodiscard]] std::size_t runs_left() const { return (cells_.size() - begin_ + run_ - 1) / run_; }
+  [[nodiscard]] std::size_t parts_left() const { return (cells_.size() - begin_ + part_size_ - 1) / part_size_; }
 
   std::unique_ptr<Source> source_;
-  int levels_;
+  int refinements_;
   std::string name_;
-  std::size_t run_;  // tetrahedra of the source in a piece
+  std::size_t part_size_;  // tetrahedra of the source that make a piece
   std::unique_ptr<Piece> whole_;
-  std::vector<std::uint32_t> cells_;  // of whole_, as they are taken
-  std::size_t begin_ = 0;             // of cells_
-  std::size_t read_ = 0;              // pieces of the source
-  std::size_t made_ = 0;
+  std::vector<std::uint32_t> cells_;  // of whole_, in the order in which they are refined
+  std::size_t begin_ = 0;             // of the next part, in cells_
+  std::size_t read_ = 0;              // pieces of the source so far
+  std::size_t made_ = 0;              // pieces so far
 };
 
 }  // namespace
 
-std::unique_ptr<Source> refine(std::unique_ptr<Source> source, int levels, const std::string& name) {
-  return std::make_unique<RefinedSource>(std::move(source), levels, name);
+std::unique_ptr<Source> refine(std::unique_ptr<Source> source, int refinements, const std::string& name) {
+  return std::make_unique<RefinedSource>(std::move(source), refinements, name);
 }
 
 }  // namespace splatvol

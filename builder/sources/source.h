@@ -1,8 +1,10 @@
-// Where points come from: any input as a stream of pieces, so that a partitioned mesh is never whole in memory.
+// Inputs as streams of pieces: a partitioned mesh is never whole in memory.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,27 +18,33 @@
 
 namespace splatvol {
 
-/// Most points in a piece of an input that is not partitioned by itself.
+/// Most points in a piece of an input that has no pieces of its own.
 inline constexpr std::size_t max_piece_points = std::size_t{1} << 18;
 
-/// What points stand for, where their source knows it; planes as boundary_planes finds them, or none at all.
+/// The material of points, from a source that knows it. The planes are as boundary_planes finds them, or none at all.
 struct PointMaterial {
   std::vector<SpatialMoments> moments;                   // [point]
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][point]
-  std::vector<std::vector<dvec3>> gradients;             // [attribute][point], of any length; 0: none
+  std::vector<std::vector<dvec3>> gradients;             // [attribute][point], of any length; 0: no gradient
   std::vector<BoundaryPlane> planes;                     // [point]
 };
 
-/// A part of the input, small enough to hold.
+/// A part of the input that is small enough to hold in memory.
 struct Piece {
   std::vector<dvec3> points;
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
-  std::optional<PointMaterial> material;                 // instead of tetrahedra; only where Source::brings_material()
+  std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
   CellCensus census;
 };
 
-/// One of the moments that an input holds.
+/// Stands for a value that is not there.
+inline constexpr double missing_value = std::numeric_limits<double>::quiet_NaN();
+
+/// Returns the value, or `missing_value` if it is not finite.
+[[nodiscard]] inline double finite_or_missing(double value) { return std::isfinite(value) ? value : missing_value; }
+
+/// One of the time steps that an input holds.
 struct TimeStep {
   double time = 0;
   std::size_t index = 0;
@@ -48,24 +56,24 @@ class Source {
  public:
   virtual ~Source() = default;
 
-  /// The scalars of every piece, in the order of Piece::values. A vector U gives "U" (its magnitude), then "U[0]",
-  /// "U[1]", ...; with a selection, only those that were asked for, in the order of asking.
+  /// The attributes of every piece, in the order of Piece::values. A vector U gives "U" (its magnitude), then "U[0]",
+  /// "U[1]", ... With a selection, only the selected ones, in the order of the selection.
   [[nodiscard]] virtual const std::vector<std::string>& attributes() const = 0;
 
-  /// Pieces in all, for progress; a file of several that is not open yet counts as one.
+  /// Number of pieces, for progress. A file that is not open yet counts as one piece.
   [[nodiscard]] virtual std::size_t piece_count() const = 0;
 
-  /// The next piece, in an order that does not depend on threads; an empty pointer after the last.
+  /// Returns the next piece, a null pointer after the last. The order does not depend on threads.
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
 
-  /// The smallest box round all points whose coordinates are finite, by a pass of its own that is much cheaper than
-  /// next() over all pieces; nothing where there is no such pass, or no such point. Does not move next().
+  /// Finds the smallest box round all points with finite coordinates, in a pass that is much cheaper than next() over
+  /// all pieces. Empty if there is no such pass, or no such point. Does not move next().
   [[nodiscard]] virtual Result<std::optional<Box>> bounds() { return std::optional<Box>(); }
 
-  /// Points in all; nothing where only reading tells.
+  /// Number of points; empty if only reading all pieces would tell.
   [[nodiscard]] virtual std::optional<std::uint64_t> point_count() const { return std::nullopt; }
 
-  /// The step that the pieces are of; nothing where the input has no time.
+  /// The time step of the pieces; empty if the input has no time steps.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
 
   /// Whether a piece may have tetrahedra or bring its material.
@@ -78,11 +86,11 @@ class Source {
   [[nodiscard]] virtual bool single_precision() const { return false; }
 };
 
-/// What to read of an input.
+/// The part of an input to read, and the names of its columns.
 struct SourceOptions {
   std::vector<std::string> selection;  // attributes to read; empty: all point data
-  std::vector<std::string> columns;    // names of the columns of .npy files; empty: theirs, or the default
-  std::optional<double> time = {};     // the step nearest to it is read; nothing: the last
+  std::vector<std::string> columns;    // names of the columns of .npy files; empty: the file's names, or the default
+  std::optional<double> time = {};     // the step nearest to it is read; empty: the last
 };
 
 }  // namespace splatvol

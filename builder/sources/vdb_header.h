@@ -1,4 +1,4 @@
-// Whether the parts of an OpenVDB file are where it says.
+// Checks that the grids of an OpenVDB file lie within it.
 #pragma once
 
 #include "base/error.h"
@@ -6,9 +6,9 @@
 
 namespace splatvol {
 
-/// Checks, of files as OpenVDB writes them since 2013 (file version 222), that grids and metadata end within the file:
-/// OpenVDB allocates what they say. Older files pass unseen. Refuses files that are newer than this OpenVDB, which
-/// would only warn. Safe on untrusted files.
+/// Checks that grids and metadata end within the file, because OpenVDB allocates the sizes that a file declares. Checks
+/// file version 222 (2013) and later; older files pass. Fails if the file is newer than this OpenVDB, which would only
+/// warn. Safe on untrusted files.
 [[nodiscard]] Status check_vdb_header(ByteSource& file);
 
 }  // namespace splatvol

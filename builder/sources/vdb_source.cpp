@@ -7,10 +7,8 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <fstream>
-#include <limits>
 #include <map>
 #include <optional>
 #include <span>
@@ -19,6 +17,8 @@
 #include "base/file.h"
 #include "base/vdb_share.h"
 #include "builder/sources/piece_ahead.h"
+#include "builder/sources/vdb_fields.h"
+#include "builder/sources/vdb_geometry.h"
 #include "builder/sources/vdb_header.h"
 
 namespace splatvol {
@@ -26,16 +26,9 @@ namespace {
 
 using openvdb::Coord;
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double missing = std::numeric_limits<double>::quiet_NaN();
-constexpr int magnitude = -1;
-
 using TopologyAccessor = openvdb::tree::ValueAccessor<const openvdb::MaskTree, false>;
 
-constexpr int leaf_edge = 8;
-constexpr std::size_t leaf_voxels = std::size_t{1} << 9;
-
-/// Runs `work` where nothing that OpenVDB throws gets out.
+/// Runs `work`, and turns exceptions into errors.
 template <class Work>
 auto contain(const std::string& path, const Work& work) -> decltype(work()) {
   try {
@@ -43,217 +36,44 @@ auto contain(const std::string& path, const Work& work) -> decltype(work()) {
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_budget, "{}: not enough memory for its grids", path);
   } catch (const std::exception& error) {
-    constexpr std::size_t longest = 200;  // names in it come from the file
+    constexpr std::size_t longest = 200;  // the message may contain names from the file
     return fail(ErrorCode::invalid_data, "{}: {}", path, std::string(error.what()).substr(0, longest));
   }
 }
 
-/// A grid's values, whatever it holds. Thread-safe.
-class Field {
- public:
-  virtual ~Field() = default;
-  virtual void add_topology(openvdb::MaskTree& topology) const = 0;
-
-  /// values[i]: at places[i], of a component, or the magnitude; NaN where the grid is not active, or single precision
-  /// cannot hold it.
-  virtual void sample(std::span<const Coord> places, int component, std::span<double> values) const = 0;
-};
-
-template <class Grid>
-class GridField final : public Field {
- public:
-  explicit GridField(typename Grid::ConstPtr grid) : grid_(std::move(grid)) {}
-
-  void add_topology(openvdb::MaskTree& topology) const override { topology.topologyUnion(grid_->tree()); }
-
-  void sample(std::span<const Coord> places, int component, std::span<double> values) const override {
-    const auto accessor = grid_->getConstUnsafeAccessor();
-    for (std::size_t i = 0; i < places.size(); ++i) {
-      typename Grid::ValueType stored;
-      const double value = accessor.probeValue(places[i], stored) ? number(stored, component) : missing;
-      values[i] = std::abs(value) <= std::numeric_limits<float>::max() ? value : missing;
-    }
-  }
-
- private:
-  template <class T>
-  static double number(const T& stored, int component) {
-    if constexpr (openvdb::VecTraits<T>::IsVec) {
-      if (component != magnitude) return static_cast<double>(stored[component]);
-      return std::hypot(static_cast<double>(stored[0]), static_cast<double>(stored[1]), static_cast<double>(stored[2]));
-    } else {
-      return static_cast<double>(stored);
-    }
-  }
-
-  typename Grid::ConstPtr grid_;
-};
-
-/// Calls visit.operator()<Grid>() with the type of a grid of numbers; false where it is none.
-template <class Visit>
-bool visit_type(const openvdb::GridBase& grid, const Visit& visit) {
-  const auto try_type = [&]<class Grid>() {
-    if (!grid.isType<Grid>()) return false;
-    visit.template operator()<Grid>();
-    return true;
-  };
-  return try_type.template operator()<openvdb::FloatGrid>() || try_type.template operator()<openvdb::DoubleGrid>() ||
-         try_type.template operator()<openvdb::Int32Grid>() || try_type.template operator()<openvdb::Int64Grid>() ||
-         try_type.template operator()<openvdb::Vec3SGrid>() || try_type.template operator()<openvdb::Vec3DGrid>() ||
-         try_type.template operator()<openvdb::Vec3IGrid>();
-}
-
-/// A scalar of the file's grids.
-struct Channel {
+/// An attribute, and the grid and component that it is read from.
+struct Attribute {
   std::string name;
   std::size_t grid;  // its number in the file
   int component = 0;
 };
 
-/// From indices to the world: place = edges * index + origin.
-struct Placement {
-  dmat3 edges{1};  // of a voxel, as columns
-  dvec3 origin{0};
-
-  [[nodiscard]] dvec3 place(const dvec3& index) const {
-    return {edges[0].x * index.x + edges[1].x * index.y + edges[2].x * index.z + origin.x,
-            edges[0].y * index.x + edges[1].y * index.y + edges[2].y * index.z + origin.y,
-            edges[0].z * index.x + edges[1].z * index.y + edges[2].z * index.z + origin.z};
-  }
-
-  /// Up to what rounding makes of different ways to say the same.
-  [[nodiscard]] bool same_as(const Placement& other) const {
-    const auto far_apart = [](const dvec3& a, const dvec3& b, double scale) {
-      return !(glm::length(a - b) <= 1e-6 * scale);
-    };
-    const double edge = glm::length(edges[0]) + glm::length(edges[1]) + glm::length(edges[2]);
-    for (int k = 0; k < 3; ++k)
-      if (far_apart(edges[k], other.edges[k], edge)) return false;
-    return !far_apart(origin, other.origin, edge);
-  }
-};
-
-Result<Placement> placement_of(const std::string& path, const std::string& name, const openvdb::GridBase& grid) {
-  const openvdb::math::Transform& transform = grid.transform();
-  if (!transform.isLinear())
-    return fail(ErrorCode::unsupported, "{}: the transform of grid \"{}\" ({}) is not linear, which is not supported",
-                path, name, transform.mapType());
-  const openvdb::Mat4R matrix = transform.baseMap()->getAffineMap()->getMat4();  // of rows: index * matrix
-  Placement placement;
-  const auto row = [&](int r) { return dvec3(matrix[r][0], matrix[r][1], matrix[r][2]); };
-  placement.edges = dmat3(row(0), row(1), row(2));
-  placement.origin = row(3);
-  const double volume = std::abs(glm::determinant(placement.edges));
-  if (!(volume > 0) || !std::isfinite(volume + glm::dot(placement.origin, dvec3(1))))
-    return fail(ErrorCode::invalid_data, "{}: the transform of grid \"{}\" gives its voxels no volume", path, name);
-  return placement;
-}
-
-/// A leaf's active voxels, or a tile.
+/// The active voxels of a brick, which OpenVDB calls a leaf node, or a tile.
 struct Region {
   Coord origin;
-  int edge = 1;                                           // of a point's box, in voxels
-  const openvdb::MaskTree::LeafNodeType* leaf = nullptr;  // null: a tile
+  int edge = 1;                                            // of a point's box, in voxels
+  const openvdb::MaskTree::LeafNodeType* brick = nullptr;  // null: a tile
   std::uint32_t points = 1;
 };
 
-/// The place of a point, from the origin of its region, and those beside it: [axis][side].
-struct Stencil {
-  std::size_t own;
-  std::array<std::array<std::size_t, 2>, 3> beside;
+/// A region, the voxels of its samples, and the number of its first point in a piece.
+struct RegionSamples {
+  const Region& region;
+  const SampleLayout& layout;
+  std::vector<Coord> voxels;
+  std::size_t first_point;
 };
 
-/// The places of a region where values are asked for, and how the points' stencils lie in them.
-struct Places {
-  std::vector<Coord> offsets;
-  std::vector<Stencil> stencils;  // [voxel of a leaf], or of the tile
-};
-
-/// A leaf's voxels in the order of its mask, and the layer round them, but for its edges.
-Places leaf_places() {
-  Places places;
-  std::array<std::array<std::array<std::size_t, leaf_edge + 2>, leaf_edge + 2>, leaf_edge + 2> numbers{};
-  const auto add = [&](int x, int y, int z) {
-    const auto at = [](int i) { return static_cast<std::size_t>(i + 1); };
-    numbers[at(x)][at(y)][at(z)] = places.offsets.size();
-    places.offsets.emplace_back(x, y, z);
-  };
-  for (std::size_t voxel = 0; voxel < leaf_voxels; ++voxel) {
-    const Coord offset = openvdb::MaskTree::LeafNodeType::offsetToLocalCoord(static_cast<openvdb::Index>(voxel));
-    add(offset.x(), offset.y(), offset.z());
-  }
-  for (const int side : {-1, leaf_edge})
-    for (int i = 0; i < leaf_edge; ++i)
-      for (int j = 0; j < leaf_edge; ++j) add(side, i, j), add(i, side, j), add(i, j, side);
-  for (std::size_t voxel = 0; voxel < leaf_voxels; ++voxel) {
-    const Coord& at = places.offsets[voxel];
-    Stencil stencil{voxel, {}};
-    for (int axis = 0; axis < 3; ++axis)
-      for (int side = 0; side < 2; ++side) {
-        std::array<std::size_t, 3> beside{};
-        for (int k = 0; k < 3; ++k)
-          beside[static_cast<std::size_t>(k)] = static_cast<std::size_t>(at[k] + 1 + (k == axis ? 2 * side - 1 : 0));
-        stencil.beside[static_cast<std::size_t>(axis)][static_cast<std::size_t>(side)] =
-            numbers[beside[0]][beside[1]][beside[2]];
-      }
-    places.stencils.push_back(stencil);
-  }
-  return places;
-}
-
-/// A tile's middle, and what lies beside the middles of its faces.
-Places tile_places(int edge) {
-  Places places;
-  places.offsets.emplace_back(edge / 2, edge / 2, edge / 2);
-  Stencil stencil{0, {}};
-  for (int axis = 0; axis < 3; ++axis)
-    for (int side = 0; side < 2; ++side) {
-      stencil.beside[static_cast<std::size_t>(axis)][static_cast<std::size_t>(side)] = places.offsets.size();
-      Coord offset = places.offsets[0];
-      offset[axis] = side == 0 ? -1 : edge;
-      places.offsets.push_back(offset);
-    }
-  places.stencils.push_back(stencil);
-  return places;
-}
-
-/// A linear field within a box of indices.
-struct Line {
-  dvec3 slope{0};  // for each index
-  double min = missing, max = missing;
-};
-
-/// `distance`: from the point to those beside it, in indices.
-Line fit_line(const Stencil& stencil, std::span<const double> values, double edge) {
-  const double own = values[stencil.own], distance = (edge + 1) / 2;
-  Line line{dvec3(0), own, own};
-  double reach = 0, low = own, high = own;
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto& [below, above] = stencil.beside[static_cast<std::size_t>(axis)];
-    const double down = own - values[below], up = values[above] - own;
-    const double rise = std::isnan(down) ? up : std::isnan(up) ? down : (down + up) / 2;
-    if (std::isnan(rise)) continue;
-    line.slope[axis] = rise / distance;
-    reach += std::abs(line.slope[axis]) * edge / 2;
-    for (const double value : {values[below], values[above]})
-      low = std::fmin(low, value), high = std::fmax(high, value);
-  }
-  line.min = std::max(low, own - reach);
-  line.max = std::min(high, own + reach);
-  return line;
-}
-
-/// A file's grids, and its points.
+/// The grids of a file, and its points as pieces.
 class VdbFile {
  public:
-  /// `selection`: names of channels, or empty for all.
+  /// Reads the attributes in `selection`, or all if it is empty.
   static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const std::vector<std::string>& selection) {
     SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
     SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
       openvdb::initialize();
-      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // what is wrong comes as exceptions
-      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // what is wrong comes as exceptions
+      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // errors come as exceptions
       auto file = std::make_unique<VdbFile>(path);
       SPLATVOL_TRY(file->read(selection));
       return file;
@@ -263,7 +83,7 @@ class VdbFile {
   explicit VdbFile(std::string path)
       : path_(std::move(path)), pieces_(0, [this](std::size_t piece) { return make_piece(piece); }) {}
 
-  [[nodiscard]] const std::vector<Channel>& channels() const { return channels_; }
+  [[nodiscard]] const std::vector<Attribute>& attributes() const { return attributes_; }
   [[nodiscard]] std::size_t piece_count() const { return pieces_.count(); }
   [[nodiscard]] std::uint64_t point_count() const { return points_; }
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() { return pieces_.next(); }
@@ -271,8 +91,8 @@ class VdbFile {
   [[nodiscard]] Box bounds() const {
     std::vector<Box> boxes(regions_.size());
     tbb::parallel_for(std::size_t{0}, regions_.size(), [&](std::size_t r) {
-      visit_points(regions_[r], [&](std::size_t, std::size_t, const dvec3& place) {
-        if (std::isfinite(place.x + place.y + place.z)) boxes[r].include({place, place});
+      visit_points(regions_[r], [&](std::size_t, std::size_t, const dvec3& p) {
+        if (std::isfinite(p.x + p.y + p.z)) boxes[r].include({p, p});
       });
     });
     Box all;
@@ -282,51 +102,58 @@ class VdbFile {
 
  private:
   Status read(const std::vector<std::string>& selection) {
-    // A stream that throws at its end: OpenVDB does not look whether there was what it asked for.
+    // OpenVDB does not check that a read succeeded, so the stream throws at its end.
     std::ifstream file(path_, std::ios::binary);
     file.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
     const openvdb::GridPtrVecPtr grids = openvdb::io::Stream(file, false).getGrids();
-    SPLATVOL_TRY(choose_channels(*grids, selection));
-    for (const Channel& channel : channels_) SPLATVOL_TRY(add_field(*grids, channel.grid));
+    SPLATVOL_TRY(choose_attributes(*grids, selection));
+    for (const Attribute& attribute : attributes_) SPLATVOL_TRY(add_field(*grids, attribute.grid));
     if (share_grid_) SPLATVOL_TRY(add_field(*grids, *share_grid_));
     list_regions();
+    divide_into_pieces();
     if (points_ == 0) return fail(ErrorCode::invalid_data, "{}: no active voxels", path_);
     return {};
   }
 
-  Status choose_channels(const openvdb::GridPtrVec& grids, const std::vector<std::string>& selection) {
-    std::vector<Channel> all;
+  /// Lists all attributes of the file, and finds the grid with the share of material.
+  Result<std::vector<Attribute>> list_attributes(const openvdb::GridPtrVec& grids) {
+    std::vector<Attribute> all;
     std::vector<std::string> others;
     std::map<std::string, int> seen;
     for (std::size_t g = 0; g < grids.size(); ++g) {
       std::string called = grids[g]->getName().empty() ? "value" : grids[g]->getName();
       if (const int number = seen[called]++; number > 0) called += fmt::format("[{}]", number);
-      const bool numbers = visit_type(*grids[g], [&]<class Grid>() {
-        all.push_back({called, g, 0});
-        if constexpr (!openvdb::VecTraits<typename Grid::ValueType>::IsVec) return;
-        all.back().component = magnitude;
-        for (int c = 0; c < 3; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
-      });
-      if (!numbers) others.push_back(fmt::format("{} ({})", called, grids[g]->valueType()));
-      if (numbers && grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
+      const int components = vdb_components(*grids[g]);
+      if (components == 0) {
+        others.push_back(fmt::format("{} ({})", called, grids[g]->valueType()));
+        continue;
+      }
+      all.push_back({called, g, components == 1 ? 0 : VdbField::magnitude});
+      for (int c = 0; c < components && components > 1; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
+      if (grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
     }
     if (all.empty() && others.empty()) return fail(ErrorCode::invalid_data, "{}: no grids", path_);
     if (all.empty())
       return fail(ErrorCode::invalid_data, "{}: no grid of numbers; there are: {}", path_, fmt::join(others, ", "));
+    return all;
+  }
+
+  Status choose_attributes(const openvdb::GridPtrVec& grids, const std::vector<std::string>& selection) {
+    SPLATVOL_TRY_ASSIGN(all, list_attributes(grids));
     std::vector<std::string> names;
-    for (const Channel& channel : all) names.push_back(channel.name);
+    for (const Attribute& attribute : all) names.push_back(attribute.name);
     std::vector<std::string> sorted = names;
     std::ranges::sort(sorted);
     const auto twice = std::ranges::adjacent_find(sorted);
     if (twice != sorted.end())
       return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *twice);
-    if (selection.empty()) channels_ = all;
+    if (selection.empty()) attributes_ = all;
     for (const std::string& name : selection) {
-      const auto channel = std::ranges::find(all, name, &Channel::name);
-      if (channel == all.end())
+      const auto attribute = std::ranges::find(all, name, &Attribute::name);
+      if (attribute == all.end())
         return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path_, name,
                     fmt::join(names, ", "));
-      channels_.push_back(*channel);
+      attributes_.push_back(*attribute);
     }
     return {};
   }
@@ -334,139 +161,149 @@ class VdbFile {
   Status add_field(const openvdb::GridPtrVec& grids, std::size_t number) {
     if (fields_.contains(number)) return {};
     const openvdb::GridBase::Ptr grid = grids[number];
-    SPLATVOL_TRY_ASSIGN(placement, placement_of(path_, grid->getName(), *grid));
-    if (!fields_.empty() && !placement.same_as(placement_))
+    SPLATVOL_TRY_ASSIGN(transform, voxel_transform(path_, grid->getName(), *grid));
+    if (!fields_.empty() && !transform.same_as(transform_))
       return fail(ErrorCode::unsupported,
                   "{}: the grids \"{}\" and \"{}\" have different transforms: build one of them (--attribute)", path_,
                   grids[fields_.begin()->first]->getName(), grid->getName());
-    if (fields_.empty()) placement_ = placement;
-    visit_type(*grid, [&]<class Grid>() {
-      fields_[number] = std::make_unique<GridField<Grid>>(openvdb::gridConstPtrCast<Grid>(grid));
-    });
+    if (fields_.empty()) {
+      transform_ = transform;
+      to_gradient_ = glm::transpose(glm::inverse(transform.edges));
+    }
+    fields_[number] = make_vdb_field(grid);
     return {};
   }
 
   void list_regions() {
     for (const auto& [number, field] : fields_) field->add_topology(topology_);
-    for (auto leaf = topology_.cbeginLeaf(); leaf; ++leaf) {
-      const auto points = static_cast<std::uint32_t>(leaf->onVoxelCount());
-      if (points > 0) regions_.push_back({leaf->origin(), 1, leaf.getLeaf(), points});
+    for (auto brick = topology_.cbeginLeaf(); brick; ++brick) {
+      const auto points = static_cast<std::uint32_t>(brick->onVoxelCount());
+      if (points > 0) regions_.push_back({brick->origin(), 1, brick.getLeaf(), points});
     }
     auto tile = topology_.cbeginValueOn();
     tile.setMaxDepth(openvdb::MaskTree::ValueOnCIter::LEAF_DEPTH - 1);
     for (; tile; ++tile) {
       const openvdb::CoordBBox box = tile.getBoundingBox();
       regions_.push_back({box.min(), box.dim().x(), nullptr, 1});
-      tiles_.try_emplace(box.dim().x(), tile_places(box.dim().x()));
+      tile_layouts_.try_emplace(box.dim().x(), tile_layout(box.dim().x()));
     }
-    std::vector<std::size_t>& begins = piece_begins_ = {0};
+  }
+
+  void divide_into_pieces() {
+    piece_begins_ = {0};
     std::uint64_t held = 0;
     for (std::size_t r = 0; r < regions_.size(); ++r) {
-      if (held + regions_[r].points > max_piece_points) begins.push_back(r), held = 0;
+      if (held + regions_[r].points > max_piece_points) piece_begins_.push_back(r), held = 0;
       held += regions_[r].points;
       points_ += regions_[r].points;
     }
-    begins.push_back(regions_.size());
-    pieces_ = PieceAhead(begins.size() - 1, [this](std::size_t piece) { return make_piece(piece); });
+    piece_begins_.push_back(regions_.size());
+    pieces_ = PieceAhead(piece_begins_.size() - 1, [this](std::size_t piece) { return make_piece(piece); });
   }
 
-  /// Calls visit(number in the region, stencil, place) for each point.
+  /// Calls visit(number in the region, number of its stencil, position) for each point.
   template <class Visit>
   void visit_points(const Region& region, const Visit& visit) const {
     const dvec3 corner(region.origin.x(), region.origin.y(), region.origin.z());
-    if (region.leaf == nullptr) {
-      visit(std::size_t{0}, std::size_t{0}, placement_.place(corner + 0.5 * (region.edge - 1)));
+    if (region.brick == nullptr) {
+      visit(std::size_t{0}, std::size_t{0}, transform_.position(corner + 0.5 * (region.edge - 1)));
       return;
     }
     std::size_t number = 0;
-    for (auto voxel = region.leaf->cbeginValueOn(); voxel; ++voxel) {
+    for (auto voxel = region.brick->cbeginValueOn(); voxel; ++voxel) {
       const Coord offset = openvdb::MaskTree::LeafNodeType::offsetToLocalCoord(voxel.pos());
-      visit(number++, std::size_t{voxel.pos()}, placement_.place(corner + dvec3(offset.x(), offset.y(), offset.z())));
+      visit(number++, std::size_t{voxel.pos()},
+            transform_.position(corner + dvec3(offset.x(), offset.y(), offset.z())));
     }
   }
 
   Result<std::unique_ptr<Piece>> make_piece(std::size_t number) const {
     return contain(path_, [&]() -> Result<std::unique_ptr<Piece>> {
       const std::size_t begin = piece_begins_[number], end = piece_begins_[number + 1];
-      std::vector<std::size_t> firsts;
+      std::vector<std::size_t> first_points;
       std::size_t points = 0;
       auto piece = std::make_unique<Piece>();
       for (std::size_t r = begin; r < end; ++r) {
-        firsts.push_back(points);
+        first_points.push_back(points);
         points += regions_[r].points;
-        piece->census.cells[regions_[r].leaf != nullptr ? "voxel" : "tile"] += regions_[r].points;
+        piece->census.cells[regions_[r].brick != nullptr ? "voxel" : "tile"] += regions_[r].points;
       }
       PointMaterial& material = piece->material.emplace();
       piece->points.resize(points);
       material.moments.resize(points);
       material.planes.resize(points);
-      piece->values.assign(channels_.size(), std::vector<double>(points));
-      material.value_moments.assign(channels_.size(), std::vector<ValueMoments>(points));
-      material.gradients.assign(channels_.size(), std::vector<dvec3>(points));
-      tbb::parallel_for(begin, end, [&](std::size_t r) { fill(regions_[r], firsts[r - begin], *piece); });
+      piece->values.assign(attributes_.size(), std::vector<double>(points));
+      material.value_moments.assign(attributes_.size(), std::vector<ValueMoments>(points));
+      material.gradients.assign(attributes_.size(), std::vector<dvec3>(points));
+      tbb::parallel_for(begin, end, [&](std::size_t r) { fill(regions_[r], first_points[r - begin], *piece); });
       return piece;
     });
   }
 
-  void fill(const Region& region, std::size_t first, Piece& piece) const {
-    static const Places of_leaf = leaf_places();
-    const Places& places = region.leaf != nullptr ? of_leaf : tiles_.at(region.edge);
-    std::vector<Coord> at;
-    for (const Coord& offset : places.offsets) at.push_back(region.origin + offset);
-    std::vector<double> values(at.size()), shares;
+  /// Fills in the points of a region, from `first_point` of the piece on.
+  void fill(const Region& region, std::size_t first_point, Piece& piece) const {
+    static const SampleLayout of_brick = brick_layout();
+    RegionSamples samples{region, region.brick != nullptr ? of_brick : tile_layouts_.at(region.edge), {}, first_point};
+    for (const Coord& offset : samples.layout.offsets) samples.voxels.push_back(region.origin + offset);
+    fill_material(samples, piece);
+    for (std::size_t a = 0; a < attributes_.size(); ++a) fill_attribute(samples, a, piece);
+  }
+
+  /// Fills in positions, moments and planes.
+  void fill_material(const RegionSamples& samples, Piece& piece) const {
+    std::vector<double> shares;
     if (share_grid_) {
-      shares.resize(at.size());
-      fields_.at(*share_grid_)->sample(at, 0, shares);
+      shares.resize(samples.voxels.size());
+      fields_.at(*share_grid_)->sample(samples.voxels, 0, shares);
     }
     const TopologyAccessor active(topology_);
-    const double edge = region.edge;
-    const SpatialMoments box = box_moments(edge);
-    visit_points(region, [&](std::size_t number, std::size_t voxel, const dvec3& place) {
-      const Stencil& stencil = places.stencils[voxel];
-      piece.points[first + number] = place;
-      SpatialMoments& moments = piece.material->moments[first + number];
+    const double edge = samples.region.edge;
+    const SpatialMoments box = transform_.box_moments(edge);
+    visit_points(samples.region, [&](std::size_t number, std::size_t voxel, const dvec3& position) {
+      const std::size_t i = samples.first_point + number;
+      const Stencil& stencil = samples.layout.stencils[voxel];
+      piece.points[i] = position;
+      SpatialMoments& moments = piece.material->moments[i];
       moments = box;
       if (!shares.empty()) moments.mass *= std::fmax(0.0, shares[stencil.own]);
-      piece.material->planes[first + number] = plane(stencil, at, active, edge);
+      piece.material->planes[i] = plane(stencil, samples.voxels, active, edge);
     });
-    const dmat3 to_gradient = glm::transpose(glm::inverse(placement_.edges));
-    for (std::size_t c = 0; c < channels_.size(); ++c) {
-      fields_.at(channels_[c].grid)->sample(at, channels_[c].component, values);
-      visit_points(region, [&](std::size_t number, std::size_t voxel, const dvec3&) {
-        const std::size_t i = first + number;
-        const double value = piece.values[c][i] = values[places.stencils[voxel].own];
-        const SpatialMoments& of_point = piece.material->moments[i];
-        if (std::isnan(value) || !(of_point.mass > 0)) return;
-        // In indices the box is a cube, with variance edge^2 / 12 along each axis.
-        const Line line = fit_line(places.stencils[voxel], values, edge);
-        piece.material->gradients[c][i] = to_gradient * line.slope;
-        ValueMoments& moments = piece.material->value_moments[c][i];
-        moments.mass = of_point.mass;
-        moments.mean = value;
-        moments.covariance = edge * edge / 12 * (placement_.edges * line.slope);
-        moments.variance = edge * edge / 12 * glm::dot(line.slope, line.slope);
-        moments.min = line.min;
-        moments.max = line.max;
-      });
-    }
   }
 
-  [[nodiscard]] SpatialMoments box_moments(double edge) const {
-    const dmat3 s = edge * edge / 12 * placement_.edges * glm::transpose(placement_.edges);
-    return {edge * edge * edge * std::abs(glm::determinant(placement_.edges)),
-            dvec3(0),
-            {s[0][0], s[1][1], s[2][2], s[1][0], s[2][0], s[2][1]}};
+  /// Fills in the values of an attribute, their moments and gradients. Requires the masses of fill_material.
+  void fill_attribute(const RegionSamples& samples, std::size_t a, Piece& piece) const {
+    const Attribute& attribute = attributes_[a];
+    std::vector<double> values(samples.voxels.size());
+    fields_.at(attribute.grid)->sample(samples.voxels, attribute.component, values);
+    const double edge = samples.region.edge;
+    visit_points(samples.region, [&](std::size_t number, std::size_t voxel, const dvec3&) {
+      const std::size_t i = samples.first_point + number;
+      const Stencil& stencil = samples.layout.stencils[voxel];
+      const double value = piece.values[a][i] = values[stencil.own];
+      const double mass = piece.material->moments[i].mass;
+      if (std::isnan(value) || !(mass > 0)) return;
+      // In indices the box is a cube, with variance edge^2 / 12 along each axis.
+      const LinearField field = fit_linear_field(stencil, values, edge);
+      piece.material->gradients[a][i] = to_gradient_ * field.slope;
+      ValueMoments& moments = piece.material->value_moments[a][i];
+      moments.mass = mass;
+      moments.mean = value;
+      moments.covariance = edge * edge / 12 * (transform_.edges * field.slope);
+      moments.variance = edge * edge / 12 * glm::dot(field.slope, field.slope);
+      moments.min = field.min;
+      moments.max = field.max;
+    });
   }
 
-  /// Of the faces beside which nothing is active.
-  [[nodiscard]] BoundaryPlane plane(const Stencil& stencil, std::span<const Coord> at, const TopologyAccessor& active,
-                                    double edge) const {
+  /// The plane of a box's faces that have nothing active beside them.
+  [[nodiscard]] BoundaryPlane plane(const Stencil& stencil, std::span<const Coord> voxels,
+                                    const TopologyAccessor& active, double edge) const {
     std::vector<BoundaryPlane> faces;
-    const dmat3 edges = edge * placement_.edges;
+    const dmat3 edges = edge * transform_.edges;
     const double volume = glm::determinant(edges);
     for (int axis = 0; axis < 3; ++axis)
       for (int side = 0; side < 2; ++side) {
-        if (active.isValueOn(at[stencil.beside[static_cast<std::size_t>(axis)][static_cast<std::size_t>(side)]]))
+        if (active.isValueOn(voxels[stencil.beside[static_cast<std::size_t>(axis)][static_cast<std::size_t>(side)]]))
           continue;
         const dvec3 area = glm::cross(edges[(axis + 1) % 3], edges[(axis + 2) % 3]);
         faces.push_back({(side == 0) == (volume > 0) ? -area : area, std::abs(volume) / 2});
@@ -475,14 +312,15 @@ class VdbFile {
   }
 
   std::string path_;
-  std::vector<Channel> channels_;
-  std::map<std::size_t, std::unique_ptr<Field>> fields_;  // of grids, by their number in the file
-  std::optional<std::size_t> share_grid_;                 // the one that says how much of a box is material
-  Placement placement_;
-  openvdb::MaskTree topology_;  // the union of all
+  std::vector<Attribute> attributes_;
+  std::map<std::size_t, std::unique_ptr<VdbField>> fields_;  // by the number of their grid in the file
+  std::optional<std::size_t> share_grid_;                    // holds the share of material in each box
+  VoxelTransform transform_;
+  dmat3 to_gradient_{1};        // from the slope for each index
+  openvdb::MaskTree topology_;  // the union of all fields
   std::vector<Region> regions_;
-  std::map<int, Places> tiles_;            // by their edge
-  std::vector<std::size_t> piece_begins_;  // regions; and their number
+  std::map<int, SampleLayout> tile_layouts_;  // by the tile's edge
+  std::vector<std::size_t> piece_begins_;     // [piece]: its first region; then the number of regions
   std::uint64_t points_ = 0;
   PieceAhead pieces_;
 };
@@ -490,8 +328,8 @@ class VdbFile {
 class VdbSource final : public Source {
  public:
   VdbSource(std::vector<std::string> paths, std::unique_ptr<VdbFile> first) : paths_(std::move(paths)) {
-    take(std::move(first));
-    for (const Channel& channel : file_->channels()) attributes_.push_back(channel.name);
+    use(std::move(first));
+    for (const Attribute& attribute : file_->attributes()) attributes_.push_back(attribute.name);
   }
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
@@ -502,9 +340,9 @@ class VdbSource final : public Source {
     for (;;) {
       SPLATVOL_TRY_ASSIGN(piece, file_->next());
       if (piece || opened_ == paths_.size()) return piece;
-      file_.reset();  // before the next one takes its memory
+      file_.reset();  // frees its memory before the next file is read
       SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_));
-      take(std::move(file));
+      use(std::move(file));
     }
   }
 
@@ -519,7 +357,7 @@ class VdbSource final : public Source {
   }
 
  private:
-  void take(std::unique_ptr<VdbFile> file) {
+  void use(std::unique_ptr<VdbFile> file) {
     file_ = std::move(file);
     opened_pieces_ += file_->piece_count();
     ++opened_;
@@ -528,8 +366,8 @@ class VdbSource final : public Source {
   std::vector<std::string> paths_;
   std::vector<std::string> attributes_;
   std::unique_ptr<VdbFile> file_;
-  std::size_t opened_ = 0;         // paths
-  std::size_t opened_pieces_ = 0;  // of these
+  std::size_t opened_ = 0;         // files so far
+  std::size_t opened_pieces_ = 0;  // in these files
 };
 
 }  // namespace

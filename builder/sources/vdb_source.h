@@ -1,4 +1,4 @@
-// Voxels from OpenVDB files.
+// Voxels and tiles of OpenVDB files as points.
 #pragma once
 
 #include <memory>
@@ -10,26 +10,26 @@
 
 namespace splatvol {
 
-/// How OpenVDB files begin.
+/// The first bytes of every OpenVDB file.
 inline constexpr std::string_view vdb_magic{" BDV\0\0\0\0", 8};
 
-/// Opens files one after the other as one point set: a point for each active voxel and each active tile, at its centre
-/// in the world, with its box as the material.
+/// Opens files one after the other as one point set. Each active voxel and each active tile is a point at its centre in
+/// the world, with its box as the material.
 ///
-/// A file's grids of numbers are the attributes, in file order: one of float, double or integers gives one, one of
-/// vectors as many as a vector of a mesh does; others give none. A grid without a name is called "value", the second of
-/// a name "name[1]", and so on. The points are the union of the active values of the grids that are selected; a tile is
-/// one point where it is a tile in all of them. A grid that is not active somewhere has no value there (NaN), as has
-/// what is not finite.
+/// The attributes are a file's grids of numbers, in file order. A grid of float, double or integers gives one
+/// attribute; a grid of vectors gives as many as a vector of a mesh; other grids give none. A grid without a name is
+/// called "value"; the second grid of a name is called "name[1]", and so on. The points are the union of the active
+/// values of the selected grids; a tile is one point if it is a tile in all of them. A value is missing (NaN) if its
+/// grid is not active there, or if it is not finite.
 ///
-/// A value is linear within its box, by central differences to the active values beside it, one-sided where one side is
-/// not active. A box has a plane where what lies beside it is active in no grid.
+/// A value is linear within its box, by central differences to the active values beside it; if one side is not active,
+/// by one-sided differences. A box has a boundary plane if no grid is active beside one of its faces.
 ///
-/// A grid marked as base/vdb_share.h says is the mass of the material, in volumes of the box, whether it is selected or
-/// not; a box has none where it is not active.
+/// A grid that is marked as in base/vdb_share.h is the mass of the material, in volumes of the box, whether it is
+/// selected or not. A box has no mass if that grid is not active there.
 ///
-/// All grids of a file are held while it is opened, then the selected ones. Fails as open_source, and where grids that
-/// are selected have different transforms, or one that is not linear, or nothing is active. `paths` must not be empty.
+/// All grids of a file are held while it is opened, then the selected ones. Fails as open_source, and if the selected
+/// grids have different transforms, if a transform is not linear, or if nothing is active. `paths` must not be empty.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths,
                                                              const std::vector<std::string>& selection);
 

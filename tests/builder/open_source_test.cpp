@@ -7,22 +7,25 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <numeric>
 #include <random>
 #include <tuple>
 
 #include "base/file.h"
-#include "builder/mesh/tetrahedra.h"
 #include "builder/sources/vtk/writer.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
 
-// VTK's readers leak a little where they give up on a damaged file; the leak checker asks here what to pass over.
+// VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk"; }
 
 namespace splatvol {
 namespace {
 
+using test::error_of;
+using test::Input;
+using test::read_input;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -30,46 +33,6 @@ using ::testing::StartsWith;
 
 const std::string shared = SPLATVOL_SHARED;
 constexpr double inf = std::numeric_limits<double>::infinity();
-
-/// All pieces of an input, or the error.
-struct Input {
-  std::vector<std::string> attributes;
-  std::vector<Piece> pieces;
-  CellCensus census;
-  double volume = 0;
-  double points = 0;
-};
-
-Result<Input> read_all(const std::vector<std::string>& paths, const std::vector<std::string>& selection = {}) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {selection, {}}));
-  Input input;
-  input.attributes = source->attributes();
-  for (;;) {
-    SPLATVOL_TRY_ASSIGN(piece, source->next());
-    if (!piece) break;
-    EXPECT_EQ(piece->values.size(), input.attributes.size());
-    for (const auto& values : piece->values) EXPECT_EQ(values.size(), piece->points.size());
-    for (const auto& [a, b, c, d] : piece->tetrahedra) {
-      const auto& p = piece->points;
-      EXPECT_LT(std::max({a, b, c, d}), p.size());
-      input.volume += std::abs(signed_volume_6(p[a], p[b], p[c], p[d])) / 6;
-    }
-    input.points += static_cast<double>(piece->points.size());
-    input.census += piece->census;
-    input.pieces.push_back(std::move(*piece));
-  }
-  EXPECT_EQ(source->piece_count(), std::max(source->piece_count(), input.pieces.size()));
-  return input;
-}
-
-std::string error_of(const std::vector<std::string>& paths, const std::vector<std::string>& selection = {}) {
-  ::testing::internal::CaptureStderr();
-  const auto input = read_all(paths, selection);
-  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "libraries do not print";
-  if (input) return "(no error)";
-  EXPECT_EQ(input.error().message.find('\n'), std::string::npos) << input.error().message;
-  return input.error().message;
-}
 
 struct Array {
   std::string name;
@@ -92,10 +55,10 @@ std::string data_array(const Array& array) {
 
 struct Cell {
   int type;
-  std::vector<int> nodes;
+  std::vector<int> points;
 };
 
-/// A .vtu file in ASCII, as a program that knows nothing of VTK would write it.
+/// A .vtu file in ASCII, written without VTK.
 struct Mesh {
   std::string version = "0.1";
   std::vector<dvec3> points;
@@ -109,7 +72,7 @@ struct Mesh {
     for (const dvec3& p : points) coordinates.insert(coordinates.end(), {p.x, p.y, p.z});
     std::vector<int> connectivity, offsets, types;
     for (const Cell& cell : cells) {
-      connectivity.insert(connectivity.end(), cell.nodes.begin(), cell.nodes.end());
+      connectivity.insert(connectivity.end(), cell.points.begin(), cell.points.end());
       offsets.push_back(static_cast<int>(connectivity.size()));
       types.push_back(cell.type);
     }
@@ -144,25 +107,7 @@ Mesh hexahedron_mesh() {
   return mesh;
 }
 
-class SourceTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    folder_ = ::testing::TempDir() + "splatvol_source_" +
-              ::testing::UnitTest::GetInstance()->current_test_info()->name() + "/";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_ + "pieces");
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
-  std::string write(const std::string& name, const std::string& bytes) {
-    // A new file each time: file systems sync one that is overwritten.
-    std::filesystem::remove(folder_ + name);
-    std::ofstream(folder_ + name, std::ios::binary) << bytes;
-    return folder_ + name;
-  }
-
-  std::string folder_;
-};
+using SourceTest = test::FolderTest;
 
 TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   Mesh mesh = hexahedron_mesh();
@@ -170,7 +115,7 @@ TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   mesh.point_data.back().values.resize(24);
   mesh.point_data.push_back({"name", 1, std::vector<double>(8), "String"});
   const std::string path = write("a.vtu", mesh.file());
-  const auto all = read_all({path});
+  const auto all = read_input({path});
   ASSERT_TRUE(all) << all.error().message;
   EXPECT_THAT(all->attributes, ElementsAre("s", "U", "U[0]", "U[1]", "U[2]"));
   EXPECT_EQ(all->pieces[0].values[1][0], 5);
@@ -180,14 +125,14 @@ TEST_F(SourceTest, VectorsGiveMagnitudeAndComponents) {
   EXPECT_EQ(all->census.cells.at("hexahedron"), 1u);
   EXPECT_DOUBLE_EQ(all->volume, 1);
 
-  const auto some = read_all({path}, {"U[2]", "s"});
+  const auto some = read_input({path}, {{"U[2]", "s"}, {}});
   ASSERT_TRUE(some) << some.error().message;
   EXPECT_THAT(some->attributes, ElementsAre("U[2]", "s"));
   EXPECT_EQ(some->pieces[0].values[0][0], 4);
   EXPECT_EQ(some->pieces[0].values[1][7], 7);
-  EXPECT_THAT(error_of({path}, {"s", "T"}),
+  EXPECT_THAT(error_of({path}, {{"s", "T"}, {}}),
               AllOf(StartsWith(path), HasSubstr("\"T\""), HasSubstr("s, U, U[0], U[1], U[2]")));
-  EXPECT_THAT(error_of({path}, {"U[3]"}), HasSubstr("no attribute \"U[3]\""));
+  EXPECT_THAT(error_of({path}, {{"U[3]"}, {}}), HasSubstr("no attribute \"U[3]\""));
 }
 
 TEST_F(SourceTest, ValuesThatAreNotFiniteAreMissing) {
@@ -196,7 +141,7 @@ TEST_F(SourceTest, ValuesThatAreNotFiniteAreMissing) {
   const std::vector<dvec3> points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, inf}};
   const std::array<std::array<std::uint32_t, 4>, 1> tetrahedra = {{{0, 1, 2, 3}}};
   ASSERT_TRUE(write_vtu(folder_ + "a.vtu", points, tetrahedra, arrays));
-  const auto input = read_all({folder_ + "a.vtu"});
+  const auto input = read_input({folder_ + "a.vtu"});
   ASSERT_TRUE(input) << input.error().message;
   const auto& s = input->pieces[0].values[0];
   EXPECT_EQ(s[0], 1);
@@ -216,7 +161,7 @@ TEST_F(SourceTest, CellTypesAreToldApart) {
                 {5, {0, 1, 2}},
                 {3, {0, 1}},
                 {1, {0}}};
-  const auto input = read_all({write("a.vtu", mesh.file())});
+  const auto input = read_input({write("a.vtu", mesh.file())});
   ASSERT_TRUE(input) << input.error().message;
   for (const char* name : {"tetrahedron", "voxel", "wedge", "pyramid", "quadrilateral", "triangle", "line", "vertex"})
     EXPECT_EQ(input->census.cells.at(name), 1u) << name;
@@ -226,17 +171,16 @@ TEST_F(SourceTest, CellTypesAreToldApart) {
   mesh.cells = {{41, {0, 1, 2, 3, 4, 5, 6, 7}}};
   EXPECT_THAT(error_of({write("b.vtu", mesh.file())}), HasSubstr("VTK type 41"));
   mesh.cells = {{12, {0, 1, 2, 3, 4}}};
-  EXPECT_THAT(error_of({write("c.vtu", mesh.file())}), HasSubstr("a hexahedron of 5 nodes instead of 8"));
+  EXPECT_THAT(error_of({write("c.vtu", mesh.file())}), HasSubstr("a hexahedron of 5 points instead of 8"));
 }
 
-TEST_F(SourceTest, HigherOrderCells) {
-  // The 27 nodes in the order of VTK 9: corners, edges, faces (-x, +x, -y, +y, -z, +z), middle.
+/// A Lagrange hexahedron of 27 points in the order of VTK 9: corners, edges, faces (-x, +x, -y, +y, -z, +z), middle.
+Mesh quadratic_mesh() {
   Mesh mesh;
-  const std::vector<std::array<int, 2>> edges = {{0, 1}, {1, 2}, {3, 2}, {0, 3}, {4, 5}, {5, 6},
-                                                 {7, 6}, {4, 7}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
+  const std::vector<std::array<std::size_t, 2>> edges = {{0, 1}, {1, 2}, {3, 2}, {0, 3}, {4, 5}, {5, 6},
+                                                         {7, 6}, {4, 7}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
   mesh.points = cube;
-  for (const auto& [a, b] : edges)
-    mesh.points.push_back((cube[static_cast<std::size_t>(a)] + cube[static_cast<std::size_t>(b)]) / 2.0);
+  for (const auto& [a, b] : edges) mesh.points.push_back((cube[a] + cube[b]) / 2.0);
   for (int axis = 0; axis < 3; ++axis)
     for (const double side : {0.0, 1.0}) {
       mesh.points.emplace_back(0.5);
@@ -244,33 +188,37 @@ TEST_F(SourceTest, HigherOrderCells) {
     }
   mesh.points.emplace_back(0.5);
   mesh.cells = {{72, std::vector<int>(27)}};
-  std::iota(mesh.cells[0].nodes.begin(), mesh.cells[0].nodes.end(), 0);
+  std::iota(mesh.cells[0].points.begin(), mesh.cells[0].points.end(), 0);
   mesh.point_data = {{"s", 1, std::vector<double>(27)}};
+  return mesh;
+}
 
+TEST_F(SourceTest, HigherOrderCells) {
+  Mesh mesh = quadratic_mesh();
   mesh.version = "2.2";
-  const auto lagrange = read_all({write("a.vtu", mesh.file())});
+  const auto lagrange = read_input({write("a.vtu", mesh.file())});
   ASSERT_TRUE(lagrange) << lagrange.error().message;
   EXPECT_DOUBLE_EQ(lagrange->volume, 1);
   EXPECT_EQ(lagrange->census.tetrahedra, 48u);
   EXPECT_EQ(lagrange->census.inverted, 0u);
 
-  // Before 2.1 the last two edges were the other way round.
+  // Before 2.1 the last two edges came in the other order.
   mesh.version = "2.0";
-  std::swap(mesh.cells[0].nodes[18], mesh.cells[0].nodes[19]);
-  const auto old = read_all({write("b.vtu", mesh.file())});
+  std::swap(mesh.cells[0].points[18], mesh.cells[0].points[19]);
+  const auto old = read_input({write("b.vtu", mesh.file())});
   ASSERT_TRUE(old) << old.error().message;
   EXPECT_EQ(old->census.inverted, 0u);
   EXPECT_DOUBLE_EQ(old->volume, 1);
 
   mesh.version = "2.2";
   mesh.cells = {{25, std::vector<int>(20)}};
-  std::iota(mesh.cells[0].nodes.begin(), mesh.cells[0].nodes.end(), 0);
-  const auto quadratic = read_all({write("c.vtu", mesh.file())});
+  std::iota(mesh.cells[0].points.begin(), mesh.cells[0].points.end(), 0);
+  const auto quadratic = read_input({write("c.vtu", mesh.file())});
   ASSERT_TRUE(quadratic) << quadratic.error().message;
   EXPECT_DOUBLE_EQ(quadratic->volume, 1);
 
   mesh.cells = {{72, std::vector<int>(20)}};
-  EXPECT_THAT(error_of({write("d.vtu", mesh.file())}), HasSubstr("a Lagrange hexahedron of 20 nodes"));
+  EXPECT_THAT(error_of({write("d.vtu", mesh.file())}), HasSubstr("a Lagrange hexahedron of 20 points"));
 }
 
 constexpr const char* old_faces =
@@ -291,7 +239,7 @@ TEST_F(SourceTest, PolyhedraOfEveryFileVersion) {
     SCOPED_TRACE(version);
     mesh.version = version;
     mesh.extra_cell_arrays = faces;
-    const auto input = read_all({write("a.vtu", mesh.file())});
+    const auto input = read_input({write("a.vtu", mesh.file())});
     ASSERT_TRUE(input) << input.error().message;
     EXPECT_DOUBLE_EQ(input->volume, 1 + 1.0 / 6);
     EXPECT_EQ(input->census.cells.at("polyhedron"), 1u);
@@ -327,7 +275,7 @@ TEST_F(SourceTest, NewerVersionsAreRefused) {
 }
 
 TEST_F(SourceTest, ArraysOfUnknownTypesAreRefused) {
-  // VTK 9.1 crashes on one that belongs to the whole file.
+  // VTK 9.1 crashes on such an array of the whole file.
   std::string text = hexahedron_mesh().file();
   const std::string before = "<UnstructuredGrid>";
   text.insert(text.find(before) + before.size(),
@@ -337,7 +285,7 @@ TEST_F(SourceTest, ArraysOfUnknownTypesAreRefused) {
 }
 
 TEST_F(SourceTest, GhostsAreSkipped) {
-  // Three cells in a row; the last belongs to another piece, and a point in the middle of the first is hidden.
+  // Three cells in a line; the last belongs to another piece. Later, a point of the first is hidden.
   Mesh mesh;
   for (int k = 0; k < 2; ++k)
     for (int j = 0; j < 2; ++j)
@@ -348,7 +296,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   std::iota(values.begin(), values.end(), 0);
   mesh.point_data = {{"s", 1, values}};
   mesh.cell_data = {{"vtkGhostType", 1, {0, 0, 1}, "UInt8"}, {"c", 1, {7, 8, 9}}};
-  const auto ghost = read_all({write("a.vtu", mesh.file())});
+  const auto ghost = read_input({write("a.vtu", mesh.file())});
   ASSERT_TRUE(ghost) << ghost.error().message;
   EXPECT_DOUBLE_EQ(ghost->volume, 2);
   EXPECT_EQ(ghost->census.hidden, 1u);
@@ -361,7 +309,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   point_ghosts[0] = 2;
   point_ghosts[2] = 1;
   mesh.point_data.push_back({"vtkGhostType", 1, point_ghosts, "UInt8"});
-  const auto hidden = read_all({write("b.vtu", mesh.file())});
+  const auto hidden = read_input({write("b.vtu", mesh.file())});
   ASSERT_TRUE(hidden) << hidden.error().message;
   EXPECT_DOUBLE_EQ(hidden->volume, 1);
   EXPECT_EQ(hidden->census.hidden, 2u);
@@ -376,7 +324,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   for (dvec3& p : moved.points) p.x += 1;
   Mesh empty;
   const std::string two = write("two.vtu", Mesh::file_of("0.1", mesh.piece() + moved.piece()));
-  const auto pieces = read_all({two});
+  const auto pieces = read_input({two});
   ASSERT_TRUE(pieces) << pieces.error().message;
   ASSERT_EQ(pieces->pieces.size(), 2u);
   EXPECT_EQ(pieces->pieces[1].points[0].x, 1);
@@ -391,7 +339,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
            "<Piece Source='pieces/0.vtu'/><Piece Source='pieces/1.vtu'/>\n<Piece Source='" +
            last + "'/>\n</PUnstructuredGrid></VTKFile>\n";
   };
-  const auto parallel = read_all({write("all.pvtu", pvtu("two.vtu"))});
+  const auto parallel = read_input({write("all.pvtu", pvtu("two.vtu"))});
   ASSERT_TRUE(parallel) << parallel.error().message;
   EXPECT_EQ(parallel->pieces.size(), 3u);
   EXPECT_DOUBLE_EQ(parallel->volume, 3);
@@ -400,7 +348,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   EXPECT_THAT(error_of({broken}), AllOf(StartsWith(broken), HasSubstr("pieces/2.vtu"), HasSubstr("No such file")));
   EXPECT_THAT(error_of({write("cut.pvtu", pvtu("two.vtu").substr(0, 150))}), StartsWith(folder_ + "cut.pvtu"));
 
-  const auto several = read_all({two, folder_ + "pieces/1.vtu"});
+  const auto several = read_input({two, folder_ + "pieces/1.vtu"});
   ASSERT_TRUE(several) << several.error().message;
   EXPECT_EQ(several->pieces.size(), 3u);
   moved.point_data[0].name = "other";
@@ -422,12 +370,12 @@ TEST_F(SourceTest, BadInputIsOneClearLine) {
   EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("no point data"));
   mesh.cell_data = {{"p", 1, {1}}, {"T", 1, {2}}};
   EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("only cell data (p, T)"));
-  EXPECT_THAT(error_of({folder_ + "a.vtu"}, {"p"}), HasSubstr("only cell data (p, T)"));
+  EXPECT_THAT(error_of({folder_ + "a.vtu"}, {{"p"}, {}}), HasSubstr("only cell data (p, T)"));
   EXPECT_THAT(error_of({write("a.vtu", Mesh().file())}), HasSubstr("no points"));
 
   mesh = hexahedron_mesh();
   for (const int bad : {8, -1, 2000000000}) {
-    mesh.cells[0].nodes[3] = bad;
+    mesh.cells[0].points[3] = bad;
     EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr(fmt::format("names point {} of 8", bad)));
   }
   mesh = hexahedron_mesh();
@@ -457,9 +405,9 @@ TEST_F(SourceTest, EveryTruncationOfATextFileIsRefused) {
     ASSERT_NE(error_of({write("a.vtu", whole.substr(0, size))}), "(no error)") << size;
 }
 
-/// Reads a damaged file: an error or a mesh within its bounds, but no crash.
+/// Reads a damaged file: expects an error or a consistent mesh, and no crash.
 void expect_survives(const std::string& path) {
-  const auto input = read_all({path});
+  const auto input = read_input({path});
   EXPECT_THAT(input ? path : input.error().message, StartsWith(path));
 }
 
@@ -487,7 +435,7 @@ TEST_F(SourceTest, DamagedCompressedFilesAreSurvived) {
   std::mt19937 random(6);
   for (std::size_t at = 0; at < whole.size(); ++at) {
     expect_survives(write("cut.vtu", whole.substr(0, at)));
-    // 'A' is zero in base64: VTK divides by the block size that is then 0.
+    // 'A' is zero in base64: VTK divides by the size of compressed blocks, which is then 0.
     for (const char byte : {'A', static_cast<char>(whole[at] ^ 1 << random() % 8)}) {
       std::string damaged = whole;
       damaged[at] = byte;
@@ -513,16 +461,16 @@ TEST_F(SourceTest, LegacyAndStructuredFiles) {
                     "CELLS 2 14\n6 0 2 1 4 6 5\n6 1 2 3 5 6 7\nCELL_TYPES 2\n13 13\n"}};
   for (const auto& [cell, text] : geometry) {
     SCOPED_TRACE(cell);
-    const auto input = read_all({write("a.vtk", head + text + scalars)});
+    const auto input = read_input({write("a.vtk", head + text + scalars)});
     ASSERT_TRUE(input) << input.error().message;
     EXPECT_THAT(input->attributes, ElementsAre("s", "U", "U[0]", "U[1]", "U[2]"));
     EXPECT_DOUBLE_EQ(input->volume, 1);
     EXPECT_EQ(input->census.cells.count(cell), 1u);
   }
-  const auto surface = read_all(
+  const auto surface = read_input(
       {write("a.vtk", head + "DATASET POLYDATA\nPOINTS 8 float\n" + lattice + "POLYGONS 1 4\n3 0 1 2\n" + scalars)});
   ASSERT_TRUE(surface) << surface.error().message;
-  EXPECT_EQ(surface->points, 8);
+  EXPECT_EQ(surface->points, 8u);
   EXPECT_EQ(surface->census.without_volume, 1u);
   EXPECT_THAT(error_of({write("a.vtk", head + "DATASET STRUCTURED_GRID\nDIMENSIONS 2 2 2\nPOINTS 8 float\n0 0 0 1")}),
               StartsWith(folder_));
@@ -537,7 +485,7 @@ void put(std::string& bytes, std::initializer_list<T> values) {
   }
 }
 
-/// Two blocks of 3 x 2 x 2 and 2 x 2 x 2 points; with blanking, point 0 of the first is a hole.
+/// Two blocks of 3 x 2 x 2 and 2 x 2 x 2 points. With blanking, point 0 of the first is a hole.
 struct Plot3dFiles {
   bool record_marks = false;
   bool big_endian = false;
@@ -588,12 +536,13 @@ TEST_F(SourceTest, Plot3dOfEveryVariant) {
     SCOPED_TRACE(flags);
     Plot3dFiles files{(flags & 1) != 0, (flags & 2) != 0, (flags & 4) != 0, (flags & 8) != 0, "", ""};
     files.make();
-    const auto input = read_all({write("a.xyz", files.grid), write("a.q", files.solution)});
+    const auto input = read_input({write("a.xyz", files.grid), write("a.q", files.solution)});
     ASSERT_TRUE(input) << input.error().message;
     EXPECT_THAT(input->attributes, ElementsAre("Density", "Momentum", "Momentum[0]", "Momentum[1]", "Momentum[2]",
                                                "StagnationEnergy", "Pressure"));
     ASSERT_EQ(input->pieces.size(), 2u);
-    EXPECT_EQ(input->pieces[0].points.size(), files.blanking ? 8u : 12u) << "the hole and what only its cell uses";
+    EXPECT_EQ(input->pieces[0].points.size(), files.blanking ? 8u : 12u)
+        << "without the hole and the points that only its cell uses";
     EXPECT_EQ(input->pieces[1].points.size(), 8u);
     EXPECT_EQ(input->census.hidden, files.blanking ? 1u : 0u);
     EXPECT_NEAR(input->volume, files.blanking ? 2 : 3, 1e-12);
@@ -609,10 +558,10 @@ TEST_F(SourceTest, BadPlot3dIsOneClearLine) {
   files.make();
   const std::string grid = write("a.xyz", files.grid);
   const std::string solution = write("a.q", files.solution);
-  const auto selected = read_all({grid, solution}, {"Pressure"});
+  const auto selected = read_input({grid, solution}, {{"Pressure"}, {}});
   ASSERT_TRUE(selected) << selected.error().message;
   EXPECT_THAT(selected->attributes, ElementsAre("Pressure"));
-  EXPECT_THAT(error_of({grid, solution}, {"p"}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
+  EXPECT_THAT(error_of({grid, solution}, {{"p"}, {}}), AllOf(HasSubstr("\"p\""), HasSubstr("Density")));
   EXPECT_THAT(error_of({grid, folder_ + "none.q"}), HasSubstr("No such file"));
   EXPECT_THAT(error_of({solution, grid}), HasSubstr("neither a VTK file nor a binary PLOT3D grid"));
   EXPECT_THAT(error_of({grid, grid}), AllOf(StartsWith(grid), HasSubstr("not a PLOT3D solution")));
@@ -630,39 +579,58 @@ TEST_F(SourceTest, BadPlot3dIsOneClearLine) {
   }
 }
 
-/// Volume of a structured grid's boundary by the divergence theorem, every quadrilateral split through the corner that
-/// is lowest by x, then y, then z.
-double enclosed_volume(const std::string& plot3d_grid) {
-  const std::string bytes = *read_text_file(plot3d_grid);
-  const auto word = [&](std::size_t index) {
-    std::uint32_t value = 0;
-    for (std::size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<unsigned char>(bytes[4 * index + i]);
-    return value;
-  };
-  const std::array<std::size_t, 3> n = {word(0), word(1), word(2)};
-  const std::size_t count = n[0] * n[1] * n[2];
-  if (bytes.size() != 4 * (3 + 3 * count) && bytes.size() != 4 * (3 + 4 * count)) return 0;
-  const auto at = [&](std::array<std::size_t, 3> ijk) {
+/// A structured PLOT3D grid of one block, in single precision and big endian.
+class Plot3dGrid {
+ public:
+  explicit Plot3dGrid(const std::string& path) : bytes_(*read_text_file(path)), n_{word(0), word(1), word(2)} {}
+
+  /// Points along an axis.
+  [[nodiscard]] std::size_t points(std::size_t axis) const { return n_[axis]; }
+
+  /// Whether the file has the size of such a grid, with or without blanking.
+  [[nodiscard]] bool valid() const {
+    return bytes_.size() == 4 * (3 + 3 * count()) || bytes_.size() == 4 * (3 + 4 * count());
+  }
+
+  [[nodiscard]] dvec3 position(const std::array<std::size_t, 3>& ijk) const {
+    const std::size_t point = (ijk[2] * n_[1] + ijk[1]) * n_[0] + ijk[0];
     dvec3 p;
     for (std::size_t axis = 0; axis < 3; ++axis)
-      p[static_cast<int>(axis)] =
-          std::bit_cast<float>(word(3 + axis * count + (ijk[2] * n[1] + ijk[1]) * n[0] + ijk[0]));
+      p[static_cast<int>(axis)] = std::bit_cast<float>(word(3 + axis * count() + point));
     return p;
-  };
+  }
+
+ private:
+  [[nodiscard]] std::uint32_t word(std::size_t index) const {
+    std::uint32_t value = 0;
+    for (std::size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<unsigned char>(bytes_[4 * index + i]);
+    return value;
+  }
+  [[nodiscard]] std::size_t count() const { return n_[0] * n_[1] * n_[2]; }
+
+  std::string bytes_;
+  std::array<std::size_t, 3> n_;
+};
+
+/// Finds the volume within a structured grid's boundary by the divergence theorem. Every quadrilateral is split through
+/// its corner that is lowest by x, then y, then z.
+double enclosed_volume(const std::string& path) {
+  const Plot3dGrid grid(path);
+  if (!grid.valid()) return 0;
   const auto less = [](dvec3 a, dvec3 b) { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); };
   double volume_6 = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
     for (const bool far : {false, true})
-      for (std::size_t i = 0; i + 1 < n[u]; ++i)
-        for (std::size_t j = 0; j + 1 < n[v]; ++j) {
+      for (std::size_t i = 0; i + 1 < grid.points(u); ++i)
+        for (std::size_t j = 0; j + 1 < grid.points(v); ++j) {
           std::array<dvec3, 4> corners;
           for (std::size_t corner = 0; corner < 4; ++corner) {
             std::array<std::size_t, 3> ijk{};
-            ijk[axis] = far ? n[axis] - 1 : 0;
+            ijk[axis] = far ? grid.points(axis) - 1 : 0;
             ijk[u] = i + (corner == 1 || corner == 2);
             ijk[v] = j + (corner >= 2);
-            corners[corner] = at(ijk);
+            corners[corner] = grid.position(ijk);
           }
           std::ranges::rotate(corners, std::ranges::min_element(corners, less));
           for (const std::size_t k : {1, 2}) {
@@ -678,8 +646,8 @@ TEST_F(SourceTest, RealMeshesKeepTheirVolume) {
   for (const std::string name : {"bluntfin", "post"}) {
     const std::string data = shared + "/data/" + name;
     if (!std::filesystem::exists(data + "xyz.bin")) GTEST_SKIP() << data << "xyz.bin is not there";
-    const auto hexahedra = read_all({data + "xyz.bin", data + "q.bin"});
-    const auto tetrahedra = read_all({data + ".vtu"});
+    const auto hexahedra = read_input({data + "xyz.bin", data + "q.bin"});
+    const auto tetrahedra = read_input({data + ".vtu"});
     ASSERT_TRUE(hexahedra) << hexahedra.error().message;
     ASSERT_TRUE(tetrahedra) << tetrahedra.error().message;
     EXPECT_NEAR(hexahedra->volume / tetrahedra->volume, 1, 1e-6) << name;
@@ -688,7 +656,7 @@ TEST_F(SourceTest, RealMeshesKeepTheirVolume) {
     EXPECT_EQ(hexahedra->census.not_star_shaped, 0u);
     EXPECT_EQ(hexahedra->points, tetrahedra->points);
 
-    // The same fields: point for point, as neither file reorders.
+    // The fields agree point for point: both files have the same order.
     for (const char* field : {"Pressure", "StagnationEnergy", "Momentum"}) {
       const auto column = [&](const Input& input) -> const std::vector<double>& {
         return input.pieces[0]
@@ -702,9 +670,9 @@ TEST_F(SourceTest, RealMeshesKeepTheirVolume) {
 TEST_F(SourceTest, Wing) {
   const std::string path = shared + "/data/wing.vtu";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not there";
-  const auto input = read_all({path}, {"p"});
+  const auto input = read_input({path}, {{"p"}, {}});
   ASSERT_TRUE(input) << input.error().message;
-  EXPECT_EQ(input->points, 135068);
+  EXPECT_EQ(input->points, 135068u);
   EXPECT_EQ(input->census.tetrahedra, 768606u);
   EXPECT_EQ(input->census.inverted + input->census.flat + input->census.hidden, 0u);
 }

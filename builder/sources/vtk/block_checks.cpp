@@ -5,29 +5,24 @@
 #include <cctype>
 #include <charconv>
 #include <cstdint>
-#include <span>
 #include <string_view>
 
 #include "base/file.h"
+#include "builder/sources/read_text.h"
 
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each step
+constexpr std::uint64_t largest_case = 16 << 20;  // a line for each variable, a number for each time step
 
 Result<std::string> read_start(const std::string& path, std::uint64_t most) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  std::string text(std::min(file->size(), most), '\0');
-  SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(text))));
-  return text;
+  return read_text(*file, 0, most);
 }
 
 bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
-bool is_netcdf(std::string_view start) {
-  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
-}
 
-/// Without the comment and the white space round it.
+/// Removes the comment and the white space round a line.
 std::string_view bare(std::string_view line) {
   line = line.substr(0, line.find('#'));
   const auto is_space = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
@@ -43,8 +38,8 @@ std::size_t count_words(std::string_view text) {
   return count;
 }
 
-/// Goes through an EnSight case line by line. VTK 9.1 loops for ever on a section that it does not know, and reads
-/// steps that are not there.
+/// Checks an EnSight case line by line. VTK 9.1 loops for ever on a section that it does not know, and reads time steps
+/// that are not there.
 class CaseChecker {
  public:
   explicit CaseChecker(const std::string& path) : path_(path) {}
@@ -52,7 +47,7 @@ class CaseChecker {
   Status add(std::string_view line) {
     constexpr std::array<std::string_view, 5> sections = {"FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE"};
     if (line.empty()) return {};
-    if (line == "TIME") return start_steps(1);  // until it says how many
+    if (line == "TIME") return start_steps(1);  // until the section gives a number
     if (std::ranges::find(sections, line) != sections.end()) return {};
     if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
       if (in_values_) values_ += count_words(line);
@@ -87,15 +82,15 @@ class CaseChecker {
     std::size_t count = 0;
     if (std::from_chars(value.data(), value.data() + value.size(), count).ec != std::errc{})
       return fail(ErrorCode::invalid_data, "{}: the number of steps is no number", path_);
-    // The first set of steps takes the place of what "TIME" promised.
+    // The first number of steps replaces the one step that "TIME" began with.
     if (!counted_) steps_ = 0;
     counted_ = true;
     return start_steps(count);
   }
 
   const std::string& path_;
-  std::size_t steps_ = 0;   // of the set of steps at hand
-  std::size_t values_ = 0;  // seen of them
+  std::size_t steps_ = 0;   // of the current set of steps
+  std::size_t values_ = 0;  // of these steps so far
   bool counted_ = false;
   bool in_values_ = false;
 };
@@ -115,6 +110,10 @@ Status check_case(const std::string& path) {
 }
 
 }  // namespace
+
+bool is_netcdf(std::string_view start) {
+  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
+}
 
 Status check_blocks(const VtkFile& file) {
   if (file.kind == VtkFile::Kind::ensight) return check_case(file.path);

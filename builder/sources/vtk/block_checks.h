@@ -1,12 +1,17 @@
-// Guards for VTK's readers of Exodus, EnSight and CGNS, which print, hang or end the program where a file is damaged.
+// Guards for VTK's readers of Exodus, EnSight and CGNS, which print, hang or end the program if a file is damaged.
 #pragma once
 
-#include "builder/sources/vtk/reader.h"
+#include <string_view>
+
+#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Fails where a file is not at all of its kind, and where a case file of EnSight has lines over which VTK 9.1 never
-/// gets: sections that it does not know, entries that are cut off. Passes other kinds. Safe on untrusted bytes.
+/// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
+[[nodiscard]] bool is_netcdf(std::string_view start);
+
+/// Fails if a file is not of its kind at all, and if a case file of EnSight has lines on which VTK 9.1 never ends:
+/// unknown sections, or entries that are cut off. Passes other kinds. Safe on untrusted bytes.
 [[nodiscard]] Status check_blocks(const VtkFile& file);
 
 }  // namespace splatvol

@@ -6,17 +6,14 @@
 #include <string>
 #include <vector>
 
-#include "builder/sources/vtk/reader.h"
+#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Whether a selection of attributes needs an array: by its name, or by that of one of its components.
-[[nodiscard]] bool wants_array(const std::vector<std::string>& selection, const std::string& array);
-
-/// Opens one such file at the step nearest to `time`, the last without. Every block with a cell that has a volume, or
-/// without cells, is a data set; of Exodus and CGNS one is read at a time, of the others all are read here. An array of
-/// the cells becomes one of the points: at each the mean of the block's cells round it, cells with a volume where it
-/// has any. An array that a block lacks is NaN there. Fails where the file cannot be read.
+/// Opens a file at the time step nearest to `time`, or without one at the last. Every block with points is a data set,
+/// except surfaces: blocks that have cells with an area, and none with a volume. The blocks of Exodus and CGNS are read
+/// one at a time, those of other formats all at once. Arrays of the cells become arrays of the points
+/// (builder/sources/vtk/cell_averages.h). An array that a block lacks is NaN there. Fails if the file cannot be read.
 [[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file,
                                                                const std::vector<std::string>& selection,
                                                                std::optional<double> time);

@@ -1,4 +1,4 @@
-// What splatvol does with each of VTK's cell types.
+// VTK's cell types, and how each is split into tetrahedra.
 #pragma once
 
 #include <algorithm>
@@ -10,21 +10,21 @@
 namespace splatvol {
 
 enum class CellRole {
-  shape,       // split as it is
-  lattice,     // nodes at every place of a lattice: divided into linear cells first
+  shape,       // split directly
+  lattice,     // has a point at every position of a lattice: divided into linear cells first
   polyhedron,  // given by its faces
   no_volume,
 };
 
 struct CellKind {
-  int vtk_type;  // as files hold it
+  int vtk_type;  // as in files
   CellRole role;
   std::string_view name;                     // in a census
-  CellShape shape = CellShape::tetrahedron;  // of a shape; of a lattice: what it is divided into
+  CellShape shape = CellShape::tetrahedron;  // of a shape; of a lattice: the shape of its linear cells
 };
 
-/// By type number. Not here, so refused: convex point sets, incomplete lattices and Bezier cells, whose values at the
-/// nodes are no values of the field.
+/// Supported types, by number. Convex point sets, incomplete lattices and Bezier cells are not supported: a Bezier
+/// cell's values at its points are not values of the field.
 inline constexpr std::array cell_kinds = {
     CellKind{0, CellRole::no_volume, "empty"},
     CellKind{1, CellRole::no_volume, "vertex"},
@@ -67,7 +67,7 @@ inline constexpr std::array cell_kinds = {
     CellKind{73, CellRole::lattice, "Lagrange wedge", CellShape::wedge},
 };
 
-/// Null for a type that is not supported.
+/// Returns null for a type that is not supported.
 [[nodiscard]] inline const CellKind* find_cell_kind(int vtk_type) {
   const auto* kind = std::ranges::find(cell_kinds, vtk_type, &CellKind::vtk_type);
   return kind == cell_kinds.end() ? nullptr : kind;

@@ -1,25 +1,18 @@
 #include "builder/sources/vtk/compression.h"
 
 #include <algorithm>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "builder/sources/read_text.h"
+
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t largest_block = std::uint64_t{1} << 30;  // writers use 32 KiB
+constexpr std::uint64_t largest_compressed_block = std::uint64_t{1} << 30;  // writers use 32 KiB
 
-/// Up to `count` bytes; fewer at the end of the file.
-Result<std::string> read_some(ByteSource& file, std::uint64_t position, std::uint64_t count) {
-  position = std::min(position, file.size());
-  std::string bytes(std::min(count, file.size() - position), '\0');
-  SPLATVOL_TRY(file.read(position, std::as_writable_bytes(std::span(bytes))));
-  return bytes;
-}
-
-/// Stops at the first character that is none of base64's.
+/// Decodes up to the first character that is not base64's.
 std::string decode_base64(std::string_view text) {
   constexpr std::string_view alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string bytes;
@@ -37,12 +30,12 @@ std::string decode_base64(std::string_view text) {
   return bytes;
 }
 
-/// The first `count` numbers of a header; fewer where it is cut off.
-Result<std::vector<std::uint64_t>> read_numbers(ByteSource& file, CompressionLayout layout, std::uint64_t position,
+/// Reads the first `count` numbers of a header, or fewer if it is cut off.
+Result<std::vector<std::uint64_t>> read_numbers(ByteSource& file, CompressionLayout layout, std::uint64_t offset,
                                                 bool base64, std::uint64_t count) {
   const std::size_t word = layout.wide ? 8 : 4;
   const std::uint64_t bytes = count * word;
-  SPLATVOL_TRY_ASSIGN(raw, read_some(file, position, base64 ? (bytes + 2) / 3 * 4 : bytes));
+  SPLATVOL_TRY_ASSIGN(raw, read_text(file, offset, base64 ? (bytes + 2) / 3 * 4 : bytes));
   if (base64) raw = decode_base64(raw);
   std::vector<std::uint64_t> numbers(std::min<std::size_t>(count, raw.size() / word));
   for (std::size_t i = 0; i < numbers.size(); ++i)
@@ -53,21 +46,23 @@ Result<std::vector<std::uint64_t>> read_numbers(ByteSource& file, CompressionLay
 
 }  // namespace
 
-Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t position, bool base64) {
+Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
   const auto damaged = [&] {
     return fail(ErrorCode::invalid_data, "{}: the header of the compressed array at byte {} is damaged", file.name(),
-                position);
+                offset);
   };
-  SPLATVOL_TRY_ASSIGN(sizes, read_numbers(file, layout, position, base64, 3));
+  SPLATVOL_TRY_ASSIGN(sizes, read_numbers(file, layout, offset, base64, 3));
   if (sizes.size() < 3) return damaged();
-  const std::uint64_t blocks = sizes[0], block_bytes = sizes[1], last_bytes = sizes[2];
-  if (blocks == 0) return last_bytes == 0 ? Status{} : damaged();
-  if (blocks > file.size() || block_bytes == 0 || block_bytes > largest_block || last_bytes > block_bytes)
+  const std::uint64_t compressed_blocks = sizes[0], unpacked_bytes = sizes[1], last_bytes = sizes[2];
+  if (compressed_blocks == 0) return last_bytes == 0 ? Status{} : damaged();
+  if (compressed_blocks > file.size() || unpacked_bytes == 0 || unpacked_bytes > largest_compressed_block ||
+      last_bytes > unpacked_bytes)
     return damaged();
 
-  SPLATVOL_TRY_ASSIGN(numbers, read_numbers(file, layout, position, base64, 3 + blocks));
-  const auto too_large = [&](std::uint64_t compressed_bytes) { return compressed_bytes > file.size(); };
-  const bool whole = numbers.size() == 3 + blocks && std::none_of(numbers.begin() + 3, numbers.end(), too_large);
+  SPLATVOL_TRY_ASSIGN(numbers, read_numbers(file, layout, offset, base64, 3 + compressed_blocks));
+  const auto too_large = [&](std::uint64_t packed_bytes) { return packed_bytes > file.size(); };
+  const bool whole =
+      numbers.size() == 3 + compressed_blocks && std::none_of(numbers.begin() + 3, numbers.end(), too_large);
   return whole ? Status{} : damaged();
 }
 

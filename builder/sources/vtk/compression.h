@@ -1,4 +1,4 @@
-// A guard for VTK's XML parser, which believes what the header of a compressed array states.
+// A guard for VTK's XML parser, which trusts the header of a compressed array.
 #pragma once
 
 #include <cstdint>
@@ -8,16 +8,17 @@
 
 namespace splatvol {
 
-/// How a VTK XML file writes the numbers in front of a compressed array.
+/// How a VTK XML file writes the numbers in the header of a compressed array.
 struct CompressionLayout {
-  bool wide = false;        // header_type="UInt64", else UInt32
+  bool wide = false;        // header_type="UInt64", not UInt32
   bool big_endian = false;  // byte_order="BigEndian"
 };
 
-/// Checks the header at `position`: the number of blocks, the bytes of a block, those of a shorter last one, and each
-/// block's compressed bytes. Fails where it is cut off, and where VTK 9.1 would divide by zero, read a block that is
-/// not there, or allocate more than the file can mean. Safe on untrusted bytes.
-[[nodiscard]] Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t position,
+/// Checks the header at `offset`. It holds the number of compressed blocks, their unpacked bytes, the unpacked bytes of
+/// a shorter last one (0: none), and the packed bytes of each. Fails if the header is cut off. Fails also if VTK 9.1
+/// would divide by zero, read a compressed block that is not there, or allocate more than such a file can need. Safe on
+/// untrusted bytes.
+[[nodiscard]] Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset,
                                               bool base64);
 
 }  // namespace splatvol

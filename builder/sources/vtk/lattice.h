@@ -1,4 +1,4 @@
-// Cells of higher order whose nodes form a full lattice, divided into linear cells.
+// Divides cells of higher order into linear cells. Their points must form a full lattice.
 #pragma once
 
 #include <cstdint>
@@ -11,16 +11,16 @@
 
 namespace splatvol {
 
-/// Divides a cell with a node at every place of a lattice: a hexahedron, a wedge (triangle in x and y, axis z) or a
-/// tetrahedron of the same order in all directions, but for a wedge's `axial_order`.
+/// Divides a cell with a point at every position of a lattice: a hexahedron, a wedge (triangle in x and y, axis z) or a
+/// tetrahedron. The order is the same in all directions, except that a wedge has `axial_order` along its axis.
 ///
-/// `parametric`: where each node lies in the unit cell, in the file's order. Returns the local nodes of linear cells of
-/// the same shape, node_count(shape) for each; nothing where the nodes are not such a lattice.
+/// `parametric`: the position of each point in the unit cell, in the file's order. Returns the points of linear cells
+/// of the same shape, node_count(shape) local indices for each. Empty if the points are not such a lattice.
 [[nodiscard]] std::optional<std::vector<std::uint32_t>> divide_lattice(CellShape shape, int order, int axial_order,
                                                                        std::span<const dvec3> parametric);
 
-/// The order of a lattice of `nodes` nodes, at most 32; nothing where none has so many. `linear_axis`: see above, order
-/// 1 along a wedge's axis.
-[[nodiscard]] std::optional<int> lattice_order(CellShape shape, bool linear_axis, std::size_t nodes);
+/// Finds the order of a lattice of `points` points, at most 32; empty if there is none. `linear_axis`: the order along
+/// a wedge's axis is 1.
+[[nodiscard]] std::optional<int> lattice_order(CellShape shape, bool linear_axis, std::size_t points);
 
 }  // namespace splatvol

@@ -13,7 +13,7 @@
 namespace splatvol {
 namespace {
 
-/// Takes what VTK would print on stderr, and keeps the first error.
+/// Receives VTK's messages instead of stderr, and keeps the first error.
 class ErrorWindow final : public vtkOutputWindow {
  public:
   static ErrorWindow* New();
@@ -31,7 +31,7 @@ class ErrorWindow final : public vtkOutputWindow {
 };
 vtkStandardNewMacro(ErrorWindow);
 
-/// "ERROR: In file, line N\nvtkReader (0x...): What went wrong\n\n" to "What went wrong".
+/// Turns "ERROR: In file, line N\nvtkReader (0x...): Not found\n\n" into "Not found".
 std::string one_line(std::string text) {
   if (const std::size_t object = text.find("): "); object != std::string::npos) text.erase(0, object + 3);
   std::string line;

@@ -1,4 +1,4 @@
-// What VTK would print becomes an Error.
+// VTK's messages as errors.
 #pragma once
 
 #include <functional>
@@ -8,12 +8,11 @@
 
 namespace splatvol {
 
-/// Runs `call` with VTK kept silent; what it reports or throws becomes an Error that begins with `path`. VTK has one
-/// window for its messages in the whole process: not thread-safe.
+/// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error that
+/// begins with `path`. Not thread-safe: VTK has one window for messages in the whole process.
 [[nodiscard]] Status run_vtk(const std::string& path, const std::function<void()>& call);
 
-/// While it lives, nothing that the process writes to stderr appears: for libraries below VTK that print whatever they
-/// are told. Not thread-safe.
+/// While it lives, the process writes nothing to stderr: for libraries below VTK that always print. Not thread-safe.
 class QuietStderr {
  public:
   QuietStderr();
@@ -22,7 +21,7 @@ class QuietStderr {
   QuietStderr& operator=(const QuietStderr&) = delete;
 
  private:
-  int saved_;  // negative: could not be silenced
+  int saved_;  // the real stderr; negative: it could not be silenced
 };
 
 }  // namespace splatvol

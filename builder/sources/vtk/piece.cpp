@@ -30,8 +30,8 @@
 namespace splatvol {
 namespace {
 
-/// Where VTK puts the nodes of a cell in the unit cell; empty where it does not say.
-std::vector<dvec3> parametric_nodes(int vtk_type, vtkIdType count) {
+/// The positions of a cell's points in VTK's unit cell; empty if VTK has none.
+std::vector<dvec3> parametric_points(int vtk_type, vtkIdType count) {
   const auto cell = vtkSmartPointer<vtkCell>::Take(vtkGenericCell::InstantiateCell(vtk_type));
   cell->GetPointIds()->SetNumberOfIds(count);
   cell->GetPoints()->SetNumberOfPoints(count);
@@ -39,26 +39,26 @@ std::vector<dvec3> parametric_nodes(int vtk_type, vtkIdType count) {
   if (auto* wedge = vtkHigherOrderWedge::SafeDownCast(cell)) wedge->SetUniformOrderFromNumPoints(count);
   if (auto* tetrahedron = vtkHigherOrderTetra::SafeDownCast(cell)) tetrahedron->Initialize();
   const double* coordinates = cell->GetParametricCoords();
-  std::vector<dvec3> nodes;
+  std::vector<dvec3> points;
   for (vtkIdType i = 0; coordinates && i < count; ++i, coordinates += 3)
-    nodes.emplace_back(coordinates[0], coordinates[1], coordinates[2]);
-  return nodes;
+    points.emplace_back(coordinates[0], coordinates[1], coordinates[2]);
+  return points;
 }
 
-/// The linear cells of a cell with `count` nodes; nothing where they make no full lattice.
+/// Divides a cell of `count` points into linear cells; empty if the points form no full lattice.
 std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std::size_t count) {
   const bool linear_axis = kind.vtk_type == VTK_QUADRATIC_LINEAR_WEDGE;
   const auto order = lattice_order(kind.shape, linear_axis, count);
   if (!order) return std::nullopt;
-  const auto parametric = parametric_nodes(kind.vtk_type, static_cast<vtkIdType>(count));
+  const auto parametric = parametric_points(kind.vtk_type, static_cast<vtkIdType>(count));
   return divide_lattice(kind.shape, *order, linear_axis ? 1 : *order, parametric);
 }
 
-/// One data set to one piece.
+/// Makes one piece of one data set.
 class PieceMaker {
  public:
-  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkChannel> channels)
-      : path_(path), data_(data), channels_(channels) {}
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes)
+      : path_(path), data_(data), attributes_(attributes) {}
 
   Result<std::unique_ptr<Piece>> make() {
     const vtkIdType count = data_.GetNumberOfPoints();
@@ -71,7 +71,7 @@ class PieceMaker {
     SPLATVOL_TRY(read_ghosts());
     SPLATVOL_TRY(read_cells());
     drop_points();
-    SPLATVOL_TRY_ASSIGN(values, read_channels(path_, data_, channels_, kept_));
+    SPLATVOL_TRY_ASSIGN(values, read_attributes(path_, data_, attributes_, kept_));
     piece_->values = std::move(values);
     return std::move(piece_);
   }
@@ -98,7 +98,7 @@ class PieceMaker {
     return {};
   }
 
-  /// Cells without volume need no look at their points.
+  /// Counts cells without volume; their points need no check.
   Status count_surface(vtkPolyData& surface) {
     const auto add = [&](std::string_view name, vtkIdType count) {
       if (count == 0) return;
@@ -112,7 +112,7 @@ class PieceMaker {
     return {};
   }
 
-  /// VTK's readers check neither offsets against the connectivity nor types against the number of cells.
+  /// VTK's readers do not check the offsets against the connectivity, nor the types against the number of cells.
   Status check_cell_array() {
     vtkUnsignedCharArray* types = grid_->GetCellTypesArray();
     if (!grid_->GetCells()->IsValid() || !types || types->GetNumberOfValues() < grid_->GetNumberOfCells())
@@ -124,12 +124,12 @@ class PieceMaker {
     const int type = data_.GetCellType(cell);
     const CellKind* kind = last_kind_ && last_kind_->vtk_type == type ? last_kind_ : find_cell_kind(type);
     if (!kind) return fail(ErrorCode::unsupported, "{}: cells of VTK type {} are not supported", path_, type);
-    SPLATVOL_TRY(load_nodes(cell, *kind));
+    SPLATVOL_TRY(load_points(cell, *kind));
 
-    // A structured grid says "empty" for a blanked cell.
+    // In a structured grid, a blanked cell has the type "empty".
     CellCensus& census = piece_->census;
     const bool hidden = is_hidden(cell, *kind) || (!grid_ && type == VTK_EMPTY_CELL);
-    mark_nodes(*kind, hidden ? by_hidden_cells : by_visible_cells);
+    mark_points(*kind, hidden ? by_hidden_cells : by_visible_cells);
     if (hidden) {
       ++census.hidden;
       return {};
@@ -140,7 +140,7 @@ class PieceMaker {
     }
     ++*kind_count_;
     if (kind->role == CellRole::no_volume) ++census.without_volume;
-    if (kind->role == CellRole::polyhedron) splitter.split_polyhedron(nodes_);
+    if (kind->role == CellRole::polyhedron) splitter.split_polyhedron(cell_points_);
     if (kind->role == CellRole::shape) return split_shape(*kind, splitter);
     if (kind->role == CellRole::lattice) return split_lattice(cell, *kind, splitter);
     return {};
@@ -148,29 +148,29 @@ class PieceMaker {
 
   Status split_shape(const CellKind& kind, TetrahedronSplitter& splitter) {
     const std::size_t expected = node_count(kind.shape);
-    if (nodes_.size() != expected)
-      return fail(ErrorCode::invalid_data, "{}: a {} of {} nodes instead of {}", path_, kind.name, nodes_.size(),
+    if (cell_points_.size() != expected)
+      return fail(ErrorCode::invalid_data, "{}: a {} of {} points instead of {}", path_, kind.name, cell_points_.size(),
                   expected);
-    splitter.split(kind.shape, nodes_);
+    splitter.split(kind.shape, cell_points_);
     return {};
   }
 
   Status split_lattice(vtkIdType cell, const CellKind& kind, TetrahedronSplitter& splitter) {
-    auto& cells = lattice_cells_[{kind.vtk_type, nodes_.size()}];
-    if (!cells) cells = linear_cells(kind, nodes_.size());
+    auto& cells = lattice_cells_[{kind.vtk_type, cell_points_.size()}];
+    if (!cells) cells = linear_cells(kind, cell_points_.size());
     if (!cells || !same_degrees(cell))
-      return fail(ErrorCode::unsupported, "{}: a {} of {} nodes, which is not of one order in all directions", path_,
-                  kind.name, nodes_.size());
+      return fail(ErrorCode::unsupported, "{}: a {} of {} points, which is not of one order in all directions", path_,
+                  kind.name, cell_points_.size());
     const std::size_t stride = node_count(kind.shape);
     std::array<std::uint32_t, 8> linear{};
     for (std::size_t first = 0; first < cells->size(); first += stride) {
-      for (std::size_t i = 0; i < stride; ++i) linear[i] = nodes_[(*cells)[first + i]];
+      for (std::size_t i = 0; i < stride; ++i) linear[i] = cell_points_[(*cells)[first + i]];
       splitter.split(kind.shape, std::span(linear).first(stride));
     }
     return {};
   }
 
-  /// Where the file gives a degree for each direction of a cell.
+  /// Whether a cell has the same degree in all directions; also if the file gives no degrees.
   [[nodiscard]] bool same_degrees(vtkIdType cell) const {
     vtkDataArray* degrees = data_.GetCellData()->GetArray("HigherOrderDegrees");
     if (!degrees) return true;
@@ -179,9 +179,9 @@ class PieceMaker {
     return degree[0] == degree[1] && degree[1] == degree[2];
   }
 
-  /// Into nodes_: a cell's points, or a polyhedron's faces as "count, points, count, points, ...".
-  Status load_nodes(vtkIdType cell, const CellKind& kind) {
-    nodes_.clear();
+  /// Sets cell_points_ to a cell's points, or to a polyhedron's faces as "count, points, count, points, ...".
+  Status load_points(vtkIdType cell, const CellKind& kind) {
+    cell_points_.clear();
     if (kind.role == CellRole::polyhedron) return load_faces(cell);
     vtkIdType count = 0;
     const vtkIdType* ids = nullptr;
@@ -192,7 +192,7 @@ class PieceMaker {
       count = id_list_->GetNumberOfIds();
       ids = id_list_->GetPointer(0);
     }
-    for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_node(cell, ids[i]));
+    for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_point(cell, ids[i]));
     return {};
   }
 
@@ -210,26 +210,26 @@ class PieceMaker {
       if (at >= end) return fail_stream();
       const vtkIdType count = stream->GetValue(at++);
       if (count < 3 || count > end - at) return fail_stream();
-      nodes_.push_back(static_cast<std::uint32_t>(count));
-      for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_node(cell, stream->GetValue(at++)));
+      cell_points_.push_back(static_cast<std::uint32_t>(count));
+      for (vtkIdType i = 0; i < count; ++i) SPLATVOL_TRY(append_point(cell, stream->GetValue(at++)));
     }
-    return nodes_.empty() ? fail_stream() : Status{};
+    return cell_points_.empty() ? fail_stream() : Status{};
   }
 
-  Status append_node(vtkIdType cell, vtkIdType point) {
+  Status append_point(vtkIdType cell, vtkIdType point) {
     if (point < 0 || point >= data_.GetNumberOfPoints())
       return fail(ErrorCode::invalid_data, "{}: cell {} names point {} of {}", path_, cell, point,
                   data_.GetNumberOfPoints());
-    nodes_.push_back(static_cast<std::uint32_t>(point));
+    cell_points_.push_back(static_cast<std::uint32_t>(point));
     return {};
   }
 
   template <class Visit>
-  void for_each_node(const CellKind& kind, const Visit& visit) const {
-    if (kind.role != CellRole::polyhedron) std::ranges::for_each(nodes_, visit);
+  void for_each_point(const CellKind& kind, const Visit& visit) const {
+    if (kind.role != CellRole::polyhedron) std::ranges::for_each(cell_points_, visit);
     if (kind.role != CellRole::polyhedron) return;
-    for (std::size_t at = 0; at < nodes_.size(); at += nodes_[at] + 1)
-      std::ranges::for_each(std::span(nodes_).subspan(at + 1, nodes_[at]), visit);
+    for (std::size_t at = 0; at < cell_points_.size(); at += cell_points_[at] + 1)
+      std::ranges::for_each(std::span(cell_points_).subspan(at + 1, cell_points_[at]), visit);
   }
 
   [[nodiscard]] bool is_hidden(vtkIdType cell, const CellKind& kind) const {
@@ -237,17 +237,18 @@ class PieceMaker {
     if (cell_ghosts_ && cell_ghosts_->GetValue(cell) & skipped) return true;
     if (!point_ghosts_) return false;
     bool hidden = false;
-    for_each_node(kind, [&](std::uint32_t node) {
-      hidden = hidden || (point_ghosts_->GetValue(node) & vtkDataSetAttributes::HIDDENPOINT);
+    for_each_point(kind, [&](std::uint32_t point) {
+      hidden = hidden || (point_ghosts_->GetValue(point) & vtkDataSetAttributes::HIDDENPOINT);
     });
     return hidden;
   }
 
-  void mark_nodes(const CellKind& kind, Use use) {
-    for_each_node(kind, [&](std::uint32_t node) { use_[node] = std::max(use_[node], use); });
+  void mark_points(const CellKind& kind, Use use) {
+    for_each_point(kind, [&](std::uint32_t point) { use_[point] = std::max(use_[point], use); });
   }
 
-  /// Points are data unless they are hidden, or only ghost copies have a use for them. Points of no cell at all stay.
+  /// A point of a visible cell stays; a point that only hidden cells use goes. A point of no cell stays unless it is a
+  /// ghost copy or hidden itself.
   [[nodiscard]] bool keeps_point(std::size_t point) const {
     if (use_[point] != unused) return use_[point] == by_visible_cells;
     constexpr int skipped = vtkDataSetAttributes::DUPLICATEPOINT | vtkDataSetAttributes::HIDDENPOINT;
@@ -265,20 +266,20 @@ class PieceMaker {
     for (std::size_t i = 0; i < kept_.size(); ++i) piece_->points[i] = piece_->points[kept_[i]];
     piece_->points.resize(kept_.size());
     for (auto& tetrahedron : piece_->tetrahedra)
-      for (std::uint32_t& node : tetrahedron) node = new_index[node];
+      for (std::uint32_t& point : tetrahedron) point = new_index[point];
   }
 
   const std::string& path_;
   vtkDataSet& data_;
-  std::span<const VtkChannel> channels_;
+  std::span<const VtkAttribute> attributes_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
 
   std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
-  std::vector<Use> use_;              // of each point
-  std::vector<std::uint32_t> kept_;   // points that stay
-  std::vector<std::uint32_t> nodes_;  // of the cell at hand
+  std::vector<Use> use_;                    // of each point
+  std::vector<std::uint32_t> kept_;         // points that stay
+  std::vector<std::uint32_t> cell_points_;  // of the current cell
   vtkNew<vtkIdList> id_list_;
   const CellKind* last_kind_ = nullptr;
   std::uint64_t* kind_count_ = nullptr;
@@ -288,9 +289,9 @@ class PieceMaker {
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                          std::span<const VtkChannel> channels) {
+                                          std::span<const VtkAttribute> attributes) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, channels).make(); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes).make(); }));
   return piece;
 }
 

@@ -1,4 +1,4 @@
-// One of VTK's data sets to one Piece.
+// Turns one of VTK's data sets into a Piece.
 #pragma once
 
 #include <memory>
@@ -7,15 +7,16 @@
 
 #include "base/error.h"
 #include "builder/sources/source.h"
-#include "builder/sources/vtk/channels.h"
+#include "builder/sources/vtk/attributes.h"
 
 class vtkDataSet;
 
 namespace splatvol {
 
-/// Points, values of `channels`, and the cells as tetrahedra, as open_source promises them. Fails where cells are
-/// damaged or not supported, or a channel is not there; `path` begins the message. Safe on untrusted data sets.
+/// Returns the points, the values of `attributes`, and the cells as tetrahedra, as open_source promises. Fails if cells
+/// are damaged or not supported, or if an attribute is not there; `path` begins the message. Safe on untrusted data
+/// sets.
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                                        std::span<const VtkChannel> channels);
+                                                        std::span<const VtkAttribute> attributes);
 
 }  // namespace splatvol

@@ -2,11 +2,8 @@
 
 #include <vtkDataSet.h>
 #include <vtkDataSetReader.h>
-#include <vtkMultiBlockDataSet.h>
-#include <vtkMultiBlockPLOT3DReader.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
-#include <vtkStructuredGrid.h>
 #include <vtkXMLDataElement.h>
 #include <vtkXMLImageDataReader.h>
 #include <vtkXMLPolyDataReader.h>
@@ -19,11 +16,9 @@
 #include <filesystem>
 #include <utility>
 
-#include "base/file.h"
+#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/blocks.h"
-#include "builder/sources/vtk/channels.h"
 #include "builder/sources/vtk/messages.h"
-#include "builder/sources/vtk/plot3d.h"
 #include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
 
@@ -48,7 +43,7 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
   return nullptr;
 }
 
-/// VTK files in their order; the pieces of a .vtu and blocks one by one.
+/// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
  public:
   FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time)
@@ -106,7 +101,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   void select_arrays(vtkXMLReader& reader) const {
-    if (reader.GetNumberOfPointArrays() == 0) return;  // a message will name the cells' arrays
+    if (reader.GetNumberOfPointArrays() == 0) return;  // the error message names the cells' arrays
     for (int i = 0; i < reader.GetNumberOfPointArrays(); ++i) {
       const std::string name = reader.GetPointArrayName(i);
       if (!is_ghost_array(name) && !wants_array(selection_, name)) reader.SetPointArrayStatus(name.c_str(), 0);
@@ -121,10 +116,8 @@ class FileDataSets final : public VtkDataSets {
     vtkSmartPointer<vtkDataSet> data;
     SPLATVOL_TRY(run_vtk(path_, [&] {
       reader_->UpdatePiece(piece_, pieces_, 0);
-      // A copy that shares the arrays: the reader forgets its own before the next piece is read.
       if (auto* output = vtkDataSet::SafeDownCast(reader_->GetOutputDataObject(0))) {
-        data.TakeReference(output->NewInstance());
-        data->ShallowCopy(output);
+        data = copy_sharing_arrays(*output);
         output->ReleaseData();
       }
     }));
@@ -156,75 +149,20 @@ class FileDataSets final : public VtkDataSets {
   std::vector<std::string> selection_;
   std::optional<double> time_;
   std::optional<TimeStep> step_;
-  std::size_t file_ = 0;
-  std::size_t extra_pieces_ = 0;
-  std::string path_;
-  std::unique_ptr<VtkDataSets> blocks_;   // of the file at hand, while it has blocks left
-  vtkSmartPointer<vtkXMLReader> reader_;  // of the file at hand, while it has pieces left
-  int piece_ = 0;
+  std::size_t file_ = 0;                  // the next one
+  std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
+  std::string path_;                      // of the current file
+  std::unique_ptr<VtkDataSets> blocks_;   // of the current file, while it has blocks left
+  vtkSmartPointer<vtkXMLReader> reader_;  // of the current file, while it has pieces left
+  int piece_ = 0;                         // the next one
   int pieces_ = 0;
 };
-
-class Plot3dDataSets final : public VtkDataSets {
- public:
-  Plot3dDataSets(std::string grid, std::vector<vtkSmartPointer<vtkDataSet>> blocks)
-      : grid_(std::move(grid)), blocks_(std::move(blocks)) {}
-
-  std::size_t count() const override { return blocks_.size(); }
-  const std::string& path() const override { return grid_; }
-  Result<vtkSmartPointer<vtkDataSet>> next() override {
-    if (block_ == blocks_.size()) return vtkSmartPointer<vtkDataSet>();
-    return std::exchange(blocks_[block_++], nullptr);
-  }
-
- private:
-  std::string grid_;
-  std::vector<vtkSmartPointer<vtkDataSet>> blocks_;
-  std::size_t block_ = 0;
-};
-
-/// Structured grids among the leaves of a tree of blocks.
-void collect_blocks(vtkMultiBlockDataSet& tree, std::vector<vtkSmartPointer<vtkDataSet>>& blocks) {
-  for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
-    vtkDataObject* block = tree.GetBlock(i);
-    if (auto* grid = vtkStructuredGrid::SafeDownCast(block)) blocks.emplace_back(grid);
-    if (auto* branch = vtkMultiBlockDataSet::SafeDownCast(block)) collect_blocks(*branch, blocks);
-  }
-}
 
 }  // namespace
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
                                             std::optional<double> time) {
   return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time);
-}
-
-Result<std::unique_ptr<VtkDataSets>> read_plot3d(const std::string& grid, const std::string& solution) {
-  // VTK can guess the variant too, from the grid's size alone; but of a truncated file it reads dimensions that are not
-  // there.
-  SPLATVOL_TRY_ASSIGN(grid_file, open_file(grid));
-  SPLATVOL_TRY_ASSIGN(solution_file, open_file(solution));
-  SPLATVOL_TRY_ASSIGN(format, detect_plot3d(*grid_file, *solution_file));
-  constexpr int pressure = 110;
-  std::vector<vtkSmartPointer<vtkDataSet>> blocks;
-  SPLATVOL_TRY(run_vtk(grid, [&] {
-    const vtkNew<vtkMultiBlockPLOT3DReader> reader;
-    reader->SetXYZFileName(grid.c_str());
-    reader->SetQFileName(solution.c_str());
-    reader->SetMultiGrid(format.multi_grid);
-    reader->SetHasByteCount(format.record_marks);
-    reader->SetByteOrder(format.big_endian ? vtkMultiBlockPLOT3DReader::FILE_BIG_ENDIAN
-                                           : vtkMultiBlockPLOT3DReader::FILE_LITTLE_ENDIAN);
-    reader->SetIBlanking(format.blanking);
-    reader->SetTwoDimensionalGeometry(format.dimensions == 2);
-    reader->SetDoublePrecision(format.precision == 8);
-    reader->ForceReadOn();
-    reader->AddFunction(pressure);
-    reader->Update();
-    if (reader->GetOutput()) collect_blocks(*reader->GetOutput(), blocks);
-  }));
-  if (blocks.empty()) return fail(ErrorCode::invalid_data, "{}: the PLOT3D grid has no blocks", grid);
-  return std::make_unique<Plot3dDataSets>(grid, std::move(blocks));
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {

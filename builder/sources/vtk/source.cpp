@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <utility>
 
-#include "builder/sources/vtk/channels.h"
+#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/piece.h"
+#include "builder/sources/vtk/plot3d_reader.h"
+#include "builder/sources/vtk/reader.h"
 
 namespace splatvol {
 namespace {
@@ -28,9 +30,9 @@ std::string list_names(const std::vector<std::string>& names) {
   return list;
 }
 
-std::vector<std::string> names_of(const std::vector<VtkChannel>& channels) {
+std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
   std::vector<std::string> names;
-  for (const VtkChannel& channel : channels) names.push_back(channel.name);
+  for (const VtkAttribute& attribute : attributes) names.push_back(attribute.name);
   return names;
 }
 
@@ -42,37 +44,37 @@ class VtkSource final : public Source {
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
 
-  /// Reads the first piece with points, which says what attributes there are. `missing` gets the first selected name
-  /// that is not among them.
+  /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
+  /// not among them.
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
     if (!pending_) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
-    const std::vector<VtkChannel> channels = channels_of(*pending_);
-    if (channels.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
-    available_ = names_of(channels);
+    const std::vector<VtkAttribute> all = attributes_of(*pending_);
+    if (all.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
+    available_ = names_of(all);
     SPLATVOL_TRY(check_unique(available_));
-    if (selection.empty()) channels_ = channels;
+    if (selection.empty()) attributes_ = all;
     for (const std::string& name : selection) {
-      const auto channel = std::ranges::find(channels, name, &VtkChannel::name);
-      if (channel == channels.end() && missing.empty()) missing = name;
-      if (channel != channels.end()) channels_.push_back(*channel);
+      const auto attribute = std::ranges::find(all, name, &VtkAttribute::name);
+      if (attribute == all.end() && missing.empty()) missing = name;
+      if (attribute != all.end()) attributes_.push_back(*attribute);
     }
-    names_ = names_of(channels_);
+    names_ = names_of(attributes_);
     return {};
   }
 
-  /// The names of all scalars that were read of the first piece, selected or not.
+  /// The names of all attributes that were read of the first piece, selected or not.
   [[nodiscard]] const std::vector<std::string>& available() const { return available_; }
 
   Result<std::unique_ptr<Piece>> next() override {
     if (!pending_) SPLATVOL_TRY(load());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    return make_piece(data_sets_->path(), *data, channels_);
+    return make_piece(data_sets_->path(), *data, attributes_);
   }
 
  private:
-  /// Into pending_: the next data set that has points, or none.
+  /// Sets pending_ to the next data set that has points, or to null.
   Status load() {
     do {
       SPLATVOL_TRY_ASSIGN(data, data_sets_->next());
@@ -89,8 +91,8 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
-  std::vector<VtkChannel> channels_;
-  std::vector<std::string> names_;      // of channels_
+  std::vector<VtkAttribute> attributes_;
+  std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   vtkSmartPointer<vtkDataSet> pending_;
 };
@@ -110,7 +112,7 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
 
-  // Only the selected arrays were read; the message wants them all.
+  // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
   SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time));
   return fail_missing(path, missing, all->attributes());

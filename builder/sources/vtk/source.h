@@ -1,4 +1,4 @@
-// What VTK's readers read, behind the Source interface.
+// Files that VTK reads, as a Source.
 #pragma once
 
 #include <memory>
@@ -7,17 +7,17 @@
 #include <vector>
 
 #include "builder/sources/source.h"
-#include "builder/sources/vtk/reader.h"
+#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Opens files as pieces of one data set: the first that has points fixes the attributes, all others must have them.
+/// Opens files as pieces of one data set. The first piece with points fixes the attributes; all others must have them.
 /// Contract as open_source; `files` must not be empty.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files,
                                                              const std::vector<std::string>& selection,
                                                              std::optional<double> time);
 
-/// Opens a PLOT3D grid and its solution (binary, any of its variants); every block is a piece. The attributes are
+/// Opens a PLOT3D grid and its solution (binary, any variant); every block is a piece. The attributes are
 /// Density, Momentum, StagnationEnergy, and Pressure for a ratio of specific heats of 1.4.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
                                                           const std::vector<std::string>& selection);

@@ -1,4 +1,4 @@
-// A first run of a reader that may crash, where a crash does no harm.
+// A first run of a reader that may crash, in a process of its own.
 #pragma once
 
 #include <functional>
@@ -8,9 +8,8 @@
 
 namespace splatvol {
 
-/// Runs `call` in a copy of this process, with what it prints thrown away, and waits for it: fails where that copy is
-/// ended by a signal, or uses the processor for longer than `seconds`. Whatever else `call` does is lost. To be called
-/// before other threads are at work.
+/// Runs `call` in a copy of this process, waits for it, and drops its output and all its other effects. Fails if a
+/// signal ends the copy, or if the copy uses the processor for longer than `seconds`. Call it before other threads run.
 [[nodiscard]] Status try_in_child(const std::string& path, unsigned seconds, const std::function<void()>& call);
 
 }  // namespace splatvol

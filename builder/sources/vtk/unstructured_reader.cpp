@@ -15,8 +15,8 @@
 namespace splatvol {
 namespace {
 
-/// vtkXMLUnstructuredGridReader and what file version 2.3 adds: polyhedra as faces -> points and cells -> faces, each
-/// an array of ends and an array of indices. VTK 9.1 looks for the older face stream only.
+/// Extends vtkXMLUnstructuredGridReader to file version 2.3. It lists the points of each face and the faces of each
+/// polyhedron, both as an array of ends and an array of indices. VTK 9.1 knows only the older face stream.
 class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
  public:
   static UnstructuredReader* New();
@@ -46,7 +46,8 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
     return ids;
   }
 
-  /// Ends of runs: not negative, not decreasing, and no more of them than a file of this size could hold.
+  /// Whether an array can hold the ends of lists: not negative, not decreasing, and the last no larger than the number
+  /// of values that a file of this size could hold.
   bool are_ends(vtkIdTypeArray* ends) const {
     if (!ends) return false;
     const std::span values(ends->GetPointer(0), static_cast<std::size_t>(ends->GetNumberOfValues()));
@@ -66,7 +67,7 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
     const auto cell_faces = read_ids(cells, "polyhedron_to_faces", last(cell_ends));
     if (!cell_faces) return fail_faces("polyhedron_to_faces");
 
-    // The file does not say how many faces there are; every one of them belongs to a cell.
+    // The file does not declare the number of faces; each face belongs to a cell.
     vtkIdType face_count = 0;
     for (vtkIdType i = 0; i < cell_faces->GetNumberOfValues(); ++i) {
       if (cell_faces->GetValue(i) < 0) return fail_faces("polyhedron_to_faces");
@@ -82,7 +83,7 @@ class UnstructuredReader final : public vtkXMLUnstructuredGridReader {
     return 1;
   }
 
-  /// Into VTK 9.1's own form: per polyhedron the number of faces, then per face its size and points.
+  /// Sets the form of VTK 9.1: for each polyhedron the number of its faces, then the size and points of each face.
   void set_face_stream(vtkIdTypeArray* cell_ends, vtkIdTypeArray* cell_faces, vtkIdTypeArray* face_ends,
                        vtkIdTypeArray* points) {
     vtkUnstructuredGrid* grid = vtkUnstructuredGrid::SafeDownCast(this->GetCurrentOutput());

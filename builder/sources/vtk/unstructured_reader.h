@@ -1,4 +1,4 @@
-// .vtu files of a version that VTK 9.1 does not know yet.
+// .vtu files of version 2.3, which VTK 9.1 does not know.
 #pragma once
 
 class vtkXMLReader;
@@ -7,8 +7,8 @@ class vtkSmartPointer;
 
 namespace splatvol {
 
-/// VTK's reader of unstructured grids, and what file version 2.3 adds: polyhedra in arrays of their own. Damage to
-/// these is reported as VTK reports its own errors.
+/// Makes VTK's reader of unstructured grids, extended to file version 2.3: polyhedra in arrays of their own. It reports
+/// damage to these arrays like VTK's own errors.
 [[nodiscard]] vtkSmartPointer<vtkXMLReader> make_unstructured_reader();
 
 }  // namespace splatvol

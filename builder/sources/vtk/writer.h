@@ -1,4 +1,4 @@
-// Tetrahedra to a .vtu file, through VTK's writer.
+// Writes tetrahedra to a .vtu file, through VTK's writer.
 #pragma once
 
 #include <array>
@@ -12,15 +12,15 @@
 
 namespace splatvol {
 
-/// A quantity of every point: `components` numbers for each, one point after the other.
+/// An array of values at the points: `components` numbers for each point, one point after the other.
 struct PointArray {
   std::string name;
   int components = 1;
   std::vector<float> values;
 };
 
-/// Writes a .vtu file (file version 1.0, compressed, coordinates in double). It appears whole or not at all, and holds
-/// the same bytes for the same input. Requires values.size() == components * points.size() and indices in range.
+/// Writes a .vtu file (file version 1.0, compressed, coordinates in double). It appears whole or not at all. The
+/// same input gives the same bytes. Requires values.size() == components * points.size() and indices in range.
 [[nodiscard]] Status write_vtu(const std::string& path, std::span<const dvec3> points,
                                std::span<const std::array<std::uint32_t, 4>> tetrahedra,
                                std::span<const PointArray> arrays);

@@ -7,19 +7,19 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <span>
 #include <string_view>
 #include <vector>
 
 #include "base/file.h"
 #include "base/memory_limit.h"
+#include "builder/sources/read_text.h"
 #include "builder/sources/vtk/compression.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
 namespace {
 
-/// For an array of a type that it does not know VTK makes none, and fills it nevertheless.
+/// VTK makes no array for a type that it does not know, but fills the array nevertheless.
 Status check_types(const std::string& path, vtkXMLDataElement& element) {
   constexpr std::array<std::string_view, 12> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32",  "UInt32",
                                                       "Int64", "UInt64", "Float32", "Float64", "String", "Bit"};
@@ -32,8 +32,7 @@ Status check_types(const std::string& path, vtkXMLDataElement& element) {
   return fail(ErrorCode::invalid_data, "{}: an array of unknown type \"{}\"", path, type);
 }
 
-/// VTK counts arrays by name when it makes them and one by one when it fills them: of two with one name it fills the
-/// wrong one.
+/// VTK makes one array for each name, but fills one for each element: if two have the same name, it fills a wrong one.
 Status check_names(const std::string& path, vtkXMLDataElement& element) {
   std::vector<std::string> names;
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
@@ -47,7 +46,7 @@ Status check_names(const std::string& path, vtkXMLDataElement& element) {
   return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path, element.GetName(), *twice);
 }
 
-/// A piece of a file is read whole. About 400 bytes a cell were measured, of tetrahedra, and some for each point.
+/// A piece is read whole. It was measured to take about 400 bytes for each tetrahedron, and some for each point.
 Status check_memory(const std::string& path, vtkXMLDataElement& element) {
   constexpr double cell_bytes = 400, point_bytes = 300;
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
@@ -67,8 +66,8 @@ Status check_memory(const std::string& path, vtkXMLDataElement& element) {
 /// Checks the header of every compressed array of an XML file.
 class CompressedArrays {
  public:
-  CompressedArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_position)
-      : file_(file), appended_position_(appended_position) {
+  CompressedArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_offset)
+      : file_(file), appended_offset_(appended_offset) {
     const auto is = [&](vtkXMLDataElement* element, const char* name, std::string_view value) {
       const char* text = element ? element->GetAttribute(name) : nullptr;
       return text && text == value;
@@ -88,16 +87,15 @@ class CompressedArrays {
   Status check_appended(vtkXMLDataElement& element) {
     vtkTypeInt64 offset = 0;
     if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
-    const std::uint64_t position = appended_position_ + static_cast<std::uint64_t>(offset);
-    return check_compression_header(file_, layout_, position, appended_base64_);
+    const std::uint64_t at = appended_offset_ + static_cast<std::uint64_t>(offset);
+    return check_compression_header(file_, layout_, at, appended_base64_);
   }
 
-  /// The numbers follow the element's start tag after white space.
+  /// Checks a header that follows the element's start tag and white space.
   Status check_inline(vtkXMLDataElement& element) {
     constexpr std::uint64_t longest_tag = 4096;
-    const auto tag = std::min(static_cast<std::uint64_t>(element.GetXMLByteIndex()), file_.size());
-    std::string text(std::min(longest_tag, file_.size() - tag), '\0');
-    SPLATVOL_TRY(file_.read(tag, std::as_writable_bytes(std::span(text))));
+    const auto tag = static_cast<std::uint64_t>(element.GetXMLByteIndex());
+    SPLATVOL_TRY_ASSIGN(text, read_text(file_, tag, longest_tag));
     const std::size_t end = text.find('>');
     if (end == std::string::npos) return {};
     const std::size_t start = text.find_first_not_of(" \t\r\n", end + 1);
@@ -106,7 +104,7 @@ class CompressedArrays {
   }
 
   ByteSource& file_;
-  std::uint64_t appended_position_;
+  std::uint64_t appended_offset_;
   CompressionLayout layout_;
   bool appended_base64_;
 };

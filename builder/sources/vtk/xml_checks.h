@@ -1,4 +1,4 @@
-// What VTK's XML readers believe of a file, checked before they see it.
+// Checks of XML files before VTK's readers see them: the readers trust what a file declares.
 #pragma once
 
 #include <string>
@@ -7,9 +7,9 @@
 
 namespace splatvol {
 
-/// Checks the elements of the file at `path`: arrays of known types, no two of one name beside each other, and sound
-/// headers of all compressed ones (builder/sources/vtk/compression.h), no piece with more cells and points than memory
-/// holds. Safe on untrusted files.
+/// Checks the elements of the file at `path`. Fails if an array has an unknown type, if two neighbouring arrays have
+/// the same name, if the header of a compressed array is damaged (builder/sources/vtk/compression.h), or if memory
+/// cannot hold the cells and points of a piece. Safe on untrusted files.
 [[nodiscard]] Status check_xml(const std::string& path);
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// The demo's input: its mesh, its flow, and the program that writes them.
+// The demo's input: its mesh, its flow, and svdemo, which writes them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,6 +11,7 @@
 #include "base/file.h"
 #include "builder/mesh/tetrahedra.h"
 #include "builder/open_source.h"
+#include "tests/builder/sources/tetrahedron_faces.h"
 #include "tools/bisection_mesh.h"
 #include "tools/demo_flow.h"
 
@@ -19,8 +20,8 @@ namespace {
 
 using Tetrahedra = std::vector<std::array<std::uint32_t, 4>>;
 
-/// Every inner triangle has two tetrahedra, every other lies in a side of the box; all volumes are positive and fill
-/// it.
+/// Expects positive volumes that fill the box. Every triangle in a side of the box has one tetrahedron, every other has
+/// two.
 void expect_fills_box(const std::vector<dvec3>& points, const Tetrahedra& tetrahedra, dvec3 low, dvec3 high) {
   std::map<std::array<std::uint32_t, 3>, int> uses;
   double volume = 0;
@@ -29,13 +30,7 @@ void expect_fills_box(const std::vector<dvec3>& points, const Tetrahedra& tetrah
     const double volume_6 = signed_volume_6(points[a], points[b], points[c], points[d]);
     ASSERT_GT(volume_6, 0);
     volume += volume_6 / 6;
-    for (std::size_t left_out = 0; left_out < 4; ++left_out) {
-      std::array<std::uint32_t, 3> triangle{};
-      for (std::size_t i = 0, k = 0; i < 4; ++i)
-        if (i != left_out) triangle[k++] = tetrahedron[i];
-      std::ranges::sort(triangle);
-      ++uses[triangle];
-    }
+    for (const auto& triangle : test::faces_of(tetrahedron)) ++uses[triangle];
   }
   const dvec3 size = high - low;
   EXPECT_NEAR(volume / (size.x * size.y * size.z), 1, 1e-12);
@@ -43,7 +38,7 @@ void expect_fills_box(const std::vector<dvec3>& points, const Tetrahedra& tetrah
     bool on_side = false;
     for (int axis = 0; axis < 3; ++axis)
       for (const double side : {low[axis], high[axis]})
-        on_side = on_side || std::ranges::all_of(triangle, [&](std::uint32_t v) { return points[v][axis] == side; });
+        on_side = on_side || std::ranges::all_of(triangle, [&](std::uint32_t p) { return points[p][axis] == side; });
     ASSERT_EQ(count, on_side ? 1 : 2);
   }
 }
@@ -96,9 +91,9 @@ TEST(DemoFlow, VorticityIsTheCurlOfAVelocityWithoutSources) {
     const dvec3 x(1.5 * unit(random), 1.5 * unit(random), 0.7 * unit(random));
     dmat3 gradient;  // gradient[axis] = du / dx_axis
     for (int axis = 0; axis < 3; ++axis) {
-      dvec3 step(0);
-      step[axis] = h;
-      gradient[axis] = (flow.at(x + step).velocity - flow.at(x - step).velocity) / (2 * h);
+      dvec3 shift(0);
+      shift[axis] = h;
+      gradient[axis] = (flow.at(x + shift).velocity - flow.at(x - shift).velocity) / (2 * h);
     }
     const dvec3 curl(gradient[1].z - gradient[2].y, gradient[2].x - gradient[0].z, gradient[0].y - gradient[1].x);
     EXPECT_NEAR(gradient[0].x + gradient[1].y + gradient[2].z, 0, 1e-4);

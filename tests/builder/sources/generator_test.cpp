@@ -1,4 +1,4 @@
-// Made-up inputs: the same whatever the threads, where and what they say they are.
+// Generated inputs: independent of threads, with the positions and values that they promise.
 #include "builder/sources/generator.h"
 #include "builder/open_source.h"
 
@@ -15,6 +15,7 @@
 #include <tuple>
 
 #include "builder/mesh/tetrahedra.h"
+#include "tests/builder/sources/tetrahedron_faces.h"
 
 namespace splatvol {
 namespace {
@@ -28,7 +29,7 @@ struct Points {
   std::vector<double> values;
 };
 
-/// All points of a source; checks what it said of them.
+/// Reads all points of a source, and checks its promises about them.
 Points read(Source& source) {
   const auto bounds = source.bounds().value();
   Points all;
@@ -57,7 +58,7 @@ Points generate(Distribution distribution, std::uint64_t count, bool single_prec
   return read(*source);
 }
 
-/// How many of them a test holds for, as a share.
+/// The share of positions that pass a test.
 double share(const std::vector<dvec3>& positions, const std::function<bool(const dvec3&)>& test) {
   return static_cast<double>(std::ranges::count_if(positions, test)) / static_cast<double>(positions.size());
 }
@@ -114,7 +115,7 @@ TEST(GeneratedPoints, SinglePrecisionHoldsThemExactly) {
     ASSERT_EQ(all.values[i], static_cast<double>(static_cast<float>(generated_field(all.positions[i]))));
 }
 
-// Shares of 100,000 points deviate by up to 1.6e-3; bounds are 4 times that.
+// Shares of 100,000 points deviate by up to 1.6e-3. Bounds are 4 times as large.
 constexpr std::uint64_t many = 100000;
 constexpr double deviation = 6.4e-3;
 
@@ -134,8 +135,8 @@ TEST(GeneratedPoints, VortexIsFineRoundTheStrands) {
   EXPECT_EQ(share(all.positions,
                   [](const dvec3& p) { return std::abs(p.x) <= 2 && std::abs(p.y) <= 2 && std::abs(p.z) <= 1; }),
             1);
-  // Within d of a strand: 7/8 d^2 / (d^2 + 0.05^2) (0.3^2 + 0.05^2) / 0.3^2, and what of the uniform ones is there,
-  // that is 1/8 of a tube of 2 pi 1.2 * 2 in length in a box of 32.
+  // Within d of a strand lie 7/8 d^2 / (d^2 + 0.05^2) (0.3^2 + 0.05^2) / 0.3^2 of all points, and the uniform points
+  // there: 1/8 of the share that a tube of length 2 pi 1.2 * 2 has of a box of 32.
   for (const double d : {0.02, 0.05, 0.1, 0.2}) {
     const double near = 0.875 * d * d / (d * d + 0.0025) * (0.0925 / 0.09);
     const double there = 0.125 * std::acos(-1) * d * d * 4 * std::acos(-1) * 1.2 / 32;
@@ -146,7 +147,7 @@ TEST(GeneratedPoints, VortexIsFineRoundTheStrands) {
     });
     EXPECT_NEAR(measured, near + there, deviation) << d;
   }
-  // Both strands alike, all the way round.
+  // Both strands have as many points, all the way round.
   EXPECT_NEAR(share(all.positions, [](const dvec3& p) { return p.z > 0; }), 0.5, deviation);
   EXPECT_NEAR(share(all.positions, [](const dvec3& p) { return p.x > 0; }), 0.5, deviation);
 }
@@ -183,49 +184,52 @@ struct Less {
   bool operator()(const dvec3& a, const dvec3& b) const { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); }
 };
 
+/// Counts of a mesh's pieces.
+struct MeshCounts {
+  std::size_t pieces = 0, points = 0, tetrahedra = 0;
+  double volume = 0;
+  std::map<dvec3, double, Less> values;               // at each position
+  std::map<dvec3, std::uint64_t, Less> numbers;       // of the positions
+  std::map<std::array<std::uint64_t, 3>, int> faces;  // by the numbers of their corners
+
+  void add(const Piece& piece) {
+    ++pieces;
+    points += piece.points.size();
+    tetrahedra += piece.tetrahedra.size();
+    EXPECT_EQ(piece.census.cells.at("tetrahedron"), piece.tetrahedra.size());
+    EXPECT_EQ(piece.census.tetrahedra, piece.tetrahedra.size());
+    for (std::size_t i = 0; i < piece.points.size(); ++i) {
+      const dvec3& p = piece.points[i];
+      numbers.emplace(p, numbers.size());
+      EXPECT_EQ(values.emplace(p, piece.values[0][i]).first->second, piece.values[0][i]);
+      EXPECT_EQ(piece.values[0][i], static_cast<double>(static_cast<float>(generated_field(p))));
+    }
+    for (const auto& tetrahedron : piece.tetrahedra) {
+      std::array<dvec3, 4> p;
+      std::ranges::transform(tetrahedron, p.begin(), [&](std::uint32_t i) { return piece.points.at(i); });
+      const double part = signed_volume_6(p[0], p[1], p[2], p[3]) / 6;
+      ASSERT_GT(part, 0);
+      volume += part;
+      std::array<std::uint64_t, 4> corners{};
+      std::ranges::transform(p, corners.begin(), [&](const dvec3& corner) { return numbers.at(corner); });
+      for (const auto& face : test::faces_of(corners)) ++faces[face];
+    }
+  }
+};
+
 TEST(GeneratedMesh, PiecesFitTogetherAndFillTheBox) {
   for (const std::uint64_t pieces : {1, 2, 12, 7}) {
     auto source = generate_mesh({6 * 512, pieces}).value();
-    std::map<dvec3, double, Less> points;
-    std::map<std::array<std::uint64_t, 3>, int> faces;  // by the places of their corners among all
-    std::map<dvec3, std::uint64_t, Less> places;
-    std::size_t tetrahedra = 0, count = 0, piece_count = 0;
-    double volume = 0;
-    while (auto piece = source->next().value()) {
-      ++piece_count;
-      count += piece->points.size();
-      tetrahedra += piece->tetrahedra.size();
-      EXPECT_EQ(piece->census.cells.at("tetrahedron"), piece->tetrahedra.size());
-      EXPECT_EQ(piece->census.tetrahedra, piece->tetrahedra.size());
-      for (std::size_t i = 0; i < piece->points.size(); ++i) {
-        const dvec3& p = piece->points[i];
-        places.emplace(p, places.size());
-        EXPECT_EQ(points.emplace(p, piece->values[0][i]).first->second, piece->values[0][i]);
-        EXPECT_EQ(piece->values[0][i], static_cast<double>(static_cast<float>(generated_field(p))));
-      }
-      for (const auto& tetrahedron : piece->tetrahedra) {
-        std::array<dvec3, 4> p;
-        std::ranges::transform(tetrahedron, p.begin(), [&](std::uint32_t i) { return piece->points.at(i); });
-        const double part = signed_volume_6(p[0], p[1], p[2], p[3]) / 6;
-        ASSERT_GT(part, 0);
-        volume += part;
-        for (std::size_t left_out = 0; left_out < 4; ++left_out) {
-          std::array<std::uint64_t, 3> face{};
-          for (std::size_t i = 0, k = 0; i < 4; ++i)
-            if (i != left_out) face[k++] = places.at(p[i]);
-          std::ranges::sort(face);
-          ++faces[face];
-        }
-      }
-    }
-    EXPECT_EQ(piece_count, pieces);
+    MeshCounts counts;
+    while (auto piece = source->next().value()) counts.add(*piece);
+    EXPECT_EQ(counts.pieces, pieces);
     EXPECT_EQ(source->piece_count(), pieces);
-    EXPECT_EQ(source->point_count(), count);
-    EXPECT_EQ(points.size(), 9u * 9 * 9) << "common vertices are the same to the last bit";
-    EXPECT_EQ(tetrahedra, 6u * 512);
-    EXPECT_NEAR(volume, 32, 1e-12);
-    EXPECT_EQ(std::ranges::count_if(faces, [](const auto& face) { return face.second == 1; }), 6 * 2 * 64);
-    EXPECT_TRUE(std::ranges::all_of(faces, [](const auto& face) { return face.second <= 2; }));
+    EXPECT_EQ(source->point_count(), counts.points);
+    EXPECT_EQ(counts.values.size(), 9u * 9 * 9) << "common points are the same to the last bit";
+    EXPECT_EQ(counts.tetrahedra, 6u * 512);
+    EXPECT_NEAR(counts.volume, 32, 1e-12);
+    EXPECT_EQ(std::ranges::count_if(counts.faces, [](const auto& face) { return face.second == 1; }), 6 * 2 * 64);
+    EXPECT_TRUE(std::ranges::all_of(counts.faces, [](const auto& face) { return face.second <= 2; }));
     const Box box = *source->bounds().value();
     EXPECT_EQ(box.low, dvec3(-2, -2, -1));
     EXPECT_EQ(box.high, dvec3(2, 2, 1));
@@ -238,21 +242,24 @@ TEST(GeneratedMesh, DividesItselfIntoPiecesThatCanBeHeld) {
   EXPECT_EQ(read(*source).positions.size(), 89u * 89 * 89) << "87^3 hexahedra, cut once along each axis";
 }
 
+Result<std::unique_ptr<Source>> open_text(const std::string& text, const SourceOptions& options = {}) {
+  return open_source({text}, options);
+}
+
+TEST(Generated, TextsAreRead) {
+  auto source = open_text("gen:points:seed=5,count=1e3,type=float32,distribution=half-tiny").value();
+  EXPECT_EQ(read(*source).positions, generate(Distribution::half_tiny, 1000, true, 5).positions);
+  source = open_text("gen:points:count=10", {{"value"}, {}}).value();
+  EXPECT_EQ(read(*source).positions, generate(Distribution::uniform, 10).positions);
+  EXPECT_EQ(open_text("gen:mesh:cells=600,pieces=4").value()->piece_count(), 4u);
+  EXPECT_EQ(open_text("gen:mesh:cells=1").value()->point_count(), 8u);
+}
+
 TEST(Generated, TextsAreReadStrictly) {
-  const auto open = [](const std::string& text, const SourceOptions& options = {}) {
-    return open_source({text}, options);
-  };
-  const auto error_of = [&](const std::string& text, const SourceOptions& options = {}) {
-    const auto source = open(text, options);
+  const auto error_of = [](const std::string& text, const SourceOptions& options = {}) {
+    const auto source = open_text(text, options);
     return source ? "(no error)" : source.error().message;
   };
-  auto source = open("gen:points:seed=5,count=1e3,type=float32,distribution=half-tiny").value();
-  EXPECT_EQ(read(*source).positions, generate(Distribution::half_tiny, 1000, true, 5).positions);
-  source = open("gen:points:count=10", {{"value"}, {}}).value();
-  EXPECT_EQ(read(*source).positions, generate(Distribution::uniform, 10).positions);
-  EXPECT_EQ(open("gen:mesh:cells=600,pieces=4").value()->piece_count(), 4u);
-  EXPECT_EQ(open("gen:mesh:cells=1").value()->point_count(), 8u);
-
   for (const auto& [text, reason] : std::vector<std::pair<std::string, std::string>>{
            {"gen:", "neither gen:points:... nor gen:mesh:..."},
            {"gen:point:count=1", "neither"},
@@ -273,7 +280,7 @@ TEST(Generated, TextsAreReadStrictly) {
            {"gen:points:count=1,type=float", "neither float32 nor float64"},
            {"gen:points:count=1,cells=1", "'cells=1' is not one of the settings"},
            {"gen:mesh:pieces=1", "'' is not a whole number"},
-           {"gen:mesh:cells=48,pieces=3", "3 pieces of 2^3 hexahedra: no blocks of 3 x 1 x 1"},
+           {"gen:mesh:cells=48,pieces=3", "3 pieces of 2^3 hexahedra: too few for 3 x 1 x 1 parts"},
            {"gen:mesh:cells=1e12,pieces=1", "too large"},
            {"gen:mesh:cells=1e12,pieces=1e7", "at most 1000000"}})
     EXPECT_THAT(error_of(text), AllOf(StartsWith(text), HasSubstr(reason)));

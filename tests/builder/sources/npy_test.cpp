@@ -8,13 +8,13 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <random>
 
 #include "base/file.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/vtk/writer.h"
+#include "tests/builder/sources/folder_test.h"
 
 namespace splatvol {
 namespace {
@@ -27,7 +27,7 @@ using ::testing::StartsWith;
 constexpr double inf = std::numeric_limits<double>::infinity();
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// A .npy file of this header, as NumPy writes it: padded to 64 bytes.
+/// A .npy file with this header, padded to 64 bytes like NumPy's.
 std::string npy(std::string header, const std::string& data, int major = 1) {
   const std::size_t start = major == 1 ? 10 : 12;
   header.resize((start + header.size() + 64) / 64 * 64 - start - 1, ' ');
@@ -56,7 +56,7 @@ std::string numbers(const std::vector<double>& values, bool big_endian = false) 
   return bytes;
 }
 
-/// [row][column] to column after column.
+/// Reorders [row][column] to [column][row].
 std::vector<double> transposed(const std::vector<double>& values, std::size_t columns) {
   std::vector<double> result;
   for (std::size_t c = 0; c < columns; ++c)
@@ -64,23 +64,9 @@ std::vector<double> transposed(const std::vector<double>& values, std::size_t co
   return result;
 }
 
-class NpyTest : public ::testing::Test {
+class NpyTest : public test::FolderTest {
  protected:
-  void SetUp() override {
-    folder_ =
-        ::testing::TempDir() + "splatvol_npy_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() + "/";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
-  std::string write(const std::string& name, const std::string& bytes) {
-    std::filesystem::remove(folder_ + name);
-    std::ofstream(folder_ + name, std::ios::binary) << bytes;
-    return folder_ + name;
-  }
-
-  /// All points of an input, row by row: x, y, z, values.
+  /// All points of an input: x, y, z and values, row by row.
   struct Table {
     std::vector<std::string> attributes;
     std::vector<double> numbers;
@@ -118,8 +104,6 @@ class NpyTest : public ::testing::Test {
     EXPECT_EQ(table.error().message.find('\n'), std::string::npos) << table.error().message;
     return table.error().message;
   }
-
-  std::string folder_;
 };
 
 const std::vector<double> rows = {0, 1, 2, 10, -3, 4, 5.5, 20, 6, 7, -8.25, 30};  // x, y, z, value
@@ -296,7 +280,7 @@ TEST_F(NpyTest, WrongShapesAndHeadersAreOneClearLine) {
   EXPECT_THAT(error_of({folder_ + "none.npy"}), HasSubstr("No such file"));
 }
 
-/// The columns of a header that was read lie within the file.
+/// Expects the columns of a table to lie within the file.
 void expect_within(const NpyTable& table, std::uint64_t size) {
   for (const NpyColumn& column : table.columns) {
     if (table.rows == 0) continue;
@@ -368,7 +352,7 @@ TEST_F(NpyTest, PiecesOfAMeshInAFolderAreReadOnce) {
     std::vector<double> x;
     auto source = open_source(paths, {});
     EXPECT_TRUE(source) << source.error().message;
-    EXPECT_FALSE(*(*source)->bounds()) << "of meshes, only reading tells";
+    EXPECT_FALSE(*(*source)->bounds()) << "only reading a mesh tells";
     EXPECT_FALSE((*source)->point_count());
     while (auto piece = *(*source)->next()) x.push_back(piece->points[0].x);
     return x;

@@ -1,4 +1,4 @@
-// Refined meshes are the mesh: its volume, its field, no points more than there are edges.
+// Refined meshes keep the volume and the field, and add one point for each edge.
 #include "builder/sources/refined_source.h"
 
 #include <gmock/gmock.h>
@@ -22,19 +22,19 @@ std::vector<Piece> pieces_of(Source& source) {
   return pieces;
 }
 
-std::vector<Piece> refined(std::vector<Piece> pieces, int levels) {
-  return pieces_of(*refine(std::make_unique<PieceSource>(std::move(pieces)), levels, "mesh"));
+std::vector<Piece> refined(std::vector<Piece> pieces, int refinements) {
+  return pieces_of(*refine(std::make_unique<PieceSource>(std::move(pieces)), refinements, "mesh"));
 }
 
 double volume(const Piece& piece) { return test::volume({piece.points, piece.tetrahedra}); }
 
 TEST(Refine, KeepsVolumeAndField) {
   const test::Mesh mesh = test::jittered(3, 0.3);
-  for (const int levels : {1, 2, 3}) {
-    const auto pieces = refined({test::mesh_piece(mesh, field)}, levels);
+  for (const int refinements : {1, 2, 3}) {
+    const auto pieces = refined({test::mesh_piece(mesh, field)}, refinements);
     ASSERT_EQ(pieces.size(), 1u);
     const Piece& piece = pieces[0];
-    ASSERT_EQ(piece.tetrahedra.size(), mesh.tetrahedra.size() << (3 * levels));
+    ASSERT_EQ(piece.tetrahedra.size(), mesh.tetrahedra.size() << (3 * refinements));
     EXPECT_EQ(piece.census.tetrahedra, piece.tetrahedra.size());
     EXPECT_EQ(piece.census.cells.at("tetrahedron"), piece.tetrahedra.size());
     EXPECT_NEAR(volume(piece), test::volume(mesh), 1e-12);
@@ -57,13 +57,13 @@ TEST(Refine, KeepsOrientation) {
 TEST(Refine, SplitsEachTetrahedronIntoEightEqualOnes) {
   const auto pieces = refined({test::mesh_piece(test::random_tetrahedra(1), field)}, 2);
   const Piece& piece = pieces.at(0);
-  EXPECT_EQ(piece.points.size(), 35u);  // of a tetrahedron with 5 along each edge
+  EXPECT_EQ(piece.points.size(), 35u);  // a tetrahedron with 5 points along each edge
   for (const auto& tetrahedron : piece.tetrahedra)
     EXPECT_NEAR(test::volume({piece.points, {tetrahedron}}), volume(piece) / 64, 1e-14);
 }
 
 TEST(Refine, MeetsAtCommonFaces) {
-  // Corners and middles of edges of a lattice of n^3 cubes are the corners of one of (2 n)^3, each of them once.
+  // The corners and the middles of edges of n^3 cubes are the corners of (2 n)^3 cubes, each once.
   const auto pieces = refined({test::mesh_piece(test::lattice(3), field)}, 1);
   EXPECT_EQ(pieces.at(0).points.size(), 7u * 7 * 7);
 }
@@ -72,13 +72,13 @@ TEST(Refine, PiecesRepeatTheirCommonPointsExactly) {
   const Piece whole = test::mesh_piece(test::jittered(4, 0.3), field);
   const auto at_once = refined({whole}, 1), in_parts = refined(test::cut(whole, 5), 1);
   ASSERT_EQ(in_parts.size(), 5u);
-  std::set<std::array<double, 4>> places;
+  std::set<std::array<double, 4>> different;
   std::size_t points = 0;
   for (const Piece& piece : in_parts)
     for (std::size_t i = 0; i < piece.points.size(); ++i, ++points)
-      places.insert({piece.points[i].x, piece.points[i].y, piece.points[i].z, piece.values[0][i]});
-  EXPECT_EQ(places.size(), at_once.at(0).points.size());
-  EXPECT_GT(points, places.size());
+      different.insert({piece.points[i].x, piece.points[i].y, piece.points[i].z, piece.values[0][i]});
+  EXPECT_EQ(different.size(), at_once.at(0).points.size());
+  EXPECT_GT(points, different.size());
 }
 
 TEST(Refine, LargePiecesComeInSeveral) {

@@ -1,4 +1,4 @@
-// Voxels from OpenVDB files: every expectation follows from the box and the linear field in it.
+// Voxels from OpenVDB files: the expectations follow from each voxel's box and the linear field in it.
 #include "builder/sources/vdb_source.h"
 
 #include <gmock/gmock.h>
@@ -7,8 +7,6 @@
 #include <tbb/global_control.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <numeric>
 
@@ -17,6 +15,7 @@
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "format/volume.h"
+#include "tests/builder/sources/folder_test.h"
 #include "tests/support/whole_points.h"
 
 namespace splatvol {
@@ -27,23 +26,18 @@ using openvdb::CoordBBox;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-class Vdb : public testing::Test {
+class Vdb : public test::FolderTest {
  protected:
-  Vdb() {
-    openvdb::initialize();
-    std::string pattern = (std::filesystem::path(testing::TempDir()) / "splatvol-vdb-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-  }
-  ~Vdb() override { std::filesystem::remove_all(folder_); }
+  Vdb() { openvdb::initialize(); }
 
-  std::string path(const std::string& name = "in.vdb") const { return (folder_ / name).string(); }
+  std::string path(const std::string& name = "in.vdb") const { return FolderTest::path(name); }
 
   std::string write(const openvdb::GridPtrVec& grids, const std::string& name = "in.vdb") const {
     openvdb::io::File(path(name)).write(grids);
     return path(name);
   }
 
-  /// All pieces of a file in one.
+  /// Reads a file that has one piece.
   Piece read(const std::vector<std::string>& selection = {}) const {
     const auto source = open_vdb_files({path()}, selection).value();
     EXPECT_TRUE(source->brings_material());
@@ -60,8 +54,6 @@ class Vdb : public testing::Test {
     EXPECT_THAT(source.error().message, HasSubstr(path()));
     return source.error().message;
   }
-
-  std::filesystem::path folder_;
 };
 
 template <class Grid>
@@ -105,24 +97,24 @@ TEST_F(Vdb, SingleVoxelIsItsBox) {
   EXPECT_EQ(value.mean, 7);
   EXPECT_EQ(value.variance, 0);
   EXPECT_EQ(piece.material->gradients[0][0], dvec3(0));
-  // Nothing beside it: one of the faces, of area 1/4 at a distance of 1/4.
+  // No neighbours: the plane is that of one face, of area 1/4 at a distance of 1/4.
   EXPECT_DOUBLE_EQ(glm::length(piece.material->planes[0].area), 0.25);
   EXPECT_DOUBLE_EQ(piece.material->planes[0].offset, 0.25 * 0.25);
 }
 
-// Differences of a linear field are exact, one-sided ones too: what is left is single precision's rounding of values.
+// Differences of a linear field are exact, also one-sided ones, up to rounding.
 TEST_F(Vdb, LinearFieldInShearedVoxelsIsExact) {
   const openvdb::Mat4d matrix(0.5, 0.1, 0.0, 0.0, 0.2, 2.0, -0.3, 0.0, 0.0, 0.4, -1.0, 0.0, 100.0, -50.0, 25.0,
-                              1.0);  // rows; mirrored
+                              1.0);  // row vectors; mirrored
   const auto grid = make_grid<openvdb::DoubleGrid>("value");
   grid->setTransform(openvdb::math::Transform::createLinearTransform(matrix));
   const dvec3 slope(3, -2, 0.5);
-  const auto place = [&](const Coord& at) {
+  const auto position = [&](const Coord& at) {
     const openvdb::Vec3d world = grid->indexToWorld(at);
     return dvec3(world.x(), world.y(), world.z());
   };
   const CoordBBox box(Coord(-5, -3, 2), Coord(6, 8, 11));
-  for (auto at = box.begin(); at; ++at) grid->tree().setValueOn(*at, 4 + glm::dot(slope, place(*at)));
+  for (auto at = box.begin(); at; ++at) grid->tree().setValueOn(*at, 4 + glm::dot(slope, position(*at)));
   write({grid});
   const Piece piece = read();
   ASSERT_EQ(piece.points.size(), box.volume());
@@ -139,7 +131,7 @@ TEST_F(Vdb, LinearFieldInShearedVoxelsIsExact) {
     EXPECT_NEAR(covariance.yz, s[1][2], 1e-12);
     EXPECT_LT(glm::length(material.value_moments[0][i].covariance - s * slope), 1e-9);
     EXPECT_NEAR(material.value_moments[0][i].variance, glm::dot(slope, s * slope), 1e-9);
-    // A face's distance is half of the box's height over it, whatever the shear.
+    // The centre is half of the box's height away from a face, whatever the shear.
     const BoundaryPlane& plane = material.planes[i];
     EXPECT_NEAR(plane.offset, plane.area != dvec3(0) ? volume / 2 : 0, 1e-9);
   }
@@ -187,7 +179,8 @@ TEST_F(Vdb, TilesAreBoxes) {
     EXPECT_DOUBLE_EQ(piece.material->moments[i].covariance.xx, edge * edge / 12);
     if (piece.values[0][i] != 3) continue;
     EXPECT_EQ(piece.points[i], dvec3(127));
-    // Only below x is anything beside the middle of a face: one-sided, from the centre to the voxel.
+    // Only the middle of the lower face in x has a neighbour: the difference is one-sided, from the centre to the
+    // voxel.
     EXPECT_NEAR(piece.material->gradients[0][i].x, (3.0 - 1.0) / (2 * 64.5), 1e-12);
     EXPECT_EQ(piece.material->gradients[0][i].y, 0);
   }
@@ -197,7 +190,7 @@ TEST_F(Vdb, SeveralGridsShareTheirPoints) {
   const auto a = make_grid<openvdb::FloatGrid>("a");
   const auto b = make_grid<openvdb::Int32Grid>("b");
   a->fill(CoordBBox(Coord(0), Coord(15)), 1.0F);  // eight tiles
-  b->tree().setValueOn(Coord(3, 3, 3), 7);        // in one of them, which is voxels then
+  b->tree().setValueOn(Coord(3, 3, 3), 7);        // in one of these tiles, which becomes voxels
   b->tree().setValueOn(Coord(20, 0, 0), 8);       // outside
   write({a, b});
   const Piece piece = read();
@@ -299,7 +292,7 @@ TEST_F(Vdb, EveryTruncationIsRefused) {
   }
 }
 
-// OpenVDB has no checksums: what is damaged may pass, but must end, and in one line where it does not.
+// OpenVDB has no checksums: damage may go unnoticed. Reading must end, and an error must be one line.
 TEST_F(Vdb, DamagedHeadersEnd) {
   const auto grid = one_voxel<openvdb::FloatGrid>("value", 1);
   write({grid}, "whole.vdb");
@@ -316,13 +309,13 @@ TEST_F(Vdb, DamagedHeadersEnd) {
 TEST_F(Vdb, FilesFollowEachOther) {
   write({one_voxel<openvdb::FloatGrid>("a", 1), one_voxel<openvdb::FloatGrid>("b", 2)}, "1.vdb");
   write({one_voxel<openvdb::FloatGrid>("a", 3), one_voxel<openvdb::FloatGrid>("b", 4)}, "2.vdb");
-  const auto source = open_source({folder_.string()}, {{"b"}, {}}).value();
+  const auto source = open_source({folder_}, {{"b"}, {}}).value();
   EXPECT_EQ(source->piece_count(), 2u);
   EXPECT_EQ(source->next().value()->values[0][0], 2);
   EXPECT_EQ(source->next().value()->values[0][0], 4);
   EXPECT_FALSE(source->next().value());
   write({one_voxel<openvdb::FloatGrid>("a", 3)}, "2.vdb");
-  const auto lacking = open_source({folder_.string()}, {{"b"}, {}}).value();
+  const auto lacking = open_source({folder_}, {{"b"}, {}}).value();
   EXPECT_TRUE(lacking->next().has_value());
   EXPECT_THAT(lacking->next().error().message, HasSubstr("2.vdb: no attribute \"b\"; there are: a"));
 }

@@ -1,26 +1,27 @@
-// Files with blocks and time steps. The meshes are made here: by the formats' own libraries, or as text.
+// Files with blocks and time steps. The tests write them: with the formats' own libraries, or as text.
 #include <gmock/gmock.h>
 #include <vtk_cgns.h>
 #include <vtk_exodusII.h>
 
 #include <array>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <functional>
 
 #include "base/file.h"
 #include "builder/build.h"
-#include "builder/mesh/tetrahedra.h"
 #include "builder/open_source.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
 #include VTK_CGNS(cgnslib.h)
 
-// VTK's readers leak a little where they give up on a damaged file; the leak checker asks here what to pass over.
+// VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libnetcdf\nleak:libhdf5"; }
 
 namespace splatvol {
 namespace {
 
+using test::Input;
+using test::read_input;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
@@ -53,55 +54,26 @@ Block cube(double x) {
   return block;
 }
 
-/// What every test's scalar "f" is at a time; its vector "U" is (f, 2 f, -f).
+/// The scalar "f" of every test at a time. The vector "U" is (f, 2 f, -f).
 double field(dvec3 p, double time) { return (1 + p.x - 2 * p.y + 0.5 * p.z) * (1 + time); }
 
 dvec3 centre(const Block& block, std::size_t cell) {
   dvec3 sum(0);
-  for (const std::uint32_t node : block.hexahedra[cell]) sum += block.points[node];
+  for (const std::uint32_t point : block.hexahedra[cell]) sum += block.points[point];
   return sum / 8.0;
 }
 
 constexpr std::array<double, 2> times = {0.5, 2};
 const std::array<Block, 2> cubes = {cube(0), cube(1)};
 
-/// What cells with a linear field at their centres give at a point: exact between eight of them, and at the boundary
-/// of the cube that begins at `lowest_x` the field half a cell inwards.
+/// The mean of the cells round a point, which have a linear field at their centres. It is exact between eight cells. At
+/// the boundary of the cube that begins at `lowest_x` it is the field half a cell inwards.
 double averaged(dvec3 p, double lowest_x, double time) {
   const double half = 0.5 / cells;
   return field(glm::clamp(p, dvec3(lowest_x, 0, 0) + half, dvec3(lowest_x + 1, 1, 1) - half), time);
 }
 
-struct Input {
-  std::vector<std::string> attributes;
-  std::vector<Piece> pieces;
-  std::optional<TimeStep> step;
-  CellCensus census;
-  double volume = 0;
-  std::size_t points = 0;
-};
-
-Result<Input> read_all(const std::string& path, const SourceOptions& options = {}) {
-  SPLATVOL_TRY_ASSIGN(source, open_source({path}, options));
-  Input input;
-  input.attributes = source->attributes();
-  input.step = source->time_step();
-  for (;;) {
-    SPLATVOL_TRY_ASSIGN(piece, source->next());
-    if (!piece) break;
-    for (const auto& [a, b, c, d] : piece->tetrahedra) {
-      const auto& p = piece->points;
-      input.volume += std::abs(signed_volume_6(p[a], p[b], p[c], p[d])) / 6;
-    }
-    input.points += piece->points.size();
-    input.census += piece->census;
-    input.pieces.push_back(std::move(*piece));
-  }
-  EXPECT_GE(source->piece_count(), input.pieces.size());
-  return input;
-}
-
-/// The largest difference of an attribute from what it should be; not a number where a value is.
+/// The largest difference of an attribute from the expected value; NaN if a value is NaN.
 double largest_error(const Input& input, const std::string& attribute, const std::function<double(dvec3)>& expected) {
   const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
   double error = 0;
@@ -113,43 +85,22 @@ double largest_error(const Input& input, const std::string& attribute, const std
   return error;
 }
 
-class BlocksTest : public ::testing::Test {
+class BlocksTest : public test::FolderTest {
  protected:
-  BlocksTest() {
-    folder_ = std::filesystem::path(::testing::TempDir()) /
-              (std::string("splatvol_blocks_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  ~BlocksTest() override {
-    if (!std::getenv("KEEP")) std::filesystem::remove_all(folder_);
-  }
-
-  [[nodiscard]] std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
-  void write(const std::string& name, const std::string& text) const {
-    std::filesystem::create_directories((folder_ / name).parent_path());
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-  }
-
   [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
-    ::testing::internal::CaptureStderr();
-    const auto input = read_all(path(name), options);
-    EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "libraries do not print";
-    if (input) return "(no error)";
-    EXPECT_EQ(input.error().message.find('\n'), std::string::npos) << input.error().message;
-    return input.error().message;
+    return test::error_of({path(name)}, options);
   }
 
-  /// Two cubes side by side, the linear field, two steps at 0.5 and 2: what all formats here can say.
+  /// Expects two cubes side by side, with the linear field at two time steps, 0.5 and 2. All formats here can hold
+  /// these.
   void expect_two_blocks(const std::string& name, double tolerance) const {
-    for (const auto& [asked, number] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
-      const auto input = read_all(path(name), {{}, {}, asked});
+    for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
+      const auto input = read_input({path(name)}, {{}, {}, asked});
       ASSERT_TRUE(input) << input.error().message;
       ASSERT_TRUE(input->step.has_value());
-      EXPECT_EQ(input->step->index, number);
+      EXPECT_EQ(input->step->index, step);
       EXPECT_EQ(input->step->count, 2u);
-      const double time = number == 0 ? 0.5 : 2;
+      const double time = times[step];
       EXPECT_NEAR(input->step->time, time, 1e-6);
       EXPECT_EQ(input->points, 2 * block_points);
       EXPECT_EQ(input->pieces.size(), 2u);
@@ -158,7 +109,7 @@ class BlocksTest : public ::testing::Test {
       EXPECT_EQ(input->census.inverted, 0u);
       EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, time); }), tolerance);
       EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * field(p, time); }), tolerance);
-      const auto selected = read_all(path(name), {{"U[2]", "f"}, {}, asked});
+      const auto selected = read_input({path(name)}, {{"U[2]", "f"}, {}, asked});
       ASSERT_TRUE(selected) << selected.error().message;
       EXPECT_THAT(selected->attributes, ElementsAre("U[2]", "f"));
       EXPECT_LT(largest_error(*selected, "U[2]", [&](dvec3 p) { return -field(p, time); }), tolerance);
@@ -167,7 +118,7 @@ class BlocksTest : public ::testing::Test {
     expect_joined(name);
   }
 
-  /// The face that the blocks share is no boundary: its points are merged, and own material of both.
+  /// Expects that the points of the blocks' common face are merged.
   void expect_joined(const std::string& name) const {
     auto source = open_source({path(name)}, {{"f"}, {}, {}});
     ASSERT_TRUE(source) << source.error().message;
@@ -177,7 +128,8 @@ class BlocksTest : public ::testing::Test {
     EXPECT_EQ(report->resolution_counts.back(), 2 * block_points - side * side);
   }
 
-  /// Cuts a file after every `stride` bytes: no crash, no hang, nothing printed, an error of one line or less mesh.
+  /// Cuts a file after every `stride` bytes. Expects no crash, no hang and no output, but an error of one line or a
+  /// smaller mesh.
   void expect_survives_truncation(const std::string& name, const std::string& opened, std::size_t stride,
                                   std::size_t fewest_errors = 1) const {
     const std::string whole = read_text_file(path(name)).value();
@@ -190,39 +142,44 @@ class BlocksTest : public ::testing::Test {
     write(name, whole);
     EXPECT_EQ(error_of(opened), "(no error)");
   }
-
-  std::filesystem::path folder_;
 };
 
-// Exodus: one numbering of the nodes for both blocks. An element variable is in the second block only.
+// Exodus: both blocks share one numbering of the points. Only the second has an element variable.
 
-void write_exodus(const std::string& path) {
+/// The points of both blocks, each once, and the connectivity of each block, counted from 1.
+struct ExodusMesh {
   std::vector<dvec3> points;
-  const auto node_of = [&](dvec3 p) {
-    const auto found =
-        std::ranges::find_if(points, [&](dvec3 q) { return glm::all(glm::lessThan(glm::abs(p - q), dvec3(1e-9))); });
-    const auto node = static_cast<int>(found - points.begin()) + 1;
-    if (found == points.end()) points.push_back(p);
-    return node;
-  };
   std::array<std::vector<int>, 2> connectivity;
+};
+
+ExodusMesh exodus_mesh() {
+  ExodusMesh mesh;
+  const auto number_of = [&](dvec3 p) {
+    const auto found = std::ranges::find_if(
+        mesh.points, [&](dvec3 q) { return glm::all(glm::lessThan(glm::abs(p - q), dvec3(1e-9))); });
+    const auto number = static_cast<int>(found - mesh.points.begin()) + 1;
+    if (found == mesh.points.end()) mesh.points.push_back(p);
+    return number;
+  };
   for (std::size_t b = 0; b < 2; ++b)
     for (const auto& hexahedron : cubes[b].hexahedra)
-      for (const std::uint32_t node : hexahedron) connectivity[b].push_back(node_of(cubes[b].points[node]));
+      for (const std::uint32_t point : hexahedron) mesh.connectivity[b].push_back(number_of(cubes[b].points[point]));
+  return mesh;
+}
 
-  int computer = 8, file = 8;
-  const int id = ex_create(path.c_str(), EX_CLOBBER, &computer, &file);
-  ASSERT_GE(id, 0);
-  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(points.size()), 2 * block_cells, 2, 0, 0);
+void put_mesh(int id, const ExodusMesh& mesh) {
+  ex_put_init(id, "two cubes", 3, static_cast<std::int64_t>(mesh.points.size()), 2 * block_cells, 2, 0, 0);
   std::array<std::vector<double>, 3> coordinates;
-  for (const dvec3& p : points)
+  for (const dvec3& p : mesh.points)
     for (std::size_t axis = 0; axis < 3; ++axis) coordinates[axis].push_back(p[static_cast<int>(axis)]);
   ex_put_coord(id, coordinates[0].data(), coordinates[1].data(), coordinates[2].data());
   for (int b = 0; b < 2; ++b) {
     ex_put_block(id, EX_ELEM_BLOCK, b + 1, "HEX8", block_cells, 8, 0, 0, 0);
-    ex_put_conn(id, EX_ELEM_BLOCK, b + 1, connectivity[static_cast<std::size_t>(b)].data(), nullptr, nullptr);
+    ex_put_conn(id, EX_ELEM_BLOCK, b + 1, mesh.connectivity[static_cast<std::size_t>(b)].data(), nullptr, nullptr);
   }
+}
 
+void put_names(int id) {
   std::array<std::string, 4> names = {"f", "Ux", "Uy", "Uz"};
   std::array<char*, 4> name_pointers{};
   for (std::size_t i = 0; i < 4; ++i) name_pointers[i] = names[i].data();
@@ -234,37 +191,48 @@ void write_exodus(const std::string& path) {
   ex_put_variable_param(id, EX_ELEM_BLOCK, 1);
   ex_put_variable_names(id, EX_ELEM_BLOCK, 1, &element_pointer);
   ex_put_truth_table(id, EX_ELEM_BLOCK, 2, 1, truth.data());
-  for (int step = 0; step < 2; ++step) {
-    const double time = times[static_cast<std::size_t>(step)];
-    ex_put_time(id, step + 1, &time);
-    for (int variable = 0; variable < 4; ++variable) {
-      constexpr std::array<double, 4> factor = {1, 1, 2, -1};
-      std::vector<double> values;
-      for (const dvec3& p : points) values.push_back(factor[static_cast<std::size_t>(variable)] * field(p, time));
-      ex_put_var(id, step + 1, EX_NODAL, variable + 1, 1, static_cast<std::int64_t>(values.size()), values.data());
-    }
+}
+
+void put_values(int id, int step, const std::vector<dvec3>& points) {
+  const double time = times[static_cast<std::size_t>(step)];
+  ex_put_time(id, step + 1, &time);
+  for (int variable = 0; variable < 4; ++variable) {
+    constexpr std::array<double, 4> factor = {1, 1, 2, -1};
     std::vector<double> values;
-    for (std::size_t cell = 0; cell < block_cells; ++cell) values.push_back(field(centre(cubes[1], cell), time));
-    ex_put_var(id, step + 1, EX_ELEM_BLOCK, 1, 2, block_cells, values.data());
+    for (const dvec3& p : points) values.push_back(factor[static_cast<std::size_t>(variable)] * field(p, time));
+    ex_put_var(id, step + 1, EX_NODAL, variable + 1, 1, static_cast<std::int64_t>(values.size()), values.data());
   }
+  std::vector<double> values;
+  for (std::size_t cell = 0; cell < block_cells; ++cell) values.push_back(field(centre(cubes[1], cell), time));
+  ex_put_var(id, step + 1, EX_ELEM_BLOCK, 1, 2, block_cells, values.data());
+}
+
+void write_exodus(const std::string& path) {
+  int computer = 8, file = 8;
+  const int id = ex_create(path.c_str(), EX_CLOBBER, &computer, &file);
+  ASSERT_GE(id, 0);
+  const ExodusMesh mesh = exodus_mesh();
+  put_mesh(id, mesh);
+  put_names(id);
+  for (int step = 0; step < 2; ++step) put_values(id, step, mesh.points);
   ex_close(id);
 }
 
 TEST_F(BlocksTest, Exodus) {
   write_exodus(path("mesh.e"));
   expect_two_blocks("mesh.e", 1e-5);  // the reader's coordinates are of single precision
-  const auto input = read_all(path("mesh.e"), {{"q", "f"}, {}, {}});
+  const auto input = read_input({path("mesh.e")}, {{"q", "f"}, {}, {}});
   ASSERT_TRUE(input) << input.error().message;
   for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this block";
   for (std::size_t i = 0; i < block_points; ++i)
     EXPECT_NEAR(input->pieces[1].values[0][i], averaged(input->pieces[1].points[i], 1, 2), 1e-5);
 }
 
-// NetCDF's own format is known by its first bytes; parts of a mesh end in their numbers.
+// NetCDF's own format is known by its first bytes. Names of the parts of a mesh end in numbers.
 TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
   for (const char* name : {"anything.dat", "mesh.exo", "mesh.g", "mesh.e.4.0"}) {
     write_exodus(path(name));
-    const auto input = read_all(path(name));
+    const auto input = read_input({path(name)});
     ASSERT_TRUE(input) << input.error().message;
     EXPECT_EQ(input->points, 2 * block_points);
   }
@@ -275,7 +243,7 @@ TEST_F(BlocksTest, ExodusTruncated) {
   expect_survives_truncation("mesh.e", "mesh.e", 89);
 }
 
-// EnSight Gold: each part has nodes of its own.
+// EnSight Gold: each part has points of its own.
 
 std::string ensight_numbers(const std::function<double(std::size_t)>& value, std::size_t count) {
   std::string text;
@@ -295,7 +263,7 @@ void write_ensight(const std::function<void(const std::string&, const std::strin
       geometry += ensight_numbers([&](std::size_t i) { return cubes[b].points[i][axis]; }, block_points);
     geometry += fmt::format("hexa8\n{:10}\n", block_cells);
     for (const auto& hexahedron : cubes[b].hexahedra) {
-      for (const std::uint32_t node : hexahedron) geometry += fmt::format("{:10}", node + 1);
+      for (const std::uint32_t point : hexahedron) geometry += fmt::format("{:10}", point + 1);
       geometry += '\n';
     }
   }
@@ -325,7 +293,7 @@ void write_ensight(const std::function<void(const std::string&, const std::strin
 TEST_F(BlocksTest, EnSight) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
   expect_two_blocks("mesh.case", 3e-5);
-  const auto input = read_all(path("mesh.case"), {{"q"}, {}, {}});
+  const auto input = read_input({path("mesh.case")}, {{"q"}, {}, {}});
   ASSERT_TRUE(input) << input.error().message;
   for (std::size_t b = 0; b < 2; ++b)
     for (std::size_t i = 0; i < block_points; ++i)
@@ -336,12 +304,60 @@ TEST_F(BlocksTest, EnSightTruncated) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
   expect_survives_truncation("mesh.case", "mesh.case", 1);
   expect_survives_truncation("mesh.geo", "mesh.case", 97);
-  // VTK's reader takes values that are not there for numbers.
+  // VTK's reader does not notice that values are missing.
   expect_survives_truncation("f.001", "mesh.case", 101, 0);
   expect_survives_truncation("q.001", "mesh.case", 101, 0);
 }
 
-// CGNS: a zone of hexahedra and a structured one.
+// CGNS: a zone of hexahedra and a structured zone.
+
+constexpr bool is_structured(std::size_t block) { return block == 1; }
+
+/// Writes a zone without its values, and returns its number.
+int write_zone(int file, int base, std::size_t b) {
+  const std::array<cgsize_t, 3> unstructured_size = {block_points, block_cells, 0};
+  const std::array<cgsize_t, 9> structured_size = {side, side, side, cells, cells, cells, 0, 0, 0};
+  int zone = 0, ignored = 0;
+  cg_zone_write(file, base, is_structured(b) ? "Second" : "First",
+                is_structured(b) ? structured_size.data() : unstructured_size.data(),
+                is_structured(b) ? CGNS_ENUMV(Structured) : CGNS_ENUMV(Unstructured), &zone);
+  constexpr std::array<const char*, 3> axes = {"CoordinateX", "CoordinateY", "CoordinateZ"};
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (const dvec3& p : cubes[b].points) values.push_back(p[axis]);
+    cg_coord_write(file, base, zone, CGNS_ENUMV(RealDouble), axes[static_cast<std::size_t>(axis)], values.data(),
+                   &ignored);
+  }
+  if (is_structured(b)) return zone;
+  std::vector<cgsize_t> connectivity;
+  for (const auto& hexahedron : cubes[b].hexahedra)
+    for (const std::uint32_t point : hexahedron) connectivity.push_back(point + 1);
+  cg_section_write(file, base, zone, "Cells", CGNS_ENUMV(HEXA_8), 1, block_cells, 0, connectivity.data(), &ignored);
+  return zone;
+}
+
+/// Writes the values of a zone at both time steps.
+void write_solutions(int file, int base, int zone, std::size_t b) {
+  std::string pointers;
+  for (std::size_t step = 0; step < 2; ++step) {
+    int solution = 0;
+    const std::string name = fmt::format("Solution{}", step);
+    cg_sol_write(file, base, zone, name.c_str(), CGNS_ENUMV(Vertex), &solution);
+    pointers += fmt::format("{:32}", name);
+    const auto put = [&](const char* array, double factor) {
+      int ignored = 0;
+      std::vector<double> values;
+      for (const dvec3& p : cubes[b].points) values.push_back(factor * field(p, times[step]));
+      cg_field_write(file, base, zone, solution, CGNS_ENUMV(RealDouble), array, values.data(), &ignored);
+    };
+    put("f", 1), put("UX", 1), put("UY", 2), put("UZ", -1);
+    if (is_structured(b)) put("only", 1);
+  }
+  cg_ziter_write(file, base, zone, "ZoneSteps");
+  cg_goto(file, base, "Zone_t", zone, "ZoneIterativeData_t", 1, "end");
+  const std::array<cgsize_t, 2> size = {32, 2};
+  cg_array_write("FlowSolutionPointers", CGNS_ENUMV(Character), 2, size.data(), pointers.data());
+}
 
 void write_cgns(const std::string& path) {
   int file = 0, base = 0;
@@ -351,45 +367,7 @@ void write_cgns(const std::string& path) {
   cg_goto(file, base, "BaseIterativeData_t", 1, "end");
   const cgsize_t two = 2;
   cg_array_write("TimeValues", CGNS_ENUMV(RealDouble), 1, &two, times.data());
-  for (std::size_t b = 0; b < 2; ++b) {
-    const bool structured = b == 1;
-    const std::array<cgsize_t, 3> unstructured_size = {block_points, block_cells, 0};
-    const std::array<cgsize_t, 9> structured_size = {side, side, side, cells, cells, cells, 0, 0, 0};
-    int zone = 0, ignored = 0;
-    cg_zone_write(file, base, structured ? "Second" : "First",
-                  structured ? structured_size.data() : unstructured_size.data(),
-                  structured ? CGNS_ENUMV(Structured) : CGNS_ENUMV(Unstructured), &zone);
-    constexpr std::array<const char*, 3> axes = {"CoordinateX", "CoordinateY", "CoordinateZ"};
-    for (int axis = 0; axis < 3; ++axis) {
-      std::vector<double> values;
-      for (const dvec3& p : cubes[b].points) values.push_back(p[axis]);
-      cg_coord_write(file, base, zone, CGNS_ENUMV(RealDouble), axes[static_cast<std::size_t>(axis)], values.data(),
-                     &ignored);
-    }
-    std::vector<cgsize_t> connectivity;
-    for (const auto& hexahedron : cubes[b].hexahedra)
-      for (const std::uint32_t node : hexahedron) connectivity.push_back(node + 1);
-    if (!structured)
-      cg_section_write(file, base, zone, "Cells", CGNS_ENUMV(HEXA_8), 1, block_cells, 0, connectivity.data(), &ignored);
-    std::string pointers, cell_pointers;
-    for (std::size_t step = 0; step < 2; ++step) {
-      int solution = 0;
-      const std::string name = fmt::format("Solution{}", step);
-      cg_sol_write(file, base, zone, name.c_str(), CGNS_ENUMV(Vertex), &solution);
-      pointers += fmt::format("{:32}", name);
-      const auto put = [&](const char* array, double factor) {
-        std::vector<double> values;
-        for (const dvec3& p : cubes[b].points) values.push_back(factor * field(p, times[step]));
-        cg_field_write(file, base, zone, solution, CGNS_ENUMV(RealDouble), array, values.data(), &ignored);
-      };
-      put("f", 1), put("UX", 1), put("UY", 2), put("UZ", -1);
-      if (structured) put("only", 1);
-    }
-    cg_ziter_write(file, base, zone, "ZoneSteps");
-    cg_goto(file, base, "Zone_t", zone, "ZoneIterativeData_t", 1, "end");
-    const std::array<cgsize_t, 2> size = {32, 2};
-    cg_array_write("FlowSolutionPointers", CGNS_ENUMV(Character), 2, size.data(), pointers.data());
-  }
+  for (std::size_t b = 0; b < 2; ++b) write_solutions(file, base, write_zone(file, base, b), b);
   cg_simulation_type_write(file, base, CGNS_ENUMV(TimeAccurate));
   ASSERT_EQ(cg_close(file), 0) << cg_get_error();
 }
@@ -397,7 +375,7 @@ void write_cgns(const std::string& path) {
 TEST_F(BlocksTest, Cgns) {
   write_cgns(path("mesh.cgns"));
   expect_two_blocks("mesh.cgns", 1e-12);
-  const auto input = read_all(path("mesh.cgns"), {{"only"}, {}, {}});
+  const auto input = read_input({path("mesh.cgns")}, {{"only"}, {}, {}});
   ASSERT_TRUE(input) << input.error().message;
   for (const double value : input->pieces[0].values[0]) EXPECT_TRUE(std::isnan(value)) << "not in this zone";
   for (std::size_t i = 0; i < block_points; ++i)
@@ -409,14 +387,14 @@ TEST_F(BlocksTest, CgnsTruncated) {
   expect_survives_truncation("mesh.cgns", "mesh.cgns", 499);
 }
 
-// OpenFOAM: one cube by its faces, fields at the cells' centres, and a patch all round.
+// OpenFOAM: one cube given by its faces, with fields at the cells' centres and a patch on its whole boundary.
 
 std::string foam_file(const std::string& type, const std::string& name, const std::string& body) {
   return fmt::format("FoamFile\n{{\n  version 2.0;\n  format ascii;\n  class {};\n  object {};\n}}\n\n{}", type, name,
                      body);
 }
 
-/// Numbers in brackets, with how many there are in front.
+/// The number of values, then the values in brackets.
 template <class T, class Format>
 std::string foam_list(const std::vector<T>& values, const Format& format) {
   std::string text = fmt::format("{}\n(\n", values.size());
@@ -425,7 +403,7 @@ std::string foam_list(const std::vector<T>& values, const Format& format) {
 }
 
 struct FoamFace {
-  std::array<std::uint32_t, 4> nodes;
+  std::array<std::uint32_t, 4> points;
   std::size_t owner;
   std::size_t neighbour;  // block_cells: none
 };
@@ -433,17 +411,17 @@ struct FoamFace {
 std::vector<FoamFace> foam_faces() {
   constexpr std::array<std::array<std::size_t, 4>, 6> sides = {
       {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}}};
-  constexpr std::array<std::size_t, 3> step = {1, cells, cells * cells};
+  constexpr std::array<std::size_t, 3> stride = {1, cells, cells * cells};
   std::vector<FoamFace> inner, outer;
   for (std::size_t cell = 0; cell < block_cells; ++cell)
     for (std::size_t s = 0; s < 6; ++s) {
       FoamFace face{{}, cell, block_cells};
-      for (std::size_t i = 0; i < 4; ++i) face.nodes[i] = cubes[0].hexahedra[cell][sides[s][i]];
-      const std::size_t place = cell / step[s / 2] % cells;
-      if (place == (s % 2 == 0 ? 0 : cells - 1)) {
+      for (std::size_t i = 0; i < 4; ++i) face.points[i] = cubes[0].hexahedra[cell][sides[s][i]];
+      const std::size_t index = cell / stride[s / 2] % cells;
+      if (index == (s % 2 == 0 ? 0 : cells - 1)) {
         outer.push_back(face);
       } else if (s % 2 == 1) {
-        face.neighbour = cell + step[s / 2];
+        face.neighbour = cell + stride[s / 2];
         inner.push_back(face);
       }
     }
@@ -463,7 +441,7 @@ void write_openfoam(const std::function<void(const std::string&, const std::stri
   const auto vector = [](dvec3 p) { return fmt::format("({} {} {})", p.x, p.y, p.z); };
   const auto number = [](auto value) { return fmt::format("{}", value); };
   const auto face_text = [](const FoamFace& face) {
-    return fmt::format("4({} {} {} {})", face.nodes[0], face.nodes[1], face.nodes[2], face.nodes[3]);
+    return fmt::format("4({} {} {} {})", face.points[0], face.points[1], face.points[2], face.points[3]);
   };
   const std::string mesh = "constant/polyMesh/";
   write(mesh + "points", foam_file("vectorField", "points", foam_list(cubes[0].points, vector)));
@@ -496,7 +474,7 @@ TEST_F(BlocksTest, OpenFoam) {
   write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
   for (const char* name : {"case.foam", "system/controlDict", ""})
     for (std::size_t step = 0; step < 2; ++step) {
-      const auto input = read_all(path(name), {{}, {}, times[step]});
+      const auto input = read_input({path(name)}, {{}, {}, times[step]});
       ASSERT_TRUE(input) << input.error().message;
       ASSERT_TRUE(input->step.has_value());
       EXPECT_EQ(input->step->index, step);
@@ -510,7 +488,7 @@ TEST_F(BlocksTest, OpenFoam) {
       EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
       EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
     }
-  const auto last = read_all(path("case.foam"));
+  const auto last = read_input({path("case.foam")});
   ASSERT_TRUE(last) << last.error().message;
   EXPECT_EQ(last->step->time, 2);
 }
@@ -522,7 +500,7 @@ TEST_F(BlocksTest, OpenFoamTruncated) {
     expect_survives_truncation(name, "case.foam", 61);
 }
 
-// Other inputs have no steps; an empty or foreign file of such a name is told by its name.
+// Other inputs have no time steps. Errors of empty and foreign files begin with their names.
 TEST_F(BlocksTest, TimeAndForeignFiles) {
   EXPECT_EQ(error_of("no.cgns").find(path("no.cgns")), 0u);
   auto source = open_source({"gen:points:count=10"}, {{}, {}, 1.0});

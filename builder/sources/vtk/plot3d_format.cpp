@@ -1,4 +1,4 @@
-#include "builder/sources/vtk/plot3d.h"
+#include "builder/sources/vtk/plot3d_format.h"
 
 #include <algorithm>
 #include <array>
@@ -12,11 +12,12 @@ namespace {
 
 constexpr std::uint64_t most_blocks = 1 << 20;
 
+/// The header of a grid or solution.
 struct Header {
   std::vector<std::uint64_t> points;      // of each block
-  std::vector<std::uint32_t> dimensions;  // of the blocks, one after the other
+  std::vector<std::uint32_t> dimensions;  // of all blocks, one after the other
   std::uint64_t bytes = 0;
-  bool more_variables = false;  // Overflow: two more numbers
+  bool more_variables = false;  // Overflow's solutions: the header has two more numbers
 };
 
 /// Reads the numbers of a header one by one; all are 0 past the end.
@@ -26,22 +27,22 @@ class HeaderReader {
 
   std::uint32_t next() {
     std::array<std::byte, 4> raw{};
-    if (!file_.read(position_, raw)) return 0;
-    position_ += raw.size();
+    if (!file_.read(offset_, raw)) return 0;
+    offset_ += raw.size();
     std::uint32_t value = 0;
     for (std::size_t i = 0; i < 4; ++i)
       value = value << 8 | std::to_integer<std::uint32_t>(raw[big_endian_ ? i : 3 - i]);
     return value;
   }
-  [[nodiscard]] std::uint64_t position() const { return position_; }
+  [[nodiscard]] std::uint64_t offset() const { return offset_; }
 
  private:
   ByteSource& file_;
   bool big_endian_;
-  std::uint64_t position_ = 0;
+  std::uint64_t offset_ = 0;
 };
 
-/// Nothing where the file's first bytes are no header of this variant.
+/// Empty if the file's first bytes are no header of this variant.
 std::optional<Header> read_header(ByteSource& file, const Plot3dFormat& format) {
   HeaderReader reader(file, format.big_endian);
   const auto record = [&](std::uint32_t bytes) { return !format.record_marks || reader.next() == bytes; };
@@ -68,7 +69,7 @@ std::optional<Header> read_header(ByteSource& file, const Plot3dFormat& format) 
   }
   if (header.more_variables) reader.next(), reader.next();
   if (!record(mark)) return std::nullopt;
-  header.bytes = reader.position();
+  header.bytes = reader.offset();
   return header;
 }
 

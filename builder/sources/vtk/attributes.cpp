@@ -1,0 +1,82 @@
+#include "builder/sources/vtk/attributes.h"
+
+#include <vtkDataArray.h>
+#include <vtkDataSet.h>
+#include <vtkPointData.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "builder/sources/source.h"
+
+namespace splatvol {
+namespace {
+
+std::vector<double> read_attribute(const VtkAttribute& attribute, vtkDataArray& array,
+                                   std::span<const std::uint32_t> points) {
+  std::vector<double> values(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    double value = 0;
+    if (attribute.component != VtkAttribute::magnitude) {
+      value = array.GetComponent(points[i], attribute.component);
+    } else {
+      for (int c = 0; c < attribute.components; ++c) value = std::hypot(value, array.GetComponent(points[i], c));
+    }
+    values[i] = finite_or_missing(value);
+  }
+  return values;
+}
+
+}  // namespace
+
+bool is_ghost_array(std::string_view name) { return name == "vtkGhostType" || name == "vtkGhostLevels"; }
+
+bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name) {
+  const int role = data.IsArrayAnAttribute(index);
+  return is_ghost_array(name) || name.starts_with("vtkOriginal") || name == "vtkValidPointMask" || name == "IBlank" ||
+         role == vtkDataSetAttributes::GLOBALIDS || role == vtkDataSetAttributes::PEDIGREEIDS;
+}
+
+bool wants_array(const std::vector<std::string>& selection, const std::string& array) {
+  return selection.empty() || std::ranges::any_of(selection, [&](const std::string& name) {
+           return name == array || name.starts_with(array + "[");
+         });
+}
+
+std::vector<VtkAttribute> attributes_of(vtkDataSet& data) {
+  std::vector<VtkAttribute> attributes;
+  vtkPointData& arrays = *data.GetPointData();
+  for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
+    vtkDataArray* array = arrays.GetArray(i);  // null for strings
+    if (!array || !arrays.GetArrayName(i)) continue;
+    const std::string name = arrays.GetArrayName(i);
+    const int components = array->GetNumberOfComponents();
+    if (is_bookkeeping(arrays, i, name)) continue;
+    if (components == 1) {
+      attributes.push_back({name, name, 1, 0});
+      continue;
+    }
+    attributes.push_back({name, name, components, VtkAttribute::magnitude});
+    for (int c = 0; c < components; ++c) attributes.push_back({fmt::format("{}[{}]", name, c), name, components, c});
+  }
+  return attributes;
+}
+
+Result<std::vector<std::vector<double>>> read_attributes(const std::string& path, vtkDataSet& data,
+                                                         std::span<const VtkAttribute> attributes,
+                                                         std::span<const std::uint32_t> points) {
+  std::vector<std::vector<double>> values;
+  for (const VtkAttribute& attribute : attributes) {
+    vtkDataArray* array = data.GetPointData()->GetArray(attribute.array.c_str());
+    if (!array || array->GetNumberOfComponents() != attribute.components)
+      return fail(ErrorCode::invalid_data, "{}: the array \"{}\" ({} components) of the first piece is not in this one",
+                  path, attribute.array, attribute.components);
+    if (array->GetNumberOfTuples() < data.GetNumberOfPoints())
+      return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} values for {} points", path, attribute.array,
+                  array->GetNumberOfTuples(), data.GetNumberOfPoints());
+    values.push_back(read_attribute(attribute, *array, points));
+  }
+  return values;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,218 @@
+#include "builder/sources/vtk/block_readers.h"
+
+#include <vtkCGNSReader.h>
+#include <vtkExodusIIReader.h>
+#include <vtkGenericEnSightReader.h>
+#include <vtkMultiBlockDataSet.h>
+#include <vtkNew.h>
+#include <vtkOpenFOAMReader.h>
+#include <vtkSmartPointer.h>
+#include <vtk_cgns.h>
+#include <vtk_exodusII.h>
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+
+#include VTK_CGNS(cgns_io.h)
+#include VTK_CGNS(cgnslib.h)
+#include "builder/sources/vtk/attributes.h"
+
+namespace splatvol {
+namespace {
+
+/// Reads one of `pieces` pieces, at a time if there is one.
+void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces) {
+  time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
+}
+
+class ExodusReader final : public BlockReader {
+ public:
+  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    reader_->SetFileName(path.c_str());
+    reader_->GenerateObjectIdCellArrayOff();
+    ex_opts(EX_DEFAULT);  // keeps the library from printing its errors
+    return *reader_;
+  }
+
+  void select(const std::vector<std::string>& selection) override {
+    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
+      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
+        reader_->SetObjectArrayStatus(type, i, wants_array(selection, reader_->GetObjectArrayName(type, i)));
+    for (const int type : {vtkExodusIIReader::EDGE_BLOCK, vtkExodusIIReader::FACE_BLOCK, vtkExodusIIReader::NODE_SET,
+                           vtkExodusIIReader::EDGE_SET, vtkExodusIIReader::FACE_SET, vtkExodusIIReader::SIDE_SET,
+                           vtkExodusIIReader::ELEM_SET})
+      for (int i = 0; i < reader_->GetNumberOfObjects(type); ++i) reader_->SetObjectStatus(type, i, 0);
+  }
+
+  std::vector<ArrayShape> arrays() override {
+    std::vector<ArrayShape> shapes;
+    for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
+      for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
+        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i)});
+    return shapes;
+  }
+
+  int portions() override { return reader_->GetNumberOfObjects(vtkExodusIIReader::ELEM_BLOCK); }
+
+  void read(int portion, std::optional<double> time) override {
+    for (int block = 0; block < portions(); ++block)
+      reader_->SetObjectStatus(vtkExodusIIReader::ELEM_BLOCK, block, block == portion);
+    update(*reader_, time, 0, 1);
+  }
+
+ private:
+  vtkNew<vtkExodusIIReader> reader_;
+};
+
+class EnSightReader final : public BlockReader {
+ public:
+  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    reader_->SetCaseFileName(path.c_str());
+    return *reader_;
+  }
+
+  void select(const std::vector<std::string>& selection) override {
+    for (int i = 0; i < reader_->GetNumberOfPointArrays(); ++i)
+      reader_->SetPointArrayStatus(reader_->GetPointArrayName(i),
+                                   wants_array(selection, reader_->GetPointArrayName(i)));
+    for (int i = 0; i < reader_->GetNumberOfCellArrays(); ++i)
+      reader_->SetCellArrayStatus(reader_->GetCellArrayName(i), wants_array(selection, reader_->GetCellArrayName(i)));
+  }
+
+  void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
+
+ private:
+  vtkNew<vtkGenericEnSightReader> reader_;
+};
+
+class OpenFoamReader final : public BlockReader {
+ public:
+  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    reader_->SetFileName(path.c_str());
+    reader_->CreateCellToPointOff();  // cell_averages.h does so for all formats
+    reader_->DecomposePolyhedraOff();
+    reader_->SkipZeroTimeOff();
+    return *reader_;
+  }
+
+  /// Chooses the mesh of each region, without its patches. Fields may differ between time steps, so all are read.
+  void select(const std::vector<std::string>&) override {
+    for (int i = 0; i < reader_->GetNumberOfPatchArrays(); ++i) {
+      const std::string name = reader_->GetPatchArrayName(i);
+      reader_->SetPatchArrayStatus(name.c_str(), name == "internalMesh" || name.ends_with("/internalMesh"));
+    }
+  }
+
+  void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
+
+ private:
+  vtkNew<vtkOpenFOAMReader> reader_;
+};
+
+/// The fields of all zones, sorted; VTK's reader lists only those of the first zone.
+std::vector<std::string> cgns_fields(const std::string& path) {
+  std::vector<std::string> names;
+  int file = 0, bases = 0;
+  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK)
+    throw std::runtime_error(fmt::format("CGNS: {}", cg_get_error()));
+  cg_nbases(file, &bases);
+  for (int base = 1; base <= bases; ++base) {
+    int zones = 0;
+    cg_nzones(file, base, &zones);
+    for (int zone = 1; zone <= zones; ++zone) {
+      int solutions = 0;
+      cg_nsols(file, base, zone, &solutions);
+      for (int solution = 1; solution <= solutions; ++solution) {
+        int fields = 0;
+        cg_nfields(file, base, zone, solution, &fields);
+        for (int field = 1; field <= fields; ++field) {
+          std::array<char, 64> name{};  // 32 at most
+          CGNS_ENUMT(DataType_t) type{};
+          if (cg_field_info(file, base, zone, solution, field, &type, name.data()) == CG_OK)
+            names.emplace_back(name.data());
+        }
+      }
+    }
+  }
+  cg_close(file);
+  std::ranges::sort(names);
+  names.erase(std::ranges::unique(names).begin(), names.end());
+  return names;
+}
+
+class CgnsReader final : public BlockReader {
+ public:
+  vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    cgio_error_abort(0);          // keeps the library from ending the program at an error
+    fields_ = cgns_fields(path);  // throws where VTK's reader would end the program
+    reader_->SetFileName(path.c_str());
+    reader_->DoublePrecisionMeshOn();
+    reader_->LoadBndPatchOff();
+    return *reader_;
+  }
+
+  /// Selects by VTK's names of arrays, including those of zones after the first.
+  void select(const std::vector<std::string>& selection) override {
+    reader_->EnableAllBases();
+    for (const ArrayShape& shape : arrays()) {
+      const bool wanted = wants_array(selection, shape.name);
+      reader_->SetPointArrayStatus(shape.name.c_str(), wanted);
+      reader_->SetCellArrayStatus(shape.name.c_str(), wanted);
+    }
+  }
+
+  std::vector<ArrayShape> arrays() override { return merge_vectors(fields_); }
+
+  int portions() override { return portions_; }
+
+  /// VTK's reader divides the zones among the pieces that it is asked for: with enough pieces, each is one zone.
+  void read(int portion, std::optional<double> time) override {
+    update(*reader_, time, portion, many);
+    int zones = 0;
+    vtkMultiBlockDataSet* bases = reader_->GetOutput();
+    for (unsigned int i = 0; bases && i < bases->GetNumberOfBlocks(); ++i)
+      if (auto* base = vtkMultiBlockDataSet::SafeDownCast(bases->GetBlock(i)))
+        zones += static_cast<int>(base->GetNumberOfBlocks());
+    portions_ = std::max(portions_, zones);
+  }
+
+ private:
+  static constexpr int many = 1 << 24;
+
+  /// Merges three scalars whose names end in X, Y and Z into one array, like VTK's reader. Requires sorted names.
+  static std::vector<ArrayShape> merge_vectors(const std::vector<std::string>& names) {
+    std::vector<ArrayShape> shapes;
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      const std::string stem = names[i].substr(0, names[i].size() - 1);
+      const bool vector =
+          i + 2 < names.size() && names[i] == stem + "X" && names[i + 1] == stem + "Y" && names[i + 2] == stem + "Z";
+      shapes.push_back(vector ? ArrayShape{stem, 3} : ArrayShape{names[i], 1});
+      if (vector) i += 2;
+    }
+    return shapes;
+  }
+
+  vtkNew<vtkCGNSReader> reader_;
+  std::vector<std::string> fields_;
+  int portions_ = 1;  // the number of zones, once one has been read
+};
+
+}  // namespace
+
+std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
+  switch (kind) {
+    case VtkFile::Kind::exodus:
+      return std::make_unique<ExodusReader>();
+    case VtkFile::Kind::ensight:
+      return std::make_unique<EnSightReader>();
+    case VtkFile::Kind::openfoam:
+      return std::make_unique<OpenFoamReader>();
+    case VtkFile::Kind::cgns:
+      return std::make_unique<CgnsReader>();
+    default:
+      return nullptr;
+  }
+}
+
+}  // namespace splatvol

@@ -1,0 +1,42 @@
+// VTK's readers of files with blocks and time steps, behind one interface.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "builder/sources/vtk/data_sets.h"
+
+class vtkMultiBlockDataSetAlgorithm;
+
+namespace splatvol {
+
+struct ArrayShape {
+  std::string name;
+  int components = 1;
+};
+
+/// The differences between the formats. Call its functions inside run_vtk, in the order in which they stand here.
+class BlockReader {
+ public:
+  virtual ~BlockReader() = default;
+  virtual vtkMultiBlockDataSetAlgorithm& open(const std::string& path) = 0;
+
+  /// Chooses arrays and blocks, after the file's header has been read.
+  virtual void select(const std::vector<std::string>& selection) = 0;
+
+  /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
+  virtual std::vector<ArrayShape> arrays() { return {}; }
+
+  /// Number of portions. A portion is read at once: a block, or the whole file.
+  virtual int portions() { return 1; }
+
+  /// Reads a portion into the reader's output, at a time, or without one if the file has no time steps.
+  virtual void read(int portion, std::optional<double> time) = 0;
+};
+
+/// Makes the reader of a format with blocks; null for other kinds of files.
+[[nodiscard]] std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind);
+
+}  // namespace splatvol

@@ -1,0 +1,45 @@
+// Input files for VTK's readers, and the data sets that they hold.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+
+#include "base/error.h"
+#include "builder/sources/source.h"
+
+class vtkDataSet;
+template <class T>
+class vtkSmartPointer;
+
+namespace splatvol {
+
+/// A file for one of VTK's readers.
+struct VtkFile {
+  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy, exodus, ensight, openfoam, cgns };
+  std::string path;
+  Kind kind;
+};
+
+/// The data sets of an input, one after the other. Not thread-safe.
+class VtkDataSets {
+ public:
+  virtual ~VtkDataSets() = default;
+
+  /// Number of data sets. A file that is not open yet counts as one.
+  [[nodiscard]] virtual std::size_t count() const = 0;
+
+  /// Returns the next data set, a null pointer after the last.
+  [[nodiscard]] virtual Result<vtkSmartPointer<vtkDataSet>> next() = 0;
+
+  /// The file of the last data set.
+  [[nodiscard]] virtual const std::string& path() const = 0;
+
+  /// As Source::time_step(), for the first file that has been opened.
+  [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
+};
+
+/// Copies a data set without its arrays, which the copy shares: a reader forgets its own data set at the next read.
+[[nodiscard]] vtkSmartPointer<vtkDataSet> copy_sharing_arrays(vtkDataSet& data);
+
+}  // namespace splatvol
