@@ -19,9 +19,10 @@ using glm::dvec3;
 using glm::vec3;
 using glm::vec4;
 
-/// The nearest integer, of two the even one; the library's functions are calls. Requires |number| < 2^51.
+/// Returns the nearest integer; halves round to even. Inline, unlike the functions of the standard library. Requires
+/// |number| < 2^51.
 [[nodiscard]] inline std::int64_t nearest_integer(double number) {
-  constexpr double shift = 0x1.8p52;  // above it, doubles are integers
+  constexpr double shift = 0x1.8p52;  // doubles this large are integers
   return std::bit_cast<std::int64_t>(number + shift) - std::bit_cast<std::int64_t>(shift);
 }
 

@@ -13,6 +13,7 @@
 #include <optional>
 #include <tuple>
 
+#include "base/names.h"
 #include "builder/piece_ahead.h"
 
 namespace splatvol {
@@ -408,8 +409,7 @@ Result<std::unique_ptr<Source>> open_generated(const std::string& input, const S
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", input);
   for (const std::string& name : options.selection)
-    if (name != "value")
-      return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: value", input, name);
+    if (name != "value") return fail_no_attribute(input, name, value_only());
   return source;
 }
 

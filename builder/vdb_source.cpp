@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "base/vdb_share.h"
 #include "builder/piece_ahead.h"
 #include "builder/vdb_header.h"
@@ -315,17 +316,12 @@ class VdbFile {
       return fail(ErrorCode::invalid_data, "{}: no grid of numbers; there are: {}", path_, fmt::join(others, ", "));
     std::vector<std::string> names;
     for (const Channel& channel : all) names.push_back(channel.name);
-    std::vector<std::string> sorted = names;
-    std::ranges::sort(sorted);
-    const auto twice = std::ranges::adjacent_find(sorted);
-    if (twice != sorted.end())
-      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *twice);
+    if (const auto duplicate = find_duplicate(names))
+      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *duplicate);
     if (selection.empty()) channels_ = all;
     for (const std::string& name : selection) {
       const auto channel = std::ranges::find(all, name, &Channel::name);
-      if (channel == all.end())
-        return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path_, name,
-                    fmt::join(names, ", "));
+      if (channel == all.end()) return fail_no_attribute(path_, name, names);
       channels_.push_back(*channel);
     }
     return {};

@@ -39,7 +39,7 @@ class Archive final : public openvdb::io::Archive {
 
 struct VdbGrids::Grids {
   std::vector<openvdb::FloatGrid::Ptr> all;
-  std::uint64_t hash = 0;  // of names and blocks
+  std::uint64_t hash = 0;  // of names and bricks
 };
 
 VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, double voxel)
@@ -59,7 +59,7 @@ VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, d
 
 VdbGrids::~VdbGrids() = default;
 
-void VdbGrids::add_block(std::size_t grid, const std::array<std::int32_t, 3>& first,
+void VdbGrids::add_brick(std::size_t grid, const std::array<std::int32_t, 3>& first,
                          const std::array<float, 512>& values) {
   auto leaf = std::make_unique<Leaf>(openvdb::Coord(first[0], first[1], first[2]), 0.0F, false);
   for (openvdb::Index voxel = 0; voxel < values.size(); ++voxel)

@@ -30,19 +30,17 @@ VoxelKernel::VoxelKernel(const dvec3& centroid, const format::SplatShape& shape)
     : centroid_(centroid), centre_(centroid) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dmat3 covariance(voxel_variance);
-  dvec3 foot(0);  // of the boundary, from the centroid
   for (int k = 0; k < 3; ++k) {
     const double deviation = shape.deviations[k];
     covariance += deviation * deviation * glm::outerProduct(axes[k], axes[k]);
-    foot += shape.boundary[k] * deviation * axes[k];
     if (deviation > 0) cut_normal_ += shape.boundary[k] / deviation * axes[k];
   }
   to_slope_ = glm::inverse(covariance);
-  // Material that ends at a plane is half of what its reflection completes.
   if (cut_normal_ != dvec3(0)) {
+    const dvec3 shift = format::reflection_shift(shape);
     cut_offset_ = glm::dot(shape.boundary, shape.boundary);
-    centre_ += foot;
-    covariance += glm::outerProduct(foot, foot);
+    centre_ += shift;
+    covariance += glm::outerProduct(shift, shift);
   }
   square_ = moments_half_width * moments_half_width * covariance;
   inverse_ = glm::inverse(square_);
@@ -98,13 +96,13 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   const std::size_t first_run = runs.size(), first_share = shares.size();
   double sum = 0;
   bool fits = true;
-  visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 place) {
+  visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 offset) {
     fits = run.count <= most - (shares.size() - first_share);
     if (!fits) return false;
     runs.push_back(run);
-    for (std::uint32_t i = 0; i < run.count; ++i, place.x += 1) {
-      const double height = std::max(0.0, 1 - glm::dot(place, inverse_ * place));
-      const bool beyond = glm::dot(cut_normal_, place + centre_ - centroid_) > cut_offset_;
+    for (std::uint32_t i = 0; i < run.count; ++i, offset.x += 1) {
+      const double height = std::max(0.0, 1 - glm::dot(offset, inverse_ * offset));
+      const bool beyond = glm::dot(cut_normal_, offset + centre_ - centroid_) > cut_offset_;
       shares.push_back(beyond ? 0 : height * std::sqrt(height));
       sum += shares.back();
     }

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 
 namespace splatvol {
 namespace {
@@ -103,12 +104,11 @@ class VtuFile {
   Status check_names(const std::string& file) const {
     std::vector<std::string> names;
     for (std::size_t i = 1; i < data_arrays_; ++i) names.push_back(arrays_[i].name);
-    std::ranges::sort(names);
-    const auto twice = std::ranges::adjacent_find(names);
-    if (twice == names.end()) return {};
-    return fail(ErrorCode::invalid_argument,
-                "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
-                *twice);
+    if (const auto duplicate = find_duplicate(std::move(names)))
+      return fail(ErrorCode::invalid_argument,
+                  "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
+                  *duplicate);
+    return {};
   }
 
   // Writes what comes before the numbers, and the lengths.

@@ -57,7 +57,7 @@ class Cache {
     CacheData data;
     Reservation reservation;
   };
-  struct Place {
+  struct Slot {
     std::shared_ptr<const Entry> entry;
     std::list<CacheKey>::iterator use;
   };
@@ -66,7 +66,7 @@ class Cache {
 
   MemoryBudget& budget_;
   std::list<CacheKey> uses_;  // the last used first
-  std::map<CacheKey, Place> places_;
+  std::map<CacheKey, Slot> slots_;
 };
 
 }  // namespace splatvol

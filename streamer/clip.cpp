@@ -79,14 +79,14 @@ bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& spla
   const dvec3 with = m.deviations * m.deviations * normal;
   const double variance = glm::dot(with, normal), deviation = std::sqrt(variance);
   if (!(deviation > 0)) return distance >= 0;
-  const double place = distance / deviation;
-  if (place >= farthest) return true;
-  if (place <= -farthest) return false;
+  const double cut_at = distance / deviation;
+  if (cut_at >= farthest) return true;
+  if (cut_at <= -farthest) return false;
 
-  const double share = 0.5 * std::erfc(-place / std::numbers::sqrt2);
-  const double density = std::exp(-0.5 * place * place) / std::sqrt(2 * std::numbers::pi);
-  const double mean = -density / share;                                             // in deviations
-  const double lost = std::clamp(place * density / share + mean * mean, 0.0, 1.0);  // of the variance
+  const double share = 0.5 * std::erfc(-cut_at / std::numbers::sqrt2);
+  const double density = std::exp(-0.5 * cut_at * cut_at) / std::sqrt(2 * std::numbers::pi);
+  const double mean = -density / share;                                              // in deviations
+  const double lost = std::clamp(cut_at * density / share + mean * mean, 0.0, 1.0);  // of the variance
   const double with_value = glm::dot(m.covariance, normal);
   m.mass *= share;
   m.center += mean / deviation * (m.axes * with);
@@ -127,8 +127,8 @@ void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box) {
 
 void clip(std::span<OctantSplat> splats, const dvec3& origin, const Box& box) {
   for (OctantSplat& splat : splats) {
-    const dvec3 place = origin + dvec3(splat.position);
-    if (!(glm::all(glm::greaterThanEqual(place, box.low)) && glm::all(glm::lessThanEqual(place, box.high))))
+    const dvec3 position = origin + dvec3(splat.position);
+    if (!(glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high))))
       splat.value = std::numeric_limits<float>::quiet_NaN();
   }
 }

@@ -12,7 +12,7 @@
 namespace splatvol {
 namespace {
 
-// What a cell's part of a cut came to, from worst to best.
+// What a cube's part of a cut came to, from worst to best.
 enum class Outcome {
   invalid,  // a fixed resolution is not valid in it
   absent,   // not there, at no resolution
@@ -69,7 +69,7 @@ class CutSelector {
     return visit(root);
   }
 
-  // Appends the best cut of the node's cell.
+  // Appends the best cut of the node's cube.
   Result<Outcome> visit(const Node& node) {
     const std::optional<std::size_t> resolution = choose_resolution(node);
     if (options_.resolution && !resolution) return Outcome::invalid;
@@ -94,7 +94,7 @@ class CutSelector {
   Result<std::optional<Outcome>> visit_children(const Node& node) {
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
     if (!children) return std::nullopt;
-    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cube);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0 && worst != Outcome::invalid;) {
       const std::optional<Node>& child = (*children)[i ^ nearest];
@@ -131,7 +131,7 @@ class CutSelector {
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
     if (!children) return draw_unasked(node);
-    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cube);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
@@ -206,7 +206,7 @@ class CutSelector {
     if (!tree_.is_within_reach(node, resolution)) return {};
     const std::uint64_t splats = node.splat_count(resolution);
     const ErrorModel::OfNode model = model_.of(node);
-    cut.items.push_back({node.cell, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
+    cut.items.push_back({node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
                          options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution)});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
     cut.splats += splats;

@@ -74,7 +74,7 @@ struct PointRange {
 
 /// A node to be drawn.
 struct CutItem {
-  Cube cell;
+  Cube cube;
   std::uint64_t first_range;  // index into Cut::ranges: one for each segment 0 to resolution
   std::uint32_t resolution;
   float error;  // what goes first where it is largest: percent of the image that a splat covers, times the share of its

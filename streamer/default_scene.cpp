@@ -39,10 +39,10 @@ Status append_group(const format::Volume& volume, std::uint64_t group_index, int
   const auto read = [&](format::ColumnKind kind, int of_attribute, auto unpack, auto& all) -> Status {
     const int column = volume.info().find_column(kind, of_attribute);
     if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
-    const format::ChunkPlace& place = volume.find_chunk(page, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     all.resize(all.size() + group.count);
-    return unpack(place.entry, packed, std::span(all).last(group.count), volume.name());
+    return unpack(location.entry, packed, std::span(all).last(group.count), volume.name());
   };
   SPLATVOL_TRY(read(format::ColumnKind::position, -1, &format::unpack_positions, samples.positions));
   return read(format::ColumnKind::value, attribute, &format::unpack_values, samples.stored);

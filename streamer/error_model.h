@@ -38,8 +38,8 @@ class ErrorModel {
     OfNode(const ErrorModel& model, const Node& node);
     const ErrorModel& model_;
     const Node& node_;
-    double area_;             // pixels that a section of the cell covers
-    double pixels_per_edge_;  // of the cell
+    double area_;             // pixels that a section of the cube covers
+    double pixels_per_edge_;  // of the cube
     ValueContrast::Node values_;
   };
 
@@ -52,7 +52,7 @@ class ErrorModel {
   const NodeTree& tree_;
   double scaling_;
   static constexpr int samples_along_edge = 4;
-  std::array<dvec3, samples_along_edge * samples_along_edge * samples_along_edge> samples_;  // of a cell of edge 1,
+  std::array<dvec3, samples_along_edge * samples_along_edge * samples_along_edge> samples_;  // of a cube of edge 1,
                                                                                              // from its centre; view
 };
 

@@ -12,9 +12,9 @@
 
 namespace splatvol {
 
-/// A region that is changing: a node's cell, drawn as one node in one of two cuts.
+/// A region that is changing: a node's cube, drawn as one node in one of two cuts.
 struct Fade {
-  Cube cell;
+  Cube cube;
   double weight;  // of what comes; what leaves has the rest
 };
 

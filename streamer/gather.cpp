@@ -66,8 +66,8 @@ std::span<const T> elements(const CacheData& data) {
 template <class Row, class Splat>
 void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, std::span<Splat> splats) {
   for (const CopyJob& job : jobs) {
-    const Cube& cell = cut.items[job.item].cell;
-    const dvec3 origin = cell.origin + 0.5 * cell.edge;
+    const Cube& cube = cut.items[job.item].cube;
+    const dvec3 origin = cube.origin + 0.5 * cube.edge;
     for (std::uint32_t i = 0; i < job.count; ++i) splats[job.destination + i] = row.splat(job.begin + i, origin);
   }
 }
@@ -144,8 +144,8 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
   const auto shows = [&](std::uint64_t row) -> Result<bool> {
     const auto [entry, added] = shown.try_emplace(row, false);
     if (!added) return entry->second;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, value_column()));
-    return entry->second = visibility.shows(place.entry.min, place.entry.max, place.entry.occupancy);
+    SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(row, value_column()));
+    return entry->second = visibility.shows(location.entry.min, location.entry.max, location.entry.occupancy);
   };
 
   for (std::uint32_t i = 0; i < cut.items.size(); ++i) {
@@ -180,7 +180,7 @@ std::uint64_t Gatherer::working_bytes() const {
     const ColumnKind kind = column(index).kind;
     const auto payload = static_cast<std::uint32_t>(largest_payload(kind, points));
     ChunkLoad largest{kind, static_cast<std::uint32_t>(points), {}};
-    largest.place.entry.packed_bytes = largest.place.entry.unpacked_bytes = payload;
+    largest.location.entry.packed_bytes = largest.location.entry.unpacked_bytes = payload;
     bytes += decoded_bytes(largest) + splatvol::working_bytes(volume_->volume(), largest);
   }
   return bytes;
@@ -248,8 +248,8 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
     const CacheKey key = chunk_key(jobs.front().resolution, jobs.front().group, index);
     if (wave.held.contains(key)) continue;
     if ((held[key] = cache_->find(key))) continue;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(key.number, index));
-    missing.push_back(chunk_load(key, {column(index).kind, points, place}));
+    SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(key.number, index));
+    missing.push_back(chunk_load(key, {column(index).kind, points, location}));
   }
 
   // Only now, since it may cost the directory pages their place.

@@ -96,7 +96,7 @@ class Gatherer {
   [[nodiscard]] Result<GatherPlan> plan(const Cut& cut, const ValueVisibility& visibility);
 
   /// Reads what the cache does not hold and makes plan.splats splats, positions relative to the centre of their item's
-  /// cell. Errors name the file and the chunk.
+  /// cube. Errors name the file and the chunk.
   [[nodiscard]] Result<SplatArray> gather(const Cut& cut, const GatherPlan& plan);
 
   /// Bytes that gather needs at once at the very least, besides the splats: for one row.

@@ -32,7 +32,7 @@ struct DirectoryPageLoad {};
 struct ChunkLoad {
   format::ColumnKind kind;
   std::uint32_t points;
-  format::ChunkPlace place;
+  format::ChunkLocation location;
 };
 
 /// A part of the file on its way into the cache.

@@ -44,7 +44,7 @@ class Begins {
 struct Node {
   std::shared_ptr<const format::IndexPage> page;
   std::uint32_t index;
-  Cube cell;
+  Cube cube;
   Begins begins;
   std::size_t depth;
 
@@ -77,8 +77,8 @@ class NodeTree {
   /// No splat of the node is larger; world units. Requires a resolution from the node's first on.
   [[nodiscard]] double splat_bound(const Node& node, std::size_t resolution) const;
 
-  /// Base 2 logarithm of that bound over the edge of the node's cell.
-  [[nodiscard]] double splat_bound_in_cell(const Node& node, std::size_t resolution) const;
+  /// Base 2 logarithm of that bound over the edge of the node's cube.
+  [[nodiscard]] double splat_bound_in_cube(const Node& node, std::size_t resolution) const;
 
   /// Percent of the image's shorter side that a splat of the node may cover.
   [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;
@@ -91,8 +91,8 @@ class NodeTree {
   /// Whether something of the node may show.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
-  /// Whether the node's splats may reach into the picture; without a resolution: its cell.
-  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cell, 0); }
+  /// Whether the node's splats may reach into the picture; without a resolution: its cube.
+  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cube, 0); }
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:

@@ -16,9 +16,9 @@ using format::ColumnKind;
 using format::IndexPage;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double smallest_edge = 6;  // of cells that are looked at, in distances between rays
+constexpr double smallest_edge = 6;  // of cubes that are looked at, in distances between rays
 
-// Points own what is nearest to them, also past the border of a cell: so much may be missing by chance.
+// Points own what is nearest to them, also past the border of a cube: so much may be missing by chance.
 constexpr double least_filling = 0.95;
 
 // The finest resolution all of whose rows lie in the preamble.
@@ -28,8 +28,8 @@ std::optional<std::size_t> find_finest_held(const format::Volume& volume, const 
   for (std::size_t r = 0; r < volume.info().resolutions(); ++r) {
     const std::uint64_t last = rows.first_row(r + 1) - 1;
     if (volume.directory_page_of_row(last) > 0) break;
-    const format::ChunkPlace& place = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
-    if (place.offset + place.entry.packed_bytes > volume.preamble_bytes()) break;
+    const format::ChunkLocation& location = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
+    if (location.offset + location.entry.packed_bytes > volume.preamble_bytes()) break;
     finest = r;
   }
   return finest;
@@ -42,10 +42,10 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
   std::vector<double> sums{0};
   std::vector<format::SplatShape> shapes;
   for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
-    const format::ChunkPlace& place = volume.find_chunk(directory, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    const format::ChunkLocation& location = volume.find_chunk(directory, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     shapes.resize(rows.group(rows.group_of_row(row)).count);
-    SPLATVOL_TRY(format::unpack_moments(place.entry, packed, shapes, volume.name()));
+    SPLATVOL_TRY(format::unpack_moments(location.entry, packed, shapes, volume.name()));
     for (const format::SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
   }
   return sums;
@@ -102,11 +102,11 @@ Occlusion::Occlusion(const View& view)
   rows_ = static_cast<int>(view.height / spacing_) + 1;
 }
 
-Occlusion::Rays Occlusion::rays_through(const Cube& cell, int margin) const {
+Occlusion::Rays Occlusion::rays_through(const Cube& cube, int margin) const {
   Rays rays{0, -1, 0, -1, infinity};
   dvec2 low(infinity), high(-infinity);  // pixels
   for (unsigned corner = 0; corner < 8; ++corner) {
-    const dvec3 p = view_.to_view(cell.origin + cell.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+    const dvec3 p = view_.to_view(cube.origin + cube.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
     rays.near = std::min(rays.near, p.z);
     if (!(p.z > 0)) return rays;
     const double scale = view_.orthographic ? view_.focal : view_.focal / p.z;
@@ -127,19 +127,19 @@ Occlusion::Rays Occlusion::rays_through(const Cube& cell, int margin) const {
   return rays;
 }
 
-bool Occlusion::is_small(const Cube& cell) const {
-  const double depth = view_.to_view(cell.origin + 0.5 * cell.edge).z;
-  return cell.edge * (view_.orthographic ? view_.focal : view_.focal / depth) < smallest_edge * spacing_;
+bool Occlusion::is_small(const Cube& cube) const {
+  const double depth = view_.to_view(cube.origin + 0.5 * cube.edge).z;
+  return cube.edge * (view_.orthographic ? view_.focal : view_.focal / depth) < smallest_edge * spacing_;
 }
 
-void Occlusion::add(const Cube& cell, double extinction) {
-  const Rays rays = rays_through(cell, 0);
+void Occlusion::add(const Cube& cube, double extinction) {
+  const Rays rays = rays_through(cube, 0);
   if (rays.empty()) return;
   if (depths_.empty()) {
     depths_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), 0);
     closed_.assign(depths_.size(), infinity);
   }
-  const dvec3 low = cell.origin - view_.eye, high = low + cell.edge;
+  const dvec3 low = cube.origin - view_.eye, high = low + cube.edge;
   const dvec2 middle = 0.5 * dvec2(view_.width, view_.height);
   for (int row = rays.bottom; row <= rays.top; ++row) {
     const dvec3 upwards = (row * spacing_ - middle.y) / view_.focal * view_.up;
@@ -164,9 +164,9 @@ void Occlusion::add(const Cube& cell, double extinction) {
   }
 }
 
-bool Occlusion::hides(const Cube& cell) const {
+bool Occlusion::hides(const Cube& cube) const {
   if (!any_) return false;
-  const Rays rays = rays_through(cell, 1);
+  const Rays rays = rays_through(cube, 1);
   if (rays.empty()) return false;
   for (int row = rays.bottom; row <= rays.top; ++row)
     for (int column = rays.left; column <= rays.right; ++column)

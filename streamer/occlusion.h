@@ -13,7 +13,7 @@
 namespace splatvol {
 
 /// Nodes of the index's root page that material fills without a gap, as far as the preamble tells: the mass of their
-/// splats, at the finest resolution that it holds, comes to the volume of their cell. What is smaller than those splats
+/// splats, at the finest resolution that it holds, comes to the volume of their cube. What is smaller than those splats
 /// is taken to be as what it lies in.
 class FilledNodes {
  public:
@@ -40,16 +40,16 @@ class Occlusion {
  public:
   explicit Occlusion(const View& view);
 
-  /// Adds a cell whose material has an extinction of at least this (per world length unit) throughout. Requires that
-  /// cells come front to back.
-  void add(const Cube& cell, double extinction);
+  /// Adds a cube whose material has an extinction of at least this (per world length unit) throughout. Requires that
+  /// cubes come front to back.
+  void add(const Cube& cube, double extinction);
 
-  /// Whether nothing in the cell can be seen behind what was added: it lies behind where all rays through it, and those
+  /// Whether nothing in the cube can be seen behind what was added: it lies behind where all rays through it, and those
   /// next to them, are closed. False of what reaches the eye's plane and of what lies outside of the picture.
-  [[nodiscard]] bool hides(const Cube& cell) const;
+  [[nodiscard]] bool hides(const Cube& cube) const;
 
-  /// Whether a cell is so small in the picture that a ray might miss it.
-  [[nodiscard]] bool is_small(const Cube& cell) const;
+  /// Whether a cube is so small in the picture that a ray might miss it.
+  [[nodiscard]] bool is_small(const Cube& cube) const;
 
   [[nodiscard]] const View& view() const { return view_; }
 
@@ -61,11 +61,11 @@ class Occlusion {
 
  private:
   struct Rays {
-    int left, right, bottom, top;  // first and last column and row that pass through a cell's box on the screen
-    double near;                   // least depth of the cell
+    int left, right, bottom, top;  // first and last column and row that pass through a cube's box on the screen
+    double near;                   // least depth of the cube
     [[nodiscard]] bool empty() const { return right < left || top < bottom; }
   };
-  [[nodiscard]] Rays rays_through(const Cube& cell, int margin) const;
+  [[nodiscard]] Rays rays_through(const Cube& cube, int margin) const;
 
   View view_;
   double spacing_;  // pixels

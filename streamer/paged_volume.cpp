@@ -1,7 +1,5 @@
 #include "streamer/paged_volume.h"
 
-#include <algorithm>
-
 namespace splatvol {
 
 using format::DirectoryPage;
@@ -45,13 +43,10 @@ Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::ui
 }
 
 std::uint64_t PagedVolume::directory_page_chunks(std::uint64_t number) const {
-  const format::RowLayout& rows = volume_.rows();
-  const std::uint64_t first = number * volume_.info().rows_per_directory_page;
-  const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
-  return rows.chunks_before(last) - rows.chunks_before(first);
+  return volume_.rows().chunks_of_directory_page(number);
 }
 
-Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {
+Result<format::ChunkLocation> PagedVolume::find_chunk(std::uint64_t row, int column) {
   SPLATVOL_TRY_ASSIGN(page, directory_page(volume_.directory_page_of_row(row)));
   return volume_.find_chunk(*page, row, column);
 }

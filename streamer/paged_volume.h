@@ -28,11 +28,11 @@ class PagedVolume final : public IndexPages {
   /// Chunks that a directory page names, and its bytes in memory.
   [[nodiscard]] std::uint64_t directory_page_chunks(std::uint64_t number) const;
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t number) const {
-    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkPlace);
+    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkLocation);
   }
 
   /// Where a chunk of a row lies; `column` must be one of the row's.
-  [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);
+  [[nodiscard]] Result<format::ChunkLocation> find_chunk(std::uint64_t row, int column);
 
  private:
   template <class Page, class Read>

@@ -49,11 +49,11 @@ Status Pager::pin_coarsest() {
   for (std::uint64_t group = 0; group < groups; ++group)
     for (const int column : gatherer_.columns()) {
       const CacheKey key = gatherer_.chunk_key(0, group, column);
-      SPLATVOL_TRY_ASSIGN(place, paged_.find_chunk(key.number, column));
+      SPLATVOL_TRY_ASSIGN(location, paged_.find_chunk(key.number, column));
       Cache::Pointer held = cache_.find(key);
       if (!held) {
         LoadRun run;
-        run.push_back(chunk_load(key, {gatherer_.column(column).kind, volume.rows().group(group).count, place}));
+        run.push_back(chunk_load(key, {gatherer_.column(column).kind, volume.rows().group(group).count, location}));
         auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
         const auto working = cache_.reserve(working_bytes(volume, run.front().chunk()));
         if (!decoded || !working)
@@ -135,9 +135,9 @@ bool Pager::holds(std::span<const PointRange> ranges) {
 }
 
 Pager::State Pager::state_of(std::uint32_t resolution, std::uint64_t group) {
-  const auto [place, added] = rows_.try_emplace(row_number(resolution, group));
-  if (added) look_up(resolution, group, place->second);
-  return place->second.state;
+  const auto [found, added] = rows_.try_emplace(row_number(resolution, group));
+  if (added) look_up(resolution, group, found->second);
+  return found->second.state;
 }
 
 void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
@@ -163,9 +163,9 @@ void Pager::want(const Cut& cut, int step) {
   for (const CutItem& item : cut.items) {
     if (item.error == 0) continue;
     visit_groups(paged_.volume(), cut.ranges_of(item), [&](const GroupPart& part) {
-      const auto [place, added] = wants_.try_emplace(row_number(item.resolution, part.group),
+      const auto [found, added] = wants_.try_emplace(row_number(item.resolution, part.group),
                                                      Want{item.resolution, part.group, step, false, 0});
-      Want& wanted = place->second;
+      Want& wanted = found->second;
       wanted.step = std::max(wanted.step, step);
       wanted.needed = wanted.needed || step == 0;
       wanted.error = std::max(wanted.error, item.error);
@@ -184,9 +184,9 @@ void Pager::hold_wanted() {
 void Pager::ask() {
   for (const LoadRun& run : loader_.withdraw())
     for (const PartLoad& part : run) {
-      const auto place = in_flight_.find(part.key);
-      bytes_in_flight_ -= place->second;
-      in_flight_.erase(place);
+      const auto found = in_flight_.find(part.key);
+      bytes_in_flight_ -= found->second;
+      in_flight_.erase(found);
     }
   hold_wanted();
   for (Request& request : requests())
@@ -248,15 +248,15 @@ void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std:
              paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry));
       continue;
     }
-    const format::ChunkPlace& place = volume.find_chunk(*page, key.number, column);
+    const format::ChunkLocation& location = volume.find_chunk(*page, key.number, column);
     const bool count = want.needed && needed.insert(key).second;
-    if (count) needed_bytes_ += place.entry.packed_bytes;
+    if (count) needed_bytes_ += location.entry.packed_bytes;
     if (state == State::ready || cache_.find(key)) continue;
-    if (count) miss(key, missing_.chunks, place.entry.packed_bytes);
+    if (count) miss(key, missing_.chunks, location.entry.packed_bytes);
     if (!can_ask(key)) continue;
     const std::uint32_t points = volume.rows().group(want.group).count;
     const auto [chunk, added] =
-        chunks.try_emplace(key, want.step, chunk_load(key, {gatherer_.column(column).kind, points, place}));
+        chunks.try_emplace(key, want.step, chunk_load(key, {gatherer_.column(column).kind, points, location}));
     chunk->second.step = std::max(chunk->second.step, want.step);
     chunk->second.part.error = std::max(chunk->second.part.error, want.error);
   }
@@ -314,9 +314,9 @@ Pager::Arrivals Pager::take_in() {
 }
 
 void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
-  const auto place = in_flight_.find(part.key);
-  bytes_in_flight_ -= place->second;
-  in_flight_.erase(place);
+  const auto found = in_flight_.find(part.key);
+  bytes_in_flight_ -= found->second;
+  in_flight_.erase(found);
   (part.key.kind == CacheKey::Kind::chunk ? arrivals.chunks : arrivals.pages) = true;
   if (!part.data) {
     failed_.insert(part.key);

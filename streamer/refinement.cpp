@@ -45,7 +45,7 @@ std::uint32_t Refinement::add(const Node& node) {
   items_.push_back({.is_leaf = node.child_mask() == 0,
                     .first_resolution = static_cast<std::uint8_t>(first),
                     .begin = static_cast<std::uint32_t>(choices_.size())});
-  places_.push_back({node.page, node.index, node.cell, node.depth});
+  nodes_.push_back({node.page, node.index, node.cube, node.depth});
   const ErrorModel::OfNode model = model_.of(node);
   const bool is_in_view = tree_.is_within_reach(node);
   std::uint64_t splats = node.splat_count(first);
@@ -62,9 +62,9 @@ std::uint32_t Refinement::add(const Node& node) {
 }
 
 Status Refinement::expand(std::uint32_t item) {
-  const Place& place = places_[item];
+  const Located& node = nodes_[item];
   SPLATVOL_TRY_ASSIGN(children,
-                      tree_.children_of({place.page, place.index, place.cell, Begins(resolutions_), place.depth}));
+                      tree_.children_of({node.page, node.index, node.cube, Begins(resolutions_), node.depth}));
   items_[item].expanded = true;
   items_[item].absent = !children;
   if (!children) return {};
@@ -74,7 +74,7 @@ Status Refinement::expand(std::uint32_t item) {
     const std::uint32_t added = add(*child);
     items_[item].children[octant] = added;
   }
-  const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Place)) + choices_.size() * sizeof(Choice);
+  const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Located)) + choices_.size() * sizeof(Choice);
   if (bytes > max_bytes_ / 2)  // a vector that grows holds twice what it needs
     return fail(ErrorCode::out_of_budget, "choosing by expected error takes more than {} bytes", max_bytes_);
   return {};
@@ -196,7 +196,7 @@ int Refinement::step_to(const ErrorGoal& goal, const Sum& from) {
 // search depends on nothing but what it finds, so that it always ends at the same price.
 Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
   items_.clear();
-  places_.clear();
+  nodes_.clear();
   choices_.clear();
   max_bytes_ = max_bytes;
   SPLATVOL_TRY_ASSIGN(root, tree_.root());

@@ -47,10 +47,10 @@ class Refinement {
 
  private:
   /// An item's node, without where its points begin.
-  struct Place {
+  struct Located {
     std::shared_ptr<const format::IndexPage> page;
     std::uint32_t index;
-    Cube cell;
+    Cube cube;
     std::size_t depth;
   };
 
@@ -59,7 +59,7 @@ class Refinement {
     float splats = 0;  // that reach into the picture
     float error = 0;
     float seam = 0;
-    float offer = 0;         // the cheapest cut of the item's cell, by the level of its parent's neighbourhood
+    float offer = 0;         // the cheapest cut of the item's cube, by the level of its parent's neighbourhood
     std::uint8_t level = 0;  // that the offer is for
     bool opens = false;      // whether the cheapest cut at this level opens the item
   };
@@ -88,7 +88,7 @@ class Refinement {
   std::uint64_t max_bytes_ = 0;
   float least_gain_ = 0;  // splats: what is not worth more is not opened
   std::vector<Item> items_;
-  std::vector<Place> places_;    // [item]
+  std::vector<Located> nodes_;   // [item]
   std::vector<Choice> choices_;  // of all items, one after another
 };
 

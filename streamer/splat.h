@@ -49,7 +49,7 @@ static_assert(sizeof(MomentsSplat) == 56);
 inline constexpr double octant_reach = 1.2;
 inline constexpr double octant_smallest_reach_pixels = 1.5;
 
-/// `moments`: how far out of its node's cell (spec/svol-1.md, section 6), and how much the low-pass filter adds.
+/// `moments`: how far out of its node's cube (spec/svol-1.md, section 6), and how much the low-pass filter adds.
 inline constexpr double moments_reach = 2;
 inline constexpr double moments_smallest_reach_pixels = 1.5;
 

@@ -46,7 +46,7 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
 void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArray& array) {
   tbb::parallel_for(std::size_t{0}, cut.items.size(), [&](std::size_t i) {
     const std::uint64_t begin = i > 0 ? plan.item_ends[i - 1] : 0;
-    const dvec3 origin = cut.items[i].cell.origin + 0.5 * cut.items[i].cell.edge;
+    const dvec3 origin = cut.items[i].cube.origin + 0.5 * cut.items[i].cube.edge;
     const std::uint64_t count = plan.item_ends[i] - begin;
     if (std::holds_alternative<std::span<const MomentsSplat>>(array.splats()))
       clip(array.as<MomentsSplat>().subspan(begin, count), origin, box);
@@ -57,7 +57,7 @@ void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArr
 
 std::uint64_t directory_page_bytes(const format::Volume& volume) {
   const std::uint64_t rows = std::min<std::uint64_t>(volume.rows().row_count(), volume.info().rows_per_directory_page);
-  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkLocation));
 }
 
 // What is raised for less detail: the tolerance, or the inverse of a goal's splats.
@@ -312,7 +312,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
       ++splats.nodes;
       ++splats.nodes_by_resolution[item.resolution];
       splats.splats_by_resolution[item.resolution] += count;
-      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, begin, count, fading.weight_of(i)});
+      splats.batches.push_back({item.cube.origin + 0.5 * item.cube.edge, begin, count, fading.weight_of(i)});
       items.push_back(i);
     }
     begin += count;
@@ -562,7 +562,7 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
   if (!frame_) return nodes;
   for (const std::uint32_t i : frame_->items) {
     const CutItem& item = frame_->fading.cut.items[i];
-    nodes.push_back({item.cell, item.resolution});
+    nodes.push_back({item.cube, item.resolution});
   }
   return nodes;
 }

@@ -78,7 +78,7 @@ struct FrameSplats {
 
 /// A node of the octree, of which a frame has splats.
 struct DrawnNode {
-  Cube cell;
+  Cube cube;
   std::uint32_t resolution;
 };
 

@@ -153,10 +153,10 @@ TEST_F(Export, ALinearFieldComesBack) {
       std::size_t inside = 0;
       for (auto at = value->cbeginValueOn(); at; ++at) {
         const openvdb::Vec3d world = value->indexToWorld(at.getCoord());
-        const dvec3 place = (dvec3(world.x(), world.y(), world.z()) - origin) / 0.5;
-        if (glm::any(glm::lessThan(place, dvec3(3))) || glm::any(glm::greaterThan(place, dvec3(16)))) continue;
+        const dvec3 index = (dvec3(world.x(), world.y(), world.z()) - origin) / 0.5;
+        if (glm::any(glm::lessThan(index, dvec3(3))) || glm::any(glm::greaterThan(index, dvec3(16)))) continue;
         ++inside;
-        EXPECT_NEAR(*at, 2 * place.x - place.y + 3, 0.1);
+        EXPECT_NEAR(*at, 2 * index.x - index.y + 3, 0.1);
         if (voxel == 0.5) {
           EXPECT_NEAR(fraction->tree().getValue(at.getCoord()), 1, 0.005);
         }

@@ -202,12 +202,12 @@ TEST(PositionColumn, RefusesBadHeaders) {
   EXPECT_TRUE(refuses(changed([](auto& h) { h.zero = 1; }), 30));
   for (const double bad : {-1.0, infinity, std::numeric_limits<double>::quiet_NaN()}) {
     EXPECT_TRUE(refuses(changed([bad](auto& h) { h.error = bad; }), 30));
-    EXPECT_TRUE(refuses(changed([bad](auto& h) { h.step = bad; }), 30));
+    EXPECT_TRUE(refuses(changed([bad](auto& h) { h.quantisation_step = bad; }), 30));
     if (!(bad < 0)) {
       EXPECT_TRUE(refuses(changed([bad](auto& h) { h.origin[1] = bad; }), 30));
     }
   }
-  EXPECT_TRUE(refuses(changed([](auto& h) { h.step = 1e308; }), 30));  // 9 * 1e308 is infinite
+  EXPECT_TRUE(refuses(changed([](auto& h) { h.quantisation_step = 1e308; }), 30));  // 9 * 1e308 is infinite
 }
 
 TEST(PositionColumn, RefusesExactCoordinatesThatAreNotFinite) {

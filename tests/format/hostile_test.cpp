@@ -83,12 +83,12 @@ class Explorer {
   void read_row(const DirectoryPage& page, std::uint64_t row) {
     const Group group = volume_.rows().group(volume_.rows().group_of_row(row));
     for (const int c : volume_.rows().columns_of_row(row)) {
-      const ChunkPlace& place = volume_.find_chunk(page, row, c);
-      const auto packed = volume_.read_bytes(place.offset, place.entry.packed_bytes);
+      const ChunkLocation& location = volume_.find_chunk(page, row, c);
+      const auto packed = volume_.read_bytes(location.offset, location.entry.packed_bytes);
       note(packed.has_value());
       if (!packed) continue;
       const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(c)].kind;
-      note(read_chunk(kind, place.entry, *packed, group.count).has_value());
+      note(read_chunk(kind, location.entry, *packed, group.count).has_value());
     }
   }
 
@@ -368,8 +368,8 @@ TEST(Hostile, APageOfTheMostNodesTakesFewMegabytes) {
   Bytes page;
   append_record(page, static_cast<std::uint32_t>(max_page_nodes));
   append_record(page, std::uint32_t{0});
-  append_record(page, IndexBlock{static_cast<std::uint32_t>(packed.size()),
-                                 static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
+  append_record(page, IndexPagePart{static_cast<std::uint32_t>(packed.size()),
+                                    static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
   const std::uint64_t hash = hash_bytes(page);
   page.insert(page.end(), packed.begin(), packed.end());
   const auto bytes = static_cast<std::uint32_t>(page.size());

@@ -461,7 +461,8 @@ TEST(ValueMomentsColumn, MissingValuesContributeNothing) {
     values[i] = {not_a_number, infinity, dvec3(not_a_number), not_a_number, 0};
   values[1] = {1e30, 1e30, dvec3(0.5), 1, 0};
   EXPECT_LE(expect_values_near(values, 1e-3), 1e-3);
-  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).step, header_of(without).step);
+  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).quantisation_step,
+            header_of(without).quantisation_step);
   EXPECT_LT(header_of(pack_value_moments(values, 1e-3, everything())).deviation_scale, 1);
 
   expect_values_near(std::vector<SplatValue>(1), 0, {});
@@ -550,13 +551,13 @@ TEST(ValueMomentsColumn, RefusesBadHeaders) {
   EXPECT_FALSE(refuses([](ValueMomentsHeader&, Bytes&) {}));
   for (const double bad : {-1.0, infinity, -infinity, not_a_number}) {
     EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.error = bad; }));
-    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.step = bad; }));
+    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = bad; }));
     EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.deviation_scale = bad; }));
     if (!std::isfinite(bad)) {
       EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.origin = bad; }));
     }
   }
-  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.step = 1e308; }));  // infinite means
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = 1e308; }));  // infinite means
   for (const std::size_t width : {5, 8, 255})
     EXPECT_TRUE(refuses([width](ValueMomentsHeader& h, Bytes& planes) {
       h.width = static_cast<std::uint8_t>(width);

@@ -257,7 +257,7 @@ TEST(IndexPacker, RefusesWhatIsNoWalk) {
     }));
 }
 
-// 1.3 million nodes, and again under a chain that takes them down to the deepest cell: what is held is bounded by the
+// 1.3 million nodes, and again under a chain that takes them down to the deepest node: what is held is bounded by the
 // path's forests, each of at most 8 children with at most 256 nodes.
 TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
   const NodeShape shape{4, 2, 1};
@@ -295,10 +295,10 @@ class CrowdedTree {
       const auto coordinate = [&](double width) {
         return static_cast<std::uint64_t>(std::clamp(0.5 + width * normal(random), 0.0, 0.999999) * 0x1p21);
       };
-      const std::uint64_t cell[3] = {coordinate(0.1), coordinate(0.02), coordinate(0.1)};
+      const std::uint64_t index[3] = {coordinate(0.1), coordinate(0.02), coordinate(0.1)};
       std::uint64_t key = 0;
       for (int bit = 20; bit >= 0; --bit)
-        for (int axis = 2; axis >= 0; --axis) key = key << 1 | (cell[axis] >> bit & 1);
+        for (int axis = 2; axis >= 0; --axis) key = key << 1 | (index[axis] >> bit & 1);
       keys_.push_back(key);
     }
     std::ranges::sort(keys_);

@@ -100,9 +100,9 @@ void Dissected::read_pages(std::span<const std::byte> section, std::span<const s
   std::map<std::uint64_t, std::size_t> page_at;  // offset in the section: index in pages_
   const auto read_page = [&](std::span<const std::byte> bytes, std::uint64_t front) {
     Page page{read_record<std::uint32_t>(bytes, 0), {}, {}, {}};
-    std::uint64_t at = 8 + sizeof(IndexBlock) * (1 + attributes);
+    std::uint64_t at = 8 + sizeof(IndexPagePart) * (1 + attributes);
     for (std::size_t b = 0; b <= attributes; ++b) {
-      const auto block = read_record<IndexBlock>(bytes, 8 + b * sizeof(IndexBlock));
+      const auto block = read_record<IndexPagePart>(bytes, 8 + b * sizeof(IndexPagePart));
       page.blocks.push_back(unpack(bytes.subspan(at, block.packed_bytes), block.unpacked_bytes, "test").value());
       at += block.packed_bytes;
       if (b == 0 && at != front) std::abort();
@@ -143,8 +143,8 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
     std::uint64_t structure_bytes = 0;
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       const Bytes block = pack(blocks[b]);
-      append_record(table, IndexBlock{static_cast<std::uint32_t>(block.size()),
-                                      static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
+      append_record(table, IndexPagePart{static_cast<std::uint32_t>(block.size()),
+                                         static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
       append(body, block);
       if (b == 0) structure_bytes = block.size();
     }
@@ -215,9 +215,9 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
       chunk_offset += entries[chunk].packed_bytes;
     }
     surgeon(Part::directory_page, p, page);
-    const std::uint64_t place = p == 0 ? begins[SectionKind::directory_root] + references
-                                       : begins[SectionKind::directory_pages] + pages_tail.size();
-    append_record(root, DirectoryPageRef{place, page.size(), hash_bytes(page)});
+    const std::uint64_t offset = p == 0 ? begins[SectionKind::directory_root] + references
+                                        : begins[SectionKind::directory_pages] + pages_tail.size();
+    append_record(root, DirectoryPageRef{offset, page.size(), hash_bytes(page)});
     append(p == 0 ? head : pages_tail, page);
   }
   append(root, head);

@@ -99,31 +99,31 @@ void expect_same_columns(const Volume& file, const TestVolume& volume) {
     const Group group = rows.group(rows.group_of_row(row));
     const std::size_t resolution = rows.resolution_of_row(row);
     for (const int c : rows.columns_of_row(row)) {
-      const ChunkPlace& place = file.find_chunk(page, row, c);
-      const Bytes packed = file.read_bytes(place.offset, place.entry.packed_bytes).value();
+      const ChunkLocation& location = file.find_chunk(page, row, c);
+      const Bytes packed = file.read_bytes(location.offset, location.entry.packed_bytes).value();
       const Column& column = file.info().columns[static_cast<std::size_t>(c)];
       if (column.kind == ColumnKind::position) {
         std::vector<dvec3> positions(group.count);
-        ASSERT_TRUE(unpack_positions(place.entry, packed, positions, "test"));
+        ASSERT_TRUE(unpack_positions(location.entry, packed, positions, "test"));
         for (std::size_t i = 0; i < group.count; ++i)
           for (int axis = 0; axis < 3; ++axis)
             EXPECT_NEAR(positions[i][axis], volume.positions[group.begin + i][axis], volume.position_error);
       } else if (column.kind == ColumnKind::value) {
         std::vector<float> values(group.count);
-        ASSERT_TRUE(unpack_values(place.entry, packed, values, "test"));
+        ASSERT_TRUE(unpack_values(location.entry, packed, values, "test"));
         for (std::size_t i = 0; i < group.count; ++i) {
           const float expected = volume.stored[static_cast<std::size_t>(column.attribute)][group.begin + i];
           EXPECT_TRUE(values[i] == expected || (std::isnan(values[i]) && std::isnan(expected)));
         }
       } else if (column.kind == ColumnKind::octant) {
         std::vector<std::uint8_t> depths(group.count), counts(group.count);
-        ASSERT_TRUE(unpack_octants(place.entry, packed, depths, counts, "test"));
+        ASSERT_TRUE(unpack_octants(location.entry, packed, depths, counts, "test"));
         for (std::size_t i = 0; i < group.count; ++i) {
           EXPECT_EQ(depths[i], volume.depths[resolution][group.begin + i]);
           EXPECT_EQ(counts[i], volume.counts[resolution][group.begin + i]);
         }
       } else {
-        expect_same_material(place.entry, packed, column, group, resolution, volume);
+        expect_same_material(location.entry, packed, column, group, resolution, volume);
       }
     }
   }
@@ -320,8 +320,8 @@ TEST(Reads, OpeningTakesOneRead) {
     ASSERT_TRUE((*volume)->read_index_root(0));
     const DirectoryPage page = (*volume)->read_directory_page(0).value();
     for (const int column : (*volume)->rows().columns_of_row(0)) {
-      const ChunkPlace& place = (*volume)->find_chunk(page, 0, column);
-      ASSERT_TRUE((*volume)->read_bytes(place.offset, place.entry.packed_bytes));
+      const ChunkLocation& location = (*volume)->find_chunk(page, 0, column);
+      ASSERT_TRUE((*volume)->read_bytes(location.offset, location.entry.packed_bytes));
     }
     EXPECT_EQ(*reads, 1);
   }
@@ -392,7 +392,7 @@ TEST(Writer, ThePreambleOfManyAttributesFits) {
   EXPECT_LE(file->preamble_bytes(), max_preamble_bytes);
   // Not only its description: the coarsest resolution, too.
   const DirectoryPage page = file->read_directory_page(0).value();
-  const ChunkPlace& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
+  const ChunkLocation& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
   EXPECT_GE(file->preamble_bytes(), last.offset + last.entry.packed_bytes);
   EXPECT_TRUE(file->verify([](double) {}));
 }
@@ -474,9 +474,9 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
     std::vector<ChunkEntry> entries;
     Bytes bytes;
     for (const int column : file->rows().columns_of_row(row)) {
-      const ChunkPlace& place = file->find_chunk(page, row, column);
-      entries.push_back(place.entry);
-      const auto chunk = std::span(expected).subspan(place.offset, place.entry.packed_bytes);
+      const ChunkLocation& location = file->find_chunk(page, row, column);
+      entries.push_back(location.entry);
+      const auto chunk = std::span(expected).subspan(location.offset, location.entry.packed_bytes);
       bytes.insert(bytes.end(), chunk.begin(), chunk.end());
     }
     EXPECT_FALSE((*writer)->append_row(entries, std::span(bytes).first(bytes.size() - 1)));
@@ -525,11 +525,11 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
     ASSERT_TRUE(volume) << volume.error().message;
     for (std::uint64_t row = 0; row < rows; ++row) {
       const DirectoryPage page = (*volume)->read_directory_page((*volume)->directory_page_of_row(row)).value();
-      const ChunkPlace& place = (*volume)->find_chunk(page, row, 0);
+      const ChunkLocation& location = (*volume)->find_chunk(page, row, 0);
       if (row == first_rows && rows > 1000) {
-        EXPECT_EQ(place.offset % AtomicFile::insertable_bytes, 0u);
+        EXPECT_EQ(location.offset % AtomicFile::insertable_bytes, 0u);
       }
-      ASSERT_TRUE(std::ranges::equal(all.subspan(place.offset, row_bytes), row_of(row))) << row;
+      ASSERT_TRUE(std::ranges::equal(all.subspan(location.offset, row_bytes), row_of(row))) << row;
     }
     EXPECT_EQ(all.size(), (*writer)->file_bytes());
   }

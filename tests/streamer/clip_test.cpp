@@ -52,12 +52,12 @@ double centre(const MomentsSplat& splat, int axis) { return static_cast<double>(
 
 TEST(Clip, TwoHalvesMakeTheWhole) {
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> place(-1.5, 1.5);
+  std::uniform_real_distribution<double> coordinate(-1.5, 1.5);
   const dvec3 origin(1e7, -1e7, 3);
   for (int i = 0; i < 3000; ++i) {
     const MomentsSplat whole = random_splat(random);
     const int axis = i % 3;
-    const double face = origin[axis] + place(random);
+    const double face = origin[axis] + coordinate(random);
     const MomentsSplat low = clipped(whole, origin, half_space(axis, -infinity, face));
     const MomentsSplat high = clipped(whole, origin, half_space(axis, face, infinity));
     const auto mass = [](const MomentsSplat& splat) { return static_cast<double>(splat.mass); };

@@ -68,12 +68,12 @@ std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
   return result;
 }
 
-bool is_in(const Cube& cell, const dvec3& p) {
-  return glm::all(glm::greaterThanEqual(p, cell.origin - 1e-12)) &&
-         glm::all(glm::lessThanEqual(p, cell.origin + cell.edge + 1e-12));
+bool is_in(const Cube& cube, const dvec3& p) {
+  return glm::all(glm::greaterThanEqual(p, cube.origin - 1e-12)) &&
+         glm::all(glm::lessThanEqual(p, cube.origin + cube.edge + 1e-12));
 }
 
-TEST(Cut, RangesAreThePointsOfTheirCell) {
+TEST(Cut, RangesAreThePointsOfTheirNode) {
   Bench bench(test::sample_volume(3000, 1));
   std::mt19937 random(1);
   for (int trial = 0; trial < 20; ++trial) {
@@ -86,7 +86,7 @@ TEST(Cut, RangesAreThePointsOfTheirCell) {
         ASSERT_GE(ranges[s].begin, begin);
         ASSERT_LE(ranges[s].begin + ranges[s].count, bench.volume.info.resolution_counts[s]);
         for (std::uint64_t i = 0; i < ranges[s].count; ++i)
-          ASSERT_TRUE(is_in(item.cell, bench.volume.positions[ranges[s].begin + i]));
+          ASSERT_TRUE(is_in(item.cube, bench.volume.positions[ranges[s].begin + i]));
         splats += ranges[s].count;
       }
     }
@@ -220,7 +220,7 @@ TEST(Cut, IsBackToFront) {
     const Cut cut = bench.cut(view, tolerance(trial % 3 == 0 ? 0 : 3));
     for (std::size_t i = 0; i < cut.items.size(); ++i)
       for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
-        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell))
+        ASSERT_FALSE(may_hide(view, cut.items[i].cube, cut.items[j].cube))
             << "trial " << trial << ", items " << i << ", " << j;
   }
   EXPECT_GT(inside, 0u);
@@ -291,14 +291,14 @@ TEST(Cut, CullingLosesNoVisibleEllipsoid) {
   const TestVolume& volume = bench.volume;
   std::size_t sticking_out = 0, left_out = 0, seen = 0;
   for (std::size_t i = 0; i < volume.positions.size(); ++i) {
-    // Of the smallest node's cell that holds the point.
+    // Of the smallest node that holds the point.
     std::size_t node = 0;
-    for (std::size_t n = 0; n < volume.cells.size(); ++n)
-      if (volume.holds(n, i) && volume.cells[n].size() >= volume.cells[node].size()) node = n;
-    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    for (std::size_t n = 0; n < volume.node_paths.size(); ++n)
+      if (volume.holds(n, i) && volume.node_paths[n].size() >= volume.node_paths[node].size()) node = n;
+    const Cube cube = test::cube_of(volume.info.cube, volume.node_paths[node]);
     const dvec3 extent = volume.moments_extent(volume.info.resolutions() - 1, i);
     sticking_out +=
-        !is_in(cell, volume.centroids.back()[i] + extent) || !is_in(cell, volume.centroids.back()[i] - extent);
+        !is_in(cube, volume.centroids.back()[i] + extent) || !is_in(cube, volume.centroids.back()[i] - extent);
   }
   EXPECT_GT(sticking_out, 500u);
 
@@ -331,18 +331,18 @@ TestVolume volume_of_balls(const dvec3& aside, double radius) {
       volume.shapes[r][i].deviations = dvec3(radius / std::sqrt(12.0));
     }
   for (std::size_t node = 0; node < volume.tree.size(); ++node) {
-    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    const Cube cube = test::cube_of(volume.info.cube, volume.node_paths[node]);
     for (std::size_t r = volume.tree.first_resolutions[node]; r < resolutions; ++r) {
       std::uint8_t& code = volume.tree.size_codes[(node * 2 + 1) * resolutions + r] = 255;
       for (std::size_t i = 0; i < volume.info.resolution_counts[r]; ++i)
         if (volume.holds(node, i))
-          code = std::min(code, format::size_code(volume.moments_size(r, i, cell), volume.info.cube.edge));
+          code = std::min(code, format::size_code(volume.moments_size(r, i, cube), volume.info.cube.edge));
     }
   }
   return volume;
 }
 
-TEST(Cut, MomentsWithCentroidsFarOutOfTheirCellAreNotCulled) {
+TEST(Cut, MomentsWithCentroidsFarOutOfTheirNodeAreNotCulled) {
   // By much more than their own width, along the diagonal.
   Bench bench(volume_of_balls(dvec3(0.2), 1e-4), test::opaque(), 1, KernelKind::moments);
   const std::size_t finest = bench.volume.info.resolutions() - 1;
@@ -364,7 +364,7 @@ TEST(Cut, MomentsWithCentroidsFarOutOfTheirCellAreNotCulled) {
   EXPECT_GT(left_out, 5000u);
 }
 
-TEST(Cut, MomentsNearerThanTheirCellStayWithinTheTolerance) {
+TEST(Cut, MomentsNearerThanTheirNodeStayWithinTheTolerance) {
   Camera camera;
   camera.position = {0.5, 0.5, 2};
   camera.focal_point = dvec3(0.5);
@@ -389,7 +389,7 @@ TEST(Cut, MomentsNearerThanTheirCellStayWithinTheTolerance) {
 TEST(Cut, MomentsStayWithinTheTolerance) {
   Bench bench(test::sample_volume(3000, 9), test::opaque(), 1, KernelKind::moments);
   std::mt19937 random(9);
-  int within = 0, outside_of_their_cell = 0, coarse_ones = 0;
+  int within = 0, outside_of_their_node = 0, coarse_ones = 0;
   for (int trial = 0; trial < 40; ++trial) {
     const View view = test::random_view(random);
     const double percent = std::exp2(trial % 8 - 2);
@@ -406,12 +406,12 @@ TEST(Cut, MomentsStayWithinTheTolerance) {
           ASSERT_TRUE(!coarse || finest) << "trial " << trial << ", splat " << i;
           within += !coarse;
           coarse_ones += !finest;
-          outside_of_their_cell += !is_in(item.cell, centroid);
+          outside_of_their_node += !is_in(item.cube, centroid);
         }
   }
   EXPECT_GT(within, 5000);
   EXPECT_GT(coarse_ones, 500);
-  EXPECT_GT(outside_of_their_cell, 100);
+  EXPECT_GT(outside_of_their_node, 100);
 }
 
 TEST(Cut, OfMomentsStandsForEveryPointOnce) {
@@ -595,10 +595,10 @@ TEST(CutByError, RefinesWhereColoursChange) {
   for (int trial = 0; trial < 5; ++trial) {
     const Cut cut = bench.cut(test::view_of_all(random), goal(1500));
     for (const CutItem& item : cut.items) {
-      const bool holds_edge = item.cell.origin.z < 0.8 && item.cell.origin.z + item.cell.edge > 0.8;
+      const bool holds_edge = item.cube.origin.z < 0.8 && item.cube.origin.z + item.cube.edge > 0.8;
       std::uint64_t splats = 0;
       for (const PointRange& range : cut.ranges_of(item)) splats += range.count;
-      const double density = static_cast<double>(splats) / std::pow(item.cell.edge, 3);
+      const double density = static_cast<double>(splats) / std::pow(item.cube.edge, 3);
       (holds_edge ? near : elsewhere) = std::max(holds_edge ? near : elsewhere, density);
     }
   }
@@ -640,7 +640,7 @@ TEST(CutByError, IsBackToFront) {
     const Cut cut = bench.cut(view, goal(1200));
     for (std::size_t i = 0; i < cut.items.size(); ++i)
       for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
-        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell)) << "trial " << trial;
+        ASSERT_FALSE(may_hide(view, cut.items[i].cube, cut.items[j].cube)) << "trial " << trial;
   }
   EXPECT_GT(pairs, 1000u);
 }

@@ -59,14 +59,14 @@ class FadeTest : public testing::Test {
     return result;
   }
 
-  // By cell and resolution.
+  // By cube and resolution.
   using Weights = std::map<std::tuple<double, double, double, double, std::uint32_t>, double>;
   Weights weights() const {
     Weights result;
     for (std::size_t i = 0; i < shown.cut.items.size(); ++i) {
       const CutItem& item = shown.cut.items[i];
-      const dvec3& origin = item.cell.origin;
-      result[{origin.x, origin.y, origin.z, item.cell.edge, item.resolution}] +=
+      const dvec3& origin = item.cube.origin;
+      result[{origin.x, origin.y, origin.z, item.cube.edge, item.resolution}] +=
           static_cast<double>(shown.weight_of(i));
     }
     return result;
@@ -199,11 +199,11 @@ TEST_F(FadeTest, IsBackToFront) {
     const std::vector<CutItem>& items = shown.cut.items;
     for (std::size_t i = 0; i < items.size(); ++i)
       for (std::size_t j = i + 1; j < items.size(); ++j, ++pairs) {
-        if (overlap(items[i].cell, items[j].cell)) {
-          ASSERT_GE(items[i].cell.edge, items[j].cell.edge);
+        if (overlap(items[i].cube, items[j].cube)) {
+          ASSERT_GE(items[i].cube.edge, items[j].cube.edge);
           ++overlapping;
         } else {
-          ASSERT_FALSE(may_hide(view, items[i].cell, items[j].cell)) << "frame " << frame << ": " << i << ", " << j;
+          ASSERT_FALSE(may_hide(view, items[i].cube, items[j].cube)) << "frame " << frame << ": " << i << ", " << j;
         }
       }
   }

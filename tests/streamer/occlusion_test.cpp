@@ -22,14 +22,14 @@
 namespace splatvol {
 namespace {
 
-// Length of the way from where light starts towards the eye to `to`, within a cell.
-double way_within(const Cube& cell, const View& view, const dvec3& to) {
+// Length of the way from where light starts towards the eye to `to`, within a cube.
+double way_within(const Cube& cube, const View& view, const dvec3& to) {
   const dvec3 way = view.orthographic ? view.to_view(to).z * view.forward : to - view.eye;
   const dvec3 from = to - way;
   double enter = 0, leave = 1;
   for (int axis = 0; axis < 3; ++axis) {
-    double a = (cell.origin[axis] - from[axis]) / way[axis],
-           b = (cell.origin[axis] + cell.edge - from[axis]) / way[axis];
+    double a = (cube.origin[axis] - from[axis]) / way[axis],
+           b = (cube.origin[axis] + cube.edge - from[axis]) / way[axis];
     if (a > b) std::swap(a, b);
     enter = std::max(enter, a);
     leave = std::min(leave, b);
@@ -51,32 +51,32 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
   for (int trial = 0; trial < 400; ++trial) {
     const View view = test::random_view(random);
     Occlusion occlusion(view);
-    std::vector<std::pair<Cube, double>> cells;
+    std::vector<std::pair<Cube, double>> cubes;
     // Front to back: octants of octants.
-    const std::function<void(const Cube&, int)> visit = [&](const Cube& cell, int depth) {
+    const std::function<void(const Cube&, int)> visit = [&](const Cube& cube, int depth) {
       if (depth == 2) {
-        if (occlusion.is_small(cell) || uniform(random) < 0.3) return;
-        cells.emplace_back(cell, 40 * uniform(random));
-        return occlusion.add(cell, cells.back().second);
+        if (occlusion.is_small(cube) || uniform(random) < 0.3) return;
+        cubes.emplace_back(cube, 40 * uniform(random));
+        return occlusion.add(cube, cubes.back().second);
       }
-      const unsigned nearest = nearest_octant(view, cell);
+      const unsigned nearest = nearest_octant(view, cube);
       for (unsigned i = 0; i < 8; ++i) {
         const unsigned octant = i ^ nearest;
-        const double edge = 0.5 * cell.edge;
-        visit({cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge}, depth + 1);
+        const double edge = 0.5 * cube.edge;
+        visit({cube.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge}, depth + 1);
       }
     };
     visit({dvec3(0), 1}, 0);
     for (int i = 0; i < 200; ++i) {
-      const Cube cell{{1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2},
+      const Cube cube{{1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2},
                       0.1 * uniform(random)};
-      if (!occlusion.hides(cell)) continue;
+      if (!occlusion.hides(cube)) continue;
       ++hidden;
       for (int sample = 0; sample < 20; ++sample) {
-        const dvec3 point = cell.origin + cell.edge * dvec3(uniform(random), uniform(random), uniform(random));
+        const dvec3 point = cube.origin + cube.edge * dvec3(uniform(random), uniform(random), uniform(random));
         if (!is_in_picture(view, point)) continue;
         double depth = 0;
-        for (const auto& [front, extinction] : cells) depth += extinction * way_within(front, view, point);
+        for (const auto& [front, extinction] : cubes) depth += extinction * way_within(front, view, point);
         // Between rays it may be a little less.
         ASSERT_GT(depth, 0.8 * Occlusion::closed) << "trial " << trial;
       }
@@ -168,15 +168,15 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
         // What is drawn is drawn as before.
         for (const CutItem& item : front.items)
           EXPECT_TRUE(std::ranges::any_of(all.items, [&](const CutItem& other) {
-            return item.cell.origin == other.cell.origin && item.cell.edge == other.cell.edge &&
+            return item.cube.origin == other.cube.origin && item.cube.edge == other.cube.edge &&
                    item.resolution == other.resolution;
           }));
       }
       // What is not lies deep in the material, all of it.
       const auto is_drawn = [&](const dvec3& p) {
         return std::ranges::any_of(front.items, [&](const CutItem& item) {
-          return glm::all(glm::lessThanEqual(item.cell.origin, p)) &&
-                 glm::all(glm::lessThanEqual(p, item.cell.origin + item.cell.edge));
+          return glm::all(glm::lessThanEqual(item.cube.origin, p)) &&
+                 glm::all(glm::lessThanEqual(p, item.cube.origin + item.cube.edge));
         });
       };
       std::mt19937 random(3);

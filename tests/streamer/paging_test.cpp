@@ -457,8 +457,8 @@ TEST_P(Paging, ClosesWhileReadsHang) {
 }
 
 // The chunks that a frame with all points needs, but for those that are read with the preamble.
-std::vector<format::ChunkPlace> chunks_to_read(const format::Volume& file, KernelKind kernel) {
-  std::vector<format::ChunkPlace> places;
+std::vector<format::ChunkLocation> chunks_to_read(const format::Volume& file, KernelKind kernel) {
+  std::vector<format::ChunkLocation> locations;
   const format::RowLayout& rows = file.rows();
   for (std::uint64_t row = rows.first_row(rows.resolution_of_row(rows.row_count() - 1)); row < rows.row_count();
        ++row) {
@@ -467,20 +467,21 @@ std::vector<format::ChunkPlace> chunks_to_read(const format::Volume& file, Kerne
       const format::ColumnKind kind = file.info().columns[static_cast<std::size_t>(column)].kind;
       const bool wanted =
           kernel == KernelKind::octant ? kind == format::ColumnKind::octant : kind == format::ColumnKind::moments;
-      const format::ChunkPlace& place = file.find_chunk(page, row, column);
-      if (wanted && place.offset > volume_bytes().size() / 8) places.push_back(place);
+      const format::ChunkLocation& location = file.find_chunk(page, row, column);
+      if (wanted && location.offset > volume_bytes().size() / 8) locations.push_back(location);
     }
   }
-  return places;
+  return locations;
 }
 
 TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
   const auto file = format::Volume::open(memory_source(volume_bytes(), "sound.svol")).value();
-  const std::vector<format::ChunkPlace> places = chunks_to_read(*file, GetParam());
-  ASSERT_GT(places.size(), 100u);
+  const std::vector<format::ChunkLocation> locations = chunks_to_read(*file, GetParam());
+  ASSERT_GT(locations.size(), 100u);
   format::Bytes damaged = volume_bytes();
-  const std::vector<format::ChunkPlace> bad = {places[10], places[places.size() / 2], places.back()};
-  for (const format::ChunkPlace& place : bad) damaged[place.offset + place.entry.packed_bytes / 2] ^= std::byte{1};
+  const std::vector<format::ChunkLocation> bad = {locations[10], locations[locations.size() / 2], locations.back()};
+  for (const format::ChunkLocation& location : bad)
+    damaged[location.offset + location.entry.packed_bytes / 2] ^= std::byte{1};
 
   const auto streamer = open(plenty, damaged);
   std::vector<Error> errors;
@@ -505,11 +506,11 @@ TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
   }
   for (int i = 0; i < 5; ++i)
     EXPECT_TRUE(advance(*streamer, view_from({0.5, 0.5, 6.01 + i}), 0).progress.errors.empty());
-  for (const format::ChunkPlace& place : bad)
+  for (const format::ChunkLocation& location : bad)
     EXPECT_EQ(std::ranges::count_if(faults->ranges,
                                     [&](const auto& range) {
-                                      return range.first < place.offset + place.entry.packed_bytes &&
-                                             place.offset < range.second;
+                                      return range.first < location.offset + location.entry.packed_bytes &&
+                                             location.offset < range.second;
                                     }),
               1);
 }

@@ -267,9 +267,9 @@ std::vector<FileChunk> chunks_of(const format::Volume& volume) {
   for (std::uint64_t row = 0; row < volume.rows().row_count(); ++row) {
     const auto page = volume.read_directory_page(volume.directory_page_of_row(row)).value();
     for (const int column : volume.rows().columns_of_row(row)) {
-      const format::ChunkPlace& place = volume.find_chunk(page, row, column);
-      chunks.push_back({&volume.info().columns[static_cast<std::size_t>(column)], place.offset,
-                        place.offset + place.entry.packed_bytes, row});
+      const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+      chunks.push_back({&volume.info().columns[static_cast<std::size_t>(column)], location.offset,
+                        location.offset + location.entry.packed_bytes, row});
     }
   }
   return chunks;
@@ -407,12 +407,12 @@ TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   std::ranges::sort(expected);
   const auto actual = placed_splats(**frame);
   ASSERT_EQ(actual.size(), expected.size());
-  std::set<double> places;
+  std::set<double> positions;
   for (std::size_t i = 0; i < actual.size(); ++i) {
-    places.insert(actual[i].position.x);
+    positions.insert(actual[i].position.x);
     ASSERT_NEAR(actual[i].position.x, expected[i], 2e-6);
   }
-  EXPECT_GT(places.size(), 950u);
+  EXPECT_GT(positions.size(), 950u);
 }
 
 TEST_P(StreamerOf, BatchesAreTheFrame) {
@@ -617,10 +617,10 @@ TEST_P(StreamerOf, ADamagedChunkIsNamed) {
   const std::uint64_t row = rows.row_count() - 3;
   const auto page = opened->read_directory_page(opened->directory_page_of_row(row)).value();
   for (const int column : rows.columns_of_row(row)) {
-    const format::ChunkPlace& place = opened->find_chunk(page, row, column);
+    const format::ChunkLocation& location = opened->find_chunk(page, row, column);
     const format::Column& kind = volume.info.columns[static_cast<std::size_t>(column)];
     format::Bytes damaged = sound;
-    damaged[place.offset + place.entry.packed_bytes / 2] ^= std::byte{1};
+    damaged[location.offset + location.entry.packed_bytes / 2] ^= std::byte{1};
     const auto streamer = Streamer::open(memory_source(damaged, "damaged.svol"), {plenty, "a1", GetParam()}).value();
     const auto frame = streamer->request(front_view(), test::opaque(), percent(0));
     const bool of_moments =

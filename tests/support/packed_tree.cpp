@@ -27,7 +27,7 @@ class TreeReader {
     for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
       SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test"));
       if (a < tree_.shape.attributes) {
-        const auto [offset, block] = find_summary_block(front, a, tree_.shape);
+        const auto [offset, block] = find_summary_part(front, a, tree_.shape);
         SPLATVOL_TRY(unpack_summaries(block, bytes.subspan(offset, block.packed_bytes), "test", page));
       }
       pages.push_back(std::move(page));

@@ -16,8 +16,8 @@
 
 namespace splatvol::test {
 
-/// Octants from the root down: the first d of them name the cell of depth d that holds a point.
-using CellPath = std::vector<std::uint8_t>;
+/// Octants from the root down: the first d of them name the node of depth d that holds a point.
+using NodePath = std::vector<std::uint8_t>;
 
 struct TestVolumeOptions {
   std::uint32_t leaf_points = 8;     // N: most points in a leaf of the reduction's octree
@@ -42,8 +42,8 @@ struct Parcel {
 struct TestVolume {
   format::VolumeInfo info;
   Tree tree;
-  std::vector<CellPath> cells;                              // [node]: the node's cell
-  std::vector<CellPath> point_cells;                        // [point]: 42 octants
+  std::vector<NodePath> node_paths;                         // [node]
+  std::vector<NodePath> point_paths;                        // [point]: 42 octants
   std::vector<dvec3> positions;                             // [point], file order
   std::vector<std::vector<float>> stored;                   // [attribute][point]
   std::vector<std::vector<std::uint8_t>> depths, counts;    // [resolution][point < n_r]: the octant column
@@ -62,18 +62,18 @@ struct TestVolume {
   /// d of a splat: edge 2^-depth / cbrt(count).
   [[nodiscard]] double splat_size(std::size_t resolution, std::size_t point) const;
 
-  /// Size of a splat of the kernel moments in a node's cell (spec 6).
-  [[nodiscard]] double moments_size(std::size_t resolution, std::size_t point, const Cube& cell) const;
+  /// Size of a splat of the kernel moments in a node with this cube (spec 6).
+  [[nodiscard]] double moments_size(std::size_t resolution, std::size_t point, const Cube& cube) const;
 
   /// Half of the extent of a splat's ellipsoid, of half axes sqrt(12) deviations, along each axis.
   [[nodiscard]] dvec3 moments_extent(std::size_t resolution, std::size_t point) const;
 
-  /// Whether the node's cell holds the point.
+  /// Whether the node holds the point.
   [[nodiscard]] bool holds(std::size_t node, std::size_t point) const;
 };
 
-/// The cell that a path names.
-[[nodiscard]] Cube cell_cube(const Cube& root, const CellPath& path);
+/// The cube of the node that a path names.
+[[nodiscard]] Cube cube_of(const Cube& root, const NodePath& path);
 
 /// Pseudo-random points in the unit cube: half of them uniform, half crowded into a small ball near a corner.
 [[nodiscard]] std::vector<dvec3> random_points(std::size_t count, std::uint32_t seed);

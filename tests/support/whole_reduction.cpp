@@ -9,14 +9,14 @@ namespace {
 constexpr std::size_t coarsest_target = 512;
 constexpr std::size_t max_resolutions = 64;
 
-void visit_cell(std::span<const MortonKey> keys, std::uint64_t leaf_points, std::size_t begin, std::size_t end,
-                int depth, const CellVisitor& visit) {
+void visit_node(std::span<const MortonKey> keys, std::uint64_t leaf_points, std::size_t begin, std::size_t end,
+                int depth, const NodeVisitor& visit) {
   const bool leaf = end - begin <= leaf_points || depth == max_morton_depth;
   visit(begin, end, depth, leaf);
   for (std::size_t child = begin; !leaf && child < end;) {
     std::size_t child_end = child;
     while (child_end < end && octant_at(keys[child_end], depth) == octant_at(keys[child], depth)) ++child_end;
-    visit_cell(keys, leaf_points, child, child_end, depth + 1, visit);
+    visit_node(keys, leaf_points, child, child_end, depth + 1, visit);
     child = child_end;
   }
 }
@@ -45,8 +45,8 @@ std::uint64_t nearest_to_center(std::span<const dvec3> positions, const Cube& cu
 
 }  // namespace
 
-void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const CellVisitor& visit) {
-  visit_cell(keys, leaf_points, 0, keys.size(), 0, visit);
+void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const NodeVisitor& visit) {
+  visit_node(keys, leaf_points, 0, keys.size(), 0, visit);
 }
 
 std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys, std::span<const dvec3> positions,

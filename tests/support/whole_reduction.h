@@ -21,10 +21,10 @@ struct Resolution {
   [[nodiscard]] std::size_t size() const { return members.size(); }
 };
 
-/// Visits the octree over keys [begin, end) in depth-first order. Cells with more than `leaf_points` of them are split,
+/// Visits the octree over keys [begin, end) in depth-first order. Nodes with more than `leaf_points` of them are split,
 /// down to the finest.
-using CellVisitor = std::function<void(std::size_t begin, std::size_t end, int depth, bool leaf)>;
-void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const CellVisitor& visit);
+using NodeVisitor = std::function<void(std::size_t begin, std::size_t end, int depth, bool leaf)>;
+void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, const NodeVisitor& visit);
 
 /// Resolutions from the coarsest (index 0) to all points. Of each leaf of one resolution the point nearest to the
 /// leaf's centre goes on to the next coarser one (ties: the earlier in Morton order), until at most 512 points are left
