@@ -74,7 +74,7 @@ Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute
 
 Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
   const format::Group group = volume_.rows().group(number);
-  // A segment's columns lie in the group's first row.
+  // The columns of scope segment are in the group's first row.
   const std::uint64_t row = volume_.rows().row(selection_.resolution, number);
   const std::uint64_t segment_row = volume_.rows().row(group.segment, number);
   SplatGroup result;
@@ -107,7 +107,7 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
 }
 
 Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
-                      const std::function<Status(const SplatGroup&)>& take,
+                      const std::function<Status(const SplatGroup&)>& visit,
                       const std::function<void(double)>& progress) {
   const std::uint64_t count = reader.group_count();
   for (std::uint64_t first = 0; first < count; first += groups_at_once) {
@@ -115,7 +115,7 @@ Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
     tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) { groups[g] = reader.read(first + g, parts); });
     for (const Result<SplatGroup>& group : groups) {
       SPLATVOL_TRY(group);
-      SPLATVOL_TRY(take(*group));
+      SPLATVOL_TRY(visit(*group));
     }
     progress(static_cast<double>(first + groups.size()) / static_cast<double>(count));
   }

@@ -13,13 +13,13 @@ namespace {
 
 constexpr const char* fraction_name = "volume_fraction";
 
-// Of a voxel's volume, from which on a value in it means something.
+// Share of a voxel's volume. A value is written if more material than this has one.
 constexpr double least_fraction = 1e-3;
 
-// Far from where 32-bit indices end.
+// Far below the largest 32-bit index.
 constexpr double most_voxels = 1 << 30;
 
-// From the file's units to voxels.
+// Converts from the file's units to voxels.
 struct VoxelFrame {
   dvec3 origin;
   double voxel;
@@ -41,7 +41,7 @@ VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& 
   return splat;
 }
 
-// A grid for the fraction and one for each attribute.
+// Makes one grid for the fraction and one for each attribute.
 class GridBuilder {
  public:
   GridBuilder(const format::Volume& volume, const ExportSelection& selection, const VoxelFrame& frame)
@@ -81,7 +81,7 @@ class GridBuilder {
     return names;
   }
 
-  // No field leaves the range of its values; its linear pieces may.
+  // The linear field in a splat may leave the range of the attribute: clamps it.
   [[nodiscard]] float value(double mass, double integral, const format::Attribute& attribute) const {
     if (!(mass > least_fraction * voxel_volume_)) return missing;
     return static_cast<float>(std::clamp(attribute.offset + integral / mass, attribute.min, attribute.max));
@@ -111,7 +111,7 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
   const Box box{frame.position(selection.box.low), frame.position(selection.box.high)};
   VoxelSums sums(selection.attributes.size(), box, memory);
   std::vector<VoxelSplat> splats;
-  const auto take = [&](const SplatGroup& group) {
+  const auto add_group = [&](const SplatGroup& group) {
     splats.clear();
     for (std::size_t i = 0; i < group.size(); ++i) {
       if (!(group.shapes[i].mass > 0)) continue;
@@ -123,7 +123,7 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
     }
     return sums.add(splats);
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, take, progress));
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, add_group, progress));
 
   GridBuilder grids(volume, selection, frame);
   sums.drain([&](const VoxelSums::BrickIndex& index, std::span<const double> brick) {

@@ -16,7 +16,7 @@ namespace {
 
 using Leaf = openvdb::FloatTree::LeafNodeType;
 
-// OpenVDB gives every file a number at random: 36 characters behind magic, versions and a flag.
+// OpenVDB gives every file a random number, of 36 characters, behind magic, versions and a flag. It is replaced by a hash.
 constexpr std::uint64_t uuid_offset = 8 + 4 + 4 + 4 + 1;
 
 std::string uuid_of(std::uint64_t hash) {
@@ -24,7 +24,7 @@ std::string uuid_of(std::uint64_t hash) {
                      hash & 0xFFFFFFFFFFFF);
 }
 
-// OpenVDB's own files do not tell when the disk is full; a stream that throws does.
+// OpenVDB's own file class does not report a full disk. A stream that throws does.
 class Archive final : public openvdb::io::Archive {
  public:
   void write_file(const std::string& path, const openvdb::GridCPtrVec& grids) const {

@@ -10,10 +10,10 @@
 namespace splatvol {
 namespace {
 
-// Of a voxel, along each axis. The ellipsoid of a splat without extent then holds the centre of one voxel at least.
+// Variance of a voxel along each axis. With it, even a splat without extent has the centre of a voxel in its ellipsoid.
 constexpr double voxel_variance = 1.0 / 12;
 
-// Of one that reaches out of the box; more are not visited only to be left out.
+// Most voxels of an ellipsoid that reaches out of the box. In a larger ellipsoid, only voxels in the box are visited.
 constexpr double most_outside = 65536;
 
 constexpr double farthest = std::numeric_limits<std::int32_t>::max() - 1;
@@ -55,15 +55,15 @@ bool VoxelKernel::reaches(const Box& box) const {
   return true;
 }
 
-// Calls visit(run, from) for each row of voxels along x whose centres lie in it and in the box, as long as it returns
-// true; `from` is the first one's place, from the centre.
+// Calls visit(run, offset) for each run of voxels whose centres are in the ellipsoid and in the box, until it returns
+// false. `offset`: of the run's first voxel from the ellipsoid's centre.
 template <class Visit>
 void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
   const dmat3 &q = square_, &p = inverse_;
   const double reach_z = std::sqrt(q[2][2]);
   const std::int32_t last_z = last_voxel(std::min(centre_.z + reach_z, box.high.z));
   for (std::int32_t z = first_voxel(std::max(centre_.z - reach_z, box.low.z)); z <= last_z; ++z) {
-    // The shadow along x is an ellipse, whose chords are known by its matrix.
+    // The projection along x is an ellipse; its matrix gives its chords.
     const double dz = z - centre_.z;
     const double reach_y = std::sqrt(std::max(0.0, (q[1][1] - q[1][2] * q[1][2] / q[2][2]) * (1 - dz * dz / q[2][2])));
     const double middle_y = centre_.y + q[1][2] / q[2][2] * dz;
@@ -112,7 +112,7 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   if (integrate) {
     sum = volume_ * 3 / (4 * std::numbers::pi * moments_peak) * (cut_normal_ != dvec3(0) ? 0.5 : 1.0);
   } else if (!(sum > 0)) {
-    // What lies between the centres of voxels and a boundary goes to the nearest.
+    // No centre of a voxel is in the ellipsoid on the material's side of the boundary: the nearest voxel gets all.
     runs.resize(first_run);
     shares.resize(first_share);
     const auto nearest = [](double x) { return static_cast<std::int32_t>(nearest_integer(x)); };

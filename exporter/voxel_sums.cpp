@@ -8,10 +8,10 @@
 namespace splatvol {
 namespace {
 
-// Of splats that are spread at a time.
+// Voxels of the splats that are spread at a time.
 constexpr double voxels_at_once = 1 << 20;
 
-// What the table and the finished grids take besides the sums, for each brick.
+// Bytes of a brick in the table and in the finished grids, besides its sums.
 constexpr std::uint64_t overhead_bytes = 256;
 
 }  // namespace
@@ -39,7 +39,7 @@ Status VoxelSums::add(std::span<const VoxelSplat> splats) {
     double voxels = 0;
     while (end < splats.size() && (end == begin || voxels < voxels_at_once)) voxels += splats[end++].kernel.volume();
     std::vector<Spread> spreads(end - begin);
-    // Half of a splat's voxels may lie beyond a boundary; the others will be held.
+    // Half of a splat's voxels may be beyond a boundary, and are not held.
     const std::size_t most = 2 * memory_ / (sums_ * sizeof(double)) + (std::size_t{1} << 17);
     tbb::parallel_for(begin, end, [&](std::size_t i) {
       Spread& spread = spreads[i - begin];

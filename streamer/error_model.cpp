@@ -7,14 +7,14 @@
 namespace splatvol {
 namespace {
 
-// Against the true error on the scenes of docs/accuracy.md.
+// Fitted to the true error on the scenes of docs/accuracy.md.
 constexpr double calibration = 1.0 / 110;
 
 constexpr double shape_share = 1.0 / 300;
 constexpr double seam_share = 1.0 / 200;
 constexpr double smallest_pixels = 0.5;  // splats of this width show half of their error
 
-// Of a cube that is partly out of sight, at least this share counts: its splats reach out of it.
+// At least this share of a node counts, even if less is in view: its splats reach out of its cube.
 constexpr double smallest_share_in_view = 0.01;
 
 struct Footprint {
@@ -36,7 +36,7 @@ Footprint footprint_of(const View& view, const Cube& cube, std::span<const dvec3
   if ((view.orthographic || centre.z > 4 * cube.edge) && inside(centre, scale, 1.3 * cube.edge * scale))
     return {std::min(cube.edge * cube.edge * scale * scale, largest_area), scale};
 
-  // Near, or at the picture's border.
+  // Near the eye, or at the border of the picture.
   double squares = 0, squares_in_view = 0;
   for (const dvec3& sample : samples) {
     const dvec3 p = centre + cube.edge * sample;

@@ -25,11 +25,11 @@ struct Entry {
 };
 using Entries = std::vector<Entry>;
 
-// Within a cube. No two of `shown` overlap, and no two of `coming`.
+// The entries in a cube. No two of `shown` overlap, and no two of `coming`.
 struct Region {
-  Entries shown;    // what the last cut ends in
-  Entries leaving;  // what it shows besides
-  Entries coming;
+  Entries shown;    // the last cut, once its fades have ended
+  Entries leaving;  // what the last cut shows besides
+  Entries coming;   // the next cut
 };
 
 std::uint64_t splats_of(const Entries& entries) {
@@ -38,7 +38,8 @@ std::uint64_t splats_of(const Entries& entries) {
   return sum;
 }
 
-// Cells are halved all the way down, so that their edges tell them apart.
+// Whether the entries are one node, which has this cube. Nodes have half of the edge of their parent, so the edge
+// tells.
 bool is_node(const Entries& entries, const Cube& cube) {
   return !entries.empty() && entries.front().get().cube.edge == cube.edge;
 }
@@ -81,11 +82,11 @@ class Fader {
   }
 
  private:
-  // Rounding is not to take another frame.
+  // The factor makes up for rounding, which could cost another frame.
   double weight_now(const Fade& fade) const { return fade.weight + options_.change * (1 + 1e-9); }
 
   void visit(const Cube& cube, Region region) {
-    if (region.coming.empty()) return;  // out of sight
+    if (region.coming.empty()) return;  // out of view
     if (region.shown.empty()) return draw(cube, std::move(region.coming));
     if (is_node(region.shown, cube) || is_node(region.coming, cube) || fades(region, cube)) return draw(cube, region);
     auto shown = split(cube, region.shown);
@@ -102,7 +103,7 @@ class Fader {
     return !region.leaving.empty() && last_.fades[region.leaving.front().part.fade].cube.edge == cube.edge;
   }
 
-  // A region in which one of both cuts has one node.
+  // Draws a region in which one of the two cuts has one node.
   void draw(const Cube& cube, Region& region) {
     const bool fading = !region.leaving.empty();
     const bool same = is_node(region.shown, cube) && is_node(region.coming, cube) &&
@@ -148,7 +149,8 @@ class Fader {
     return entry;
   }
 
-  // Adds what of `coming` has come into view and is not in `shown`; false where that takes only a part of a node.
+  // Adds the entries of `coming` that have come into view, so that `shown` does not have them. Returns false if only a
+  // part of a node has come into view.
   bool cover(const Cube& cube, const Entries& shown, const Entries& coming, Entries& uncovered) const {
     if (coming.empty() || is_node(shown, cube)) return true;
     if (shown.empty()) {
@@ -163,7 +165,7 @@ class Fader {
     return true;
   }
 
-  // Back to front; nodes before those within them.
+  // Appends entries back to front; a node comes before nodes inside it.
   void draw(const Cube& cube, Entries entries) {
     const auto within =
         std::ranges::stable_partition(entries, [&](const Entry& entry) { return entry.get().cube.edge == cube.edge; });
@@ -184,7 +186,7 @@ class Fader {
     now_.parts.push_back(entry.part);
   }
 
-  // By octant. Their cubes are smaller than `cube`.
+  // Splits entries by octant. Requires that their cubes are smaller than `cube`.
   static std::array<Entries, 8> split(const Cube& cube, const Entries& entries) {
     std::array<Entries, 8> octants;
     const dvec3 middle = cube.origin + 0.5 * cube.edge;
@@ -204,7 +206,7 @@ class Fader {
   const FadeOptions& options_;
   FadingCut now_;
   std::vector<std::uint32_t> fades_now_;  // [fade of the last cut]
-  std::uint64_t besides_ = 0;             // splats
+  std::uint64_t besides_ = 0;             // splats besides those of the next cut
 };
 
 }  // namespace

@@ -6,7 +6,8 @@
 namespace splatvol {
 
 Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
-  // In perspective the sides pass through the eye, |x| f <= z width / 2; parallel rays keep their distance from it.
+  // In perspective the sides pass through the eye: |x| f <= z width / 2. With parallel rays they have a constant
+  // distance from it.
   const auto side = [&](const dvec3& inwards, int pixels) -> Plane {
     const double half = 0.5 * pixels + smallest_reach_pixels;
     if (view.orthographic) return {inwards, half / view.focal};

@@ -21,7 +21,7 @@ std::string describe(const format::Volume& volume, const PartLoad& part) {
   return fmt::format("{}: {} page {}", volume.name(), of_index ? "index" : "directory", part.key.number);
 }
 
-// The reason after the part, where the reader names only the file.
+// Puts the name of the part in front of the reason, unless the reader did.
 tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad& part, const Error& error) {
   const std::string what = describe(volume, part);
   if (error.message.starts_with(what)) return tl::unexpected(error);
@@ -126,7 +126,7 @@ std::vector<LoadRun> Loader::withdraw() {
   return runs;
 }
 
-std::vector<LoadRun> Loader::take() {
+std::vector<LoadRun> Loader::extract_done() {
   const std::scoped_lock lock(mutex_);
   return std::exchange(done_, {});
 }

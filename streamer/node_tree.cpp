@@ -9,8 +9,7 @@ namespace {
 
 using format::IndexPage;
 
-// Rounding may move a point out of its cube, and what is drawn of a splat past its size, by less than this part of the
-// size.
+// Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
 bool is_clipped(const Cube& cube, const std::optional<Box>& box) {
@@ -18,7 +17,7 @@ bool is_clipped(const Cube& cube, const std::optional<Box>& box) {
                   glm::all(glm::lessThanEqual(cube.origin + cube.edge, box->high)));
 }
 
-// On all sides, along the axes.
+// Returns the cube, larger by `by` on each side.
 Cube grown(const Cube& cube, double by) { return {cube.origin - by, cube.edge + 2 * by}; }
 
 }  // namespace
@@ -46,7 +45,7 @@ Result<Node> NodeTree::root() const {
   return root;
 }
 
-// A child's points begin where those of the siblings before it end.
+// The points of a child begin behind those of the siblings before it.
 Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node) const {
   if (node.depth >= format::max_node_depth)
     return fail(ErrorCode::invalid_data, "the index is deeper than {}", format::max_node_depth);
@@ -76,13 +75,13 @@ double NodeTree::splat_bound(const Node& node, std::size_t resolution) const {
   return format::size_bound(node.page->nodes.size_code_at(node.index, size_bound_, resolution), info_.cube.edge);
 }
 
-// The code is that of the cube's edge; a cube's is 2^depth times smaller.
+// Size codes are relative to the root's edge. The edge of a node at depth d is 2^d times smaller.
 double NodeTree::splat_bound_in_cube(const Node& node, std::size_t resolution) const {
   return format::size_bound_exponent(node.page->nodes.size_code_at(node.index, size_bound_, resolution)) +
          static_cast<double>(node.depth);
 }
 
-// Centroids may lie outside of the node's cube, as far as their ellipsoids.
+// Centroids may lie outside of the node's cube, as far as their ellipsoids may reach.
 double NodeTree::covered_percent(const Node& node, std::size_t resolution) const {
   const double size = splat_bound(node, resolution);
   const Cube centres = kernel_ == KernelKind::octant ? node.cube : grown(node.cube, moments_reach * size);
@@ -106,7 +105,7 @@ Result<bool> NodeTree::find_hidden(const FilledNodes& filled, std::optional<Kept
   return finding.complete;
 }
 
-// Whether finding it again would come to the same.
+// Whether finding the occlusion again would give the same result.
 Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
   if (!(kept.occlusion.view() == view_ && kept.visibility == visibility_)) return false;
   SPLATVOL_TRY_ASSIGN(root, index_.root());
@@ -119,10 +118,10 @@ Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
   return true;
 }
 
-// Front to back. A node that closes what it covers is taken whole, of others the parts, which may be denser. `page`: as
-// KeptOcclusion numbers them.
+// Adds the nodes that hide others, front to back. A node that closes all rays through it is added as a whole; of other
+// nodes the children are tried, which may be denser. `page`: number of the node's page, as in KeptOcclusion::Link.
 Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled) {
-  // Nothing is closed by what is not dense enough, however much there is of it.
+  // Material of too low an extinction closes no ray, even if it fills the cube.
   const format::ValueSummary& summary = node.summary();
   const auto [least, most] = visibility_.extinctions(summary.min, summary.max);
   if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return {};

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "format/columns.h"
 
@@ -16,12 +18,13 @@ using format::ColumnKind;
 using format::IndexPage;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double smallest_edge = 6;  // of cubes that are looked at, in distances between rays
+constexpr double smallest_edge = 6;  // of cubes that may hide others, in distances between rays
 
-// Points own what is nearest to them, also past the border of a cube: so much may be missing by chance.
+// Share of a cube's volume. A point owns the space nearest to it, also beyond the border of its node: so a little mass
+// may be missing by chance.
 constexpr double least_filling = 0.95;
 
-// The finest resolution all of whose rows lie in the preamble.
+// Returns the finest resolution whose rows are all in the preamble.
 std::optional<std::size_t> find_finest_held(const format::Volume& volume, const format::DirectoryPage& directory) {
   const format::RowLayout& rows = volume.rows();
   std::optional<std::size_t> finest;
@@ -35,7 +38,7 @@ std::optional<std::size_t> find_finest_held(const format::Volume& volume, const 
   return finest;
 }
 
-// [i]: mass of the splats before number i of a resolution.
+// Returns sums: [i] is the mass of the first i splats of a resolution.
 Result<std::vector<double>> sum_masses(const format::Volume& volume, const format::DirectoryPage& directory,
                                        std::size_t resolution, int column) {
   const format::RowLayout& rows = volume.rows();
@@ -51,22 +54,41 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
   return sums;
 }
 
+// The masses of a resolution: of the finest in the preamble.
+struct Masses {
+  std::size_t resolution;
+  std::vector<double> sums;  // as of sum_masses
+
+  double of(std::span<const std::uint64_t> begins, std::span<const std::uint64_t> counts) const {
+    double mass = 0;
+    for (std::size_t s = 0; s < begins.size(); ++s) mass += sums[begins[s] + counts[s]] - sums[begins[s]];
+    return mass;
+  }
+};
+
+// Returns nothing if the preamble lacks a whole resolution or is damaged.
+std::optional<Masses> find_masses(const format::Volume& volume, int column) {
+  const auto directory = volume.read_directory_page(0);
+  if (!directory) return std::nullopt;
+  const auto resolution = find_finest_held(volume, *directory);
+  if (!resolution) return std::nullopt;
+  auto sums = sum_masses(volume, *directory, *resolution, column);
+  if (!sums) return std::nullopt;
+  return Masses{*resolution, std::move(*sums)};
+}
+
 }  // namespace
 
 FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexPage& root, int attribute) {
   const format::VolumeInfo& info = volume.info();
   const int column = info.find_column(ColumnKind::moments);
   if (column < 0 || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
-  const auto directory = volume.read_directory_page(0);
-  if (!directory) return {};
-  const auto resolution = find_finest_held(volume, *directory);
-  if (!resolution) return {};
-  const auto masses = sum_masses(volume, *directory, *resolution, column);
+  const std::optional<Masses> masses = find_masses(volume, column);
   if (!masses) return {};
 
-  // Down the page, as NodeTree goes: a child's points begin where those of the siblings before it end.
+  // Down the page, as NodeTree goes: the points of a child begin behind those of the siblings before it.
   const format::NodeArrays& nodes = root.nodes;
-  const std::size_t segments = *resolution + 1;
+  const std::size_t segments = masses->resolution + 1;
   FilledNodes found;
   found.filled_.resize(nodes.size());
   std::vector<double> volumes(nodes.size());
@@ -74,13 +96,9 @@ FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexP
   volumes[0] = info.cube.edge * info.cube.edge * info.cube.edge;
   for (std::size_t s = 1; s < segments; ++s) begins[s] = info.resolution_counts[s - 1];
   for (std::uint32_t node = 0; node < nodes.size(); ++node) {
-    const auto counts = nodes.counts_of(node).first(segments);
     const auto begin = std::span(begins).subspan(node * segments, segments);
-    if (nodes.first_resolutions[node] <= *resolution) {
-      double mass = 0;
-      for (std::size_t s = 0; s < segments; ++s) mass += (*masses)[begin[s] + counts[s]] - (*masses)[begin[s]];
-      found.filled_[node] = mass >= least_filling * volumes[node];
-    }
+    if (nodes.first_resolutions[node] <= masses->resolution)
+      found.filled_[node] = masses->of(begin, nodes.counts_of(node)) >= least_filling * volumes[node];
     std::uint32_t child = root.first_children[node];
     if (child == IndexPage::no_node) continue;
     std::vector<std::uint64_t> next(begin.begin(), begin.end());
@@ -146,7 +164,7 @@ void Occlusion::add(const Cube& cube, double extinction) {
     for (int column = rays.left; column <= rays.right; ++column) {
       const auto ray = static_cast<std::size_t>(row * columns_ + column);
       if (depths_[ray] >= closed) continue;
-      // origin + s direction, s being the depth
+      // The ray is origin + s direction, and s is the depth.
       const dvec3 across = (column * spacing_ - middle.x) / view_.focal * view_.right + upwards;
       const dvec3 origin = view_.orthographic ? across : dvec3(0);
       const dvec3 direction = view_.orthographic ? view_.forward : across + view_.forward;

@@ -5,7 +5,7 @@ namespace splatvol {
 using format::DirectoryPage;
 using format::IndexPage;
 
-// How large a page is in memory shows only when it is unpacked; until then its packed bytes stand for it.
+// The size of a page in memory is known only after unpacking. Until then, its packed bytes are reserved.
 template <class Page, class Read>
 Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_t packed_bytes, Read read) {
   const auto typed = [](const Cache::Pointer& held) {
