@@ -24,8 +24,8 @@ struct ExportSelection {
   Box box{dvec3(-std::numeric_limits<double>::infinity()), dvec3(std::numeric_limits<double>::infinity())};
 };
 
-/// Makes a selection from a resolution (none: the finest) and names of attributes (none: all). Fails if the file does not
-/// have the resolution or an attribute (the message lists what it has), or lacks splat moments of an attribute.
+/// Makes a selection from a resolution (none: the finest) and names of attributes (none: all). Fails if the file does
+/// not have the resolution or an attribute (the message lists what it has), or lacks splat moments of an attribute.
 [[nodiscard]] Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
                                              const std::vector<std::string>& attributes, const Box& box);
 

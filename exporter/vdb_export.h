@@ -21,14 +21,15 @@ struct VdbReport {
 
 /// Spreads the mass of each splat over the voxels that its kernel reaches (exporter/voxel_kernel.h), and writes grids:
 /// - "volume_fraction": volume of material per volume of voxel;
-/// - one for each selected attribute: the mean of its value over the material that has a value. A voxel is active if this
+/// - one for each selected attribute: the mean of its value over the material that has a value. A voxel is active if
+/// this
 ///   material fills more than a thousandth of it.
 /// With a box, writes only voxels whose centres are in it.
 ///
-/// `voxel`: edge, world units; the centre of voxel (0, 0, 0) is the origin of the file's cube. `memory`: most bytes for the
-/// voxels. Reads the file group by group, never whole. Output does not depend on threads or memory. Fails if an attribute
-/// has the name of the other grid, if there are too many voxels along an axis, or if there is no material. Fails with
-/// out_of_budget if `memory` does not suffice.
+/// `voxel`: edge, world units; the centre of voxel (0, 0, 0) is the origin of the file's cube. `memory`: most bytes for
+/// the voxels. Reads the file group by group, never whole. Output does not depend on threads or memory. Fails if an
+/// attribute has the name of the other grid, if there are too many voxels along an axis, or if there is no material.
+/// Fails with out_of_budget if `memory` does not suffice.
 [[nodiscard]] Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path,
                                            const ExportSelection& selection, double voxel, std::uint64_t memory,
                                            const std::function<void(double)>& progress);

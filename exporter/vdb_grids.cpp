@@ -16,7 +16,8 @@ namespace {
 
 using Leaf = openvdb::FloatTree::LeafNodeType;
 
-// OpenVDB gives every file a random number, of 36 characters, behind magic, versions and a flag. It is replaced by a hash.
+// OpenVDB gives every file a random number, of 36 characters, behind magic, versions and a flag. It is replaced by a
+// hash.
 constexpr std::uint64_t uuid_offset = 8 + 4 + 4 + 4 + 1;
 
 std::string uuid_of(std::uint64_t hash) {

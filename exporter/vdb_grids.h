@@ -17,8 +17,8 @@ class VdbGrids {
   VdbGrids(const std::vector<std::string>& names, const dvec3& origin, double voxel);
   ~VdbGrids();
 
-  /// Adds a brick to a grid, which must not have it yet. `first`: its first voxel, multiples of 8. `values`: [voxel], with z
-  /// running fastest, then y, then x; NaN: not active.
+  /// Adds a brick to a grid, which must not have it yet. `first`: its first voxel, multiples of 8. `values`: [voxel],
+  /// with z running fastest, then y, then x; NaN: not active.
   void add_brick(std::size_t grid, const std::array<std::int32_t, 3>& first, const std::array<float, 512>& values);
 
   /// Marks a grid as the share of material (base/vdb_share.h).

@@ -9,8 +9,9 @@
 
 namespace splatvol {
 
-/// The kernel `moments` (docs/accuracy.md), blurred by a voxel: an ellipsoid for the sum of the covariances of the material
-/// and of a voxel, in which density falls as (1 - rho^2)^(3/2). At a boundary, the half of it on the material's side.
+/// The kernel `moments` (docs/accuracy.md), blurred by a voxel: an ellipsoid for the sum of the covariances of the
+/// material and of a voxel, in which density falls as (1 - rho^2)^(3/2). At a boundary, the half of it on the
+/// material's side.
 class VoxelKernel {
  public:
   /// `centroid` and `shape` are in voxels. Requires finite numbers, and voxels that std::int32_t can number.
@@ -31,10 +32,10 @@ class VoxelKernel {
     std::uint32_t count;
   };
 
-  /// Appends the voxels whose centres are in the ellipsoid, at least one, and their shares of its mass. The shares add up
-  /// to 1. An ellipsoid of more than 65536 voxels that is partly outside of `box` gets only the voxels in the box; their
-  /// shares come from the integral of the kernel. Returns false, with incomplete results, if there are more than `most`
-  /// voxels.
+  /// Appends the voxels whose centres are in the ellipsoid, at least one, and their shares of its mass. The shares add
+  /// up to 1. An ellipsoid of more than 65536 voxels that is partly outside of `box` gets only the voxels in the box;
+  /// their shares come from the integral of the kernel. Returns false, with incomplete results, if there are more than
+  /// `most` voxels.
   [[nodiscard]] bool append(const Box& box, std::size_t most, std::vector<Run>& runs,
                             std::vector<double>& shares) const;
 

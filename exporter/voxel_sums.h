@@ -27,8 +27,8 @@ struct VoxelSplat {
   std::vector<Value> values;  // [attribute]
 };
 
-/// The sums of each voxel: the mass; then, for each attribute, the mass of the material that has a value, and the integral
-/// of the value over this mass.
+/// The sums of each voxel: the mass; then, for each attribute, the mass of the material that has a value, and the
+/// integral of the value over this mass.
 class VoxelSums {
  public:
   static constexpr std::int32_t brick_edge = 8;
@@ -39,8 +39,8 @@ class VoxelSums {
   VoxelSums(std::size_t attributes, const Box& box, std::uint64_t memory)
       : sums_(1 + 2 * attributes), box_(box), memory_(memory) {}
 
-  /// Adds the whole mass of each splat. The result does not depend on how splats are divided into calls. Fails if it would
-  /// hold more than `memory`.
+  /// Adds the whole mass of each splat. The result does not depend on how splats are divided into calls. Fails if it
+  /// would hold more than `memory`.
   [[nodiscard]] Status add(std::span<const VoxelSplat> splats);
 
   /// Returns the number of sums of a voxel.

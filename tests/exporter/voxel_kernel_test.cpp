@@ -66,7 +66,7 @@ TEST(VoxelKernel, SharesAddUpToOneForAnyShape) {
   }
 }
 
-// A kernel many voxels wide is sampled finely: the error of the mean is far below a voxel.
+// A kernel many voxels wide has many samples: the error of the mean is far below a voxel.
 TEST(VoxelKernel, KeepsTheMeanAndTurnsTheEllipsoid) {
   const dvec3 centroid(3.3, -7.1, 0.4);
   const auto shape = shape_of({6, 3, 1}, {0.8, 0.1, 0.5, -0.3});
@@ -121,7 +121,7 @@ TEST(VoxelKernel, PartOfALargeOneHasItsPart) {
   EXPECT_FALSE(kernel.append(everywhere, 1000, runs, shares));
 }
 
-// The regression of a value on the position in the material that a voxel's blur has widened.
+// The slope is the regression of the value on the position in the material after the blur of a voxel.
 TEST(VoxelKernel, SlopeIsTheFieldsWhereItIsResolved) {
   const dvec3 slope(1, -2, 0.5);
   const dvec3 deviations(10, 8, 6);

@@ -24,7 +24,7 @@ Bytes raw_section(const Bytes& file, const std::vector<SectionEntry>& sections, 
   return unpack(section_of(file, sections, kind), section->unpacked_bytes, "test").value();
 }
 
-// Where the links of a structure block stand: spec 6, node by node.
+// Finds the offsets of the links in a structure part: spec 6, node by node.
 std::vector<std::size_t> find_links(const Bytes& structure, std::uint32_t nodes, std::size_t resolutions,
                                     std::size_t size_bounds) {
   std::vector<std::size_t> links;
@@ -50,7 +50,7 @@ void overwrite(Bytes& bytes, std::size_t offset, const T& record) {
 
 void append(Bytes& bytes, std::span<const std::byte> more) { bytes.insert(bytes.end(), more.begin(), more.end()); }
 
-// Hands a record to the surgeon; what he leaves of it comes back.
+// Gives a record to the surgeon, and returns the changed record.
 template <class T>
 T operate_on_record(const T& record, std::size_t bytes, const Surgeon& surgeon, Part part) {
   const auto raw = std::as_bytes(std::span(&record, 1)).first(bytes);
@@ -102,21 +102,21 @@ void Dissected::read_pages(std::span<const std::byte> section, std::span<const s
     Page page{read_record<std::uint32_t>(bytes, 0), {}, {}, {}};
     std::uint64_t at = 8 + sizeof(IndexPagePart) * (1 + attributes);
     for (std::size_t b = 0; b <= attributes; ++b) {
-      const auto block = read_record<IndexPagePart>(bytes, 8 + b * sizeof(IndexPagePart));
-      page.blocks.push_back(unpack(bytes.subspan(at, block.packed_bytes), block.unpacked_bytes, "test").value());
-      at += block.packed_bytes;
+      const auto part = read_record<IndexPagePart>(bytes, 8 + b * sizeof(IndexPagePart));
+      page.parts.push_back(unpack(bytes.subspan(at, part.packed_bytes), part.unpacked_bytes, "test").value());
+      at += part.packed_bytes;
       if (b == 0 && at != front) std::abort();
     }
-    page.links = find_links(page.blocks[0], page.node_count, resolutions_, size_bounds_);
+    page.links = find_links(page.parts[0], page.node_count, resolutions_, size_bounds_);
     return page;
   };
 
-  // Depth first, so that a page comes before those that link to it.
+  // Depth first, so that a page comes before the page that links to it.
   const std::function<std::size_t(std::span<const std::byte>, std::uint64_t)> add =
       [&](std::span<const std::byte> bytes, std::uint64_t front) {
         Page page = read_page(bytes, front);
         for (const std::size_t link : page.links) {
-          const auto ref = read_record<IndexPageRef>(page.blocks[0], link);
+          const auto ref = read_record<IndexPageRef>(page.parts[0], link);
           page.linked_pages.push_back(add(section.subspan(ref.offset, ref.page_bytes), ref.front_bytes));
         }
         pages_.push_back(std::move(page));
@@ -131,22 +131,22 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
   std::size_t summaries = 0;
   for (std::size_t p = 0; p < pages_.size(); ++p) {
     const Page& page = pages_[p];
-    std::vector<Bytes> blocks = page.blocks;
+    std::vector<Bytes> parts = page.parts;
     for (std::size_t link = 0; link < page.links.size(); ++link)
-      overwrite(blocks[0], page.links[link], packed[page.linked_pages[link]].ref);
-    surgeon(Part::structure, p, blocks[0]);
-    for (std::size_t b = 1; b < blocks.size(); ++b) surgeon(Part::summary, summaries++, blocks[b]);
+      overwrite(parts[0], page.links[link], packed[page.linked_pages[link]].ref);
+    surgeon(Part::structure, p, parts[0]);
+    for (std::size_t b = 1; b < parts.size(); ++b) surgeon(Part::summary, summaries++, parts[b]);
 
     Bytes table, body;
     append_record(table, page.node_count);
     append_record(table, std::uint32_t{0});
     std::uint64_t structure_bytes = 0;
-    for (std::size_t b = 0; b < blocks.size(); ++b) {
-      const Bytes block = pack(blocks[b]);
-      append_record(table, IndexPagePart{static_cast<std::uint32_t>(block.size()),
-                                         static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
-      append(body, block);
-      if (b == 0) structure_bytes = block.size();
+    for (std::size_t b = 0; b < parts.size(); ++b) {
+      const Bytes part = pack(parts[b]);
+      append_record(table, IndexPagePart{static_cast<std::uint32_t>(part.size()),
+                                         static_cast<std::uint32_t>(parts[b].size()), hash_bytes(part)});
+      append(body, part);
+      if (b == 0) structure_bytes = part.size();
     }
     surgeon(Part::index_table, p, table);
     PackedPage result{{offset, static_cast<std::uint32_t>(table.size() + structure_bytes), 0, hash_bytes(table)},
@@ -188,7 +188,7 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
     append(packed[SectionKind::rows], chunk);
   }
 
-  // Lengths are known now, so offsets are: of the sections, then of the directory's pages and the chunks.
+  // Now all lengths are known, and so the offsets of sections, directory pages and chunks.
   const std::uint64_t references = 8 + directory_pages_.size() * sizeof(DirectoryPageRef);
   packed[SectionKind::directory_root].resize(references + 8 + directory_pages_[0] * sizeof(ChunkEntry));
   std::size_t tail = 0;
@@ -225,7 +225,7 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
   packed[SectionKind::directory_root] = root;
   packed[SectionKind::directory_pages] = pages_tail;
 
-  // A surgeon may have changed lengths since; sections tile the file again in any case.
+  // The surgeon may have changed lengths after that. The sections must tile the file again.
   offset = sizeof(Superblock) + sections.size() * sizeof(SectionEntry);
   Bytes table, body;
   for (SectionEntry& section : sections) {
@@ -274,7 +274,7 @@ std::size_t Dissected::count(Part part) const {
     case Part::index_table:
       return pages_.size();
     case Part::summary:
-      return pages_.size() * (pages_[0].blocks.size() - 1);
+      return pages_.size() * (pages_[0].parts.size() - 1);
     case Part::chunk:
       return chunks_.size();
     case Part::directory_page:

@@ -49,7 +49,7 @@ Status verify_bytes(const Bytes& bytes) {
   return volume->verify([](double) {});
 }
 
-// A chunk of what the splats stand for against what went into it; bounds of errors are tested with the columns.
+// Compares a chunk of material with its input. The tests of columns test the bounds of errors.
 void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Column& column, const Group& group,
                           std::size_t resolution, const TestVolume& volume) {
   const auto attribute = static_cast<std::size_t>(std::max(column.attribute, 0));
@@ -91,7 +91,7 @@ void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Co
   }
 }
 
-// All chunks of a file against what went into it.
+// Compares all chunks of a file with their input.
 void expect_same_columns(const Volume& file, const TestVolume& volume) {
   const RowLayout& rows = file.rows();
   for (std::uint64_t row = 0; row < rows.row_count(); ++row) {
@@ -129,7 +129,7 @@ void expect_same_columns(const Volume& file, const TestVolume& volume) {
   }
 }
 
-// Depth-first nodes of a file against the tree that went into it; returns the next node of the tree.
+// Compares the nodes of a file, depth first, with the tree of the input. Returns the next node of the tree.
 std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::uint32_t node, int attribute,
                               const NodeArrays& tree, std::size_t at) {
   EXPECT_EQ(page.nodes.child_masks[node], tree.child_masks[at]);
@@ -283,7 +283,7 @@ class CountingSource final : public ByteSource {
 };
 
 TEST(Reads, AFailingSourceGivesItsErrorWhereverItFails) {
-  // Larger than the first read, so that every kind of part is read for itself.
+  // Larger than the first read, so that every kind of part needs a read.
   TestVolumeOptions options;
   options.node_points = 8;
   const Bytes bytes = test_volume_bytes(small_volume(2500, 2, options));
@@ -316,7 +316,7 @@ TEST(Reads, OpeningTakesOneRead) {
     EXPECT_LE((*volume)->preamble_bytes(), min_first_read_bytes);
     EXPECT_EQ((*volume)->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
 
-    // The first picture as well: root page, and the chunks of the coarsest resolution.
+    // The first picture too: root page, and the chunks of the coarsest resolution.
     ASSERT_TRUE((*volume)->read_index_root(0));
     const DirectoryPage page = (*volume)->read_directory_page(0).value();
     for (const int column : (*volume)->rows().columns_of_row(0)) {
@@ -390,7 +390,7 @@ TEST(Writer, ThePreambleOfManyAttributesFits) {
   const auto file = open_bytes(bytes);
   ASSERT_TRUE(file);
   EXPECT_LE(file->preamble_bytes(), max_preamble_bytes);
-  // Not only its description: the coarsest resolution, too.
+  // Not only the metadata, but also the coarsest resolution.
   const DirectoryPage page = file->read_directory_page(0).value();
   const ChunkLocation& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
   EXPECT_GE(file->preamble_bytes(), last.offset + last.entry.packed_bytes);
@@ -435,7 +435,7 @@ TEST(Writer, AbandonedItLeavesNothingBehind) {
     const auto writer = create_writer(volume, folder.file("half.svol"));
     ASSERT_TRUE(writer);
     EXPECT_EQ(folder.files(), 0u);
-    EXPECT_FALSE((*writer)->finish({{}}));  // rows are lacking
+    EXPECT_FALSE((*writer)->finish({{}}));  // rows are missing
   }
   EXPECT_EQ(folder.files(), 0u);
 }
@@ -488,7 +488,7 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
   EXPECT_TRUE(std::ranges::equal(std::as_bytes(std::span(text)), expected));
 }
 
-// Few stay as they are; many are moved by whole blocks, for which the file is padded.
+// Few rows are copied. Many are moved without copying, and the file has padding for it.
 TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   const Folder folder;
   VolumeInfo info;
@@ -535,7 +535,7 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   }
 }
 
-// 19 MB of directory and 32 MB of index pages; what is counted is the directory root, and the 1 MiB of a copy.
+// 19 MB of directory and 32 MB of index pages. The writer holds the directory root, and 1 MiB for copying.
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
   const Folder folder;
   VolumeInfo info;

@@ -20,7 +20,7 @@ using test::TestVolume;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// A volume in memory with its index behind the cut's interface.
+// A volume in memory, which supplies the pages of its index.
 struct Bench {
   explicit Bench(TestVolume made, TransferFunction function = test::opaque(), int attribute = 1,
                  KernelKind kind = KernelKind::octant)
@@ -53,7 +53,7 @@ CutOptions tolerance(double percent, std::uint64_t compare_above = 512) {
   return options;
 }
 
-// How many drawn splats stand for each point.
+// Returns how many drawn splats stand for each point.
 std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
   std::vector<std::map<std::uint64_t, int>> drawn(volume.info.resolutions());
   for (const CutItem& item : cut.items)
@@ -190,7 +190,7 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
           const double depth = view.orthographic ? 1 : view.to_view(bench.volume.positions[i]).z;
           const double size = bench.volume.splat_size(item.resolution, i) * view.focal / depth;
           const bool coarse = depth <= 0 || 100 * size > percent * std::min(view.width, view.height);
-          // Only the finest resolution may break it.
+          // Only the finest resolution may break the tolerance.
           ASSERT_TRUE(!coarse || item.resolution + 1 == bench.volume.info.resolutions());
           if (!coarse) ++within;
         }
@@ -198,7 +198,7 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
   EXPECT_GT(within, 5000);
 }
 
-// Whether something in `a` may lie in front of something in `b`.
+// Whether something in `a` may be in front of something in `b`.
 bool may_hide(const View& view, const Cube& a, const Cube& b) {
   for (int axis = 0; axis < 3; ++axis) {
     const double a_low = a.origin[axis], a_high = a_low + a.edge, b_low = b.origin[axis], b_high = b_low + b.edge;
@@ -228,7 +228,7 @@ TEST(Cut, IsBackToFront) {
   EXPECT_GT(pairs, 10000u);
 }
 
-// A splat as the renderer draws it: a square around its centre, in front of the eye.
+// A splat as the renderer draws it: a square round its centre, in front of the eye.
 bool is_visible(const View& view, const dvec3& point, double size) {
   const dvec3 p = view.to_view(point);
   if (p.z <= 0) return false;
@@ -257,7 +257,7 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   EXPECT_GT(left_out, 50000u);
 }
 
-// Whether something of a splat's ellipsoid is seen: points of its surface and on its axes, exactly where they project.
+// Whether a part of a splat's ellipsoid is visible. Projects points of its surface and on its axes exactly.
 bool ellipsoid_is_visible(const View& view, const TestVolume& volume, std::size_t resolution, std::size_t i) {
   static const std::vector<dvec3> ball = [] {
     std::mt19937 random(3);
@@ -291,7 +291,7 @@ TEST(Cut, CullingLosesNoVisibleEllipsoid) {
   const TestVolume& volume = bench.volume;
   std::size_t sticking_out = 0, left_out = 0, seen = 0;
   for (std::size_t i = 0; i < volume.positions.size(); ++i) {
-    // Of the smallest node that holds the point.
+    // The smallest node that has the point.
     std::size_t node = 0;
     for (std::size_t n = 0; n < volume.node_paths.size(); ++n)
       if (volume.holds(n, i) && volume.node_paths[n].size() >= volume.node_paths[node].size()) node = n;
@@ -321,7 +321,7 @@ TEST(Cut, CullingLosesNoVisibleEllipsoid) {
   EXPECT_GT(seen, 20000u);
 }
 
-// A volume whose splats are all alike: balls of half axis `radius`, their centroids `aside` of the points.
+// Makes all splats of a volume equal: balls of half axis `radius`, with centroids `aside` of the points.
 TestVolume volume_of_balls(const dvec3& aside, double radius) {
   TestVolume volume = test::sample_volume(400, 17);
   const std::size_t resolutions = volume.info.resolutions();
@@ -343,7 +343,7 @@ TestVolume volume_of_balls(const dvec3& aside, double radius) {
 }
 
 TEST(Cut, MomentsWithCentroidsFarOutOfTheirNodeAreNotCulled) {
-  // By much more than their own width, along the diagonal.
+  // Along the diagonal, by much more than their width.
   Bench bench(volume_of_balls(dvec3(0.2), 1e-4), test::opaque(), 1, KernelKind::moments);
   const std::size_t finest = bench.volume.info.resolutions() - 1;
   std::mt19937 random(17);
@@ -430,7 +430,7 @@ TEST(Cut, OfMomentsStandsForEveryPointOnce) {
 TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
   const TransferFunction function = test::window(30, 31);  // of 100 z
   test::TestVolumeOptions options;
-  options.moments = false;  // else their material counts
+  options.moments = false;  // with moments, their material counts
   Bench bench(test::sample_volume(4000, 12, options), function);
   std::mt19937 random(12);
   const Cut cut = bench.cut(test::view_of_all(random), tolerance(0));
@@ -485,7 +485,7 @@ TEST(Cut, NeedsTheSizesOfItsKernel) {
   EXPECT_THAT(refused.error().message, testing::HasSubstr("octant"));
 }
 
-// Cuts by expected error.
+// --- Cuts by expected error.
 
 CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
   CutOptions options;
@@ -493,7 +493,7 @@ CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
   return options;
 }
 
-// Extinction 1, and colours that change over a small part of attribute 1 only, which is 100 z.
+// Extinction 1, and colours that change only over a small range of attribute 1, which is 100 z.
 TransferFunction edge_at(double value) {
   TransferFunction function = test::opaque();
   function.lo = 0;
@@ -527,13 +527,13 @@ TEST(CutByError, ExtremesAreTheCoarsestResolutionAndNearlyAllPoints) {
     EXPECT_EQ(bench.cut(view, goal(0)).splats, coarsest);
     EXPECT_EQ(bench.cut(view, goal(1)).splats, coarsest);
     EXPECT_EQ(bench.cut(view, goal(1u << 20, 1e3)).splats, coarsest);
-    // But for nodes in which more splats gain nothing.
+    // Except in nodes in which more splats gain nothing.
     EXPECT_GT(bench.cut(view, goal(1u << 20)).splats, 1500u);
   }
 }
 
-// What is made as small as can be has the seams between resolutions too, and what a node's parts tell of it: so it is
-// not exactly so.
+// Not exactly: the minimised cost also has the seams between resolutions, and the errors that only the parts of a node
+// tell.
 TEST(CutByError, MoreSplatsLessenTheError) {
   Bench bench(test::sample_volume(4000, 23), edge_at(30));
   std::mt19937 random(23);
@@ -569,7 +569,7 @@ TEST(CutByError, MeetsAnError) {
   EXPECT_GT(between, 20);
 }
 
-// At equal splats. For the same reason a tolerance may leave a little less.
+// With equal numbers of splats. For the same reason a tolerance may have a slightly smaller error.
 TEST(CutByError, ExpectsNoMoreThanATolerance) {
   Bench bench(test::sample_volume(4000, 25), edge_at(70));
   std::mt19937 random(25);
@@ -625,7 +625,7 @@ TEST(CutByError, OfASinglePointAndOfCoincidentPointsAndOfOneValue) {
   EXPECT_GT(all.splats, 0u);
   EXPECT_TRUE(std::isfinite(all.squared_error));
 
-  // Nothing but the splats' shape is wrong: little is expected, and it takes few splats to be content.
+  // Only the shape of the splats causes an error. The expected error is small, and few splats meet the goal.
   Bench varied(test::sample_volume(2000, 29), edge_at(50)), alike(test::sample_volume(2000, 29));
   const View view = test::view_of_all(random);
   EXPECT_LT(alike.cut(view, goal(500)).squared_error, 0.2 * varied.cut(view, goal(500)).squared_error);

@@ -10,7 +10,7 @@
 namespace splatvol {
 namespace {
 
-// A disc of this radius, parallel to the image, in front of the eye: does its square touch the image?
+// Whether the square round a disc touches the image. The disc is parallel to the image, in front of the eye.
 bool square_touches(const View& view, const dvec3& point, double radius) {
   const dvec3 p = view.to_view(point);
   if (p.z <= 0) return false;

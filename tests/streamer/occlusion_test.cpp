@@ -22,7 +22,7 @@
 namespace splatvol {
 namespace {
 
-// Length of the way from where light starts towards the eye to `to`, within a cube.
+// Returns how long the line from the eye to `to` is inside a cube. With parallel rays it begins in the eye's plane.
 double way_within(const Cube& cube, const View& view, const dvec3& to) {
   const dvec3 way = view.orthographic ? view.to_view(to).z * view.forward : to - view.eye;
   const dvec3 from = to - way;
@@ -43,7 +43,7 @@ bool is_in_picture(const View& view, const dvec3& point) {
   return p.z > 0 && std::abs(p.x) * scale < 0.5 * view.width && std::abs(p.y) * scale < 0.5 * view.height;
 }
 
-// Octants of the unit cube, some opaque, some not; what is said to be hidden is, at every place.
+// Octants of the unit cube, some of them opaque. Every position in a hidden cube must be hidden.
 TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -52,7 +52,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
     const View view = test::random_view(random);
     Occlusion occlusion(view);
     std::vector<std::pair<Cube, double>> cubes;
-    // Front to back: octants of octants.
+    // Octants of octants, front to back.
     const std::function<void(const Cube&, int)> visit = [&](const Cube& cube, int depth) {
       if (depth == 2) {
         if (occlusion.is_small(cube) || uniform(random) < 0.3) return;
@@ -77,7 +77,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
         if (!is_in_picture(view, point)) continue;
         double depth = 0;
         for (const auto& [front, extinction] : cubes) depth += extinction * way_within(front, view, point);
-        // Between rays it may be a little less.
+        // Between rays the optical depth may be slightly less.
         ASSERT_GT(depth, 0.8 * Occlusion::closed) << "trial " << trial;
       }
     }
@@ -107,7 +107,7 @@ TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
   EXPECT_FALSE(inside.hides(behind));
 }
 
-// The box [-2, 2] x [-2, 2] x [-1, 1] full of material, opaque or half of it so.
+// The box [-2, 2] x [-2, 2] x [-1, 1], full of material. All of it is opaque, or half.
 class OpaqueMesh : public testing::Test {
  protected:
   void SetUp() override {
@@ -165,14 +165,14 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
       const Cut front = cut(from, extinction, options);
       if (!goal) {
         EXPECT_LT(front.splats, 0.8 * static_cast<double>(all.splats));
-        // What is drawn is drawn as before.
+        // Nodes that are drawn are drawn as before.
         for (const CutItem& item : front.items)
           EXPECT_TRUE(std::ranges::any_of(all.items, [&](const CutItem& other) {
             return item.cube.origin == other.cube.origin && item.cube.edge == other.cube.edge &&
                    item.resolution == other.resolution;
           }));
       }
-      // What is not lies deep in the material, all of it.
+      // Nodes that are left out are all deep in the material.
       const auto is_drawn = [&](const dvec3& p) {
         return std::ranges::any_of(front.items, [&](const CutItem& item) {
           return glm::all(glm::lessThanEqual(item.cube.origin, p)) &&
@@ -184,7 +184,7 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
       for (int sample = 0; sample < 2000; ++sample) {
         const dvec3 p(2 * uniform(random), 2 * uniform(random), uniform(random));
         if (is_drawn(p)) continue;
-        const double way = way_within({{-2, -2, -2}, 4}, from, p);  // at least that through the box
+        const double way = way_within({{-2, -2, -2}, 4}, from, p);  // at least the length through the box
         double through = way;
         const dvec3 towards = glm::normalize(from.eye - p);
         for (const double side : {-1.0, 1.0})
@@ -223,7 +223,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
     for (const double extinction : {20.0, 1.0, 40.0, 40.0})
       EXPECT_EQ(cut(from, extinction, keeping), cut(from, extinction, options)) << extinction;
 
-  // Another tolerance takes what was kept: here, that nothing is hidden.
+  // Another tolerance reuses the kept occlusion, here one that hides nothing.
   kept->occlusion = Occlusion(view({5, 4, 8}));
   keeping.tolerance_percent = 0.8;
   CutOptions all = keeping;
@@ -232,7 +232,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
   EXPECT_EQ(cut(view({5, 4, 8}), 40, keeping), cut(view({5, 4, 8}), 40, all));
 }
 
-// Pages of an index of which some are there.
+// The pages of an index; some of them are there.
 class SomePages final : public IndexPages {
  public:
   explicit SomePages(IndexPages& all) : all_(all) {}
@@ -250,7 +250,7 @@ class SomePages final : public IndexPages {
   IndexPages& all_;
 };
 
-// With more pages of index than its root.
+// A mesh with more index pages than the root.
 class OpaqueMeshInPages : public OpaqueMesh {
   const char* input() const override { return "gen:mesh:cells=1e6"; }
 };
@@ -263,7 +263,7 @@ TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
   std::optional<KeptOcclusion> kept;
   keeping.kept_occlusion = &kept;
   std::mt19937 random(5);
-  int came = 0, went = 0;  // pages that tell what hides
+  int came = 0, went = 0;  // pages that the occlusion depends on
   for (const dvec3 eye : {dvec3(3, 2, 5), dvec3(-3, -2, 5), dvec3(3, -2, -5), dvec3(-3, 2, -5)}) {
     SomePages pages(*paged_), pages_of_fresh(*paged_);
     for (int step = 0; step < 12; ++step) {
@@ -275,7 +275,7 @@ TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
       ASSERT_EQ(pages.asked, pages_of_fresh.asked);
       if (pages.asked.empty()) break;
 
-      // One of the pages that were asked for comes, or goes.
+      // One of the pages that were asked for arrives, or is dropped.
       std::vector<std::uint64_t> asked(pages.asked.begin(), pages.asked.end());
       const std::uint64_t page = asked[random() % asked.size()];
       const bool comes = pages.there.insert(page).second;

@@ -18,7 +18,7 @@ class TreeReader {
   }
 
  private:
-  using Pages = std::vector<format::IndexPage>;  // one for each attribute, and one where there is none
+  using Pages = std::vector<format::IndexPage>;  // one for each attribute, or one if there are no attributes
 
   Result<Pages> open(const format::IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes,
                      std::uint64_t links_end) const {
@@ -27,8 +27,8 @@ class TreeReader {
     for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
       SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test"));
       if (a < tree_.shape.attributes) {
-        const auto [offset, block] = find_summary_part(front, a, tree_.shape);
-        SPLATVOL_TRY(unpack_summaries(block, bytes.subspan(offset, block.packed_bytes), "test", page));
+        const auto [offset, part] = find_summary_part(front, a, tree_.shape);
+        SPLATVOL_TRY(unpack_summaries(part, bytes.subspan(offset, part.packed_bytes), "test", page));
       }
       pages.push_back(std::move(page));
     }

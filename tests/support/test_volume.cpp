@@ -19,7 +19,7 @@ constexpr std::size_t key_levels = 42;
 
 using Indices = std::vector<std::uint32_t>;
 
-// Spec 7, word for word.
+// Follows spec 7 literally.
 NodePath path_of(const dvec3& point, const Cube& cube) {
   std::array<std::uint64_t, 3> index{};
   for (int axis = 0; axis < 3; ++axis) {
@@ -42,7 +42,7 @@ struct Leaf {
   Indices points;
 };
 
-// Leaves, in Morton order, of the octree over `points` with at most `most` points in a leaf.
+// Appends the leaves, in Morton order, of the octree over `points` with at most `most` points in a leaf.
 void collect_leaves(const std::vector<NodePath>& paths, const Indices& points, const NodePath& node, std::size_t most,
                     std::vector<Leaf>& leaves) {
   if (points.empty()) return;
@@ -65,7 +65,7 @@ std::uint32_t nearest_to_centre(const std::vector<dvec3>& positions, const Leaf&
   });
 }
 
-// One resolution while the order of points is still the input's.
+// One resolution, while points are still in input order.
 struct Level {
   Indices points;
   Indices representatives;                   // [input point]
@@ -103,7 +103,7 @@ std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector
   }
 }
 
-// File order: by the first resolution that has the point, then along the Morton curve.
+// Returns the file order: by the first resolution that has the point, then in Morton order.
 Indices file_order(const std::vector<Level>& levels, const std::vector<NodePath>& paths) {
   std::vector<std::size_t> segment(paths.size());
   for (std::size_t r = levels.size(); r-- > 0;)
@@ -148,8 +148,8 @@ void fill_gradients(TestVolume& volume) {
   }
 }
 
-// The ellipsoid is of the size of a node that holds one point; every 7th point has flat material, every 11th all of it
-// in one place, every 13th none. Values stay in the attribute's range, and are missing where the point's is.
+// The ellipsoid is as large as a node with one point. Every 7th point has material in a plane, every 11th at one position,
+// every 13th none. Values stay in the range of the attribute, and are missing if the point's value is.
 void fill_parcels(TestVolume& volume) {
   std::mt19937 random(7);
   std::normal_distribution<double> normal;
@@ -172,7 +172,7 @@ void fill_parcels(TestVolume& volume) {
   }
 }
 
-// Eigenvalues, descending, and eigenvectors of a symmetric matrix, by Jacobi's rotations.
+// Computes the eigenvalues, descending, and eigenvectors of a symmetric matrix, by Jacobi rotations.
 std::pair<dvec3, dmat3> eigensystem(dmat3 m) {
   dmat3 vectors(1);
   for (int sweep = 0; sweep < 30; ++sweep)
@@ -198,7 +198,7 @@ std::pair<dvec3, dmat3> eigensystem(dmat3 m) {
   return {values, sorted};
 }
 
-// Mass, mean and covariance of (x, y, z, v): v of an attribute, with only what has a value, or 0.
+// Mass, mean and covariance of (x, y, z, v). v: value of an attribute, then only of material that has one; or 0.
 struct Moments {
   double mass = 0;
   std::array<double, 4> mean{};
@@ -224,7 +224,7 @@ Moments moments_of(const std::vector<Sample>& samples) {
   return moments;
 }
 
-// All the parcels of a cluster, places less the representative's.
+// Returns all parcels of a cluster, with positions relative to the representative.
 std::vector<Sample> samples_of(const TestVolume& volume, const Indices& cluster, const dvec3& from, int attribute) {
   std::vector<Sample> samples;
   for (const std::uint32_t i : cluster)
@@ -292,7 +292,7 @@ void fill_moments(TestVolume& volume) {
   }
 }
 
-// The coarsest resolution from which on every cluster is wholly inside or wholly outside.
+// Returns the coarsest resolution from which on every cluster is inside or outside as a whole.
 std::size_t first_resolution(const TestVolume& volume, const std::vector<bool>& inside) {
   std::size_t first = volume.info.resolutions() - 1;
   const auto respects = [&](std::size_t r) {

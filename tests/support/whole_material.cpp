@@ -7,7 +7,7 @@
 namespace splatvol::test {
 namespace {
 
-// Of each of `finer`'s leaves, the members' moments about the one that stays: `kept`.
+// Returns the moments of the members of each leaf of `finer` about its member that is kept (`kept`).
 template <class Moments>
 std::vector<Moments> merge_leaves(const std::vector<Moments>& moments, std::span<const dvec3> positions,
                                   const Resolution& finer, std::span<const std::uint64_t> kept) {
@@ -62,7 +62,6 @@ std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resoluti
   return splats;
 }
 
-// From fine to coarse: a splat looks where its parts are.
 void fit_finest_densities(std::span<SplatRow> splats) {
   std::vector<PlacedShape> shapes;
   for (const SplatRow& splat : splats) shapes.push_back({splat.centroid, splat.shape});

@@ -1,4 +1,4 @@
-// The material of points and of the clusters that coarser resolutions draw in their place, all in memory: an oracle.
+// The material of points, and of the clusters of coarser resolutions, all in memory: an oracle.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +13,11 @@
 
 namespace splatvol::test {
 
-/// What the points of a resolution stand for: a part of the volume each, and the values in it.
+/// The material of the points of a resolution, with its values.
 struct Material {
   std::vector<SpatialMoments> moments;                   // [member]
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute][member]
-  std::vector<BoundaryPlane> planes;                     // [member]; empty where the material has no known boundary
+  std::vector<BoundaryPlane> planes;                     // [member]; empty if the material has no known boundary
 
   [[nodiscard]] BoundaryPlane plane(std::size_t member) const {
     return planes.empty() ? BoundaryPlane{} : planes[member];
@@ -26,12 +26,12 @@ struct Material {
 
 [[nodiscard]] Material material_of(const PointBatch& points);
 
-/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer one.
-/// `finest` is of all points. Resolutions from coarse to fine, as the result.
+/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer resolution.
+/// `finest` is that of all points. Both the argument and the result are ordered from coarse to fine.
 [[nodiscard]] std::vector<Material> merge_clusters(std::span<const dvec3> positions,
                                                    std::span<const Resolution> resolutions, Material finest);
 
-/// A resolution's splats: centroid, shape, number and octant. Densities are 1.
+/// Returns the splats of a resolution: centroid, shape, number and octant. Densities are 1.
 [[nodiscard]] std::vector<SplatRow> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
                                               const Material& material);
 

@@ -1,4 +1,4 @@
-// An input's points all in memory, for tests.
+// All points of an input in memory, for tests.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@ namespace splatvol::test {
 
 struct WholePoints {
   InputSummary summary;
-  PointBatch points;  // in Morton order, equal samples merged, without cells; no material where the input has none
+  PointBatch points;  // in Morton order, equal samples merged, without cells; without material if the input has none
 };
 
 /// Reads a source through PointStream, which may hold `memory` bytes.

@@ -21,7 +21,7 @@ void visit_node(std::span<const MortonKey> keys, std::uint64_t leaf_points, std:
   }
 }
 
-// Fills in all but the members.
+// Sets everything but the members.
 void find_leaves(std::span<const MortonKey> keys, std::uint32_t leaf_points, Resolution& resolution) {
   std::vector<MortonKey> member_keys;
   for (const std::uint64_t i : resolution.members) member_keys.push_back(keys[i]);
