@@ -389,8 +389,8 @@ class HostileTree : public testing::Test {
 };
 
 TEST(Hostile, PagesThatAreLinkedToTwiceAreRefused) {
-  // All octants of a lattice of points have the same counts, so that a link to one fits the others. A chain of such pages
-  // has exponentially many paths.
+  // All octants of a lattice of points have the same counts, so that a link to one fits the others. A chain of such
+  // pages has exponentially many paths.
   std::vector<dvec3> lattice;
   for (int i = 0; i < 512; ++i) lattice.push_back((dvec3(i & 7, i >> 3 & 7, i >> 6) + 0.5) / 8.0);
   TestVolumeOptions options;

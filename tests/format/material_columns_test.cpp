@@ -135,7 +135,8 @@ void expect_shapes_near(const std::vector<SplatShape>& in, double tilt = 1.0 / 1
     EXPECT_NEAR(glm::length(out[i].orientation), 1, rounding);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(in[i].boundary[k], out[i].boundary[k], 1.0 / 256 + rounding);
     EXPECT_TRUE(within_factor(in[i].density, out[i].density, std::exp2(1.0 / 64) + rounding)) << in[i].density;
-    // The tilt also has a term of second order in the angle. A tenth of the first covers it, up to the largest angle, 1/16.
+    // The tilt also has a term of second order in the angle. A tenth of the first covers it, up to the largest angle,
+    // 1/16.
     EXPECT_LE(worst_tilt(in[i], out[i]), 1.1 * tilt) << in[i].deviations[0] / in[i].deviations[2];
   }
 }
@@ -155,8 +156,8 @@ TEST(MomentsColumn, KeepsItsBoundsAtEveryAspectRatio) {
 }
 
 TEST(MomentsColumn, NeedlesAndPancakesComeAsNearAsTwentyBitsReach) {
-  // Each of three components is off by up to half a quantisation step of sqrt(1/2) / (2^19 - 1), the fourth by up to the
-  // sum of the three. Together this is sqrt(12) halves, and twice that as an angle.
+  // Each of three components is off by up to half a quantisation step of sqrt(1/2) / (2^19 - 1), the fourth by up to
+  // the sum of the three. Together this is sqrt(12) halves, and twice that as an angle.
   const double angle = std::sqrt(12.0) * std::sqrt(0.5) / (0x1p19 - 1);
   Shapes random(2);
   for (const double ratio : {1e5, 1e8})

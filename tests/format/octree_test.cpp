@@ -257,8 +257,8 @@ TEST(IndexPacker, RefusesWhatIsNoWalk) {
     }));
 }
 
-// 1.3 million nodes, and the same below a chain down to the deepest node. The forests of the path bound the memory: each
-// has at most 8 children with at most 256 nodes.
+// 1.3 million nodes, and the same below a chain down to the deepest node. The forests of the path bound the memory:
+// each has at most 8 children with at most 256 nodes.
 TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
   const NodeShape shape{4, 2, 1};
   for (const std::size_t chain : {0, 35}) {

@@ -138,7 +138,8 @@ TEST(Streamer, HandsOnOctantsAtEachResolution) {
   }
 }
 
-// The second moments of a splat: of the position, and of position and value. They do not depend on the signs of the axes.
+// The second moments of a splat: of the position, and of position and value. They do not depend on the signs of the
+// axes.
 struct Described {
   dmat3 covariance{0};
   dvec3 with_value{0};
@@ -180,8 +181,8 @@ void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, 
       described(glm::mat3_cast(shape.orientation), shape.deviations, value.deviation, value.correlation);
 
   // The orientation is off by less than 1/16 of the ratio of the shortest to the longest axis, or by the rounding of a
-  // quaternion to 20 bits a component: 3 components off by 2^-21.5, weighted with at most 2, twice for the angle. Lengths
-  // are off by the rounding of log codes.
+  // quaternion to 20 bits a component: 3 components off by 2^-21.5, weighted with at most 2, twice for the angle.
+  // Lengths are off by the rounding of log codes.
   const double longest = shape.deviations[0];
   const double turn = std::max(shape.deviations[2] / 16, 1e-5 * longest);
   const double scale = 2 * (log_code_error - 1) + 1e-5;

@@ -8,11 +8,12 @@
 
 namespace splatvol::test {
 
-/// Serves the files of a folder at /, and at /plain/ without support for ranges. Ends when it is destroyed, or when this
-/// process ends in any way. Writes a line for each answer, "STATUS BYTES RANGE", to access.log in the folder.
+/// Serves the files of a folder at /, and at /plain/ without support for ranges. Ends when it is destroyed, or when
+/// this process ends in any way. Writes a line for each answer, "STATUS BYTES RANGE", to access.log in the folder.
 class Nginx {
  public:
-  /// Starts nginx and waits until it listens. Returns null if this machine has no nginx. Throws if nginx does not start.
+  /// Starts nginx and waits until it listens. Returns null if this machine has no nginx. Throws if nginx does not
+  /// start.
   [[nodiscard]] static std::unique_ptr<Nginx> start(const std::string& folder);
   Nginx(const Nginx&) = delete;
   Nginx& operator=(const Nginx&) = delete;

@@ -148,8 +148,8 @@ void fill_gradients(TestVolume& volume) {
   }
 }
 
-// The ellipsoid is as large as a node with one point. Every 7th point has material in a plane, every 11th at one position,
-// every 13th none. Values stay in the range of the attribute, and are missing if the point's value is.
+// The ellipsoid is as large as a node with one point. Every 7th point has material in a plane, every 11th at one
+// position, every 13th none. Values stay in the range of the attribute, and are missing if the point's value is.
 void fill_parcels(TestVolume& volume) {
   std::mt19937 random(7);
   std::normal_distribution<double> normal;

@@ -51,7 +51,8 @@ struct TestVolume {
   double position_error = 0;
 
   // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
-  // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its cluster.
+  // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its
+  // cluster.
   std::vector<std::vector<Parcel>> parcels;                               // [point]
   std::vector<std::vector<dvec3>> centroids;                              // [resolution][point < n_r]
   std::vector<std::vector<format::SplatShape>> shapes;                    // [resolution][point < n_r]

@@ -26,8 +26,8 @@ struct Material {
 
 [[nodiscard]] Material material_of(const PointBatch& points);
 
-/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer resolution.
-/// `finest` is that of all points. Both the argument and the result are ordered from coarse to fine.
+/// Adds up the material of each resolution's clusters, which are the leaves of the octree over the next finer
+/// resolution. `finest` is that of all points. Both the argument and the result are ordered from coarse to fine.
 [[nodiscard]] std::vector<Material> merge_clusters(std::span<const dvec3> positions,
                                                    std::span<const Resolution> resolutions, Material finest);
 
