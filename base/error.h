@@ -1,4 +1,4 @@
-// The one error type of the project. Libraries return it; only tools print it.
+// The error type of the project. Libraries return errors; only tools print them.
 #pragma once
 
 #include <fmt/format.h>
@@ -18,7 +18,7 @@ enum class ErrorCode {
   device,            // OpenGL or EGL failed
 };
 
-/// A failure. Its message is one line that names the broken rule, and the file in which it is broken.
+/// A failure. Its message is one line, which names the file and the broken rule.
 struct Error {
   ErrorCode code;
   std::string message;

@@ -1,4 +1,4 @@
-// Reading and writing bytes: ByteSource, which hides where a file is, and files that appear whole or not at all.
+// Reads and writes bytes. ByteSource hides where a file is. AtomicFile appears whole or not at all.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ class ByteSource {
  public:
   virtual ~ByteSource() = default;
 
-  /// Number of bytes that can be read.
+  /// Returns the size of the file in bytes.
   [[nodiscard]] virtual std::uint64_t size() const = 0;
 
   /// Fills `out` with the bytes at `offset`. Fails unless all of them exist and were read.
@@ -32,13 +32,13 @@ class ByteSource {
 /// Fails with invalid_data unless the source has the bytes [offset, offset + count).
 [[nodiscard]] Status check_range(const ByteSource& source, std::uint64_t offset, std::uint64_t count);
 
-/// The folder that a file is in.
+/// Returns the folder of a file.
 [[nodiscard]] std::string folder_of(const std::string& path);
 
 /// Opens a regular file for positional reads.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 
-/// Serves bytes held in memory; `name` appears in messages.
+/// Makes a source of bytes in memory, which must outlive it. `name` appears in messages.
 [[nodiscard]] std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> bytes, std::string name);
 
 /// Reads a whole file of at most 64 MiB. Fails if it is larger, missing, unreadable or not a regular file.
@@ -58,7 +58,7 @@ class AtomicFile {
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
 
-  /// Appends bytes at the end. The disk begins to write them before `commit`.
+  /// Appends bytes. The disk begins to write them before `commit`.
   [[nodiscard]] Status append(std::span<const std::byte> bytes);
 
   /// Overwrites bytes at `offset`. A gap in front of them reads as zeros. Does not move `position`.
@@ -87,7 +87,7 @@ class AtomicFile {
 
   int descriptor_;
   std::string path_;
-  std::string temporary_path_;  // empty: none
+  std::string temporary_path_;  // empty: the file has no name
   std::uint64_t end_ = 0;
   std::uint64_t begun_ = 0;  // the disk was told to write the bytes before this offset
 };

@@ -28,7 +28,7 @@ constexpr const char* protocols = "http,https";
 
 bool is_url(std::string_view text) { return text.starts_with("http://") || text.starts_with("https://"); }
 
-// The address without user, password, query and fragment.
+// Returns the address without user, password, query and fragment.
 std::string without_secrets(const std::string& url) {
   const std::size_t host = url.find("://") + 3;
   std::string name = url.substr(0, url.find_first_of("?#", host));
@@ -74,13 +74,13 @@ T info_of(CURL* handle, CURLINFO which) {
   return value;
 }
 
-// A header field of the last answer (of several, where there were redirects); empty: absent.
+// Returns a header field of the last answer (redirects give several answers); "" if it is absent.
 std::string header_of(CURL* handle, const char* field) {
   curl_header* header = nullptr;
   return ::curl_easy_header(handle, field, 0, CURLH_HEADER, -1, &header) == CURLHE_OK ? header->value : "";
 }
 
-// What "Content-Range: bytes 0-99/1234" says.
+// The numbers of a header such as "Content-Range: bytes 0-99/1234".
 struct ContentRange {
   std::uint64_t first, last, size;
 };
@@ -102,7 +102,7 @@ std::optional<ContentRange> parse_content_range(const std::string& text) {
 // Identifies the file on the server, to notice a change.
 struct Content {
   std::uint64_t size = 0;
-  std::string version;  // ETag, or else the date
+  std::string version;  // ETag, or else Last-Modified
   bool operator==(const Content&) const = default;
 };
 
@@ -197,7 +197,7 @@ class Exchange {
     if (!std::exchange(checked_, true)) failure_ = check();
   }
 
-  // Judges the answer by its header.
+  // Checks the header of the answer. Returns nothing if it is good.
   std::optional<Failure> check() {
     const long status = info_of<long>(handle_, CURLINFO_RESPONSE_CODE);
     if (status == 416 && content_) return changed();

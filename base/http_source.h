@@ -1,4 +1,4 @@
-// Files on web servers, read piece by piece over HTTP range requests.
+// Files on web servers, read range by range over HTTP.
 #pragma once
 
 #include <chrono>

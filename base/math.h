@@ -1,4 +1,4 @@
-// GLM, with the settings that every file of the project shares.
+// The GLM types that the project uses, and a few of its own.
 #pragma once
 
 #include <bit>
@@ -26,13 +26,13 @@ using glm::vec4;
   return std::bit_cast<std::int64_t>(number + shift) - std::bit_cast<std::int64_t>(shift);
 }
 
-/// An axis-aligned cube in world units; the octree's root.
+/// An axis-parallel cube in world units: a node of an octree.
 struct Cube {
   dvec3 origin{0};  // the corner with the lowest coordinates
   double edge = 0;
 };
 
-/// An axis-parallel box in world units; empty at first.
+/// An axis-parallel box, in world units; empty by default.
 struct Box {
   dvec3 low{std::numeric_limits<double>::infinity()};
   dvec3 high{-std::numeric_limits<double>::infinity()};

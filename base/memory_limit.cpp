@@ -33,7 +33,7 @@ std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path g
   }
 }
 
-/// Whether "memory" is among names with commas between them.
+/// Whether "memory" is one of the names, which are separated by commas.
 bool names_memory(const std::string& controllers) {
   return ("," + controllers + ",").find(",memory,") != std::string::npos;
 }

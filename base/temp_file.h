@@ -30,7 +30,7 @@ class TempFile {
   /// size stays.
   void release(std::uint64_t offset, std::uint64_t bytes);
 
-  /// Bytes appended.
+  /// Returns how many bytes were appended.
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
  private:

@@ -21,7 +21,7 @@ class VdbGrids {
   /// with z running fastest, then y, then x; NaN: not active.
   void add_brick(std::size_t grid, const std::array<std::int32_t, 3>& first, const std::array<float, 512>& values);
 
-  /// Marks a grid as the share of material (base/vdb_share.h).
+  /// Marks a grid as the one that holds the share of material (base/vdb_share.h).
   void mark_share(std::size_t grid);
 
   /// Writes the file and returns its length. The file appears whole or not at all. Equal grids give equal bytes.

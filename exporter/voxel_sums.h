@@ -1,4 +1,4 @@
-// Sums over splats in a sparse grid of voxels, within a budget of memory.
+// Sums over splats, in a sparse grid of voxels, within a budget of memory.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Bytes to smaller bytes and back: zstd frames, byte planes, XXH3-64.
+// Compresses and hashes bytes: zstd frames, byte planes, XXH3-64.
 #pragma once
 
 #include <algorithm>

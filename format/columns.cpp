@@ -28,7 +28,7 @@ std::uint64_t grid_code(double coordinate, double origin, double quantisation_st
   return static_cast<std::uint64_t>(nearest_integer(std::max(0.0, (coordinate - origin) / quantisation_step)));
 }
 
-// Fills the header for a grid whose quantisation step is a power of two and whose origin is a multiple of it: then
+// Fills the header for a grid whose quantisation step is a power of two and whose origin is a multiple of it. Then
 // nearby chunks share their grid points, and a fine enough grid keeps coordinates of single precision exactly. Returns
 // false if no grid is fine enough.
 bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& header) {

@@ -1,4 +1,4 @@
-// Columns between memory and chunks (spec/svol-1.md, section 8).
+// Packs columns into chunks, and unpacks them (spec/svol-1.md, section 8).
 #pragma once
 
 #include <algorithm>
@@ -88,17 +88,18 @@ struct PackedChunk {
 /// Packs octant depths and counts. Requires spans of one length.
 [[nodiscard]] PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts);
 
-/// Packs shapes. Requires finite numbers and descending deviations. Mass and deviations come back within a factor
-/// 2^(1/256), unless they are under 2^-511 of the largest. Orientations come back so that the end of each axis moves
-/// towards a shorter axis by at most 1/16 of the shorter deviation. 20 bits suffice for this up to aspect ratios of
-/// 10^4, and for any aspect ratio if the axes are the coordinate axes.
+/// Packs shapes. Requires finite numbers and descending deviations. These come back:
+/// - mass and deviations within a factor 2^(1/256), unless they are under 2^-511 of the largest;
+/// - orientations so that the end of each axis moves towards a shorter axis by at most 1/16 of the shorter deviation.
+/// 20
+///   bits suffice up to aspect ratios of 10^4. If the axes are the coordinate axes, they suffice for any aspect ratio.
 [[nodiscard]] PackedChunk pack_moments(std::span<const SplatShape> shapes);
 
 /// Packs the distributions of a value. `summary` bounds the values of the material. Requires means in the range of
 /// single precision. These come back:
-/// - means within `error` (>= 0), if 32 bits and 2^-45 of the largest mean can resolve it, else within twice of what
-/// they
-///   can resolve. Means outside of `summary`, by rounding, are moved into it first;
+/// - means within `error` (>= 0), or within twice the finest quantisation step that 32 bits and 2^-45 of the largest
+/// mean
+///   allow. Means outside of `summary`, by rounding, are moved into it first;
 /// - correlations within 1/254, residuals within 1/510;
 /// - coverages within 1/255. Only 0 becomes 0.
 [[nodiscard]] PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,

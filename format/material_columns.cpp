@@ -287,7 +287,7 @@ class PlanesOf {
   std::vector<Code> codes_;
 };
 
-// Numbers whose bytes lie in planes.
+// Numbers that are stored as planes of bytes.
 class Planes {
  public:
   /// Requires that `payload` has the planes from `begin` on.

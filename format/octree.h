@@ -1,4 +1,4 @@
-// The paged, index-only octree of a .svol file (spec/svol-1.md, section 6).
+// The index of a .svol file: an octree in pages, without the points (spec/svol-1.md, section 6).
 #pragma once
 
 #include <bit>
@@ -81,7 +81,7 @@ struct PackedIndexPage {
 struct PackedIndex {
   NodeShape shape;
   PackedIndexPage root;
-  TempFile pages;  // the others, in file order
+  TempFile pages;  // the other pages, in file order
 };
 
 /// The data of a node, without its children.

@@ -26,7 +26,7 @@ bool is_extent(SectionKind kind) {
          kind == SectionKind::directory_pages;
 }
 
-// Checks rule R7, which bounds the memory that a section may ask for by the bytes that it has.
+// Checks rule R7: the bytes of a section bound the memory that it may need.
 bool has_valid_codec(const SectionEntry& section) {
   switch (section.codec) {
     case Codec::extent:

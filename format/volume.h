@@ -1,4 +1,4 @@
-// Reads a .svol file piece by piece (spec/svol-1.md). Holds the preamble; everything else is read when asked for.
+// Reads a .svol file part by part (spec/svol-1.md). Holds the preamble, and reads everything else on demand.
 #pragma once
 
 #include <atomic>
@@ -27,7 +27,7 @@ struct ChunkLocation {
 /// The chunk entries of consecutive rows.
 struct DirectoryPage {
   std::uint64_t first_row = 0;
-  std::uint64_t first_chunk = 0;  // number of the first row's first chunk in the whole file
+  std::uint64_t first_chunk = 0;  // number of its first chunk
   std::vector<ChunkLocation> chunks;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
@@ -56,7 +56,7 @@ class Volume {
     return preamble_.size() + directory_refs_.size() * sizeof(DirectoryPageRef);
   }
 
-  /// Bytes fetched from the source so far.
+  /// Returns how many bytes were read from the source so far.
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
   /// Reads the page with the root node, and its summaries of `attribute`; -1: no summaries.

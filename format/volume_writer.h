@@ -65,7 +65,7 @@ class VolumeWriter {
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
   [[nodiscard]] std::uint64_t choose_preamble_bytes() const;
 
-  // What follows the rows, and where: histograms, index pages, directory pages.
+  // The sections behind the rows: histograms, index pages, directory pages.
   struct Tail {
     Bytes histograms;
     std::uint64_t histogram_bytes = 0;  // unpacked
@@ -94,8 +94,8 @@ class VolumeWriter {
   Bytes directory_page_;                          // the page being filled
   Bytes directory_head_;                          // page 0, kept for the preamble
   TempFile directory_tail_;                       // the other pages
-  std::vector<DirectoryPageRef> directory_refs_;  // offsets of the tail's pages from its start until `finish`
-  std::vector<std::uint64_t> resolution_ends_;    // where each resolution's rows end
+  std::vector<DirectoryPageRef> directory_refs_;  // until `finish`, offsets count from the start of the tail
+  std::vector<std::uint64_t> resolution_ends_;    // [resolution]: where its rows end
   std::vector<SectionEntry> sections_;
 };
 

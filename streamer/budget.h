@@ -27,7 +27,7 @@ class Reservation {
   std::uint64_t bytes_ = 0;
 };
 
-/// A number of bytes that is never exceeded. Thread-safe.
+/// A number of bytes that reservations never exceed. Thread-safe.
 class MemoryBudget {
  public:
   explicit MemoryBudget(std::uint64_t capacity) : capacity_(capacity) {}

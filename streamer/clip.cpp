@@ -18,7 +18,7 @@ constexpr double largest_foot = 511 / foot_scale;
 struct Material {
   dvec3 center;
   dmat3 axes;        // columns
-  dvec3 deviations;  // along them
+  dvec3 deviations;  // along the axes
   double mass;
   double value, value_deviation, residual;  // residual: deviation from the linear field
   dvec3 covariance;                         // of the value with the position along each axis

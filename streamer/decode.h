@@ -1,4 +1,4 @@
-// Decoded chunks, which stay in memory while a file is viewed and from which splats are made.
+// Decodes chunks to the form from which splats are made.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 
 namespace splatvol {
 
-/// A cluster's material in space: column `moments`.
+/// The shape of a cluster's material: column `moments`.
 struct MaterialShape {
   float mass;                // times density
   vec3 deviations;           // descending

@@ -11,8 +11,8 @@ namespace splatvol {
 namespace {
 
 constexpr std::uint64_t enough_points = 20000;  // to know where the data is
-constexpr double share_left_out = 0.01;         // of the values, at either end: outliers must not flatten the rest
-constexpr double share_of_densest = 0.05;       // what counts as visible
+constexpr double share_left_out = 0.01;    // of the values, at either end, so that outliers do not flatten the rest
+constexpr double share_of_densest = 0.05;  // of the largest extinction; above it a point counts as visible
 constexpr std::size_t fewest_visible = 50;
 constexpr double margin = 0.92;  // share of the image that the data may fill
 const dvec3 from_data_to_eye = glm::normalize(dvec3(0.5, 0.4, 0.8));

@@ -28,7 +28,7 @@ class ErrorModel {
                        // side add up less exactly than equal ones
   };
 
-  /// A node as the model sees it. Keeps references to it and to the model.
+  /// The errors of a node. Keeps references to the node and to the model.
   class OfNode {
    public:
     /// Returns the errors at a resolution, from the node's first on, with its number of splats there.

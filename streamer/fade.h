@@ -41,10 +41,13 @@ struct FadeOptions {
 };
 
 /// Returns the cut to draw after `last`, on the way to `next`. Regions that differ begin to fade; regions that fade go
-/// on. A region that should change again waits until its fades end. These regions change at once: regions that `last`
-/// does not show because they were out of view, regions without room for the splats of both cuts, and regions whose old
-/// splats are not resident any more. If `next` stays the same, calls end in `next`. Requires that both cuts are of the
-/// same file, `root` is the cube of its octree, and `next` is valid for `view`.
+/// on. A region that should change again waits until its fades end. A region changes at once if:
+/// - `last` does not show it, because it was out of view;
+/// - there is no room for the splats of both cuts;
+/// - its old splats are not resident any more.
+///
+/// If `next` stays the same, calls end in `next`. Requires that both cuts are of the same file, `root` is the cube of
+/// its octree, and `next` is valid for `view`.
 [[nodiscard]] FadingCut fade(const Cube& root, const View& view, const FadingCut& last, Cut next, Residency& residency,
                              const FadeOptions& options);
 

@@ -7,8 +7,8 @@
 
 namespace splatvol {
 
-/// Learns from frame to frame. Assumes that a frame's time grows with its splats, a little less than in proportion. A
-/// change of view, in which splats cover more pixels or fewer, shows in the next frame.
+/// Learns from frame to frame. Assumes that a frame's time grows with its splats, a little less than in proportion.
+/// After a change of view, splats may cover more pixels or fewer: the next frame adapts.
 class FramePacer {
  public:
   explicit FramePacer(double seconds) : seconds_(seconds), splats_(first_rate * seconds) {}

@@ -8,8 +8,8 @@
 
 namespace splatvol {
 
-/// The part of space that may appear in the image: in front of the eye, inside the clip box if there is one, and
-/// projected into the image, or no farther outside than a splat without size reaches.
+/// The part of space that may appear in the image. It is in front of the eye, and inside the clip box if there is one.
+/// It projects into the image, or no farther outside than a splat without size reaches.
 class Frustum {
  public:
   /// `smallest_reach_pixels`: how far from its centre a splat without size is drawn.

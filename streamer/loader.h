@@ -68,8 +68,7 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run);
 /// The same for several load runs, read_threads at a time.
 void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);
 
-/// Threads that read and decode load runs, in the order in which they were submitted. All calls must come from one
-/// thread.
+/// Threads that read and decode load runs, in the order of `submit`. All calls must come from one thread.
 class Loader {
  public:
   /// Keeps a reference to the volume.

@@ -81,7 +81,7 @@ double NodeTree::splat_bound_in_cube(const Node& node, std::size_t resolution) c
          static_cast<double>(node.depth);
 }
 
-// Centroids may lie outside of the node's cube, as far as their ellipsoids may reach.
+// Centroids may be outside of the node's cube: no farther than ellipsoids may reach.
 double NodeTree::covered_percent(const Node& node, std::size_t resolution) const {
   const double size = splat_bound(node, resolution);
   const Cube centres = kernel_ == KernelKind::octant ? node.cube : grown(node.cube, moments_reach * size);

@@ -104,7 +104,7 @@ FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexP
     std::vector<std::uint64_t> next(begin.begin(), begin.end());
     for (int left = std::popcount(nodes.child_masks[node]); left > 0; --left, ++child) {
       volumes[child] = volumes[node] / 8;
-      found.filled_[child] = found.filled_[node];  // unless its own splats tell
+      found.filled_[child] = found.filled_[node];  // kept if its own splats are too coarse to tell
       for (std::size_t s = 0; s < segments; ++s) {
         begins[child * segments + s] = next[s];
         next[s] += nodes.counts_of(child)[s];

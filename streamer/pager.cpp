@@ -11,7 +11,7 @@ using format::ColumnKind;
 using format::DirectoryPage;
 using format::IndexPage;
 
-// After so many failed parts nothing more is asked for: the disk is gone, and the list of failures must not grow.
+// Most failed parts. Then the disk is gone: nothing more is asked for, so that the list of failures does not grow.
 constexpr std::size_t most_failures = 1000;
 
 constexpr int before_all_stages = std::numeric_limits<int>::max();

@@ -77,7 +77,7 @@ Status Refinement::expand(std::uint32_t item) {
     items_[item].children[octant] = added;
   }
   const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Located)) + choices_.size() * sizeof(Choice);
-  if (bytes > max_bytes_ / 2)  // a vector that grows holds twice what it needs
+  if (bytes > max_bytes_ / 2)  // a growing vector may hold twice its size
     return fail(ErrorCode::out_of_budget, "choosing by expected error takes more than {} bytes", max_bytes_);
   return {};
 }

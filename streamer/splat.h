@@ -14,7 +14,7 @@ namespace splatvol {
 /// The shape of splats.
 enum class KernelKind {
   octant,   // balls, as large as the leaf of the octree: Meredith and Ma 2001
-  moments,  // ellipsoids matched to the material
+  moments,  // ellipsoids that match the material
 };
 
 /// A splat of the kernel `octant`, in the layout of the renderer's buffers.

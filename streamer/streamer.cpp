@@ -433,7 +433,7 @@ void Streamer::want_stages(const View& view, const ValueVisibility& visibility) 
   }
 }
 
-// Wants the cut of the next view, if the camera goes on as it did, as far as memory is free.
+// Wants the cut of the next view, as far as memory is free. Assumes that the camera goes on as before.
 void Streamer::want_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
   View next = view;
   next.eye += view.eye - last.eye;

@@ -70,7 +70,7 @@ ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const
   return node;
 }
 
-// Within a bin the function is about linear.
+// In a bin, the function is about linear.
 double ValueContrast::Node::variance(double share) const {
   const double width = share * range;
   if (width <= 1) return width * width * static_cast<double>(variances[0]);

@@ -139,9 +139,9 @@ TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
   }
 }
 
-// Exports voxels to equal voxels at the same positions. Each inner voxel gives as much mass as it gets, and by symmetry a
-// linear field stays. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65. The
-// blur of a voxel flattens slopes: by a seventh for voxels of 0.2, which is a twentieth of what a voxel adds.
+// Exports voxels to equal voxels at the same positions. Each inner voxel gives as much mass as it gets, and by symmetry
+// a linear field stays. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65. The
+// blur of a voxel flattens slopes: voxels of 0.2 by a seventh, or a twentieth of what a voxel adds.
 TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
@@ -323,8 +323,8 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
   return result;
 }
 
-// Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/254, deviations within
-// 0.3 %, and axes that move by 1/16 of a shorter axis.
+// Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/254, deviations
+// within 0.3 %, and axes that move by 1/16 of a shorter axis.
 double gradient_bound(const format::SplatShape& shape, const format::SplatValue& value) {
   const dvec3 codes = value.deviation / 254 / shape.deviations;
   return glm::length(codes) + (0.006 + 1.0 / 8) * glm::length(slope);
@@ -348,9 +348,9 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
   EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.02 * glm::length(slope));
 }
 
-// Both gradients of a linear field, for every way to join the points. The gradient of the moments is that of the field, at
-// every resolution. The file's own gradient sums differences along the edges of tetrahedra, of the mesh or of the points'
-// triangulation, and is only about that of the field. Points without tetrahedra have the gradient of the field.
+// Both gradients of a linear field, for every way to join the points. The gradient of the moments is that of the field,
+// at every resolution. The file's own gradient sums differences along the edges of tetrahedra, of the mesh or of the
+// points' triangulation, and is only about that of the field. Points without tetrahedra have the gradient of the field.
 TEST_F(Export, GradientsOfALinearField) {
   const test::Mesh mesh = test::jittered(9, 0.3);
   const auto field = [](dvec3 p) { return glm::dot(slope, p); };

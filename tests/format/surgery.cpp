@@ -160,92 +160,11 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
 }
 
 Bytes Dissected::assemble(const Surgeon& surgeon) const {
-  std::map<SectionKind, Bytes> packed;
-  std::map<SectionKind, std::uint64_t> unpacked;
-  Bytes metadata = metadata_;
-  surgeon(Part::metadata, 0, metadata);
-  packed[SectionKind::metadata] = pack(metadata);
-  unpacked[SectionKind::metadata] = metadata.size();
-  Bytes histograms = histograms_;
-  surgeon(Part::histograms, 0, histograms);
-  packed[SectionKind::histograms] = pack(histograms);
-  unpacked[SectionKind::histograms] = histograms.size();
-
-  const std::vector<PackedPage> pages = pack_pages(surgeon);
-  for (std::size_t p = 0; p + 1 < pages.size(); ++p) append(packed[SectionKind::index_pages], pages[p].bytes);
-  packed[SectionKind::index_root] = pages.back().bytes;
-
-  std::vector<ChunkEntry> entries;
-  for (std::size_t c = 0; c < chunks_.size(); ++c) {
-    Bytes payload = chunks_[c].payload;
-    surgeon(Part::chunk, c, payload);
-    const Bytes chunk = pack(payload);
-    ChunkEntry entry = chunks_[c].entry;
-    entry.hash = hash_bytes(chunk);
-    entry.packed_bytes = static_cast<std::uint32_t>(chunk.size());
-    entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
-    entries.push_back(entry);
-    append(packed[SectionKind::rows], chunk);
-  }
-
-  // Now all lengths are known, and so the offsets of sections, directory pages and chunks.
-  const std::uint64_t references = 8 + directory_pages_.size() * sizeof(DirectoryPageRef);
-  packed[SectionKind::directory_root].resize(references + 8 + directory_pages_[0] * sizeof(ChunkEntry));
-  std::size_t tail = 0;
-  for (std::size_t p = 1; p < directory_pages_.size(); ++p) tail += 8 + directory_pages_[p] * sizeof(ChunkEntry);
-  packed[SectionKind::directory_pages].resize(tail);
-  std::vector<SectionEntry> sections = sections_;
-  std::uint64_t offset = sizeof(Superblock) + sections.size() * sizeof(SectionEntry);
-  std::map<SectionKind, std::uint64_t> begins;
-  for (SectionEntry& section : sections) {
-    begins[section.kind] = section.offset = offset;
-    offset += section.packed_bytes = packed[section.kind].size();
-  }
-
-  Bytes root(8), pages_tail;
-  overwrite(root, 0, static_cast<std::uint64_t>(directory_pages_.size()));
-  Bytes head;
-  std::uint64_t chunk_offset = begins[SectionKind::rows];
-  std::size_t chunk = 0;
-  for (std::size_t p = 0; p < directory_pages_.size(); ++p) {
-    Bytes page;
-    append_record(page, chunk_offset);
-    for (std::size_t c = 0; c < directory_pages_[p]; ++c, ++chunk) {
-      append_record(page, entries[chunk]);
-      chunk_offset += entries[chunk].packed_bytes;
-    }
-    surgeon(Part::directory_page, p, page);
-    const std::uint64_t offset = p == 0 ? begins[SectionKind::directory_root] + references
-                                        : begins[SectionKind::directory_pages] + pages_tail.size();
-    append_record(root, DirectoryPageRef{offset, page.size(), hash_bytes(page)});
-    append(p == 0 ? head : pages_tail, page);
-  }
-  append(root, head);
-  surgeon(Part::directory_root, 0, root);
-  packed[SectionKind::directory_root] = root;
-  packed[SectionKind::directory_pages] = pages_tail;
-
-  // The surgeon may have changed lengths after that. The sections must tile the file again.
-  offset = sizeof(Superblock) + sections.size() * sizeof(SectionEntry);
+  Assembly assembly{{}, {}, {}, sections_, {}};
+  pack_content(surgeon, assembly);
+  pack_directory(surgeon, assembly);
   Bytes table, body;
-  for (SectionEntry& section : sections) {
-    const Bytes& bytes = packed[section.kind];
-    section.offset = offset;
-    offset += section.packed_bytes = bytes.size();
-    if (section.codec != Codec::extent) {
-      const bool is_packed = unpacked.contains(section.kind) && unpacked[section.kind] != bytes.size();
-      section.codec = is_packed ? Codec::zstd : Codec::raw;
-      section.unpacked_bytes = is_packed ? unpacked[section.kind] : bytes.size();
-      section.hash = hash_bytes(bytes);
-    }
-    if (section.kind == SectionKind::index_root) {
-      section.unpacked_bytes = pages.back().ref.front_bytes;
-      section.hash = pages.back().ref.hash;
-    }
-    append_record(table, section);
-    append(body, bytes);
-  }
-  surgeon(Part::section_table, 0, table);
+  pack_sections(surgeon, assembly, table, body);
 
   Superblock superblock = superblock_;
   superblock.file_bytes = sizeof(Superblock) + table.size() + body.size() + sizeof(Footer);
@@ -266,6 +185,95 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
   append(file, body);
   append_record(file, footer);
   return file;
+}
+
+// Packs everything but the directory.
+void Dissected::pack_content(const Surgeon& surgeon, Assembly& assembly) const {
+  const auto pack_section = [&](SectionKind kind, Part part, Bytes bytes) {
+    surgeon(part, 0, bytes);
+    assembly.packed[kind] = pack(bytes);
+    assembly.unpacked_bytes[kind] = bytes.size();
+  };
+  pack_section(SectionKind::metadata, Part::metadata, metadata_);
+  pack_section(SectionKind::histograms, Part::histograms, histograms_);
+
+  const std::vector<PackedPage> pages = pack_pages(surgeon);
+  for (std::size_t p = 0; p + 1 < pages.size(); ++p) append(assembly.packed[SectionKind::index_pages], pages[p].bytes);
+  assembly.packed[SectionKind::index_root] = pages.back().bytes;
+  assembly.root = pages.back().ref;
+
+  for (std::size_t c = 0; c < chunks_.size(); ++c) {
+    Bytes payload = chunks_[c].payload;
+    surgeon(Part::chunk, c, payload);
+    const Bytes chunk = pack(payload);
+    ChunkEntry entry = chunks_[c].entry;
+    entry.hash = hash_bytes(chunk);
+    entry.packed_bytes = static_cast<std::uint32_t>(chunk.size());
+    entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+    assembly.entries.push_back(entry);
+    append(assembly.packed[SectionKind::rows], chunk);
+  }
+}
+
+void Dissected::pack_directory(const Surgeon& surgeon, Assembly& assembly) const {
+  // All lengths are known, and so the offsets of sections, directory pages and chunks.
+  const std::uint64_t references = 8 + directory_pages_.size() * sizeof(DirectoryPageRef);
+  assembly.packed[SectionKind::directory_root].resize(references + 8 + directory_pages_[0] * sizeof(ChunkEntry));
+  std::size_t tail = 0;
+  for (std::size_t p = 1; p < directory_pages_.size(); ++p) tail += 8 + directory_pages_[p] * sizeof(ChunkEntry);
+  assembly.packed[SectionKind::directory_pages].resize(tail);
+  std::uint64_t end = sizeof(Superblock) + assembly.sections.size() * sizeof(SectionEntry);
+  std::map<SectionKind, std::uint64_t> begins;
+  for (const SectionEntry& section : assembly.sections) {
+    begins[section.kind] = end;
+    end += assembly.packed[section.kind].size();
+  }
+
+  Bytes root(8), head, pages_tail;
+  overwrite(root, 0, static_cast<std::uint64_t>(directory_pages_.size()));
+  std::uint64_t chunk_offset = begins[SectionKind::rows];
+  std::size_t chunk = 0;
+  for (std::size_t p = 0; p < directory_pages_.size(); ++p) {
+    Bytes page;
+    append_record(page, chunk_offset);
+    for (std::size_t c = 0; c < directory_pages_[p]; ++c, ++chunk) {
+      append_record(page, assembly.entries[chunk]);
+      chunk_offset += assembly.entries[chunk].packed_bytes;
+    }
+    surgeon(Part::directory_page, p, page);
+    const std::uint64_t offset = p == 0 ? begins[SectionKind::directory_root] + references
+                                        : begins[SectionKind::directory_pages] + pages_tail.size();
+    append_record(root, DirectoryPageRef{offset, page.size(), hash_bytes(page)});
+    append(p == 0 ? head : pages_tail, page);
+  }
+  append(root, head);
+  surgeon(Part::directory_root, 0, root);
+  assembly.packed[SectionKind::directory_root] = root;
+  assembly.packed[SectionKind::directory_pages] = pages_tail;
+}
+
+// Makes sections that tile the file, whatever lengths the surgeon has changed: their table, and their bytes.
+void Dissected::pack_sections(const Surgeon& surgeon, Assembly& assembly, Bytes& table, Bytes& body) const {
+  std::uint64_t offset = sizeof(Superblock) + assembly.sections.size() * sizeof(SectionEntry);
+  for (SectionEntry& section : assembly.sections) {
+    const Bytes& bytes = assembly.packed[section.kind];
+    section.offset = offset;
+    offset += section.packed_bytes = bytes.size();
+    if (section.codec != Codec::extent) {
+      const auto unpacked = assembly.unpacked_bytes.find(section.kind);
+      const bool is_packed = unpacked != assembly.unpacked_bytes.end() && unpacked->second != bytes.size();
+      section.codec = is_packed ? Codec::zstd : Codec::raw;
+      section.unpacked_bytes = is_packed ? unpacked->second : bytes.size();
+      section.hash = hash_bytes(bytes);
+    }
+    if (section.kind == SectionKind::index_root) {
+      section.unpacked_bytes = assembly.root.front_bytes;
+      section.hash = assembly.root.hash;
+    }
+    append_record(table, section);
+    append(body, bytes);
+  }
+  surgeon(Part::section_table, 0, table);
 }
 
 std::size_t Dissected::count(Part part) const {

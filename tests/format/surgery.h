@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <vector>
 
 #include "format/codec.h"
@@ -64,6 +65,18 @@ class Dissected {
   void read_pages(std::span<const std::byte> section, std::span<const std::byte> root, std::uint64_t root_front,
                   std::size_t attributes);
   [[nodiscard]] std::vector<PackedPage> pack_pages(const Surgeon& surgeon) const;
+
+  // A file that is being put together.
+  struct Assembly {
+    std::map<format::SectionKind, format::Bytes> packed;
+    std::map<format::SectionKind, std::uint64_t> unpacked_bytes;  // of sections that are packed
+    std::vector<format::ChunkEntry> entries;
+    std::vector<format::SectionEntry> sections;
+    format::IndexPageRef root;
+  };
+  void pack_content(const Surgeon& surgeon, Assembly& assembly) const;
+  void pack_directory(const Surgeon& surgeon, Assembly& assembly) const;
+  void pack_sections(const Surgeon& surgeon, Assembly& assembly, format::Bytes& table, format::Bytes& body) const;
 
   format::Superblock superblock_{};
   std::vector<format::SectionEntry> sections_;

@@ -143,13 +143,13 @@ struct Broken {
   const char* message;
 };
 
-TEST(Metadata, RefusesWhatIsOutOfRange) {
+std::vector<Broken> values_out_of_range() {
   const json two_positions = [] {
     json columns = example_json()["columns"];
     columns.push_back(columns[0]);
     return columns;
   }();
-  const std::vector<Broken> cases = {
+  return {
       {"/cube/edge", 0, "edge"},
       {"/cube/edge", -1.5, "edge"},
       {"/cube/origin", {0, 0}, "origin"},
@@ -192,7 +192,10 @@ TEST(Metadata, RefusesWhatIsOutOfRange) {
       {"/size_bounds", {1}, "size_bounds"},
       {"/provenance", "text", "provenance"},
   };
-  for (const Broken& broken : cases) {
+}
+
+TEST(Metadata, RefusesWhatIsOutOfRange) {
+  for (const Broken& broken : values_out_of_range()) {
     json document = example_json();
     document[json::json_pointer(broken.path)] = broken.value;
     const auto info = metadata_from_json(document.dump());

@@ -23,7 +23,7 @@ constexpr double long_enough = 60;  // seconds; only a failing test waits as lon
 
 constexpr int most_calls = 1000;  // for a picture; only a failing test makes so many
 
-// Bound on the factor by which a mass is off: half a quantisation step of the log code, and single precision.
+// Largest factor between a mass and its code: half a quantisation step of the log code, and single precision.
 const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
 
 // Faults of a source, which a test switches on and off.

@@ -24,7 +24,7 @@ using testing::HasSubstr;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr std::uint64_t plenty = 64u << 20;
 
-// Bound on the factor by which a mass or a deviation is off: half a quantisation step of the log code, and single
+// Largest factor between a mass or a deviation and its code: half a quantisation step of the log code, and single
 // precision.
 const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
 
@@ -180,9 +180,9 @@ void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, 
   const Described expected =
       described(glm::mat3_cast(shape.orientation), shape.deviations, value.deviation, value.correlation);
 
-  // The orientation is off by less than 1/16 of the ratio of the shortest to the longest axis, or by the rounding of a
-  // quaternion to 20 bits a component: 3 components off by 2^-21.5, weighted with at most 2, twice for the angle.
-  // Lengths are off by the rounding of log codes.
+  // The orientation is off by less than 1/16 of the shortest axis over the longest, or by rounding to 20 bits: 3
+  // components are off by 2^-21.5, weighted with at most 2, and the angle by twice this. Lengths are off by the
+  // rounding of log codes.
   const double longest = shape.deviations[0];
   const double turn = std::max(shape.deviations[2] / 16, 1e-5 * longest);
   const double scale = 2 * (log_code_error - 1) + 1e-5;

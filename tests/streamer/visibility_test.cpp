@@ -112,8 +112,8 @@ TEST(ValueVisibility, EqualityIsThatOfExtinction) {
 }
 
 TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
-  // Colour rises from 0 to 1 over the range, and extinction is 1. So a uniform window of width w has the variance w^2 /
-  // 12 in each of three channels.
+  // Colour rises from 0 to 1 over the range, and extinction is 1. A uniform window of width w has the variance w^2 / 12
+  // in each of three channels.
   TransferFunction function = test::opaque();
   function.lo = 0;
   function.hi = 64;

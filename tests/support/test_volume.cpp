@@ -353,7 +353,29 @@ void add_node(const NodePath& path, const Indices& points, std::size_t most, Tes
   }
 }
 
-// Spec 8: under 1/64 of the smallest deviation.
+// Returns the metadata without counts and attributes.
+format::VolumeInfo info_of(int attributes, const TestVolumeOptions& options) {
+  format::VolumeInfo info;
+  info.cube = options.cube;
+  info.points_per_chunk = options.points_per_chunk;
+  info.leaf_points = options.leaf_points;
+  info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
+  info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
+  if (options.moments) {
+    info.columns.push_back({format::ColumnKind::centroid, format::ColumnScope::resolution, -1});
+    info.columns.push_back({format::ColumnKind::moments, format::ColumnScope::resolution, -1});
+    info.size_bounds.push_back("moments");
+  }
+  for (int a = 0; a < attributes; ++a) {
+    info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, a});
+    if (options.moments)
+      info.columns.push_back({format::ColumnKind::value_moments, format::ColumnScope::resolution, a});
+    if (options.gradients) info.columns.push_back({format::ColumnKind::gradient, format::ColumnScope::segment, a});
+  }
+  return info;
+}
+
+// Returns the largest error that spec 8 advises: under 1/64 of the smallest deviation.
 double centroid_error(std::span<const format::SplatShape> shapes) {
   double smallest = std::numeric_limits<double>::infinity();
   for (const format::SplatShape& shape : shapes)
@@ -475,23 +497,7 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
 
   TestVolume volume;
   volume.position_error = options.position_error;
-  volume.info.cube = options.cube;
-  volume.info.points_per_chunk = options.points_per_chunk;
-  volume.info.leaf_points = options.leaf_points;
-  volume.info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
-  volume.info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
-  if (options.moments) {
-    volume.info.columns.push_back({format::ColumnKind::centroid, format::ColumnScope::resolution, -1});
-    volume.info.columns.push_back({format::ColumnKind::moments, format::ColumnScope::resolution, -1});
-    volume.info.size_bounds.push_back("moments");
-  }
-  for (int a = 0; a < static_cast<int>(values.size()); ++a) {
-    volume.info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, a});
-    if (options.moments)
-      volume.info.columns.push_back({format::ColumnKind::value_moments, format::ColumnScope::resolution, a});
-    if (options.gradients)
-      volume.info.columns.push_back({format::ColumnKind::gradient, format::ColumnScope::segment, a});
-  }
+  volume.info = info_of(static_cast<int>(values.size()), options);
   for (const std::uint32_t i : order) {
     volume.positions.push_back(positions[i]);
     volume.point_paths.push_back(paths[i]);

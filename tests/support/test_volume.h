@@ -42,23 +42,25 @@ struct Parcel {
 struct TestVolume {
   format::VolumeInfo info;
   Tree tree;
-  std::vector<NodePath> node_paths;                         // [node]
-  std::vector<NodePath> point_paths;                        // [point]: 42 octants
-  std::vector<dvec3> positions;                             // [point], file order
-  std::vector<std::vector<float>> stored;                   // [attribute][point]
-  std::vector<std::vector<std::uint8_t>> depths, counts;    // [resolution][point < n_r]: the octant column
-  std::vector<std::vector<std::uint32_t>> representatives;  // [resolution][point]: the one of the first n_r that stands for it
+  std::vector<NodePath> node_paths;                       // [node]
+  std::vector<NodePath> point_paths;                      // [point]: 42 octants
+  std::vector<dvec3> positions;                           // [point], file order
+  std::vector<std::vector<float>> stored;                 // [attribute][point]
+  std::vector<std::vector<std::uint8_t>> depths, counts;  // [resolution][point < n_r]: the octant column
+  std::vector<std::vector<std::uint32_t>>
+      representatives;  // [resolution][point]: the one of the first n_r that stands for it
   double position_error = 0;
 
   // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
   // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its
   // cluster.
-  std::vector<std::vector<Parcel>> parcels;                               // [point]
-  std::vector<std::vector<dvec3>> centroids;                              // [resolution][point < n_r]
-  std::vector<std::vector<format::SplatShape>> shapes;                    // [resolution][point < n_r]
-  std::vector<std::vector<std::vector<format::SplatValue>>> signals;      // [attribute][resolution][point < n_r]
-  std::vector<std::vector<std::vector<format::ValueSummary>>> materials;  // likewise: summary of the values of the material
-  std::vector<std::vector<vec3>> gradients;                               // [attribute][point]: of any length, some 0
+  std::vector<std::vector<Parcel>> parcels;                           // [point]
+  std::vector<std::vector<dvec3>> centroids;                          // [resolution][point < n_r]
+  std::vector<std::vector<format::SplatShape>> shapes;                // [resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::SplatValue>>> signals;  // [attribute][resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::ValueSummary>>>
+      materials;                             // likewise: summary of the values of the material
+  std::vector<std::vector<vec3>> gradients;  // [attribute][point]: of any length, some 0
 
   /// Returns d of a splat: edge 2^-depth / cbrt(count).
   [[nodiscard]] double splat_size(std::size_t resolution, std::size_t point) const;

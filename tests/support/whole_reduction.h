@@ -28,8 +28,8 @@ void visit_octree(std::span<const MortonKey> keys, std::uint64_t leaf_points, co
 
 /// Returns the resolutions from the coarsest (index 0) to all points. A resolution has one point of each leaf of the
 /// next finer one: the point nearest to the leaf's centre (of equally near points, the first in Morton order). Ends
-/// when at most 512 points are left, or at 64 resolutions. So member k of a resolution is in leaf k of the next finer
-/// one. Requires keys in ascending order, and spans of one length, not empty.
+/// when at most 512 points are left, or at 64 resolutions. Member k of a resolution is in leaf k of the next finer one.
+/// Requires keys in ascending order, and spans of one length, not empty.
 [[nodiscard]] std::vector<Resolution> reduce_by_octree(std::span<const MortonKey> keys,
                                                        std::span<const dvec3> positions, const Cube& cube,
                                                        std::uint32_t leaf_points);
