@@ -22,8 +22,7 @@ struct VdbReport {
 /// Spreads the mass of each splat over the voxels that its kernel reaches (exporter/voxel_kernel.h), and writes grids:
 /// - "volume_fraction": volume of material per volume of voxel;
 /// - one for each selected attribute: the mean of its value over the material that has a value. A voxel is active if
-/// this
-///   material fills more than a thousandth of it.
+///   this material fills more than a thousandth of it.
 /// With a box, writes only voxels whose centres are in it.
 ///
 /// `voxel`: edge, world units; the centre of voxel (0, 0, 0) is the origin of the file's cube. `memory`: most bytes for

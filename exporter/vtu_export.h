@@ -21,14 +21,12 @@ struct VtuReport {
 /// - for each selected attribute A, its value (NaN: missing);
 /// - "mass", "centroid", "covariance" (XX, YY, ZZ, XY, YZ, XZ) of the point's material at the selection's resolution;
 /// - for each A, over the material that has a value: "A mean", "A deviation" (standard deviation) and "A covariance"
-/// (with
-///   the position), NaN if there is no such material;
+///   (with the position), NaN if there is no such material;
 /// - "A gradient": the gradient of the linear field that fits this material best, S^-1 c with the covariance S of the
 ///   position and the covariance c, in values per unit of length. It is 0 across directions without extent, and if
 ///   there is no material;
 /// - "A gradient direction": the gradient that the file stores for the point (spec 8, gradient), of length 1 or 0. Left
-/// out
-///   if the file has none.
+///   out if the file has none.
 ///
 /// Writes appended raw data of the file version 1.0. Memory does not grow with the number of points. The file appears
 /// whole or not at all. Output does not depend on threads. Fails if an attribute has the name of another array, or if

@@ -91,15 +91,14 @@ struct PackedChunk {
 /// Packs shapes. Requires finite numbers and descending deviations. These come back:
 /// - mass and deviations within a factor 2^(1/256), unless they are under 2^-511 of the largest;
 /// - orientations so that the end of each axis moves towards a shorter axis by at most 1/16 of the shorter deviation.
-/// 20
-///   bits suffice up to aspect ratios of 10^4. If the axes are the coordinate axes, they suffice for any aspect ratio.
+///   20 bits suffice up to aspect ratios of 10^4. If the axes are the coordinate axes, they suffice for any aspect
+///   ratio.
 [[nodiscard]] PackedChunk pack_moments(std::span<const SplatShape> shapes);
 
 /// Packs the distributions of a value. `summary` bounds the values of the material. Requires means in the range of
 /// single precision. These come back:
 /// - means within `error` (>= 0), or within twice the finest quantisation step that 32 bits and 2^-45 of the largest
-/// mean
-///   allow. Means outside of `summary`, by rounding, are moved into it first;
+///   mean allow. Means outside of `summary`, by rounding, are moved into it first;
 /// - correlations within 1/254, residuals within 1/510;
 /// - coverages within 1/255. Only 0 becomes 0.
 [[nodiscard]] PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
