@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <set>
 
 #include "streamer/paged_volume.h"
@@ -53,21 +52,6 @@ CutOptions tolerance(double percent, std::uint64_t compare_above = 512) {
   return options;
 }
 
-// Returns how many drawn splats stand for each point.
-std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
-  std::vector<std::map<std::uint64_t, int>> drawn(volume.info.resolutions());
-  for (const CutItem& item : cut.items)
-    for (const PointRange& range : cut.ranges_of(item))
-      for (std::uint64_t i = 0; i < range.count; ++i) ++drawn[item.resolution][range.begin + i];
-  std::vector<int> result(volume.positions.size());
-  for (std::size_t point = 0; point < result.size(); ++point)
-    for (std::size_t r = 0; r < drawn.size(); ++r) {
-      const auto found = drawn[r].find(volume.representatives[r][point]);
-      if (found != drawn[r].end()) result[point] += found->second;
-    }
-  return result;
-}
-
 bool is_in(const Cube& cube, const dvec3& p) {
   return glm::all(glm::greaterThanEqual(p, cube.origin - 1e-12)) &&
          glm::all(glm::lessThanEqual(p, cube.origin + cube.edge + 1e-12));
@@ -102,7 +86,7 @@ TEST(Cut, StandsForEveryPointOnce) {
     for (int trial = 0; trial < 30; ++trial) {
       const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
       const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
-      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1))
+      ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1))
           << "seed " << seed << ", trial " << trial << ", " << percent << " %";
       numbers.insert(cut.splats);
     }
@@ -130,7 +114,7 @@ TEST(Cut, AFixedResolutionIsThatResolution) {
     const std::size_t expected = std::min(r, bench.volume.info.resolutions() - 1);
     const Cut cut = bench.cut(test::view_of_all(random), options);
     EXPECT_EQ(cut.splats, bench.volume.info.resolution_counts[expected]);
-    EXPECT_THAT(coverage(bench.volume, cut), testing::Each(1));
+    EXPECT_THAT(test::coverage(bench.volume, cut), testing::Each(1));
     for (const CutItem& item : cut.items) EXPECT_EQ(item.resolution, expected);
   }
 }
@@ -245,7 +229,7 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   for (int trial = 0; trial < 80; ++trial) {
     const View view = test::random_view(random);
     const Cut cut = bench.cut(view, tolerance(trial % 2 == 0 ? 0 : std::exp2(trial % 9 - 3)));
-    const std::vector<int> covered = coverage(bench.volume, cut);
+    const std::vector<double> covered = test::coverage(bench.volume, cut);
     for (std::size_t i = 0; i < covered.size(); ++i) {
       ASSERT_LE(covered[i], 1);
       if (covered[i] == 1) continue;
@@ -421,7 +405,7 @@ TEST(Cut, OfMomentsStandsForEveryPointOnce) {
   for (int trial = 0; trial < 30; ++trial) {
     const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
     const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
-    ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << percent << " %";
+    ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << percent << " %";
     numbers.insert(cut.splats);
   }
   EXPECT_GT(numbers.size(), 10u) << "the tolerances are all alike";
@@ -434,10 +418,10 @@ TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
   Bench bench(test::sample_volume(4000, 12, options), function);
   std::mt19937 random(12);
   const Cut cut = bench.cut(test::view_of_all(random), tolerance(0));
-  const std::vector<int> covered = coverage(bench.volume, cut);
+  const std::vector<double> covered = test::coverage(bench.volume, cut);
   for (std::size_t i = 0; i < covered.size(); ++i) {
     const bool visible = function.extinction(static_cast<double>(bench.volume.stored[1][i])) > 0;
-    ASSERT_GE(covered[i], visible ? 1 : 0);
+    ASSERT_GE(covered[i], visible ? 1.0 : 0.0);
   }
   EXPECT_GT(cut.splats, 0u);
   EXPECT_LT(cut.splats, 2000u);
@@ -511,7 +495,8 @@ TEST(CutByError, NeverPassesItsSplatsAndStandsForEveryPointOnce) {
       const auto most = static_cast<std::uint64_t>(std::exp2(std::uniform_real_distribution<double>(0, 12)(random)));
       const Cut cut = bench.cut(test::view_of_all(random), goal(most));
       ASSERT_LE(cut.splats, std::max(most, bench.volume.info.resolution_counts[0])) << "trial " << trial;
-      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << most << " splats";
+      ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1))
+          << "trial " << trial << ", " << most << " splats";
       numbers.insert(cut.splats);
     }
     EXPECT_GT(numbers.size(), 8u) << "the goals are all alike";
@@ -666,7 +651,7 @@ TEST(CutByError, OfWhatIsThere) {
     EXPECT_EQ(resident(all), bench.cut(view, options));
     EXPECT_EQ(resident(coarsest).splats, bench.volume.info.resolution_counts[0]);
     for (There* there : {&all, &coarsest, &some})
-      ASSERT_THAT(coverage(bench.volume, resident(*there)), testing::Each(1));
+      ASSERT_THAT(test::coverage(bench.volume, resident(*there)), testing::Each(1));
   }
 }
 

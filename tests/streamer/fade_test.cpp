@@ -45,18 +45,7 @@ class FadeTest : public testing::Test {
 
   // Returns the sum of weights that is drawn for each point.
   std::vector<double> coverage() const {
-    std::vector<std::map<std::uint64_t, double>> drawn(volume.info.resolutions());
-    for (std::size_t i = 0; i < shown.cut.items.size(); ++i)
-      for (const PointRange& range : shown.cut.ranges_of(shown.cut.items[i]))
-        for (std::uint64_t k = 0; k < range.count; ++k)
-          drawn[shown.cut.items[i].resolution][range.begin + k] += static_cast<double>(shown.weight_of(i));
-    std::vector<double> result(volume.positions.size());
-    for (std::size_t point = 0; point < result.size(); ++point)
-      for (std::size_t r = 0; r < drawn.size(); ++r) {
-        const auto found = drawn[r].find(volume.representatives[r][point]);
-        if (found != drawn[r].end()) result[point] += found->second;
-      }
-    return result;
+    return test::coverage(volume, shown.cut, [this](std::size_t i) { return static_cast<double>(shown.weight_of(i)); });
   }
 
   // Weights by cube and resolution.

@@ -1,6 +1,7 @@
 // Volumes, views and transfer functions for the streamer's tests.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -27,6 +28,11 @@ namespace splatvol::test {
 
 /// Returns a camera that sees the whole unit cube, and its splats.
 [[nodiscard]] View view_of_all(std::mt19937& random);
+
+/// Returns the sum of the weights of the drawn splats that stand for each point. `weight`: of an item of the cut.
+[[nodiscard]] std::vector<double> coverage(
+    const TestVolume& volume, const Cut& cut,
+    const std::function<double(std::size_t)>& weight = [](std::size_t) { return 1.0; });
 
 /// A source in memory that records reads, and fails on demand. Thread-safe.
 class TestSource final : public ByteSource {

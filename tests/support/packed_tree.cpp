@@ -7,6 +7,15 @@
 namespace splatvol::test {
 namespace {
 
+// Appends a node without its summaries.
+void append_node(const format::NodeArrays& nodes, std::uint32_t node, Tree& tree) {
+  const std::size_t codes = nodes.shape.size_bounds * nodes.shape.resolutions;
+  tree.child_masks.push_back(nodes.child_masks[node]);
+  tree.first_resolutions.push_back(nodes.first_resolutions[node]);
+  for (const std::uint64_t count : nodes.counts_of(node)) tree.counts.push_back(count);
+  for (std::size_t i = 0; i < codes; ++i) tree.size_codes.push_back(nodes.size_codes[node * codes + i]);
+}
+
 class TreeReader {
  public:
   TreeReader(std::span<const std::byte> section, format::NodeShape shape) : section_(section) { tree_.shape = shape; }
@@ -38,11 +47,7 @@ class TreeReader {
   Status add(const Pages& pages, std::uint32_t node) {
     const format::IndexPage& page = pages[0];
     const format::NodeArrays& nodes = page.nodes;
-    const std::size_t codes = tree_.shape.size_bounds * tree_.shape.resolutions;
-    tree_.child_masks.push_back(nodes.child_masks[node]);
-    tree_.first_resolutions.push_back(nodes.first_resolutions[node]);
-    for (const std::uint64_t count : nodes.counts_of(node)) tree_.counts.push_back(count);
-    for (std::size_t i = 0; i < codes; ++i) tree_.size_codes.push_back(nodes.size_codes[node * codes + i]);
+    append_node(nodes, node, tree_);
     for (std::size_t a = 0; a < tree_.shape.attributes; ++a) tree_.summaries.push_back(pages[a].nodes.summaries[node]);
 
     const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));
@@ -105,11 +110,7 @@ namespace {
 Status add_node(const format::Volume& volume, int attribute, const format::IndexPage& page, std::uint32_t node,
                 Tree& tree) {
   const format::NodeArrays& nodes = page.nodes;
-  const std::size_t codes = nodes.shape.size_bounds * nodes.shape.resolutions;
-  tree.child_masks.push_back(nodes.child_masks[node]);
-  tree.first_resolutions.push_back(nodes.first_resolutions[node]);
-  for (const std::uint64_t count : nodes.counts_of(node)) tree.counts.push_back(count);
-  for (std::size_t i = 0; i < codes; ++i) tree.size_codes.push_back(nodes.size_codes[node * codes + i]);
+  append_node(nodes, node, tree);
   if (attribute >= 0) tree.summaries.push_back(nodes.summaries[node]);
 
   const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));
