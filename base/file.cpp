@@ -12,6 +12,8 @@
 #include <random>
 #include <vector>
 
+#include "base/descriptor.h"
+
 namespace splatvol {
 namespace {
 
@@ -29,15 +31,9 @@ std::string unpredictable_name(const std::string& path) {
 }
 
 Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
-  while (!out.empty()) {
-    const ssize_t got = ::pread(descriptor, out.data(), out.size(), static_cast<off_t>(offset));
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return fail_errno(path, "cannot read");
-    if (got == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
-    out = out.subspan(static_cast<std::size_t>(got));
-    offset += static_cast<std::uint64_t>(got);
-  }
-  return {};
+  if (read_fully(descriptor, offset, out)) return {};
+  if (errno == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
+  return fail_errno(path, "cannot read");
 }
 
 class FileSource final : public ByteSource {
@@ -52,9 +48,7 @@ class FileSource final : public ByteSource {
   const std::string& name() const override { return path_; }
 
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    if (offset > size_ || out.size() > size_ - offset)
-      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", path_,
-                  out.size(), offset, size_);
+    SPLATVOL_TRY(check_range(*this, offset, out.size()));
     return read_exactly(descriptor_, offset, out, path_);
   }
 
@@ -70,9 +64,7 @@ class MemorySource final : public ByteSource {
   std::uint64_t size() const override { return bytes_.size(); }
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
-      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end ({} bytes)", name_, out.size(), offset,
-                  bytes_.size());
+    SPLATVOL_TRY(check_range(*this, offset, out.size()));
     std::ranges::copy(bytes_.subspan(offset, out.size()), out.begin());
     return {};
   }
@@ -84,13 +76,19 @@ class MemorySource final : public ByteSource {
 
 }  // namespace
 
+Status check_range(const ByteSource& source, std::uint64_t offset, std::uint64_t count) {
+  if (offset <= source.size() && count <= source.size() - offset) return {};
+  return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", source.name(),
+              count, offset, source.size());
+}
+
 std::string folder_of(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path();
   return folder.empty() ? "." : folder;
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
-  // Without O_NONBLOCK, a pipe nobody writes to would keep us here for ever.
+  // Without O_NONBLOCK, opening a pipe that has no writer would wait for ever.
   const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return fail_errno(path, "cannot open");
   struct stat status {};
@@ -115,7 +113,7 @@ Result<std::string> read_text_file(const std::string& path) {
 }
 
 Result<AtomicFile> AtomicFile::create(const std::string& target) {
-  // The rename would put a regular file in the place of a device or a pipe. A link is followed.
+  // Renaming would replace a device or a pipe by a regular file.
   std::error_code error;
   const auto status = std::filesystem::status(target, error);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
@@ -154,7 +152,7 @@ Status AtomicFile::append(std::span<const std::byte> bytes) {
   SPLATVOL_TRY(write_at(end_, bytes));
   end_ += bytes.size();
   if (end_ >= begun_ + begun_together) {
-    // Otherwise all of it would wait until commit. Nothing is lost where this fails.
+    // Without this, the disk might write everything only at commit. A failure costs time only.
     (void)::sync_file_range(descriptor_, static_cast<off_t>(begun_), static_cast<off_t>(end_ - begun_),
                             SYNC_FILE_RANGE_WRITE);
     begun_ = end_;
@@ -168,10 +166,10 @@ Status AtomicFile::insert_front(std::uint64_t bytes) {
   if (bytes == 0 || left == 0) return {};
   if (::fallocate(descriptor_, FALLOC_FL_INSERT_RANGE, 0, static_cast<off_t>(bytes)) == 0) return {};
 
-  // Block by block from the end, so that none is overwritten before it is read.
-  std::vector<std::byte> block(std::min(left, moved_together));
+  // Part by part from the end, so that no part is overwritten before it is read.
+  std::vector<std::byte> buffer(std::min(left, moved_together));
   while (left > 0) {
-    const auto part = std::span(block).first(std::min<std::uint64_t>(left, block.size()));
+    const auto part = std::span(buffer).first(std::min<std::uint64_t>(left, buffer.size()));
     left -= part.size();
     SPLATVOL_TRY(read_exactly(descriptor_, left, part, path_));
     SPLATVOL_TRY(write_at(left + bytes, part));
@@ -180,14 +178,7 @@ Status AtomicFile::insert_front(std::uint64_t bytes) {
 }
 
 Status AtomicFile::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = ::pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return fail_errno(path_, "cannot write");
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-    offset += static_cast<std::uint64_t>(put);
-  }
-  return {};
+  return write_fully(descriptor_, offset, bytes) ? Status{} : fail_errno(path_, "cannot write");
 }
 
 std::string AtomicFile::path_to_write() const {
@@ -196,7 +187,7 @@ std::string AtomicFile::path_to_write() const {
 
 Status AtomicFile::commit() {
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
-  // A link cannot replace a file; a name of its own can be renamed over it.
+  // linkat cannot replace a file, rename can: so the file first gets a temporary name.
   const std::string self = path_to_write();
   while (temporary_path_.empty()) {
     std::string name = unpredictable_name(path_);
@@ -208,7 +199,7 @@ Status AtomicFile::commit() {
   if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) return fail_errno(path_, "cannot rename to");
   ::close(std::exchange(descriptor_, -1));
 
-  // The rename itself lasts through a power cut only when the folder is synced too.
+  // Without syncing the folder, a power cut may undo the rename.
   const int directory = ::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (directory < 0) return fail_errno(path_, "cannot sync the folder of");
   const int synced = ::fsync(directory);

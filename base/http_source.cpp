@@ -21,14 +21,14 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// The least that a reader of .svol files asks for first: what tells the size is no request of its own.
+// A reader of .svol files asks for at least these bytes first, so finding the size costs no extra request.
 constexpr std::size_t head_bytes = 32u << 10;
 constexpr long max_redirects = 8;
 constexpr const char* protocols = "http,https";
 
 bool is_url(std::string_view text) { return text.starts_with("http://") || text.starts_with("https://"); }
 
-// The address without user, password, query and fragment.
+// Returns the address without user, password, query and fragment.
 std::string without_secrets(const std::string& url) {
   const std::size_t host = url.find("://") + 3;
   std::string name = url.substr(0, url.find_first_of("?#", host));
@@ -36,8 +36,8 @@ std::string without_secrets(const std::string& url) {
   return at == std::string::npos ? name : name.erase(host, at + 1 - host);
 }
 
-// A write to a connection that the server closed must not end the program: OpenSSL's writes raise SIGPIPE, and
-// libcurl's own way of ignoring it is not for several threads.
+// Blocks SIGPIPE. OpenSSL raises it when it writes to a connection that the server has closed, and the signal would end
+// the program. libcurl's own protection does not work with several threads.
 class NoSigpipe {
  public:
   NoSigpipe() {
@@ -65,7 +65,7 @@ class NoSigpipe {
 struct CloseHandle {
   void operator()(CURL* handle) const { ::curl_easy_cleanup(handle); }
 };
-using Handle = std::unique_ptr<CURL, CloseHandle>;  // a connection, and how to use it
+using Handle = std::unique_ptr<CURL, CloseHandle>;  // a connection with its settings
 
 template <class T>
 T info_of(CURL* handle, CURLINFO which) {
@@ -74,13 +74,13 @@ T info_of(CURL* handle, CURLINFO which) {
   return value;
 }
 
-// A header field of the last answer (of several, where there were redirects); empty: absent.
+// Returns a header field of the last answer (redirects give several answers); "" if it is absent.
 std::string header_of(CURL* handle, const char* field) {
   curl_header* header = nullptr;
   return ::curl_easy_header(handle, field, 0, CURLH_HEADER, -1, &header) == CURLHE_OK ? header->value : "";
 }
 
-// What "Content-Range: bytes 0-99/1234" says.
+// The numbers of a header such as "Content-Range: bytes 0-99/1234".
 struct ContentRange {
   std::uint64_t first, last, size;
 };
@@ -99,17 +99,17 @@ std::optional<ContentRange> parse_content_range(const std::string& text) {
   return range;
 }
 
-// What the server holds: whether it still is the same file.
+// Identifies the file on the server, to notice a change.
 struct Content {
   std::uint64_t size = 0;
-  std::string version;  // ETag, or else the date
+  std::string version;  // ETag, or else Last-Modified
   bool operator==(const Content&) const = default;
 };
 
 struct Failure {
   std::string reason;
   bool may_pass = false;
-  milliseconds wait{0};  // before the next attempt, as the server wishes
+  milliseconds wait{0};  // that the server asks for before the next attempt
 };
 
 Failure failure_of_status(CURL* handle, long status) {
@@ -140,21 +140,21 @@ Failure failure_of_status(CURL* handle, long status) {
   return {fmt::format("the server answers {}: {}", status, meaning()), may_pass, std::chrono::seconds(wished)};
 }
 
-// Besides what passes by itself, a refused connection is final: nobody is there.
+// A refused connection is final: no server is there.
 bool may_pass(CURLcode code) {
   constexpr std::array passing = {CURLE_OPERATION_TIMEDOUT, CURLE_RECV_ERROR, CURLE_SEND_ERROR,   CURLE_GOT_NOTHING,
                                   CURLE_PARTIAL_FILE,       CURLE_HTTP2,      CURLE_HTTP2_STREAM, CURLE_HTTP3};
   return std::ranges::find(passing, code) != passing.end();
 }
 
-// One request for the bytes that `out` has room for, or as many as there are from `offset` on.
+// One request for the bytes from `offset` on: out.size() of them, or fewer if the file ends before.
 class Exchange {
  public:
-  // `content`: of earlier answers; without a value, this one sets it.
+  // `content`: from earlier answers. If it is empty, this answer sets it.
   Exchange(CURL* handle, std::uint64_t offset, std::span<std::byte> out, std::optional<Content>& content)
       : handle_(handle), offset_(offset), out_(out), content_(content) {}
 
-  // Without a value: all bytes came.
+  // Returns nothing if all bytes came.
   std::optional<Failure> run() {
     const std::string range = fmt::format("{}-{}", offset_, offset_ + out_.size() - 1);
     std::array<char, CURL_ERROR_SIZE> text{};
@@ -175,16 +175,16 @@ class Exchange {
     return Failure{text[0] != '\0' ? text.data() : ::curl_easy_strerror(code), may_pass(code)};
   }
 
-  // Bytes at the beginning of `out` that are there, also after a failure.
+  // Bytes that have been received, from the beginning of `out`; valid after a failure too.
   std::size_t received() const { return received_; }
 
  private:
   static std::size_t receive(const char* bytes, std::size_t /*one*/, std::size_t count, void* self) {
-    return static_cast<Exchange*>(self)->take({bytes, count}) ? count : CURL_WRITEFUNC_ERROR;
+    return static_cast<Exchange*>(self)->add({bytes, count}) ? count : CURL_WRITEFUNC_ERROR;
   }
 
-  // False ends the transfer.
-  bool take(std::span<const char> bytes) {
+  // Returns false to end the transfer.
+  bool add(std::span<const char> bytes) {
     check_once();
     if (!failure_ && bytes.size() > expected_ - received_) failure_ = {"the server sends more than was asked for"};
     if (failure_) return false;
@@ -197,7 +197,7 @@ class Exchange {
     if (!std::exchange(checked_, true)) failure_ = check();
   }
 
-  // Judges the answer by its header.
+  // Checks the header of the answer. Returns nothing if it is good.
   std::optional<Failure> check() {
     const long status = info_of<long>(handle_, CURLINFO_RESPONSE_CODE);
     if (status == 416 && content_) return changed();
@@ -239,7 +239,7 @@ class HttpSource final : public ByteSource {
   const std::string& name() const override { return name_; }
   std::uint64_t cheap_gap() const override { return 64u << 10; }
 
-  // Before anything else.
+  // Must be called first.
   Status open() {
     std::vector<std::byte> head(head_bytes);
     SPLATVOL_TRY(fetch(0, head));
@@ -249,9 +249,7 @@ class HttpSource final : public ByteSource {
   }
 
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    if (offset > size() || out.size() > size() - offset)
-      return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end of the file ({} bytes)", name_,
-                  out.size(), offset, size());
+    SPLATVOL_TRY(check_range(*this, offset, out.size()));
     if (offset < head_.size()) {
       const std::size_t kept = std::min(out.size(), head_.size() - static_cast<std::size_t>(offset));
       std::ranges::copy(std::span(head_).subspan(static_cast<std::size_t>(offset), kept), out.begin());
@@ -262,9 +260,9 @@ class HttpSource final : public ByteSource {
   }
 
  private:
-  // Goes on after a failure where the bytes that have come end.
+  // After a failure, goes on behind the bytes that have come.
   Status fetch(std::uint64_t offset, std::span<std::byte> out) {
-    SPLATVOL_TRY_ASSIGN(handle, take_handle());
+    SPLATVOL_TRY_ASSIGN(handle, acquire_handle());
     milliseconds wait = options_.first_wait;
     for (int attempt = 1;; ++attempt, wait *= 2) {
       Exchange exchange(handle.get(), offset, out, content_);
@@ -277,12 +275,16 @@ class HttpSource final : public ByteSource {
       const milliseconds pause = std::max(wait, failure->wait);
       options_.wait ? options_.wait(pause) : std::this_thread::sleep_for(pause);
     }
-    const std::scoped_lock lock(mutex_);
-    idle_.push_back(std::move(handle));
+    release_handle(std::move(handle));
     return {};
   }
 
-  Result<Handle> take_handle() {
+  void release_handle(Handle handle) {
+    const std::scoped_lock lock(mutex_);
+    idle_.push_back(std::move(handle));
+  }
+
+  Result<Handle> acquire_handle() {
     {
       const std::scoped_lock lock(mutex_);
       if (!idle_.empty()) {
@@ -301,7 +303,7 @@ class HttpSource final : public ByteSource {
     set(CURLOPT_FOLLOWLOCATION, 1L);
     set(CURLOPT_MAXREDIRS, max_redirects);
     set(CURLOPT_USERAGENT, "splatvol/" SPLATVOL_VERSION);
-    set(CURLOPT_ACCEPT_ENCODING, "identity");  // ranges of a compressed file are of no use
+    set(CURLOPT_ACCEPT_ENCODING, "identity");  // ranges of a compressed file are useless
     set(CURLOPT_NOSIGNAL, 1L);
     set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(options_.connect_timeout.count()));
     set(CURLOPT_LOW_SPEED_LIMIT, 1L);

@@ -1,4 +1,4 @@
-// Files on web servers, read piece by piece over HTTP range requests.
+// Files on web servers, read range by range over HTTP.
 #pragma once
 
 #include <chrono>
@@ -11,28 +11,28 @@
 
 namespace splatvol {
 
-/// How patient a source is with its server.
+/// How often and how long a source tries.
 struct HttpOptions {
-  int attempts = 4;                                // at a read, while failures may pass: resets, timeouts, 5xx, 429
-  std::chrono::milliseconds first_wait{250};       // before the second attempt; doubles from one to the next
-  std::chrono::milliseconds longest_wait{60'000};  // a server that asks for a longer one (Retry-After) is given up
+  int attempts = 4;                                // of a read, if the failure may pass: reset, timeout, 5xx, 429
+  std::chrono::milliseconds first_wait{250};       // before the second attempt; doubles with each attempt
+  std::chrono::milliseconds longest_wait{60'000};  // fails if the server asks for a longer wait (Retry-After)
   std::chrono::milliseconds connect_timeout{10'000};
-  std::chrono::seconds stall_timeout{30};                    // in which nothing arrives
-  std::function<void(std::chrono::milliseconds)> wait = {};  // how to let time pass; empty: sleep
+  std::chrono::seconds stall_timeout{30};                    // longest time without a byte
+  std::function<void(std::chrono::milliseconds)> wait = {};  // called to wait; empty: sleeps
 };
 
-/// Opens what a web server holds under an address (http:// or https://), and reads its first 32 KiB, which are kept.
+/// Opens the file at an address (http:// or https://). Reads its first 32 KiB and keeps them. Fails if the server
+/// cannot be reached, does not have the file, or does not serve ranges; in this last case nothing is downloaded.
 ///
-/// Each read is a request for a range of bytes, on a connection that is kept for the next one; reads at the same time
-/// have a connection each. Proxies are those of the environment (http_proxy and so on); redirects are followed. Fails
-/// with one line where the server cannot be reached or does not have the file, or does not serve ranges (of whose
-/// answer nothing is downloaded). A read fails where the file is not the one of the first answer any more: another
-/// size, or another ETag (Last-Modified where there is none). Trusts nothing that the server says about ranges.
+/// Each read is a request for a range of bytes. Its connection is kept for the next read; simultaneous reads have a
+/// connection each. Uses the proxies of the environment (http_proxy and so on) and follows redirects. A read fails if
+/// the file has changed since the first answer: another size, or another ETag (Last-Modified if there is no ETag).
+/// Trusts nothing that the server says about ranges.
 ///
-/// The source's name, and so its messages, lack what may be secret: user, password, query.
+/// The source's name, and so its messages, leave out user, password and query, which may be secret.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options = {});
 
-/// Opens an address that begins with http:// or https://, or else the file of that name.
+/// Opens the address if it begins with http:// or https://, else the file of this name.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file_or_url(const std::string& path_or_url);
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// GLM, with the settings that every file of the project shares.
+// The GLM types that the project uses, and a few of its own.
 #pragma once
 
 #include <bit>
@@ -33,7 +33,7 @@ using glm::vec4;
   return extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
 }
 
-/// An axis-aligned cube in world units; the root of the octrees.
+/// An axis-parallel cube in world units: a node of an octree.
 struct Cube {
   dvec3 origin{0};  // the corner with the lowest coordinates
   double edge = 0;

@@ -22,18 +22,18 @@ std::uint64_t machine_bytes(const std::string& root) {
   return static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
 }
 
-/// The least number in files called `name` from `folder` / `group` up to `folder`. In a container the group's path may
-/// be the host's, of which only the end, or nothing, is there.
+/// Returns the smallest number in the files `name` of all folders from `folder` / `group` up to `folder`. Folders may
+/// be missing: in a container, the group's path may be that of the host.
 std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path group, const char* name) {
   std::uint64_t least = no_limit;
   for (group = group.relative_path();; group = group.parent_path()) {
     std::uint64_t bytes = 0;
-    if (std::ifstream(folder / group / name) >> bytes) least = std::min(least, bytes);  // "max" is no number
+    if (std::ifstream(folder / group / name) >> bytes) least = std::min(least, bytes);  // "max" is not a number
     if (group.empty()) return least;
   }
 }
 
-/// Whether "memory" is among names with commas between them.
+/// Whether "memory" is one of the names, which are separated by commas.
 bool names_memory(const std::string& controllers) {
   return ("," + controllers + ",").find(",memory,") != std::string::npos;
 }

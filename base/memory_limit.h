@@ -1,4 +1,4 @@
-// How much memory there is for this process.
+// The memory that this process may use.
 #pragma once
 
 #include <cstdint>
@@ -6,8 +6,9 @@
 
 namespace splatvol {
 
-/// Bytes that this process may use: the least of the machine's memory and of the limits of its control group and all
-/// groups above it, of version 1 or 2. What cannot be read is no limit. `root` stands before /proc and /sys.
+/// Returns the bytes that this process may use: the smallest of the machine's memory and the limits of its control
+/// group and all groups above, version 1 or 2. Ignores limits that cannot be read. `root` is put in front of /proc and
+/// /sys.
 [[nodiscard]] std::uint64_t memory_limit(const std::string& root = "");
 
 }  // namespace splatvol

@@ -8,6 +8,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "base/descriptor.h"
+
 namespace splatvol {
 namespace {
 
@@ -15,7 +17,7 @@ tl::unexpected<Error> fail_errno(const std::string& folder, const char* action) 
   return fail(ErrorCode::io, "{}: cannot {} a temporary file: {}", folder, action, std::strerror(errno));
 }
 
-// Not every file system makes files without a name: there, a name that is gone at once.
+// If the file system has no files without a name, makes one with a name and removes the name at once.
 int open_unnamed(const std::string& folder) {
   const int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
   if (descriptor >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return descriptor;
@@ -48,13 +50,8 @@ TempFile::~TempFile() {
 }
 
 Status TempFile::append(std::span<const std::byte> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = ::pwrite(descriptor_, bytes.data(), bytes.size(), static_cast<off_t>(size_));
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return fail_errno(folder_, "write");
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-    size_ += static_cast<std::uint64_t>(put);
-  }
+  if (!write_fully(descriptor_, size_, bytes)) return fail_errno(folder_, "write");
+  size_ += bytes.size();
   return {};
 }
 
@@ -62,18 +59,11 @@ Status TempFile::read(std::uint64_t offset, std::span<std::byte> out) const {
   if (offset > size_ || out.size() > size_ - offset)
     return fail(ErrorCode::invalid_argument, "{}: {} bytes at {} are past the end of a temporary file ({} bytes)",
                 folder_, out.size(), offset, size_);
-  while (!out.empty()) {
-    const ssize_t got = ::pread(descriptor_, out.data(), out.size(), static_cast<off_t>(offset));
-    if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return fail_errno(folder_, "read");
-    out = out.subspan(static_cast<std::size_t>(got));
-    offset += static_cast<std::uint64_t>(got);
-  }
-  return {};
+  return read_fully(descriptor_, offset, out) ? Status{} : fail_errno(folder_, "read");
 }
 
 void TempFile::release(std::uint64_t offset, std::uint64_t bytes) {
-  // Only room is lost where this fails.
+  // A failure costs disk space only.
   (void)!::fallocate(descriptor_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
                      static_cast<off_t>(bytes));
 }

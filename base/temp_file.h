@@ -1,4 +1,4 @@
-// Room on the disk for what does not fit into memory.
+// Temporary files, for data that does not fit into memory.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +10,11 @@
 
 namespace splatvol {
 
-/// A file without a name: nobody else can open it, and the system takes it back with the descriptor, however the
-/// process ends. Reads are thread-safe; nothing else is.
+/// A file without a name. No other process can open it, and the system removes it however the process ends. Reads are
+/// thread-safe; nothing else is.
 class TempFile {
  public:
-  /// In `folder`; fails where that cannot be written to.
+  /// Makes a file in `folder`. Fails if the folder cannot be written to.
   [[nodiscard]] static Result<TempFile> create(const std::string& folder);
   TempFile(TempFile&& other) noexcept;
   TempFile& operator=(TempFile&& other) noexcept;
@@ -23,14 +23,14 @@ class TempFile {
   /// Appends bytes at the end.
   [[nodiscard]] Status append(std::span<const std::byte> bytes);
 
-  /// Fills `out` with the bytes at `offset`; fails unless all of them exist.
+  /// Fills `out` with the bytes at `offset`. Fails unless all of them exist.
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) const;
 
-  /// Gives the disk space of [offset, offset + bytes) back, where the file system can: what is read there afterwards is
-  /// zeros. The size stays.
+  /// Gives the disk space of [offset, offset + bytes) back, if the file system can; then these bytes read as zeros. The
+  /// size stays.
   void release(std::uint64_t offset, std::uint64_t bytes);
 
-  /// Bytes appended.
+  /// Returns how many bytes were appended.
   [[nodiscard]] std::uint64_t size() const { return size_; }
 
  private:
@@ -41,7 +41,7 @@ class TempFile {
   std::uint64_t size_ = 0;
 };
 
-/// Bytes that can still be written in `folder`.
+/// Returns how many bytes can still be written in `folder`.
 [[nodiscard]] Result<std::uint64_t> free_disk_bytes(const std::string& folder);
 
 }  // namespace splatvol

@@ -51,7 +51,7 @@ std::uint64_t SplatReader::group_count() const {
 
 Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row) const {
   const std::uint64_t number = volume_.directory_page_of_row(row);
-  const std::uint64_t first_row = number * volume_.info().rows_per_directory_page;
+  const std::uint64_t first_row = volume_.rows().first_row_of_directory_page(number);
   const std::scoped_lock lock(mutex_);
   auto found = std::ranges::find(pages_, first_row, &format::DirectoryPage::first_row);
   if (found == pages_.end()) {
@@ -67,14 +67,14 @@ Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row) const {
 template <class Unpack>
 Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
   SPLATVOL_TRY_ASSIGN(page, page_of(row));
-  const format::ChunkPlace& place = volume_.find_chunk(*page, row, volume_.info().find_column(kind, attribute));
-  SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(place.offset, place.entry.packed_bytes));
-  return unpack(place.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), place.offset));
+  const format::ChunkLocation& location = volume_.find_chunk(*page, row, volume_.info().find_column(kind, attribute));
+  SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
+  return unpack(location.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), location.offset));
 }
 
 Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
   const format::Group group = volume_.rows().group(number);
-  // A segment's columns lie in the group's first row.
+  // The columns of scope segment are in the group's first row.
   const std::uint64_t row = volume_.rows().row(selection_.resolution, number);
   const std::uint64_t segment_row = volume_.rows().row(group.segment, number);
   SplatGroup result;
@@ -107,7 +107,7 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
 }
 
 Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
-                      const std::function<Status(const SplatGroup&)>& take,
+                      const std::function<Status(const SplatGroup&)>& visit,
                       const std::function<void(double)>& progress) {
   const std::uint64_t count = reader.group_count();
   for (std::uint64_t first = 0; first < count; first += groups_at_once) {
@@ -115,7 +115,7 @@ Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
     tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) { groups[g] = reader.read(first + g, parts); });
     for (const Result<SplatGroup>& group : groups) {
       SPLATVOL_TRY(group);
-      SPLATVOL_TRY(take(*group));
+      SPLATVOL_TRY(visit(*group));
     }
     progress(static_cast<double>(first + groups.size()) / static_cast<double>(count));
   }

@@ -1,4 +1,4 @@
-// The splats of one resolution, decoded a group at a time.
+// Reads the splats of one resolution, group by group.
 #pragma once
 
 #include <algorithm>
@@ -17,40 +17,40 @@
 
 namespace splatvol {
 
-/// What of a file is exported.
+/// The part of a file to export.
 struct ExportSelection {
   std::size_t resolution = 0;
   std::vector<std::size_t> attributes;  // indices into VolumeInfo::attributes
   Box box{dvec3(-std::numeric_limits<double>::infinity()), dvec3(std::numeric_limits<double>::infinity())};
 };
 
-/// Finds what is named: no resolution is the finest, no attributes are all. Fails where the file has no such resolution
-/// or attribute (the message says what there is), or no splat moments of one.
+/// Makes a selection from a resolution (none: the finest) and names of attributes (none: all). Fails if the file does
+/// not have the resolution or an attribute (the message lists what it has), or lacks splat moments of an attribute.
 [[nodiscard]] Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
                                              const std::vector<std::string>& attributes, const Box& box);
 
-/// Points of the file and what they stand for, in file order. [splat], or [attribute][splat] by the selection.
+/// Points of the file with their material, in file order: [splat], or [attribute of the selection][splat].
 struct SplatGroup {
   std::vector<dvec3> positions;
   std::vector<std::vector<float>> values;  // stored; NaN: missing
   std::vector<dvec3> centroids;
   std::vector<format::SplatShape> shapes;
   std::vector<std::vector<format::SplatValue>> materials;
-  std::vector<std::vector<vec3>> directions;  // of the values' gradients, as stored; empty where the file has none
+  std::vector<std::vector<vec3>> directions;  // of the values' gradients, as stored; empty if the file has none
 
   [[nodiscard]] std::size_t size() const { return std::max(positions.size(), centroids.size()); }
 };
 
-/// Reads the groups of a resolution. Holds some pages of the directory. Thread-safe.
+/// Reads the groups of a resolution. Holds a few directory pages. Thread-safe.
 class SplatReader {
  public:
-  /// Both must outlive this.
+  /// Both arguments must outlive the reader.
   SplatReader(const format::Volume& volume, const ExportSelection& selection)
       : volume_(volume), selection_(selection) {}
 
   [[nodiscard]] std::uint64_t group_count() const;
 
-  /// Which parts of a SplatGroup are read: the others stay empty.
+  /// Selects the parts of a SplatGroup to read. The others stay empty.
   struct Parts {
     bool positions = false, values = false, material = false, directions = false;
   };
@@ -68,12 +68,13 @@ class SplatReader {
   const format::Volume& volume_;
   const ExportSelection& selection_;
   mutable std::mutex mutex_;
-  mutable std::vector<Page> pages_;  // the last used at the end
+  mutable std::vector<Page> pages_;  // last used last
 };
 
-/// Calls take(group), in order, with all groups of the reader, some of which are read at a time; stops where one fails.
+/// Reads all groups, several at a time, and calls visit(group) with each, in order. Stops at the first failure. Calls
+/// `progress` with the share done, in [0, 1].
 [[nodiscard]] Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
-                                    const std::function<Status(const SplatGroup&)>& take,
+                                    const std::function<Status(const SplatGroup&)>& visit,
                                     const std::function<void(double)>& progress);
 
 }  // namespace splatvol

@@ -13,24 +13,24 @@ namespace {
 
 constexpr const char* fraction_name = "volume_fraction";
 
-// Of a voxel's volume, from which on a value in it means something.
+// Share of a voxel's volume. A value is written if more material than this has one.
 constexpr double least_fraction = 1e-3;
 
-// Far from where 32-bit indices end.
+// Far below the largest 32-bit index.
 constexpr double most_voxels = 1 << 30;
 
-// From the file's units to voxels.
+// Converts from the file's units to voxels.
 struct VoxelFrame {
   dvec3 origin;
   double voxel;
 
-  [[nodiscard]] dvec3 place(const dvec3& world) const { return (world - origin) / voxel; }
+  [[nodiscard]] dvec3 position(const dvec3& world) const { return (world - origin) / voxel; }
 };
 
 VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
   format::SplatShape shape = group.shapes[i];
   shape.deviations /= frame.voxel;
-  const dvec3 centroid = frame.place(group.centroids[i]);
+  const dvec3 centroid = frame.position(group.centroids[i]);
   VoxelSplat splat{VoxelKernel(centroid, shape), centroid, shape.mass, {}};
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   for (const auto& of_attribute : group.materials) {
@@ -41,7 +41,7 @@ VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& 
   return splat;
 }
 
-// A grid for the fraction and one for each attribute.
+// Makes one grid for the fraction and one for each attribute.
 class GridBuilder {
  public:
   GridBuilder(const format::Volume& volume, const ExportSelection& selection, const VoxelFrame& frame)
@@ -51,22 +51,22 @@ class GridBuilder {
     for (const std::size_t a : selection.attributes) attributes_.push_back(volume.info().attributes[a]);
   }
 
-  void add_block(const VoxelSums::BlockPlace& place, std::span<const double> sums, VdbReport& report) {
+  void add_brick(const VoxelSums::BrickIndex& index, std::span<const double> sums, VdbReport& report) {
     const std::size_t count = 1 + 2 * attributes_.size();
-    std::array<std::int32_t, 3> first = place;
-    for (std::int32_t& coordinate : first) coordinate *= VoxelSums::block_edge;
-    std::array<float, VoxelSums::block_voxels> values;
+    std::array<std::int32_t, 3> first = index;
+    for (std::int32_t& coordinate : first) coordinate *= VoxelSums::brick_edge;
+    std::array<float, VoxelSums::brick_voxels> values;
     for (std::size_t v = 0; v < values.size(); ++v) {
       const double mass = sums[v * count];
       values[v] = mass > 0 ? static_cast<float>(mass / voxel_volume_) : missing;
       report.voxels += mass > 0 ? 1 : 0;
       report.voxel_mass += mass;
     }
-    grids_.add_block(0, first, values);
+    grids_.add_brick(0, first, values);
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       for (std::size_t v = 0; v < values.size(); ++v)
         values[v] = value(sums[v * count + 1 + 2 * a], sums[v * count + 2 + 2 * a], attributes_[a]);
-      grids_.add_block(1 + a, first, values);
+      grids_.add_brick(1 + a, first, values);
     }
   }
 
@@ -81,7 +81,7 @@ class GridBuilder {
     return names;
   }
 
-  // No field leaves the range of its values; its linear pieces may.
+  // The linear field in a splat may leave the range of the attribute: clamps it.
   [[nodiscard]] float value(double mass, double integral, const format::Attribute& attribute) const {
     if (!(mass > least_fraction * voxel_volume_)) return missing;
     return static_cast<float>(std::clamp(attribute.offset + integral / mass, attribute.min, attribute.max));
@@ -108,10 +108,10 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
                 volume.name(), voxel, info.cube.edge);
 
   VdbReport report;
-  const Box box{frame.place(selection.box.low), frame.place(selection.box.high)};
+  const Box box{frame.position(selection.box.low), frame.position(selection.box.high)};
   VoxelSums sums(selection.attributes.size(), box, memory);
   std::vector<VoxelSplat> splats;
-  const auto take = [&](const SplatGroup& group) {
+  const auto add_group = [&](const SplatGroup& group) {
     splats.clear();
     for (std::size_t i = 0; i < group.size(); ++i) {
       if (!(group.shapes[i].mass > 0)) continue;
@@ -123,11 +123,11 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
     }
     return sums.add(splats);
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, take, progress));
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, add_group, progress));
 
   GridBuilder grids(volume, selection, frame);
-  sums.drain([&](const VoxelSums::BlockPlace& place, std::span<const double> block) {
-    grids.add_block(place, block, report);
+  sums.drain([&](const VoxelSums::BrickIndex& index, std::span<const double> brick) {
+    grids.add_brick(index, brick, report);
   });
   if (report.voxels == 0) return fail(ErrorCode::invalid_data, "{}: no material to export", volume.name());
   SPLATVOL_TRY_ASSIGN(bytes, grids.grids().write(path));

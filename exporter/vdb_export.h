@@ -1,4 +1,4 @@
-// A file's splats as voxels, without loss of mass.
+// Exports a file's splats as voxels, without loss of mass.
 #pragma once
 
 #include <cstdint>
@@ -12,22 +12,23 @@
 namespace splatvol {
 
 struct VdbReport {
-  std::uint64_t splats = 0;  // that reach into the box
-  std::uint64_t voxels = 0;  // with material
+  std::uint64_t splats = 0;  // splats that reach into the box
+  std::uint64_t voxels = 0;  // voxels with material
   double splat_mass = 0;     // of these splats
-  double voxel_mass = 0;     // what of it lies in voxels: all, without a box
+  double voxel_mass = 0;     // mass in voxels: without a box, all mass of the splats
   std::uint64_t file_bytes = 0;
 };
 
-/// Spreads each splat's mass over the voxels that its kernel reaches (exporter/voxel_kernel.h), and writes the grids
-/// "volume_fraction", volume of material per volume of voxel, and each selected attribute, the mean of its value over
-/// the material that has one, active where that fills more than a thousandth of the voxel. With a box, voxels whose
-/// centres lie in it.
+/// Spreads the mass of each splat over the voxels that its kernel reaches (exporter/voxel_kernel.h), and writes grids:
+/// - "volume_fraction": volume of material per volume of voxel;
+/// - one for each selected attribute: the mean of its value over the material that has a value. A voxel is active if
+///   this material fills more than a thousandth of it.
+/// With a box, writes only voxels whose centres are in it.
 ///
-/// `voxel`: edge, world units; the centre of voxel (0, 0, 0) is the origin of the file's cube. `memory`: bytes that the
-/// voxels may take. The file is read by groups of points, never whole. Output does not depend on threads or memory.
-/// Fails where an attribute is called as the other grid, where there are too many voxels along an axis or no material,
-/// and where more memory is needed, with out_of_budget.
+/// `voxel`: edge, world units; the centre of voxel (0, 0, 0) is the origin of the file's cube. `memory`: most bytes for
+/// the voxels. Reads the file group by group, never whole. Output does not depend on threads or memory. Fails if an
+/// attribute has the name of the other grid, if there are too many voxels along an axis, or if there is no material.
+/// Fails with out_of_budget if `memory` does not suffice.
 [[nodiscard]] Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path,
                                            const ExportSelection& selection, double voxel, std::uint64_t memory,
                                            const std::function<void(double)>& progress);

@@ -16,7 +16,8 @@ namespace {
 
 using Leaf = openvdb::FloatTree::LeafNodeType;
 
-// OpenVDB gives every file a number at random: 36 characters behind magic, versions and a flag.
+// OpenVDB gives every file a random number, of 36 characters, behind magic, versions and a flag. It is replaced by a
+// hash.
 constexpr std::uint64_t uuid_offset = 8 + 4 + 4 + 4 + 1;
 
 std::string uuid_of(std::uint64_t hash) {
@@ -24,7 +25,7 @@ std::string uuid_of(std::uint64_t hash) {
                      hash & 0xFFFFFFFFFFFF);
 }
 
-// OpenVDB's own files do not tell when the disk is full; a stream that throws does.
+// OpenVDB's own file class does not report a full disk. A stream that throws does.
 class Archive final : public openvdb::io::Archive {
  public:
   void write_file(const std::string& path, const openvdb::GridCPtrVec& grids) const {
@@ -39,7 +40,7 @@ class Archive final : public openvdb::io::Archive {
 
 struct VdbGrids::Grids {
   std::vector<openvdb::FloatGrid::Ptr> all;
-  std::uint64_t hash = 0;  // of names and blocks
+  std::uint64_t hash = 0;  // of names and bricks
 };
 
 VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, double voxel)
@@ -59,7 +60,7 @@ VdbGrids::VdbGrids(const std::vector<std::string>& names, const dvec3& origin, d
 
 VdbGrids::~VdbGrids() = default;
 
-void VdbGrids::add_block(std::size_t grid, const std::array<std::int32_t, 3>& first,
+void VdbGrids::add_brick(std::size_t grid, const std::array<std::int32_t, 3>& first,
                          const std::array<float, 512>& values) {
   auto leaf = std::make_unique<Leaf>(openvdb::Coord(first[0], first[1], first[2]), 0.0F, false);
   for (openvdb::Index voxel = 0; voxel < values.size(); ++voxel)

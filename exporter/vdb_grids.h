@@ -1,4 +1,4 @@
-// Voxels to a .vdb file, through OpenVDB.
+// Writes voxels to a .vdb file, through OpenVDB.
 #pragma once
 
 #include <cstdint>
@@ -11,20 +11,20 @@
 
 namespace splatvol {
 
-/// Grids of single precision over the same voxels, in blocks of 8 x 8 x 8.
+/// Grids of single precision over the same voxels, made of bricks of 8 x 8 x 8 voxels.
 class VdbGrids {
  public:
   VdbGrids(const std::vector<std::string>& names, const dvec3& origin, double voxel);
   ~VdbGrids();
 
-  /// Values of one block, [voxel], voxels along z first, then y, then x; NaN: not active. A block may come once for
-  /// each grid; `first` is its first voxel, a multiple of 8.
-  void add_block(std::size_t grid, const std::array<std::int32_t, 3>& first, const std::array<float, 512>& values);
+  /// Adds a brick to a grid, which must not have it yet. `first`: its first voxel, multiples of 8. `values`: [voxel],
+  /// with z running fastest, then y, then x; NaN: not active.
+  void add_brick(std::size_t grid, const std::array<std::int32_t, 3>& first, const std::array<float, 512>& values);
 
-  /// Marks a grid as the share of material (base/vdb_share.h).
+  /// Marks a grid as the one that holds the share of material (base/vdb_share.h).
   void mark_share(std::size_t grid);
 
-  /// Writes the file, which appears whole or not at all, and has the same bytes for the same grids. Returns its length.
+  /// Writes the file and returns its length. The file appears whole or not at all. Equal grids give equal bytes.
   [[nodiscard]] Result<std::uint64_t> write(const std::string& path) const;
 
  private:

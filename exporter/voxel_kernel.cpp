@@ -10,10 +10,10 @@
 namespace splatvol {
 namespace {
 
-// Of a voxel, along each axis. The ellipsoid of a splat without extent then holds the centre of one voxel at least.
+// Variance of a voxel along each axis. With it, even a splat without extent has the centre of a voxel in its ellipsoid.
 constexpr double voxel_variance = 1.0 / 12;
 
-// Of one that reaches out of the box; more are not visited only to be left out.
+// Most voxels of an ellipsoid that reaches out of the box. In a larger ellipsoid, only voxels in the box are visited.
 constexpr double most_outside = 65536;
 
 constexpr double farthest = std::numeric_limits<std::int32_t>::max() - 1;
@@ -30,19 +30,17 @@ VoxelKernel::VoxelKernel(const dvec3& centroid, const format::SplatShape& shape)
     : centroid_(centroid), centre_(centroid) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dmat3 covariance(voxel_variance);
-  dvec3 foot(0);  // of the boundary, from the centroid
   for (int k = 0; k < 3; ++k) {
     const double deviation = shape.deviations[k];
     covariance += deviation * deviation * glm::outerProduct(axes[k], axes[k]);
-    foot += shape.boundary[k] * deviation * axes[k];
     if (deviation > 0) cut_normal_ += shape.boundary[k] / deviation * axes[k];
   }
   to_slope_ = glm::inverse(covariance);
-  // Material that ends at a plane is half of what its reflection completes.
   if (cut_normal_ != dvec3(0)) {
+    const dvec3 shift = format::reflection_shift(shape);
     cut_offset_ = glm::dot(shape.boundary, shape.boundary);
-    centre_ += foot;
-    covariance += glm::outerProduct(foot, foot);
+    centre_ += shift;
+    covariance += glm::outerProduct(shift, shift);
   }
   square_ = moments_half_width * moments_half_width * covariance;
   inverse_ = glm::inverse(square_);
@@ -57,15 +55,15 @@ bool VoxelKernel::reaches(const Box& box) const {
   return true;
 }
 
-// Calls visit(run, from) for each row of voxels along x whose centres lie in it and in the box, as long as it returns
-// true; `from` is the first one's place, from the centre.
+// Calls visit(run, offset) for each run of voxels whose centres are in the ellipsoid and in the box, until it returns
+// false. `offset`: of the run's first voxel from the ellipsoid's centre.
 template <class Visit>
 void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
   const dmat3 &q = square_, &p = inverse_;
   const double reach_z = std::sqrt(q[2][2]);
   const std::int32_t last_z = last_voxel(std::min(centre_.z + reach_z, box.high.z));
   for (std::int32_t z = first_voxel(std::max(centre_.z - reach_z, box.low.z)); z <= last_z; ++z) {
-    // The shadow along x is an ellipse, whose chords are known by its matrix.
+    // The projection along x is an ellipse; its matrix gives its chords.
     const double dz = z - centre_.z;
     const double reach_y = std::sqrt(std::max(0.0, (q[1][1] - q[1][2] * q[1][2] / q[2][2]) * (1 - dz * dz / q[2][2])));
     const double middle_y = centre_.y + q[1][2] / q[2][2] * dz;
@@ -98,13 +96,13 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   const std::size_t first_run = runs.size(), first_share = shares.size();
   double sum = 0;
   bool fits = true;
-  visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 place) {
+  visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 offset) {
     fits = run.count <= most - (shares.size() - first_share);
     if (!fits) return false;
     runs.push_back(run);
-    for (std::uint32_t i = 0; i < run.count; ++i, place.x += 1) {
-      const double height = std::max(0.0, 1 - glm::dot(place, inverse_ * place));
-      const bool beyond = glm::dot(cut_normal_, place + centre_ - centroid_) > cut_offset_;
+    for (std::uint32_t i = 0; i < run.count; ++i, offset.x += 1) {
+      const double height = std::max(0.0, 1 - glm::dot(offset, inverse_ * offset));
+      const bool beyond = glm::dot(cut_normal_, offset + centre_ - centroid_) > cut_offset_;
       shares.push_back(beyond ? 0 : height * std::sqrt(height));
       sum += shares.back();
     }
@@ -114,7 +112,7 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   if (integrate) {
     sum = volume_ * 3 / (4 * std::numbers::pi * moments_peak) * (cut_normal_ != dvec3(0) ? 0.5 : 1.0);
   } else if (!(sum > 0)) {
-    // What lies between the centres of voxels and a boundary goes to the nearest.
+    // No centre of a voxel is in the ellipsoid on the material's side of the boundary: the nearest voxel gets all.
     runs.resize(first_run);
     shares.resize(first_share);
     const auto nearest = [](double x) { return static_cast<std::int32_t>(nearest_integer(x)); };

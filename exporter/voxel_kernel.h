@@ -1,4 +1,4 @@
-// Which voxels a splat's material lies in. Lengths in voxels: voxel i is round i.
+// Distributes a splat's material over voxels. Lengths are in voxels; the centre of voxel i is i.
 #pragma once
 
 #include <cstdint>
@@ -9,30 +9,33 @@
 
 namespace splatvol {
 
-/// The kernel `moments` (docs/accuracy.md) as voxels see it: the ellipsoid of the material's covariance and that of a
-/// voxel, in which density falls as (1 - rho^2)^(3/2); at a boundary the half of it that the boundary leaves.
+/// The kernel `moments` (docs/accuracy.md), blurred by a voxel: an ellipsoid for the sum of the covariances of the
+/// material and of a voxel, in which density falls as (1 - rho^2)^(3/2). At a boundary, the half of it on the
+/// material's side.
 class VoxelKernel {
  public:
-  /// `shape` in voxels as well. Requires finite numbers, and voxels that std::int32_t can number.
+  /// `centroid` and `shape` are in voxels. Requires finite numbers, and voxels that std::int32_t can number.
   VoxelKernel(const dvec3& centroid, const format::SplatShape& shape);
 
-  /// Voxels in it, about.
+  /// Returns about how many voxels are in the ellipsoid.
   [[nodiscard]] double volume() const { return volume_; }
 
-  /// Whether it reaches into a box.
+  /// Whether the kernel reaches into a box.
   [[nodiscard]] bool reaches(const Box& box) const;
 
-  /// Slope of a value in it that has this covariance with the position.
+  /// Returns the slope of a value that has this covariance with the position.
   [[nodiscard]] dvec3 slope(const dvec3& covariance) const { return to_slope_ * covariance; }
 
+  /// Consecutive voxels along x.
   struct Run {
-    std::int32_t x, y, z;  // its first voxel; the others follow along x
+    std::int32_t x, y, z;  // the first voxel
     std::uint32_t count;
   };
 
-  /// Appends the voxels whose centres lie in it and in `box`, and their shares of its mass. All of its voxels, of which
-  /// there is at least one, add up to 1; those of one of more than 65536, of which part is outside of the box, as far
-  /// as the integral of the kernel tells. False, and unfinished, where they are more than `most`.
+  /// Appends the voxels whose centres are in the ellipsoid, at least one, and their shares of its mass. The shares add
+  /// up to 1. An ellipsoid of more than 65536 voxels that is partly outside of `box` gets only the voxels in the box;
+  /// their shares come from the integral of the kernel. Returns false, with incomplete results, if there are more than
+  /// `most` voxels.
   [[nodiscard]] bool append(const Box& box, std::size_t most, std::vector<Run>& runs,
                             std::vector<double>& shares) const;
 
@@ -45,7 +48,7 @@ class VoxelKernel {
   dmat3 square_;         // L L^T, L from the unit ball to the ellipsoid
   dmat3 inverse_;        // of it
   dmat3 to_slope_;       // inverse of the covariance
-  dvec3 cut_normal_{0};  // of the boundary, outwards; 0: none
+  dvec3 cut_normal_{0};  // of the boundary plane, outwards; 0: no boundary
   double cut_offset_ = 0;
   double volume_;
 };

@@ -8,24 +8,24 @@
 namespace splatvol {
 namespace {
 
-// Of splats that are spread at a time.
+// Voxels of the splats that are spread at a time.
 constexpr double voxels_at_once = 1 << 20;
 
-// What the table and the finished grids take besides the sums, for each block.
+// Bytes of a brick in the table and in the finished grids, besides its sums.
 constexpr std::uint64_t overhead_bytes = 256;
 
 }  // namespace
 
-std::size_t VoxelSums::Hash::operator()(const BlockPlace& place) const {
+std::size_t VoxelSums::Hash::operator()(const BrickIndex& index) const {
   std::uint64_t hash = 0;
-  for (const std::int32_t coordinate : place) {
+  for (const std::int32_t coordinate : index) {
     hash = (hash ^ static_cast<std::uint32_t>(coordinate)) * 0x9E3779B97F4A7C15U;
     hash ^= hash >> 29;
   }
   return hash;
 }
 
-std::uint64_t VoxelSums::block_bytes() const { return block_voxels * sums_ * sizeof(double) + overhead_bytes; }
+std::uint64_t VoxelSums::brick_bytes() const { return brick_voxels * sums_ * sizeof(double) + overhead_bytes; }
 
 tl::unexpected<Error> VoxelSums::over_budget() const {
   return fail(ErrorCode::out_of_budget,
@@ -39,7 +39,7 @@ Status VoxelSums::add(std::span<const VoxelSplat> splats) {
     double voxels = 0;
     while (end < splats.size() && (end == begin || voxels < voxels_at_once)) voxels += splats[end++].kernel.volume();
     std::vector<Spread> spreads(end - begin);
-    // Half of a splat's voxels may lie beyond a boundary; the others will be held.
+    // Half of a splat's voxels may be beyond a boundary, and are not held.
     const std::size_t most = 2 * memory_ / (sums_ * sizeof(double)) + (std::size_t{1} << 17);
     tbb::parallel_for(begin, end, [&](std::size_t i) {
       Spread& spread = spreads[i - begin];
@@ -53,16 +53,16 @@ Status VoxelSums::add(std::span<const VoxelSplat> splats) {
   return {};
 }
 
-Result<double*> VoxelSums::voxels_of_block(const BlockPlace& place) {
-  if (last_block_ != nullptr && place == last_place_) return last_block_;
-  std::vector<double>& block = blocks_[place];
-  if (block.empty()) {
-    if (blocks_.size() * block_bytes() > memory_) return over_budget();
-    block.resize(block_voxels * sums_);
+Result<double*> VoxelSums::voxels_of_brick(const BrickIndex& index) {
+  if (last_brick_ != nullptr && index == last_index_) return last_brick_;
+  std::vector<double>& brick = bricks_[index];
+  if (brick.empty()) {
+    if (bricks_.size() * brick_bytes() > memory_) return over_budget();
+    brick.resize(brick_voxels * sums_);
   }
-  last_place_ = place;
-  last_block_ = block.data();
-  return last_block_;
+  last_index_ = index;
+  last_brick_ = brick.data();
+  return last_brick_;
 }
 
 Status VoxelSums::add(const VoxelSplat& splat, const Spread& spread) {
@@ -71,8 +71,8 @@ Status VoxelSums::add(const VoxelSplat& splat, const Spread& spread) {
     const bool inside = run.y >= box_.low.y && run.y <= box_.high.y && run.z >= box_.low.z && run.z <= box_.high.z;
     for (std::int32_t x = run.x; x < run.x + static_cast<std::int32_t>(run.count); ++x, ++share) {
       if (*share == 0 || !inside || x < box_.low.x || x > box_.high.x) continue;
-      SPLATVOL_TRY_ASSIGN(block, voxels_of_block({x >> 3, run.y >> 3, run.z >> 3}));
-      double* sum = block + static_cast<std::size_t>((x & 7) << 6 | (run.y & 7) << 3 | (run.z & 7)) * sums_;
+      SPLATVOL_TRY_ASSIGN(brick, voxels_of_brick({x >> 3, run.y >> 3, run.z >> 3}));
+      double* sum = brick + static_cast<std::size_t>((x & 7) << 6 | (run.y & 7) << 3 | (run.z & 7)) * sums_;
       *sum++ += splat.mass * *share;
       const dvec3 offset = dvec3(x, run.y, run.z) - splat.centroid;
       for (const VoxelSplat::Value& value : splat.values) {
@@ -84,16 +84,16 @@ Status VoxelSums::add(const VoxelSplat& splat, const Spread& spread) {
   return {};
 }
 
-void VoxelSums::drain(const std::function<void(const BlockPlace&, std::span<const double>)>& visit) {
-  std::vector<BlockPlace> places;
-  for (const auto& [place, block] : blocks_) places.push_back(place);
-  std::ranges::sort(places);
-  for (const BlockPlace& place : places) {
-    const auto block = blocks_.find(place);
-    visit(place, block->second);
-    blocks_.erase(block);
+void VoxelSums::drain(const std::function<void(const BrickIndex&, std::span<const double>)>& visit) {
+  std::vector<BrickIndex> indices;
+  for (const auto& [index, brick] : bricks_) indices.push_back(index);
+  std::ranges::sort(indices);
+  for (const BrickIndex& index : indices) {
+    const auto brick = bricks_.find(index);
+    visit(index, brick->second);
+    bricks_.erase(brick);
   }
-  last_block_ = nullptr;
+  last_brick_ = nullptr;
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// Sums over splats in a sparse grid of voxels, within a budget of memory.
+// Sums over splats, in a sparse grid of voxels, within a budget of memory.
 #pragma once
 
 #include <array>
@@ -27,32 +27,32 @@ struct VoxelSplat {
   std::vector<Value> values;  // [attribute]
 };
 
-/// The sums of each voxel: the mass; then, of each attribute, the mass that has a value, and the integral of the value
-/// over it.
+/// The sums of each voxel: the mass; then, for each attribute, the mass of the material that has a value, and the
+/// integral of the value over this mass.
 class VoxelSums {
  public:
-  static constexpr std::int32_t block_edge = 8;
-  static constexpr std::size_t block_voxels = 512;
-  using BlockPlace = std::array<std::int32_t, 3>;  // of the first voxel, / block_edge
+  static constexpr std::int32_t brick_edge = 8;
+  static constexpr std::size_t brick_voxels = 512;
+  using BrickIndex = std::array<std::int32_t, 3>;  // along each axis: its first voxel / brick_edge
 
-  /// Voxels whose centres are outside of `box` are left out. `memory`: bytes that may be held.
+  /// Leaves out voxels whose centres are outside of `box`. `memory`: the most bytes to hold.
   VoxelSums(std::size_t attributes, const Box& box, std::uint64_t memory)
       : sums_(1 + 2 * attributes), box_(box), memory_(memory) {}
 
-  /// Adds splats: mass by mass of each, all of it. The result does not depend on how they are divided into calls.
-  /// Fails where more than `memory` would be held.
+  /// Adds the whole mass of each splat. The result does not depend on how splats are divided into calls. Fails if it
+  /// would hold more than `memory`.
   [[nodiscard]] Status add(std::span<const VoxelSplat> splats);
 
-  /// Numbers for each voxel.
+  /// Returns the number of sums of a voxel.
   [[nodiscard]] std::size_t sums() const { return sums_; }
 
-  /// Calls visit(place, sums) for each block, in an order of its own; sums are [voxel][sum], voxels along z first, then
-  /// y, then x. Each block is gone when it has been visited.
-  void drain(const std::function<void(const BlockPlace&, std::span<const double>)>& visit);
+  /// Calls visit(index, sums) for each brick, in the order of the indices, and drops the brick afterwards. The sums are
+  /// [voxel][sum], with z running fastest, then y, then x.
+  void drain(const std::function<void(const BrickIndex&, std::span<const double>)>& visit);
 
  private:
   struct Hash {
-    std::size_t operator()(const BlockPlace& place) const;
+    std::size_t operator()(const BrickIndex& index) const;
   };
   struct Spread {
     std::vector<VoxelKernel::Run> runs;
@@ -61,16 +61,16 @@ class VoxelSums {
   };
 
   [[nodiscard]] Status add(const VoxelSplat& splat, const Spread& spread);
-  [[nodiscard]] Result<double*> voxels_of_block(const BlockPlace& place);
-  [[nodiscard]] std::uint64_t block_bytes() const;
+  [[nodiscard]] Result<double*> voxels_of_brick(const BrickIndex& index);
+  [[nodiscard]] std::uint64_t brick_bytes() const;
   [[nodiscard]] tl::unexpected<Error> over_budget() const;
 
   std::size_t sums_;
   Box box_;
   std::uint64_t memory_;
-  std::unordered_map<BlockPlace, std::vector<double>, Hash> blocks_;
-  BlockPlace last_place_{};
-  double* last_block_ = nullptr;
+  std::unordered_map<BrickIndex, std::vector<double>, Hash> bricks_;
+  BrickIndex last_index_{};
+  double* last_brick_ = nullptr;
 };
 
 }  // namespace splatvol

@@ -9,19 +9,20 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 
 namespace splatvol {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "numbers are written as they are");
 
-// An array of the file: where it is, and how many numbers each point has in it.
+// An array of the file.
 struct Array {
   std::string name;
   const char* type = "Float64";
   std::size_t components = 1;
   std::size_t number_bytes = sizeof(double);
-  std::uint64_t offset = 0;  // in the appended data: of the length, behind which the numbers follow
+  std::uint64_t offset = 0;  // in the appended data: of the array's length; the numbers follow it
 
   [[nodiscard]] std::uint64_t bytes(std::uint64_t points) const { return points * components * number_bytes; }
 };
@@ -59,7 +60,7 @@ using Columns = std::vector<std::vector<double>>;
 
 void append(std::vector<double>& column, const dvec3& v) { column.insert(column.end(), {v.x, v.y, v.z}); }
 
-// S^-1 c; S is diagonal along the principal axes. What would not be finite, across no extent, is left out.
+// Returns S^-1 c; S is diagonal along the principal axes. Leaves out axes without extent, where it would not be finite.
 dvec3 gradient_of(const format::SplatValue& value, const format::SplatShape& shape, const dmat3& axes) {
   dvec3 gradient(0);
   if (!(value.coverage > 0)) return gradient;
@@ -103,15 +104,14 @@ class VtuFile {
   Status check_names(const std::string& file) const {
     std::vector<std::string> names;
     for (std::size_t i = 1; i < data_arrays_; ++i) names.push_back(arrays_[i].name);
-    std::ranges::sort(names);
-    const auto twice = std::ranges::adjacent_find(names);
-    if (twice == names.end()) return {};
-    return fail(ErrorCode::invalid_argument,
-                "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
-                *twice);
+    if (const auto duplicate = find_duplicate(std::move(names)))
+      return fail(ErrorCode::invalid_argument,
+                  "{}: an attribute is called \"{}\", as an array of the material: leave it out (--attribute)", file,
+                  *duplicate);
+    return {};
   }
 
-  // Writes what comes before the numbers, and the lengths.
+  // Writes all but the numbers of the points: the header, the lengths, the cells and the tail.
   Status start(AtomicFile& file, std::uint64_t points) {
     std::uint64_t end = 0;
     for (Array& array : arrays_) {
@@ -218,17 +218,17 @@ class VtuFile {
   std::uint64_t bytes_ = 0;
 };
 
-// Where all are wanted the file says how many there are.
+// Without a box, the metadata tells the number of points.
 Result<std::uint64_t> count_points(const format::Volume& volume, const ExportSelection& selection,
                                    const std::function<void(double)>& progress) {
   if (selection.box == ExportSelection().box) return volume.info().resolution_counts[selection.resolution];
   std::uint64_t points = 0;
-  const auto take = [&](const SplatGroup& group) -> Status {
+  const auto count_group = [&](const SplatGroup& group) -> Status {
     points += static_cast<std::uint64_t>(
         std::ranges::count_if(group.positions, [&](const dvec3& p) { return is_inside(selection.box, p); }));
     return {};
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true}, take, progress));
+  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true}, count_group, progress));
   if (points == 0) return fail(ErrorCode::invalid_argument, "{}: no points in the box", volume.name());
   return points;
 }
@@ -248,7 +248,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
   SPLATVOL_TRY(vtu.start(file, points));
   VtuReport report;
   Columns columns;
-  const auto take = [&](const SplatGroup& group) -> Status {
+  const auto write_group = [&](const SplatGroup& group) -> Status {
     columns.clear();
     vtu.collect(group, columns, report);
     SPLATVOL_TRY(vtu.write(file, columns, report.points));
@@ -256,7 +256,7 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
     return {};
   };
   SPLATVOL_TRY(for_each_group(SplatReader(volume, selection),
-                              {.positions = true, .values = true, .material = true, .directions = true}, take,
+                              {.positions = true, .values = true, .material = true, .directions = true}, write_group,
                               [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());
   report.file_bytes = vtu.bytes();

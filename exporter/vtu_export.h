@@ -1,4 +1,4 @@
-// A file's points and what they stand for as a .vtu file.
+// Exports a file's points and their material as a .vtu file.
 #pragma once
 
 #include <cstdint>
@@ -13,21 +13,24 @@ namespace splatvol {
 
 struct VtuReport {
   std::uint64_t points = 0;
-  double mass = 0;  // of these
+  double mass = 0;  // of these points
   std::uint64_t file_bytes = 0;
 };
 
-/// Writes the points in the box, in file order, as vertices with arrays in double precision: for each selected
-/// attribute its value (NaN: missing); what the point stands for at the selection's resolution: "mass", "centroid",
-/// "covariance" (XX, YY, ZZ, XY, YZ, XZ); and for each attribute, of the part that has a value, "A mean", "A deviation"
-/// (standard) and "A covariance" (with the position), NaN where there is none. Its gradient: "A gradient", that of the
-/// linear field that fits this part best, S^-1 c of both covariances, in values per unit of length, 0 across what has
-/// no extent and where there is no material; "A gradient direction", the file's own at the point, of length 1 or 0,
-/// where the file has it (spec 8, gradient).
+/// Writes the points in the box, in file order, as vertices with these arrays in double precision:
+/// - for each selected attribute A, its value (NaN: missing);
+/// - "mass", "centroid", "covariance" (XX, YY, ZZ, XY, YZ, XZ) of the point's material at the selection's resolution;
+/// - for each A, over the material that has a value: "A mean", "A deviation" (standard deviation) and "A covariance"
+///   (with the position), NaN if there is no such material;
+/// - "A gradient": the gradient of the linear field that fits this material best, S^-1 c with the covariance S of the
+///   position and the covariance c, in values per unit of length. It is 0 across directions without extent, and if
+///   there is no material;
+/// - "A gradient direction": the gradient that the file stores for the point (spec 8, gradient), of length 1 or 0. Left
+///   out if the file has none.
 ///
-/// Appended raw data of the file version 1.0. Memory does not grow with the points. The file appears whole or not at
-/// all; output does not depend on threads. Fails where an attribute is called as another array, and where no point is
-/// in the box.
+/// Writes appended raw data of the file version 1.0. Memory does not grow with the number of points. The file appears
+/// whole or not at all. Output does not depend on threads. Fails if an attribute has the name of another array, or if
+/// no point is in the box.
 [[nodiscard]] Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path,
                                            const ExportSelection& selection,
                                            const std::function<void(double)>& progress);

@@ -1,4 +1,4 @@
-// Bytes to smaller bytes and back: zstd frames, byte planes, XXH3-64.
+// Compresses and hashes bytes: zstd frames, byte planes, XXH3-64.
 #pragma once
 
 #include <algorithm>
@@ -16,19 +16,29 @@ namespace splatvol::format {
 
 using Bytes = std::vector<std::byte>;
 
-/// XXH3-64 with seed 0.
+/// Returns the XXH3-64 hash with seed 0.
 [[nodiscard]] std::uint64_t hash_bytes(std::span<const std::byte> bytes);
 
-/// A zstd frame of `raw`, or `raw` itself where that is not smaller or breaks the ratio of spec rule R7.
-/// Equal sizes mean: stored raw. Deterministic. Thread-safe.
+/// Returns a zstd frame of `raw`, or `raw` itself if the frame is not smaller or breaks the ratio of spec rule R7. A
+/// result as long as `raw` is `raw`. Deterministic. Thread-safe.
 [[nodiscard]] Bytes pack(std::span<const std::byte> raw);
 
-/// Undoes `pack` into exactly `unpacked_bytes` bytes; `what` begins the message of an error. Safe on untrusted input:
-/// what it allocates is bounded by 1024 times the packed size. Thread-safe.
+/// Undoes `pack` into exactly `unpacked_bytes` bytes. `what` begins the message of an error. Safe on untrusted input:
+/// allocates at most about 1024 times the packed size. Thread-safe.
 [[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,
                                    std::string_view what);
 
-/// Appends a record as it lies in memory.
+/// Checks length and hash of the packed bytes that `entry` describes (a section, a chunk or an index page part), then
+/// unpacks them. Otherwise as `unpack`.
+template <class Entry>
+[[nodiscard]] Result<Bytes> unpack_checked(const Entry& entry, std::span<const std::byte> packed,
+                                           std::string_view what) {
+  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return unpack(packed, entry.unpacked_bytes, what);
+}
+
+/// Appends the bytes of a record, as they are in memory.
 template <class T>
 requires std::is_trivially_copyable_v<T>
 void append_record(Bytes& bytes, const T& record) {

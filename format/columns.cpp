@@ -15,37 +15,39 @@ constexpr std::uint32_t missing_value_bits = 0x7FC00000u;
 constexpr std::uint8_t form_grid = 1;
 constexpr std::uint8_t form_exact = 2;
 
-// Rounding to the grid moves a coordinate by half a step; the difference from the origin, of up to 2^46 steps, is
-// itself rounded by up to 2^-7 step.
-constexpr double error_in_steps = 0.51;
+// In quantisation steps. Rounding to the grid moves a coordinate by at most 0.5. Its difference from the origin, of up
+// to 2^46 quantisation steps, is itself rounded by up to 2^-7.
+constexpr double rounding_error = 0.51;
 constexpr int max_grid_bits = 45;
 
 int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
-// The lowest coordinate may lie half a step below the origin, its nearest lattice point.
-std::uint64_t grid_cell(double coordinate, double origin, double step) {
-  return static_cast<std::uint64_t>(nearest_integer(std::max(0.0, (coordinate - origin) / step)));
+// The origin is the grid point nearest to the lowest coordinate, so this coordinate may lie half a quantisation step
+// below it.
+std::uint64_t grid_code(double coordinate, double origin, double quantisation_step) {
+  return static_cast<std::uint64_t>(nearest_integer(std::max(0.0, (coordinate - origin) / quantisation_step)));
 }
 
-// A grid whose step is a power of two and whose origin is a multiple of it: nearby chunks share their lattice, and
-// coordinates that single precision represents come back exactly when the step is small enough.
+// Fills the header for a grid whose quantisation step is a power of two and whose origin is a multiple of it. Then
+// nearby chunks share their grid points, and a fine enough grid keeps coordinates of single precision exactly. Returns
+// false if no grid is fine enough.
 bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& header) {
   if (!(error > 0)) return false;
-  const double step = std::ldexp(1.0, std::ilogb(error / error_in_steps));
+  const double quantisation_step = std::ldexp(1.0, std::ilogb(error / rounding_error));
   Box box;
   for (const dvec3& p : positions) box.include({p, p});
   for (int axis = 0; axis < 3; ++axis) {
-    const double origin = std::round(box.low[axis] / step) * step;
-    const double reach = std::max(std::abs(origin), std::abs(box.high[axis])) / step;
+    const double origin = std::round(box.low[axis] / quantisation_step) * quantisation_step;
+    const double reach = std::max(std::abs(origin), std::abs(box.high[axis])) / quantisation_step;
     if (!std::isfinite(origin) || !(reach < std::exp2(max_grid_bits))) return false;
-    const std::uint64_t span = grid_cell(box.high[axis], origin, step);
-    if (!std::isfinite(step * static_cast<double>(span))) return false;
+    const std::uint64_t span = grid_code(box.high[axis], origin, quantisation_step);
+    if (!std::isfinite(quantisation_step * static_cast<double>(span))) return false;
     header.origin[axis] = origin;
     header.width[axis] = static_cast<std::uint8_t>(bytes_for(span));
   }
   header.form = form_grid;
-  header.step = step;
-  header.error = std::min(error, step * error_in_steps);
+  header.quantisation_step = quantisation_step;
+  header.error = std::min(error, quantisation_step * rounding_error);
   return true;
 }
 
@@ -56,7 +58,7 @@ Result<PositionHeader> check_position_header(std::span<const std::byte> payload,
   const auto header = read_record<PositionHeader>(payload, 0);
   std::size_t bytes_per_point = 0;
   bool valid = (header.form == form_grid || header.form == form_exact) && header.zero == 0 && header.error >= 0 &&
-               std::isfinite(header.error) && header.step >= 0 && std::isfinite(header.step);
+               std::isfinite(header.error) && header.quantisation_step >= 0 && std::isfinite(header.quantisation_step);
   for (int axis = 0; axis < 3; ++axis) {
     bytes_per_point += header.form == form_exact ? sizeof(double) : header.width[axis];
     valid = valid && std::isfinite(header.origin[axis]) && header.width[axis] <= (header.form == form_grid ? 7 : 0);
@@ -76,10 +78,12 @@ PackedChunk pack_payload(const Bytes& payload) {
   return chunk;
 }
 
-Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed, std::string_view what) {
-  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
-    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-  return unpack(packed, entry.unpacked_bytes, what);
+PackedChunk pack_payload(const Bytes& payload, const ValueSummary& summary) {
+  PackedChunk chunk = pack_payload(payload);
+  chunk.entry.min = summary.min;
+  chunk.entry.max = summary.max;
+  chunk.entry.occupancy = summary.occupancy;
+  return chunk;
 }
 
 ValueSummary ValueBins::summarize(std::span<const float> stored) const {
@@ -96,17 +100,17 @@ ValueSummary ValueBins::summarize(std::span<const float> stored) const {
 PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
   PositionHeader header{};
   const bool grid = make_grid(positions, error, header);
-  if (!grid) header = {.form = form_exact, .width = {}, .zero = 0, .error = 0, .origin = {}, .step = 0};
+  if (!grid) header = {.form = form_exact, .width = {}, .zero = 0, .error = 0, .origin = {}, .quantisation_step = 0};
 
   Bytes payload;
   append_record(payload, header);
-  std::vector<std::uint64_t> cells(grid ? positions.size() : 0);
+  std::vector<std::uint64_t> codes(grid ? positions.size() : 0);
   std::vector<double> coordinates(grid ? 0 : positions.size());
   for (int axis = 0; axis < 3; ++axis) {
     if (grid) {
       for (std::size_t i = 0; i < positions.size(); ++i)
-        cells[i] = grid_cell(positions[i][axis], header.origin[axis], header.step);
-      append_planes<std::uint64_t>(payload, cells, header.width[axis]);
+        codes[i] = grid_code(positions[i][axis], header.origin[axis], header.quantisation_step);
+      append_planes<std::uint64_t>(payload, codes, header.width[axis]);
     } else {
       for (std::size_t i = 0; i < positions.size(); ++i) coordinates[i] = positions[i][axis];
       append_planes<double>(payload, coordinates);
@@ -121,12 +125,7 @@ PackedChunk pack_values(std::span<const float> stored, const ValueBins& bins) {
     bits[i] = std::isfinite(stored[i]) ? std::bit_cast<std::uint32_t>(stored[i]) : missing_value_bits;
   Bytes payload;
   append_planes<std::uint32_t>(payload, bits);
-  PackedChunk chunk = pack_payload(payload);
-  const ValueSummary summary = bins.summarize(stored);
-  chunk.entry.min = summary.min;
-  chunk.entry.max = summary.max;
-  chunk.entry.occupancy = summary.occupancy;
-  return chunk;
+  return pack_payload(payload, bins.summarize(stored));
 }
 
 PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts) {
@@ -138,17 +137,18 @@ PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const s
 
 Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
                         std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), what));
   auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
-  std::vector<std::uint64_t> cells(out.size());
+  std::vector<std::uint64_t> codes(out.size());
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t width = header.form == form_grid ? header.width[axis] : sizeof(double);
-    read_planes<std::uint64_t>(planes, cells, width);
+    read_planes<std::uint64_t>(planes, codes, width);
     planes = planes.subspan(width * out.size());
     for (std::size_t i = 0; i < out.size(); ++i)
-      out[i][axis] = header.form == form_grid ? header.origin[axis] + header.step * static_cast<double>(cells[i])
-                                              : std::bit_cast<double>(cells[i]);
+      out[i][axis] = header.form == form_grid
+                         ? header.origin[axis] + header.quantisation_step * static_cast<double>(codes[i])
+                         : std::bit_cast<double>(codes[i]);
   }
   const auto finite = [](const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); };
   if (!std::ranges::all_of(out, finite))
@@ -158,7 +158,7 @@ Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> pack
 
 Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                      std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   if (payload.size() != out.size_bytes()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   read_planes<float>(payload, out);
   if (std::ranges::any_of(out, [](float value) { return std::isinf(value); }))
@@ -168,7 +168,7 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
 
 Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint8_t> depths,
                       std::span<std::uint8_t> counts, std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   if (payload.size() != depths.size() + counts.size())
     return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   read_planes(payload, depths);
@@ -179,7 +179,7 @@ Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed
 }
 
 Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "position"));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, "position"));
   if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
   return read_record<PositionHeader>(payload, 0).error;
 }

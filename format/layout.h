@@ -1,4 +1,4 @@
-// The fixed-size records of a .svol file (spec/svol-1.md), as they lie on the disk: little-endian, without padding.
+// The records of fixed size of a .svol file (spec/svol-1.md), as they are on the disk: little-endian, no padding.
 #pragma once
 
 #include <bit>
@@ -20,7 +20,7 @@ inline constexpr std::size_t max_resolutions = 64;
 inline constexpr std::size_t max_attributes = 65535;
 inline constexpr std::size_t max_size_bounds = 16;
 inline constexpr std::size_t max_octant_depth = 64;  // of the column
-inline constexpr std::size_t max_node_depth = 42;    // of the index: finer cells have no key
+inline constexpr std::size_t max_node_depth = 42;    // of the index: deeper nodes have no Morton key
 inline constexpr std::uint64_t max_page_nodes = 4096;
 
 struct Superblock {                  // spec 2
@@ -49,7 +49,8 @@ enum class SectionKind : std::uint32_t {
   padding = 8,
 };
 
-/// R7: the longest metadata that so many packed bytes may hold. JSON takes many times its length in memory.
+/// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in
+/// memory.
 [[nodiscard]] constexpr std::uint64_t max_metadata_bytes(std::uint64_t packed_bytes) {
   const std::uint64_t by_ratio = (1u << 16) + 64 * packed_bytes;
   return by_ratio < (1u << 22) ? by_ratio : 1u << 22;
@@ -86,30 +87,30 @@ struct DirectoryPageRef {  // spec 5
 };
 static_assert(sizeof(DirectoryPageRef) == 24);
 
-struct IndexBlock {              // spec 6
+struct IndexPagePart {           // spec 6
   std::uint32_t packed_bytes;    //  0
   std::uint32_t unpacked_bytes;  //  4
   std::uint64_t hash;            //  8
 };
-static_assert(sizeof(IndexBlock) == 16);
+static_assert(sizeof(IndexPagePart) == 16);
 
 struct IndexPageRef {         // spec 6
   std::uint64_t offset;       //  0: within the section of index pages
-  std::uint32_t front_bytes;  //  8: up to the end of the structure block
+  std::uint32_t front_bytes;  //  8: up to the end of the structure part
   std::uint32_t page_bytes;   // 12
-  std::uint64_t hash;         // 16: of the node count and the block table
+  std::uint64_t hash;         // 16: of the node count and the part table
 };
 static_assert(sizeof(IndexPageRef) == 24 && offsetof(IndexPageRef, hash) == 16);
 
-struct PositionHeader {   // spec 8
-  std::uint8_t form;      //  0: 1 grid, 2 exact
-  std::uint8_t width[3];  //  1: bytes of q on each axis
-  std::uint32_t zero;     //  4
-  double error;           //  8
-  double origin[3];       // 16
-  double step;            // 40
+struct PositionHeader {      // spec 8
+  std::uint8_t form;         //  0: 1 grid, 2 exact
+  std::uint8_t width[3];     //  1: bytes of q on each axis
+  std::uint32_t zero;        //  4
+  double error;              //  8
+  double origin[3];          // 16
+  double quantisation_step;  // 40
 };
-static_assert(sizeof(PositionHeader) == 48 && offsetof(PositionHeader, step) == 40);
+static_assert(sizeof(PositionHeader) == 48 && offsetof(PositionHeader, quantisation_step) == 40);
 
 struct MomentsHeader {             // spec 8
   double mass_scale;               //  0
@@ -124,7 +125,7 @@ struct ValueMomentsHeader {  // spec 8
   std::uint8_t zero[7];      //  1
   double error;              //  8
   double origin;             // 16
-  double step;               // 24
+  double quantisation_step;  // 24
   double deviation_scale;    // 32
 };
 static_assert(sizeof(ValueMomentsHeader) == 40 && offsetof(ValueMomentsHeader, deviation_scale) == 32);

@@ -1,4 +1,4 @@
-// The columns that tell what material each splat stands for: `moments`, `value_moments`, `gradient`.
+// The columns of the material of each splat: `moments`, `value_moments`, `gradient`.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -13,7 +13,7 @@
 namespace splatvol::format {
 namespace {
 
-// --- Numbers of several splats side by side.
+// --- Vectors: one number for each of several splats.
 
 constexpr std::size_t lanes = 4;
 using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
@@ -30,7 +30,7 @@ inline Lanes root(Lanes x) {
 }
 inline bool any(const Mask& mask) { return (mask[0] | mask[1] | mask[2] | mask[3]) != 0; }
 
-// Above it, doubles are integers.
+// Doubles this large are integers.
 constexpr double integers = 0x1.8p52;
 inline Lanes rounded(const Lanes& x) { return (x + integers) - integers; }
 inline LaneBits nearest_integers(const Lanes& x) {
@@ -42,7 +42,8 @@ inline LaneBits nearest_integers(const Lanes& x) {
 constexpr unsigned codes_per_octave = 128;
 constexpr unsigned largest_log_code = 65535;
 
-// Within 1e-8 of the logarithm to base 2, exact for powers of two; the library's is a call. Requires normal numbers.
+// Returns the logarithm to base 2 within 1e-8; exact for powers of two. Inline, unlike the library's. Requires normal
+// numbers.
 inline Lanes normal_log2(const Lanes& numbers) {
   constexpr unsigned mantissa_bits = 52;
   constexpr std::uint64_t root = std::bit_cast<std::uint64_t>(0.5 * std::numbers::sqrt2);
@@ -54,7 +55,7 @@ inline Lanes normal_log2(const Lanes& numbers) {
   const LaneBits octaves = (exponent + (bias << mantissa_bits)) >> mantissa_bits;
   const Lanes s = (mantissa - 1) / (mantissa + 1), x = s * s;
   const Lanes series = 1 + x * (1.0 / 3 + x * (1.0 / 5 + x * (1.0 / 7 + x * (1.0 / 9))));
-  constexpr double above = 0x1p52;  // where doubles count by ones
+  constexpr double above = 0x1p52;  // from here on, neighbouring doubles differ by 1
   return std::bit_cast<Lanes>(octaves | std::bit_cast<std::uint64_t>(above)) - (above + bias) +
          2 * std::numbers::log2e * s * series;
 }
@@ -111,23 +112,23 @@ class LogCodes {
   double scale_;
 };
 
-// --- Orientations: which component of the quaternion is the largest, and the other three.
+// --- Orientations: the index of the quaternion's largest component, and the other three components.
 
 constexpr int min_orientation_width = 3;  // bytes
 constexpr int max_orientation_width = 8;
-constexpr double largest_component = 0.5 * std::numbers::sqrt2;  // of the other three
+constexpr double largest_component = 0.5 * std::numbers::sqrt2;  // that one of the other three can be
 constexpr double tilt_tolerance = 1.0 / 16;
 
 int bits_of_component(int width) { return (8 * width - 2) / 3; }
 
-// Zero in the middle: axes that are those of space come back exactly.
+// Returns the code of zero. Zero has a code, so that axes that are the coordinate axes come back exactly.
 std::int64_t middle_code(int bits) { return (std::int64_t{1} << (bits - 1)) - 1; }
 
 glm::dquat orientation_of(std::uint64_t code, int bits) {
   const std::int64_t middle = middle_code(bits), mask = (std::int64_t{1} << bits) - 1;
-  const double step = largest_component / static_cast<double>(middle);
+  const double quantisation_step = largest_component / static_cast<double>(middle);
   const auto component = [&](int k) {
-    return step * static_cast<double>((static_cast<std::int64_t>(code >> (2 + k * bits)) & mask) - middle);
+    return quantisation_step * static_cast<double>((static_cast<std::int64_t>(code >> (2 + k * bits)) & mask) - middle);
   };
   const double a = component(0), b = component(1), c = component(2);
   const double squares = a * a + b * b + c * c;
@@ -140,12 +141,12 @@ glm::dquat orientation_of(std::uint64_t code, int bits) {
   return glm::dquat(w, x, y, z) * (1 / std::sqrt(std::max(1.0, squares)));
 }
 
-// Shapes, number by number.
+// Shapes, one vector for each of their numbers.
 struct ShapeLanes {
   Lanes x, y, z, w;  // orientations
   Lanes deviations[3], mass;
 
-  // Of the first four, or of fewer, the last of them again.
+  // Takes the first four. If there are fewer, repeats the last.
   explicit ShapeLanes(std::span<const SplatShape> shapes) {
     for (std::size_t l = 0; l < lanes; ++l) {
       const SplatShape& shape = shapes[std::min(l, shapes.size() - 1)];
@@ -156,8 +157,8 @@ struct ShapeLanes {
   }
 };
 
-// Whether the end of each axis moves towards a shorter one by little, measured by that one's deviation, where
-// orientation_of finds the axes.
+// Encodes orientations. Returns whether rounding keeps to the tolerance: whether the end of each axis, as
+// orientation_of decodes it, moves towards a shorter axis by at most `tilt_tolerance` of the shorter deviation.
 bool encode_orientations(const ShapeLanes& shapes, int bits, LaneBits& codes) {
   const auto middle = static_cast<double>(middle_code(bits));
   const Lanes &qx = shapes.x, &qy = shapes.y, &qz = shapes.z, &qw = shapes.w;
@@ -166,19 +167,20 @@ bool encode_orientations(const ShapeLanes& shapes, int bits, LaneBits& codes) {
   const Mask is_x = ~late & ~odd, is_y = ~late & odd, is_z = late & ~odd, is_w = late & odd;  // the largest
   const Lanes left_out = late ? (odd ? qw : qz) : (odd ? qy : qx);
   const Lanes scale = middle / (left_out < 0 ? Lanes{} - largest_component : Lanes{} + largest_component);
-  const auto steps = [&](const Lanes& component) {
+  const auto in_steps = [&](const Lanes& component) {
     return at_least(-middle, at_most(middle, rounded(component * scale)));
   };
-  const Lanes first = steps(is_x ? qy : qx), second = steps(late ? qy : qz), third = steps(is_w ? qz : qw);
+  const Lanes first = in_steps(is_x ? qy : qx), second = in_steps(late ? qy : qz), third = in_steps(is_w ? qz : qw);
   const auto field = [&](const Lanes& number, int k) { return nearest_integers(number + middle) << (2 + k * bits); };
   codes = std::bit_cast<LaneBits>((late & 2) | (odd & 1)) | field(first, 0) | field(second, 1) | field(third, 2);
 
-  const double step = largest_component / middle;
-  const Lanes a = step * first, b = step * second, c = step * third, squares = a * a + b * b + c * c;
+  const double quantisation_step = largest_component / middle;
+  const Lanes a = quantisation_step * first, b = quantisation_step * second, c = quantisation_step * third;
+  const Lanes squares = a * a + b * b + c * c;
   const Lanes rest = root(at_least(0, 1 - squares)), factor = 1 / root(at_least(1, squares));
   const Lanes sx = factor * (is_x ? rest : a), sy = factor * (is_x ? a : is_y ? rest : b);
   const Lanes sz = factor * (is_w ? c : is_z ? rest : b), sw = factor * (is_w ? rest : c);
-  // Angles: twice the vector part of conjugate(q) s.
+  // The angles of the turn from q to s about the axes of q: twice the vector part of conjugate(q) s.
   const Lanes tx = 2 * magnitude(qw * sx - qx * sw - qy * sz + qz * sy);
   const Lanes ty = 2 * magnitude(qw * sy - qy * sw - qz * sx + qx * sz);
   const Lanes tz = 2 * magnitude(qw * sz - qz * sw - qx * sy + qy * sx);
@@ -200,7 +202,7 @@ std::int16_t boundary_code(double foot) {
 }
 
 std::uint8_t density_code(double density) {
-  if (density == 1) return density_one;  // as most are where none were fitted
+  if (density == 1) return density_one;  // the usual case if no densities were fitted
   const double code = density_one + densities_per_octave * std::log2(density);
   return static_cast<std::uint8_t>(nearest_integer(std::clamp(code, 0.0, 255.0)));
 }
@@ -211,26 +213,26 @@ std::array<double, 256> make_densities() {
   return densities;
 }
 
-// --- Means: a grid of one axis.
+// --- Means: on a grid, as positions, of one axis.
 
-// Rounding to the grid moves a mean by half a step; indices stay under 2^32, and the origin under 2^45 steps, so that
-// a step is far above the rounding of what is added up.
-constexpr double error_in_steps = 0.51;
-constexpr double max_mean_cell = std::numeric_limits<std::uint32_t>::max() - 1;
+// In quantisation steps. Rounding to the grid moves a mean by at most 0.5. Codes stay under 2^32, and the origin under
+// 2^45, so that the rounding of their sum is far smaller.
+constexpr double rounding_error = 0.51;
+constexpr double max_mean_code = std::numeric_limits<std::uint32_t>::max() - 1;
 
 double power_of_two_above(double number) {
   return std::ldexp(1.0, 1 + std::ilogb(std::max(number, std::numeric_limits<double>::denorm_min())));
 }
 
-double mean_step(double low, double high, double error) {
+double mean_quantisation_step(double low, double high, double error) {
   if (!(high > low)) return 0;
   const double farthest = std::max(std::abs(low), std::abs(high));
-  const double finest = power_of_two_above(std::max((high - low) / max_mean_cell, farthest * 0x1p-45));
-  const double enough = std::min(error, double{std::numeric_limits<float>::max()}) / error_in_steps;
+  const double finest = power_of_two_above(std::max((high - low) / max_mean_code, farthest * 0x1p-45));
+  const double enough = std::min(error, double{std::numeric_limits<float>::max()}) / rounding_error;
   return enough > finest ? std::ldexp(1.0, std::ilogb(enough)) : finest;
 }
 
-// The grid's cell of each mean; fills the header's part about means.
+// Returns the grid code of each mean. Fills the header's numbers for means.
 std::vector<std::uint32_t> encode_means(std::span<const SplatValue> values, double error, ValueMomentsHeader& header) {
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const SplatValue& value : values) {
@@ -238,21 +240,23 @@ std::vector<std::uint32_t> encode_means(std::span<const SplatValue> values, doub
     low = std::min(low, value.mean);
     high = std::max(high, value.mean);
   }
-  header.step = mean_step(low, high, error);
-  if (low <= high) header.origin = header.step > 0 ? std::round(low / header.step) * header.step : low;
+  const double quantisation_step = mean_quantisation_step(low, high, error);
+  header.quantisation_step = quantisation_step;
+  if (low <= high)
+    header.origin = quantisation_step > 0 ? std::round(low / quantisation_step) * quantisation_step : low;
 
-  std::vector<std::uint32_t> cells(values.size());
+  std::vector<std::uint32_t> codes(values.size());
   std::uint32_t all_bits = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double mean = values[i].mean;
     if (!(values[i].coverage > 0)) continue;
-    if (header.step > 0)
-      cells[i] = static_cast<std::uint32_t>(nearest_integer(std::max(0.0, (mean - header.origin) / header.step)));
-    all_bits |= cells[i];
-    header.error = std::max(header.error, std::abs(mean - (header.origin + header.step * cells[i])));
+    if (quantisation_step > 0)
+      codes[i] = static_cast<std::uint32_t>(nearest_integer(std::max(0.0, (mean - header.origin) / quantisation_step)));
+    all_bits |= codes[i];
+    header.error = std::max(header.error, std::abs(mean - (header.origin + quantisation_step * codes[i])));
   }
   header.width = static_cast<std::uint8_t>((std::bit_width(all_bits) + 7) / 8);
-  return cells;
+  return codes;
 }
 
 // --- Planes.
@@ -267,7 +271,7 @@ std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest
 
 std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
 
-// Codes of `fields` fields, each for all points.
+// Codes of all points, for each of `fields` fields.
 template <class Code, int fields>
 class PlanesOf {
  public:
@@ -283,14 +287,14 @@ class PlanesOf {
   std::vector<Code> codes_;
 };
 
-// Numbers whose bytes lie in planes.
+// Numbers that are stored as planes of bytes.
 class Planes {
  public:
-  /// Requires planes to lie in `payload` behind `begin`.
+  /// Requires that `payload` has the planes from `begin` on.
   Planes(std::span<const std::byte> payload, std::size_t begin, std::size_t count)
       : bytes_(payload.data() + begin), count_(count) {}
 
-  /// Of `width` planes from `first` on.
+  /// Returns the number whose bytes are in `width` planes from plane `first` on.
   [[nodiscard]] std::uint64_t number(std::size_t i, std::size_t first, std::size_t width) const {
     std::uint64_t number = 0;
     for (std::size_t k = 0; k < width; ++k)
@@ -315,16 +319,8 @@ Result<Header> read_header(std::span<const std::byte> payload, std::string_view 
   return read_record<Header>(payload, 0);
 }
 
-}  // namespace
-
-PackedChunk pack_moments(std::span<const SplatShape> shapes) {
-  MomentsHeader header{};
-  for (const SplatShape& shape : shapes) {
-    header.mass_scale = std::max(header.mass_scale, shape.mass);
-    header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
-  }
-  // In the fewest bytes with which all of them stay near.
-  std::vector<std::uint64_t> orientations(shapes.size());
+// Encodes orientations with the fewest bytes each that keep all of them within the tolerance. Returns the bytes.
+int encode_all_orientations(std::span<const SplatShape> shapes, std::span<std::uint64_t> orientations) {
   int width = min_orientation_width;
   for (std::size_t i = 0; i < shapes.size();) {
     LaneBits codes;
@@ -334,12 +330,13 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
     i = enough ? i + lanes : 0;
     width += enough ? 0 : 1;
   }
-  header.orientation_width = static_cast<std::uint8_t>(width);
+  return width;
+}
 
-  // Splats of one form have masses in proportion to the product of their deviations: what is left varies little.
+// Encodes masses and deviations. The mass is stored as a multiple of the product of the deviations, which varies little
+// among splats of one form.
+PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, const MomentsHeader& header) {
   PlanesOf<std::uint16_t, 4> sizes(shapes.size());  // mass, deviations
-  PlanesOf<std::int16_t, 3> boundaries(shapes.size());
-  PlanesOf<std::uint8_t, 1> densities(shapes.size());
   const LogEncoder mass_code(header.mass_scale), deviation_code(header.deviation_scale);
   for (std::size_t i = 0; i < shapes.size(); i += lanes) {
     const ShapeLanes numbers(shapes.subspan(i));
@@ -351,6 +348,49 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
       for (int k = 0; k < 3; ++k) sizes[k + 1][i + l] = static_cast<std::uint16_t>(codes[k][l]);
     }
   }
+  return sizes;
+}
+
+// Leaves out the values of material without a value, and moves means into the range of `summary`: otherwise rounding
+// could put a mean where a transfer function is not expected to show it.
+std::vector<SplatValue> within(const ValueSummary& summary, std::span<const SplatValue> values) {
+  std::vector<SplatValue> present(values.begin(), values.end());
+  for (SplatValue& value : present) {
+    if (value.coverage > 0)
+      value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
+    else
+      value = {};
+  }
+  return present;
+}
+
+PlanesOf<std::uint16_t, 1> encode_deviations(std::span<const SplatValue> values, double scale) {
+  PlanesOf<std::uint16_t, 1> deviations(values.size());
+  const LogEncoder deviation_code(scale);
+  for (std::size_t i = 0; i < values.size(); i += lanes) {
+    Lanes numbers{};
+    for (std::size_t l = 0; l < lanes && i + l < values.size(); ++l) numbers[l] = values[i + l].deviation;
+    const LaneBits codes = deviation_code(numbers);
+    for (std::size_t l = 0; l < lanes && i + l < values.size(); ++l)
+      deviations[0][i + l] = static_cast<std::uint16_t>(codes[l]);
+  }
+  return deviations;
+}
+
+}  // namespace
+
+PackedChunk pack_moments(std::span<const SplatShape> shapes) {
+  MomentsHeader header{};
+  for (const SplatShape& shape : shapes) {
+    header.mass_scale = std::max(header.mass_scale, shape.mass);
+    header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
+  }
+  std::vector<std::uint64_t> orientations(shapes.size());
+  const int width = encode_all_orientations(shapes, orientations);
+  header.orientation_width = static_cast<std::uint8_t>(width);
+  PlanesOf<std::uint16_t, 4> sizes = encode_sizes(shapes, header);
+  PlanesOf<std::int16_t, 3> boundaries(shapes.size());
+  PlanesOf<std::uint8_t, 1> densities(shapes.size());
   for (std::size_t i = 0; i < shapes.size(); ++i) {
     if (shapes[i].boundary != dvec3(0))
       for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
@@ -367,29 +407,13 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
 }
 
 PackedChunk pack_value_moments(std::span<const SplatValue> values, double error, const ValueSummary& summary) {
-  // Rounding must not carry a mean past the bounds that say where its value is seen.
-  std::vector<SplatValue> present(values.begin(), values.end());
-  for (SplatValue& value : present) {
-    if (value.coverage > 0)
-      value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
-    else
-      value = {};
-  }
+  const std::vector<SplatValue> present = within(summary, values);
   ValueMomentsHeader header{};
   for (const SplatValue& value : present) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
-  const std::vector<std::uint32_t> cells = encode_means(present, error, header);
-
-  PlanesOf<std::uint16_t, 1> deviations(present.size());
+  const std::vector<std::uint32_t> means = encode_means(present, error, header);
+  PlanesOf<std::uint16_t, 1> deviations = encode_deviations(present, header.deviation_scale);
   PlanesOf<std::int8_t, 3> correlations(present.size());
   PlanesOf<std::uint8_t, 2> shares(present.size());  // residual, coverage
-  const LogEncoder deviation_code(header.deviation_scale);
-  for (std::size_t i = 0; i < present.size(); i += lanes) {
-    Lanes numbers{};
-    for (std::size_t l = 0; l < lanes && i + l < present.size(); ++l) numbers[l] = present[i + l].deviation;
-    const LaneBits codes = deviation_code(numbers);
-    for (std::size_t l = 0; l < lanes && i + l < present.size(); ++l)
-      deviations[0][i + l] = static_cast<std::uint16_t>(codes[l]);
-  }
   for (std::size_t i = 0; i < present.size(); ++i) {
     const SplatValue& value = present[i];
     for (int k = 0; k < 3; ++k) correlations[k][i] = signed_code(value.correlation[k]);
@@ -399,21 +423,17 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
 
   Bytes payload;
   append_record(payload, header);
-  append_planes<std::uint32_t>(payload, cells, header.width);
+  append_planes<std::uint32_t>(payload, means, header.width);
   deviations.append_to(payload);
   correlations.append_to(payload);
   shares.append_to(payload);
-  PackedChunk chunk = pack_payload(payload);
-  chunk.entry.min = summary.min;
-  chunk.entry.max = summary.max;
-  chunk.entry.occupancy = summary.occupancy;
-  return chunk;
+  return pack_payload(payload, summary);
 }
 
 PackedChunk pack_gradients(std::span<const vec3> directions) {
   PlanesOf<std::int8_t, 3> codes(directions.size());
   for (std::size_t i = 0; i < directions.size(); ++i) {
-    const dvec3 d(directions[i]);  // in which no square of a float overflows or vanishes
+    const dvec3 d(directions[i]);  // squares of floats may overflow or vanish in single precision
     const double length = glm::length(d);
     if (!(length > 0 && std::isfinite(length))) continue;
     for (int k = 0; k < 3; ++k) codes[k][i] = signed_code(d[k] / length);
@@ -425,7 +445,7 @@ PackedChunk pack_gradients(std::span<const vec3> directions) {
 
 Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
                       std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<MomentsHeader>(payload, what));
   const std::size_t width = header.orientation_width;
   if (!is_scale(header.mass_scale) || !is_scale(header.deviation_scale) || width < min_orientation_width ||
@@ -460,10 +480,10 @@ Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed
 
 Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatValue> out,
                             std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
   const std::size_t width = header.width;
-  if (width > 4 || !is_scale(header.error) || !std::isfinite(header.origin) || !is_scale(header.step) ||
+  if (width > 4 || !is_scale(header.error) || !std::isfinite(header.origin) || !is_scale(header.quantisation_step) ||
       !is_scale(header.deviation_scale) || !all_zero(header.zero) ||
       payload.size() != sizeof(ValueMomentsHeader) + out.size() * (width + 7))
     return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
@@ -475,8 +495,8 @@ Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> 
   for (std::size_t i = 0; i < out.size(); ++i) {
     const int c[3] = {planes.signed_code(i, width + 2), planes.signed_code(i, width + 3),
                       planes.signed_code(i, width + 4)};
-    out[i].mean =
-        header.origin + header.step * static_cast<double>(static_cast<std::uint32_t>(planes.number(i, 0, width)));
+    out[i].mean = header.origin + header.quantisation_step *
+                                      static_cast<double>(static_cast<std::uint32_t>(planes.number(i, 0, width)));
     out[i].deviation = deviation(planes.log_code(i, width));
     out[i].correlation = dvec3(c[0], c[1], c[2]) / 127.0;
     out[i].residual = static_cast<double>(planes.number(i, width + 5, 1)) / 255;
@@ -491,7 +511,7 @@ Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> 
 
 Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
                         std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   if (payload.size() != 3 * out.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   const Planes planes(payload, 0, out.size());
   int lowest = 0;

@@ -6,9 +6,9 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t summary_bytes = 16;  // min, max and occupancy of a node
+constexpr std::uint64_t summary_bytes = 16;  // of a node: min, max and occupancy
 
-// Many enough that a page is worth a read, few enough that little of it is unused.
+// Enough nodes that a page is worth a read, few enough that most of them are used.
 constexpr std::uint32_t target_page_nodes = 256;
 
 // The root page shares the preamble with the first points, however many attributes there are.
@@ -24,7 +24,7 @@ void append_varint(Bytes& bytes, std::uint64_t number) {
   bytes.push_back(static_cast<std::byte>(number));
 }
 
-// Reads a structure block front to back; after a read past the end, `ok` is false and zeros are returned.
+// Reads a structure part front to back. After a read past the end, returns zeros, and `ok` is false.
 class StructureReader {
  public:
   explicit StructureReader(std::span<const std::byte> bytes) : bytes_(bytes) {}
@@ -58,13 +58,13 @@ class StructureReader {
   bool ok_ = true;
 };
 
-// Most bytes that a node's structure can take.
+// Returns the most bytes that the structure of a node can have.
 std::uint64_t max_structure_bytes(const NodeShape& shape) {
   return 3 + (10 + shape.size_bounds) * shape.resolutions + sizeof(IndexPageRef);
 }
 
-IndexBlock block_at(std::span<const std::byte> front, std::size_t index) {
-  return read_record<IndexBlock>(front, 8 + index * sizeof(IndexBlock));
+IndexPagePart part_at(std::span<const std::byte> front, std::size_t index) {
+  return read_record<IndexPagePart>(front, 8 + index * sizeof(IndexPagePart));
 }
 
 Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, const NodeShape& shape,
@@ -76,25 +76,54 @@ Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, co
   if (nodes < 1 || nodes > max_page_nodes) return fail(ErrorCode::invalid_data, "{}: {} nodes [R13]", what, nodes);
 
   std::uint64_t end = table_bytes;
-  for (std::size_t b = 0; b <= shape.attributes; ++b) {
-    const IndexBlock block = block_at(front, b);
-    if (b == 0 ? block.unpacked_bytes > nodes * max_structure_bytes(shape)
-               : block.unpacked_bytes != nodes * summary_bytes)
-      return fail(ErrorCode::invalid_data, "{}: a block has the wrong length [R13]", what);
-    if (end > ref.page_bytes || block.packed_bytes > ref.page_bytes - end)
-      return fail(ErrorCode::invalid_data, "{}: a block passes the end [R15]", what);
-    end += block.packed_bytes;
-    if (b == 0 && end != ref.front_bytes)
+  for (std::size_t p = 0; p <= shape.attributes; ++p) {
+    const IndexPagePart part = part_at(front, p);
+    if (p == 0 ? part.unpacked_bytes > nodes * max_structure_bytes(shape)
+               : part.unpacked_bytes != nodes * summary_bytes)
+      return fail(ErrorCode::invalid_data, "{}: a part has the wrong length [R13]", what);
+    if (end > ref.page_bytes || part.packed_bytes > ref.page_bytes - end)
+      return fail(ErrorCode::invalid_data, "{}: a part passes the end [R15]", what);
+    end += part.packed_bytes;
+    if (p == 0 && end != ref.front_bytes)
       return fail(ErrorCode::invalid_data, "{}: wrong length of the structure [R15]", what);
   }
   if (end != ref.page_bytes) return fail(ErrorCode::invalid_data, "{}: bytes left over [R15]", what);
   return {};
 }
 
-Result<Bytes> unpack_block(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what) {
-  if (packed.size() != block.packed_bytes || hash_bytes(packed) != block.hash)
-    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-  return unpack(packed, block.unpacked_bytes, what);
+// Reads one node, and appends it to the page.
+Status read_node(StructureReader& reader, std::uint64_t links_end, std::string_view what, IndexPage& page) {
+  NodeArrays& nodes = page.nodes;
+  const NodeShape shape = nodes.shape;
+  const std::size_t node = nodes.size();
+  const std::uint8_t mask = reader.byte();
+  const std::uint8_t flags = reader.byte();
+  const std::uint8_t first = reader.byte();
+  if (!reader.ok() || flags > 1 || (flags == 1 && mask == 0) || first >= shape.resolutions)
+    return fail(ErrorCode::invalid_data, "{}: node {} is out of range [R13]", what, node);
+  nodes.child_masks.push_back(mask);
+  nodes.first_resolutions.push_back(first);
+  std::uint64_t all = 0;
+  for (std::size_t s = 0; s < shape.resolutions; ++s) {
+    nodes.counts.push_back(reader.varint());
+    all |= nodes.counts.back();
+    if (nodes.counts.back() >> 48 != 0)
+      return fail(ErrorCode::invalid_data, "{}: node {} has too many points [R14]", what, node);
+  }
+  if (all == 0) return fail(ErrorCode::invalid_data, "{}: node {} is empty [R14]", what, node);
+  for (std::size_t bound = 0; bound < shape.size_bounds; ++bound)
+    for (std::size_t r = 0; r < shape.resolutions; ++r)
+      nodes.size_codes.push_back(r < first ? std::uint8_t{0} : reader.byte());
+  page.links.push_back(IndexPage::no_node);
+  if (flags == 0) return {};
+  page.links.back() = static_cast<std::uint32_t>(page.pages.size());
+  const IndexPageRef ref = reader.link();
+  if (ref.offset > links_end || ref.page_bytes > links_end - ref.offset)
+    return fail(ErrorCode::invalid_data, "{}: node {} links to no page before this one [R16]", what, node);
+  if (ref.front_bytes > ref.page_bytes || ref.front_bytes < index_table_bytes(shape.attributes))
+    return fail(ErrorCode::invalid_data, "{}: node {} links to a page of the wrong length [R15]", what, node);
+  page.pages.push_back(ref);
+  return {};
 }
 
 Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count, std::uint64_t links_end,
@@ -106,41 +135,14 @@ Status read_nodes(std::span<const std::byte> structure, std::uint32_t node_count
     return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
   nodes.counts.reserve(node_count * shape.resolutions);
   nodes.size_codes.reserve(node_count * shape.resolutions * shape.size_bounds);
-  for (std::uint32_t node = 0; node < node_count; ++node) {
-    const std::uint8_t mask = reader.byte();
-    const std::uint8_t flags = reader.byte();
-    const std::uint8_t first = reader.byte();
-    if (!reader.ok() || flags > 1 || (flags == 1 && mask == 0) || first >= shape.resolutions)
-      return fail(ErrorCode::invalid_data, "{}: node {} is out of range [R13]", what, node);
-    nodes.child_masks.push_back(mask);
-    nodes.first_resolutions.push_back(first);
-    std::uint64_t all = 0;
-    for (std::size_t s = 0; s < shape.resolutions; ++s) {
-      nodes.counts.push_back(reader.varint());
-      all |= nodes.counts.back();
-      if (nodes.counts.back() >> 48 != 0)
-        return fail(ErrorCode::invalid_data, "{}: node {} has too many points [R14]", what, node);
-    }
-    if (all == 0) return fail(ErrorCode::invalid_data, "{}: node {} is empty [R14]", what, node);
-    for (std::size_t bound = 0; bound < shape.size_bounds; ++bound)
-      for (std::size_t r = 0; r < shape.resolutions; ++r)
-        nodes.size_codes.push_back(r < first ? std::uint8_t{0} : reader.byte());
-    page.links.push_back(IndexPage::no_node);
-    if (flags == 0) continue;
-    page.links.back() = static_cast<std::uint32_t>(page.pages.size());
-    const IndexPageRef ref = reader.link();
-    if (ref.offset > links_end || ref.page_bytes > links_end - ref.offset)
-      return fail(ErrorCode::invalid_data, "{}: node {} links to no page before this one [R16]", what, node);
-    if (ref.front_bytes > ref.page_bytes || ref.front_bytes < index_table_bytes(shape.attributes))
-      return fail(ErrorCode::invalid_data, "{}: node {} links to a page of the wrong length [R15]", what, node);
-    page.pages.push_back(ref);
-  }
+  for (std::uint32_t node = 0; node < node_count; ++node) SPLATVOL_TRY(read_node(reader, links_end, what, page));
   if (!reader.ok() || !reader.at_end())
     return fail(ErrorCode::invalid_data, "{}: wrong length of the nodes [R13]", what);
   return {};
 }
 
-// Children follow in breadth-first order: their places follow from the masks, and their points must be their parent's.
+// Finds the children of each node, which follow in breadth-first order, so the masks tell where. Checks that their
+// counts add up to those of their parent.
 Status connect_children(IndexPage& page, std::string_view what) {
   const NodeArrays& nodes = page.nodes;
   std::uint64_t next = page.top_nodes;
@@ -219,7 +221,7 @@ std::uint64_t IndexPacker::memory_bytes() const {
                         shape_.attributes * sizeof(ValueSummary));
 }
 
-// The heaviest children's forests become pages of their own until the rest has no more nodes than wanted.
+// Puts the forests below the heaviest children into pages of their own, until at most `target` nodes remain.
 Status IndexPacker::page_out_children(Node& node, std::uint32_t target) {
   std::vector<Node*> children;
   for (Node& child : node.children) children.push_back(&child);
@@ -244,7 +246,7 @@ Status IndexPacker::page_out(Node& node) {
   return emit_(page);
 }
 
-// The forest with the given roots, down to leaves and linked nodes.
+// Packs the forest with the given roots, down to leaves and linked nodes.
 Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) const {
   for (std::size_t i = 0; i < order.size(); ++i)
     for (const Node& child : order[i]->children) order.push_back(&child);
@@ -256,19 +258,19 @@ Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) c
     for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].occupancy);
   }
 
-  Bytes table, blocks;
+  Bytes table, parts;
   append_record(table, static_cast<std::uint32_t>(order.size()));
   append_record(table, std::uint32_t{0});
   std::uint64_t front_bytes = 0;
-  for (const Bytes& block : raw) {
-    const Bytes packed = pack(block);
-    append_record(table, IndexBlock{static_cast<std::uint32_t>(packed.size()), static_cast<std::uint32_t>(block.size()),
-                                    hash_bytes(packed)});
-    blocks.insert(blocks.end(), packed.begin(), packed.end());
+  for (const Bytes& part : raw) {
+    const Bytes packed = pack(part);
+    append_record(table, IndexPagePart{static_cast<std::uint32_t>(packed.size()),
+                                       static_cast<std::uint32_t>(part.size()), hash_bytes(packed)});
+    parts.insert(parts.end(), packed.begin(), packed.end());
     if (front_bytes == 0) front_bytes = packed.size();
   }
   PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
-  page.bytes.insert(page.bytes.end(), blocks.begin(), blocks.end());
+  page.bytes.insert(page.bytes.end(), parts.begin(), parts.end());
   if (page.bytes.size() > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", shape_.attributes);
   page.ref.front_bytes = static_cast<std::uint32_t>(table.size() + front_bytes);
@@ -276,16 +278,16 @@ Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) c
   return page;
 }
 
-void IndexPacker::append_node(Bytes& block, const Node& node) const {
+void IndexPacker::append_node(Bytes& structure, const Node& node) const {
   const NodeRecord& record = node.record;
-  block.push_back(static_cast<std::byte>(node.child_mask));
-  block.push_back(static_cast<std::byte>(node.link ? 1 : 0));
-  block.push_back(static_cast<std::byte>(record.first_resolution));
-  for (const std::uint64_t count : record.counts) append_varint(block, count);
+  structure.push_back(static_cast<std::byte>(node.child_mask));
+  structure.push_back(static_cast<std::byte>(node.link ? 1 : 0));
+  structure.push_back(static_cast<std::byte>(record.first_resolution));
+  for (const std::uint64_t count : record.counts) append_varint(structure, count);
   for (std::size_t bound = 0; bound < shape_.size_bounds; ++bound)
     for (std::size_t r = record.first_resolution; r < shape_.resolutions; ++r)
-      block.push_back(static_cast<std::byte>(record.size_codes[bound * shape_.resolutions + r]));
-  if (node.link) append_record(block, *node.link);
+      structure.push_back(static_cast<std::byte>(record.size_codes[bound * shape_.resolutions + r]));
+  if (node.link) append_record(structure, *node.link);
 }
 
 Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front, NodeShape shape,
@@ -298,21 +300,21 @@ Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std
   page.nodes.shape = shape;
   page.top_nodes = expected_top_nodes;
   SPLATVOL_TRY_ASSIGN(structure,
-                      unpack_block(block_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
+                      unpack_checked(part_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
   SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
   SPLATVOL_TRY(connect_children(page, what));
   return page;
 }
 
-SummaryBlock find_summary_block(std::span<const std::byte> front, std::size_t attribute, NodeShape shape) {
+SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attribute, NodeShape shape) {
   std::uint64_t offset = index_table_bytes(shape.attributes);
-  for (std::size_t b = 0; b <= attribute; ++b) offset += block_at(front, b).packed_bytes;
-  return {offset, block_at(front, 1 + attribute)};
+  for (std::size_t p = 0; p <= attribute; ++p) offset += part_at(front, p).packed_bytes;
+  return {offset, part_at(front, 1 + attribute)};
 }
 
-Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what,
+Status unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed, std::string_view what,
                         IndexPage& page) {
-  SPLATVOL_TRY_ASSIGN(raw, unpack_block(block, packed, what));
+  SPLATVOL_TRY_ASSIGN(raw, unpack_checked(part, packed, what));
   const std::size_t count = page.nodes.size();
   if (raw.size() != count * summary_bytes)
     return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);

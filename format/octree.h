@@ -1,4 +1,4 @@
-// The paged, index-only octree of a .svol file (spec/svol-1.md, section 6).
+// The index of a .svol file: an octree in pages, without the points (spec/svol-1.md, section 6).
 #pragma once
 
 #include <bit>
@@ -19,34 +19,34 @@
 
 namespace splatvol::format {
 
-/// Sizes of a node's arrays, from the metadata.
+/// Lengths of a node's arrays, from the metadata.
 struct NodeShape {
   std::size_t resolutions;  // R + 1
   std::size_t size_bounds;
   std::size_t attributes;
 };
 
-/// The bound that a size code states: edge 2^(2 - c/8), world units, and the exponent alone.
+/// Return the bound that a size code states, edge 2^(2 - c/8) in world units, and its exponent alone.
 [[nodiscard]] inline double size_bound_exponent(std::uint8_t code) { return 2 - code / 8.0; }
 [[nodiscard]] inline double size_bound(std::uint8_t code, double edge) {
   return edge * std::exp2(size_bound_exponent(code));
 }
 
-/// The size code of a splat: the largest c whose bound is not below `size`. Requires 0 <= size <= 4 edge.
+/// Returns the size code of a splat: the largest c whose bound is not below `size`. Requires 0 <= size <= 4 edge.
 [[nodiscard]] inline std::uint8_t size_code(double size, double edge) {
   const auto code = static_cast<std::uint8_t>(std::clamp(std::floor(8 * std::log2(4 * edge / size)), 0.0, 255.0));
-  // The logarithm may be rounded up to the next code.
+  // Rounding of the logarithm may have given the next larger code.
   return code > 0 && size_bound(code, edge) < size ? static_cast<std::uint8_t>(code - 1) : code;
 }
 
-/// Nodes in memory, as arrays over the nodes: of a page, in breadth-first order.
+/// Nodes in memory, as arrays over the nodes. Those of a page are in breadth-first order.
 struct NodeArrays {
   NodeShape shape;
   std::vector<std::uint8_t> child_masks;
   std::vector<std::uint8_t> first_resolutions;
   std::vector<std::uint64_t> counts;     // [node][segment]
   std::vector<std::uint8_t> size_codes;  // [node][bound][resolution]; below first_resolution not stored, 0
-  std::vector<ValueSummary> summaries;   // [node]: of the attribute that was asked for
+  std::vector<ValueSummary> summaries;   // [node]: of the attribute that was read
 
   [[nodiscard]] std::size_t size() const { return child_masks.size(); }
   [[nodiscard]] std::span<const std::uint64_t> counts_of(std::size_t node) const {
@@ -57,13 +57,13 @@ struct NodeArrays {
   }
 };
 
-/// A page as read: a forest in breadth-first order.
+/// A page that was read: a forest in breadth-first order.
 struct IndexPage {
   static constexpr std::uint32_t no_node = ~std::uint32_t{0};
 
   NodeArrays nodes;
-  std::uint32_t top_nodes = 0;                // the first nodes: the forest's roots
-  std::vector<std::uint32_t> first_children;  // [node]: no_node for leaves and where the children are in another page
+  std::uint32_t top_nodes = 0;                // number of roots, which come first
+  std::vector<std::uint32_t> first_children;  // [node]: no_node if it is a leaf, or its children are in another page
   std::vector<std::uint32_t> links;           // [node]: index into `pages`, or no_node
   std::vector<IndexPageRef> pages;
 
@@ -71,7 +71,7 @@ struct IndexPage {
   [[nodiscard]] std::uint64_t memory_bytes() const;
 };
 
-/// A page ready to be written: its bytes and what a reference to it says (the offset is for the caller to fill in).
+/// A page ready to be written, with the reference to it. The caller fills in the offset of the reference.
 struct PackedIndexPage {
   IndexPageRef ref;
   Bytes bytes;
@@ -81,10 +81,10 @@ struct PackedIndexPage {
 struct PackedIndex {
   NodeShape shape;
   PackedIndexPage root;
-  TempFile pages;  // the others, in file order
+  TempFile pages;  // the other pages, in file order
 };
 
-/// What a node says of itself; which children it has follows from those that it gets.
+/// The data of a node, without its children.
 struct NodeRecord {
   std::uint8_t first_resolution = 0;
   std::vector<std::uint64_t> counts;     // [segment]
@@ -92,24 +92,24 @@ struct NodeRecord {
   std::vector<ValueSummary> summaries;   // [attribute]
 };
 
-/// Cuts a tree into pages while it is walked depth first: begin_node where a node is entered, end_node where it is
-/// left. Holds the path to the open node and what hangs on it that is in no page yet: some hundred nodes for each
-/// level, however many the tree has. After a failure only destruction is allowed.
+/// Cuts a tree into pages during a depth-first walk, which calls begin_node when it enters a node and end_node when it
+/// leaves the node. Holds the path to the open node and the finished nodes below this path that are in no page yet:
+/// some hundred nodes for each depth, however many the tree has. After a failure only destruction is allowed.
 class IndexPacker {
  public:
-  /// Gets the pages in file order: children's before their parents', offsets filled in from 0.
+  /// Receives the pages in file order: those of children before those of their parents. Offsets begin at 0.
   using Emit = std::function<Status(const PackedIndexPage&)>;
 
   IndexPacker(NodeShape shape, Emit emit) : shape_(shape), emit_(std::move(emit)) {}
 
-  /// Enters the root, whose octant means nothing, or a child of the node entered last and not left. Fails where octants
-  /// do not rise from one child to the next, below max_node_depth, and behind the root.
+  /// Enters the root, or a child of the node that was entered last and not left. Ignores the octant of the root. Fails
+  /// if the octants of children do not rise, if the node is deeper than max_node_depth, or if the root was left.
   [[nodiscard]] Status begin_node(unsigned octant);
 
-  /// Leaves the node. Fails where the record is of another shape, and with what `emit` fails.
+  /// Leaves the node. Fails if the record is of another shape, or if `emit` fails.
   [[nodiscard]] Status end_node(NodeRecord record);
 
-  /// The root page, which is not emitted and kept small. Requires that the root was left.
+  /// Returns the root page, which is not emitted and kept small. Requires that the root was left.
   [[nodiscard]] Result<PackedIndexPage> finish();
 
   /// Bytes held.
@@ -119,15 +119,15 @@ class IndexPacker {
   struct Node {
     NodeRecord record;
     std::uint8_t child_mask = 0;
-    std::uint32_t weight = 1;          // of its subtree, the nodes that are in no page yet
-    std::optional<IndexPageRef> link;  // where the children are that are no longer here
+    std::uint32_t weight = 1;          // nodes of its subtree that are in no page yet
+    std::optional<IndexPageRef> link;  // to the page of the children, once they are in one
     std::vector<Node> children;
   };
 
   [[nodiscard]] Status page_out_children(Node& node, std::uint32_t target);
   [[nodiscard]] Status page_out(Node& node);
   [[nodiscard]] Result<PackedIndexPage> pack_page(std::vector<const Node*> order) const;
-  void append_node(Bytes& block, const Node& node) const;
+  void append_node(Bytes& structure, const Node& node) const;
 
   NodeShape shape_;
   Emit emit_;
@@ -137,30 +137,29 @@ class IndexPacker {
   std::optional<Node> root_;
 };
 
-/// Bytes at the start of a page that a reference's hash covers.
+/// Returns how many bytes at the start of a page the hash of its reference covers.
 [[nodiscard]] constexpr std::uint64_t index_table_bytes(std::size_t attributes) {
-  return 8 + sizeof(IndexBlock) * (1 + attributes);
+  return 8 + sizeof(IndexPagePart) * (1 + attributes);
 }
 
-/// Checks and unpacks a page without its attribute blocks. `front` holds the page's first ref.front_bytes bytes;
-/// `expected_top_nodes` is the number of the linking node's children (1 for the root); the pages that this one links to
-/// must end at or before `links_end` within their section. Safe on untrusted bytes: what it allocates is bounded by a
-/// few MiB.
+/// Checks and unpacks a page without its attribute parts. `front` holds the first ref.front_bytes bytes of the page.
+/// `expected_top_nodes` is the number of the linking node's children (1 for the root). Fails if a page that this page
+/// links to ends behind `links_end` within their section. Safe on untrusted bytes: allocates at most a few MiB.
 [[nodiscard]] Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std::byte> front,
                                                   NodeShape shape, std::uint32_t expected_top_nodes,
                                                   std::uint64_t links_end, std::string_view what);
 
-/// An attribute's block, as the table of a page describes it.
-struct SummaryBlock {
+/// The page part that holds the summaries of an attribute.
+struct SummaryPart {
   std::uint64_t offset;  // from the start of the page
-  IndexBlock block;
+  IndexPagePart part;
 };
 
-/// Finds an attribute's block. Requires a front that unpack_index_page accepted, and attribute < shape.attributes.
-[[nodiscard]] SummaryBlock find_summary_block(std::span<const std::byte> front, std::size_t attribute, NodeShape shape);
+/// Finds the part of an attribute. Requires a front that unpack_index_page accepted, and attribute < shape.attributes.
+[[nodiscard]] SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attribute, NodeShape shape);
 
-/// Checks and unpacks an attribute's block into the page's summaries. Safe on untrusted bytes.
-[[nodiscard]] Status unpack_summaries(const IndexBlock& block, std::span<const std::byte> packed, std::string_view what,
-                                      IndexPage& page);
+/// Checks and unpacks the part of an attribute into the page's summaries. Safe on untrusted bytes.
+[[nodiscard]] Status unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed,
+                                      std::string_view what, IndexPage& page);
 
 }  // namespace splatvol::format

@@ -1,20 +1,13 @@
-// A column's payload to and from a chunk; for format's own sources.
+// A column's payload to and from a chunk. Internal to format.
 #pragma once
 
-#include <span>
-#include <string_view>
-
-#include "base/error.h"
 #include "format/codec.h"
 #include "format/columns.h"
 
 namespace splatvol::format {
 
-/// Packs and hashes a payload; the entry has no summary.
+/// Packs and hashes a payload. The entry has no summary, or the given one.
 [[nodiscard]] PackedChunk pack_payload(const Bytes& payload);
-
-/// Checks the hash, then unpacks.
-[[nodiscard]] Result<Bytes> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed,
-                                           std::string_view what);
+[[nodiscard]] PackedChunk pack_payload(const Bytes& payload, const ValueSummary& summary);
 
 }  // namespace splatvol::format

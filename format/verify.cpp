@@ -36,7 +36,7 @@ class Volume::Verifier {
     return {};
   }
 
-  // Kinds that this version does not know are covered by their hash; extents by those of their parts.
+  // The hash covers sections of unknown kinds too. An extent has no hash: those of its parts cover it.
   Status check_sections() const {
     for (const SectionEntry& section : volume_.sections_) {
       if (section.codec == Codec::extent) continue;
@@ -63,7 +63,8 @@ class Volume::Verifier {
     return {};
   }
 
-  // A page's nodes are in breadth-first order, so one pass knows each node's depth before its children's.
+  // The nodes of a page are in breadth-first order, so one pass finds the depth of each node before those of its
+  // children.
   Status check_forest(const IndexPage& page, std::size_t depth) {
     std::vector<std::size_t> depths(page.nodes.size(), depth);
     for (std::size_t node = 0; node < page.nodes.size(); ++node) {
@@ -79,7 +80,7 @@ class Volume::Verifier {
     return {};
   }
 
-  // Pages that tile the section are met once each: links that share one would make a small file endless.
+  // Limits the walk to the bytes of the section: in a damaged file, many links to one page could make it endless.
   Status check_linked_page(const IndexPageRef& ref, std::uint8_t mask, std::span<const std::uint64_t> counts,
                            std::size_t depth) {
     pages_.emplace_back(ref.offset, ref.page_bytes);
@@ -93,9 +94,9 @@ class Volume::Verifier {
   Status check_summaries(const IndexPageRef& ref, std::uint64_t offset, IndexPage& page) const {
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset, ref.page_bytes));
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
-      const auto [block_offset, block] = find_summary_block(bytes, attribute, volume_.node_shape());
-      const auto packed = std::span<const std::byte>(bytes).subspan(block_offset, block.packed_bytes);
-      SPLATVOL_TRY(unpack_summaries(block, packed, volume_.name() + ": index page", page));
+      const auto [part_offset, part] = find_summary_part(bytes, attribute, volume_.node_shape());
+      const auto packed = std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes);
+      SPLATVOL_TRY(unpack_summaries(part, packed, volume_.name() + ": index page", page));
     }
     return {};
   }
@@ -111,10 +112,10 @@ class Volume::Verifier {
       for (std::uint64_t row = page.first_row; row < last_row; ++row) {
         const Group group = rows.group(rows.group_of_row(row));
         for (const int column : rows.columns_of_row(row)) {
-          const ChunkPlace& place = page.chunks[chunk++];
-          if (place.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
-          next += place.entry.packed_bytes;
-          SPLATVOL_TRY(check_chunk(place, info_.columns[static_cast<std::size_t>(column)], group.count));
+          const ChunkLocation& location = page.chunks[chunk++];
+          if (location.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
+          next += location.entry.packed_bytes;
+          SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
         }
         progress_(static_cast<double>(next - section.offset) / static_cast<double>(section.packed_bytes));
       }
@@ -123,39 +124,39 @@ class Volume::Verifier {
     return {};
   }
 
-  Status check_chunk(const ChunkPlace& place, const Column& column, std::uint32_t points) {
-    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(place.offset, place.entry.packed_bytes));
-    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), place.offset);
+  Status check_chunk(const ChunkLocation& location, const Column& column, std::uint32_t points) {
+    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
+    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
     switch (column.kind) {
       case ColumnKind::position:
-        return check_positions(place.entry, packed, points, what);
+        return check_positions(location.entry, packed, points, what);
       case ColumnKind::value:
-        return check_values(place.entry, packed, points, static_cast<std::size_t>(column.attribute), what);
+        return check_values(location.entry, packed, points, static_cast<std::size_t>(column.attribute), what);
       case ColumnKind::octant: {
         std::vector<std::uint8_t> depths(points), counts(points);
-        return unpack_octants(place.entry, packed, depths, counts, what);
+        return unpack_octants(location.entry, packed, depths, counts, what);
       }
       case ColumnKind::centroid: {
         std::vector<dvec3> centroids(points);
-        return unpack_positions(place.entry, packed, centroids, what);
+        return unpack_positions(location.entry, packed, centroids, what);
       }
       case ColumnKind::moments: {
         std::vector<SplatShape> shapes(points);
-        return unpack_moments(place.entry, packed, shapes, what);
+        return unpack_moments(location.entry, packed, shapes, what);
       }
       case ColumnKind::value_moments: {
         std::vector<SplatValue> values(points);
-        return unpack_value_moments(place.entry, packed, values, what);
+        return unpack_value_moments(location.entry, packed, values, what);
       }
       case ColumnKind::gradient: {
         std::vector<vec3> directions(points);
-        return unpack_gradients(place.entry, packed, directions, what);
+        return unpack_gradients(location.entry, packed, directions, what);
       }
       case ColumnKind::unknown:
         break;
     }
-    // Kinds that this version does not decode are covered by their hash.
-    if (hash_bytes(packed) != place.entry.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+    // Chunks of unknown kinds cannot be decoded.
+    if (hash_bytes(packed) != location.entry.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
     return {};
   }
 
@@ -211,7 +212,7 @@ class Volume::Verifier {
   const std::function<void(double)>& progress_;
   std::vector<std::pair<std::uint64_t, std::uint64_t>> pages_;  // offset, bytes
   std::uint64_t page_bytes_ = 0;                                // of all in pages_
-  Histograms counted_;                                          // values met, by attribute and bin
+  Histograms counted_;                                          // values that were read, by attribute and bin
   std::vector<std::uint64_t> missing_;                          // by attribute
 };
 

@@ -13,7 +13,8 @@ constexpr std::array required_sections = {SectionKind::metadata,       SectionKi
                                           SectionKind::directory_root, SectionKind::rows,
                                           SectionKind::index_pages,    SectionKind::directory_pages};
 
-// An index page up to this size comes in one read; of a larger one, only the structure and one attribute's block.
+// An index page up to this size is read at once. Of a larger page, only the structure and the part of one attribute are
+// read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 
 bool is_known(SectionKind kind) {
@@ -25,7 +26,7 @@ bool is_extent(SectionKind kind) {
          kind == SectionKind::directory_pages;
 }
 
-// R7: how much memory a section may ask for, against the bytes that back it.
+// Checks rule R7: the bytes of a section bound the memory that it may need.
 bool has_valid_codec(const SectionEntry& section) {
   switch (section.codec) {
     case Codec::extent:
@@ -150,8 +151,7 @@ Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) cons
 Result<Bytes> Volume::read_section(const SectionEntry& section) const {
   SPLATVOL_TRY_ASSIGN(packed, read_bytes(section.offset, section.packed_bytes));
   const std::string what = fmt::format("{}: section {}", name(), static_cast<std::uint32_t>(section.kind));
-  if (hash_bytes(packed) != section.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-  return unpack(packed, section.unpacked_bytes, what);
+  return unpack_checked(section, packed, what);
 }
 
 Status Volume::read_metadata() {
@@ -167,7 +167,7 @@ Status Volume::read_directory_root() {
   const SectionEntry& section = *find_section(SectionKind::directory_root);
   const SectionEntry& tail = *find_section(SectionKind::directory_pages);
   SPLATVOL_TRY_ASSIGN(root, read_section(section));
-  const std::uint64_t pages = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
+  const std::uint64_t pages = rows_.directory_page_count();
   const std::uint64_t fixed = sizeof(std::uint64_t) + pages * sizeof(DirectoryPageRef);
   if (root.size() < sizeof(std::uint64_t) || read_record<std::uint64_t>(root, 0) != pages ||
       pages > root.size() / sizeof(DirectoryPageRef) || root.size() < fixed)
@@ -176,13 +176,10 @@ Status Volume::read_directory_root() {
   std::uint64_t next = section.offset + fixed;
   for (std::uint64_t page = 0; page < pages; ++page) {
     const auto ref = read_record<DirectoryPageRef>(root, sizeof(std::uint64_t) + page * sizeof(DirectoryPageRef));
-    const std::uint64_t first = page * info_.rows_per_directory_page;
-    const std::uint64_t last = std::min(rows_.row_count(), first + info_.rows_per_directory_page);
-    const std::uint64_t chunks = rows_.chunks_before(last) - rows_.chunks_before(first);
     const std::uint64_t section_end =
         page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
     if (ref.offset != next || ref.bytes > section_end - next || ref.bytes < sizeof(std::uint64_t) ||
-        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != chunks ||
+        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != rows_.chunks_of_directory_page(page) ||
         ref.bytes % sizeof(ChunkEntry) != sizeof(std::uint64_t))
       return broken("directory: pages do not tile their section [R11]");
     next += ref.bytes;
@@ -222,13 +219,13 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
   SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, node_shape(), top_nodes, links_end, what));
   if (attribute < 0) return page;
 
-  const auto [block_offset, block] = find_summary_block(front, static_cast<std::size_t>(attribute), node_shape());
+  const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
   if (whole) {
-    SPLATVOL_TRY(unpack_summaries(block, std::span<const std::byte>(bytes).subspan(block_offset, block.packed_bytes),
-                                  what, page));
+    SPLATVOL_TRY(
+        unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes), what, page));
   } else {
-    SPLATVOL_TRY_ASSIGN(packed, read_bytes(offset + block_offset, block.packed_bytes));
-    SPLATVOL_TRY(unpack_summaries(block, packed, what, page));
+    SPLATVOL_TRY_ASSIGN(packed, read_bytes(offset + part_offset, part.packed_bytes));
+    SPLATVOL_TRY(unpack_summaries(part, packed, what, page));
   }
   return page;
 }
@@ -263,7 +260,7 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
     return fail(ErrorCode::invalid_data, "{}: directory page {}: checksum mismatch", name(), page);
 
   DirectoryPage result;
-  result.first_row = page * info_.rows_per_directory_page;
+  result.first_row = rows_.first_row_of_directory_page(page);
   result.first_chunk = rows_.chunks_before(result.first_row);
   result.chunks.reserve((bytes.size() - sizeof(std::uint64_t)) / sizeof(ChunkEntry));
   const SectionEntry& section = *find_section(SectionKind::rows);
@@ -285,10 +282,10 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
   return result;
 }
 
-const ChunkPlace& Volume::find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const {
+const ChunkLocation& Volume::find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const {
   const auto& columns = rows_.columns_of_row(row);
-  const auto place = std::ranges::find(columns, column) - columns.begin();
-  return page.chunks[rows_.chunks_before(row) - page.first_chunk + static_cast<std::uint64_t>(place)];
+  const auto index = std::ranges::find(columns, column) - columns.begin();
+  return page.chunks[rows_.chunks_before(row) - page.first_chunk + static_cast<std::uint64_t>(index)];
 }
 
 Result<Histograms> Volume::read_histograms() const {

@@ -1,4 +1,4 @@
-// Reads a .svol file piece by piece (spec/svol-1.md). Holds the preamble; everything else is read when asked for.
+// Reads a .svol file part by part (spec/svol-1.md). Holds the preamble, and reads everything else on demand.
 #pragma once
 
 #include <atomic>
@@ -18,8 +18,8 @@
 
 namespace splatvol::format {
 
-/// Where one chunk lies.
-struct ChunkPlace {
+/// The offset of a chunk, with its directory entry.
+struct ChunkLocation {
   std::uint64_t offset = 0;
   ChunkEntry entry{};
 };
@@ -27,19 +27,19 @@ struct ChunkPlace {
 /// The chunk entries of consecutive rows.
 struct DirectoryPage {
   std::uint64_t first_row = 0;
-  std::uint64_t first_chunk = 0;  // number of the first row's first chunk in the whole file
-  std::vector<ChunkPlace> chunks;
+  std::uint64_t first_chunk = 0;  // number of its first chunk
+  std::vector<ChunkLocation> chunks;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
-    return sizeof(DirectoryPage) + chunks.size() * sizeof(ChunkPlace);
+    return sizeof(DirectoryPage) + chunks.size() * sizeof(ChunkLocation);
   }
 };
 
-/// An open file. Every byte that comes in is checked against its hash and its rules before it is used; errors begin
-/// with the file's name. Thread-safe as far as its ByteSource is.
+/// An open file. Checks every byte against its hash and its rules before using it. Errors begin with the file's name.
+/// Thread-safe, as its ByteSource is.
 class Volume {
  public:
-  /// Reads the preamble: in one read, where the writer followed the specification's advice.
+  /// Reads the preamble, in one read if the writer followed the advice of the specification.
   [[nodiscard]] static Result<std::shared_ptr<const Volume>> open(std::unique_ptr<ByteSource> source);
 
   [[nodiscard]] const VolumeInfo& info() const { return info_; }
@@ -48,45 +48,45 @@ class Volume {
   [[nodiscard]] std::uint64_t file_bytes() const { return source_->size(); }
   [[nodiscard]] std::uint64_t preamble_bytes() const { return preamble_bytes_; }
 
-  /// The parts of the file, in file order.
+  /// Sections, in file order.
   [[nodiscard]] const std::vector<SectionEntry>& sections() const { return sections_; }
 
-  /// Bytes held by the preamble, for budgets.
+  /// Bytes held: the preamble and the directory root. For budgets.
   [[nodiscard]] std::uint64_t memory_bytes() const {
     return preamble_.size() + directory_refs_.size() * sizeof(DirectoryPageRef);
   }
 
-  /// Bytes fetched from the source so far.
+  /// Returns how many bytes were read from the source so far.
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
-  /// The page with the root node; `attribute` selects the summaries, -1 for none.
+  /// Reads the page with the root node, and its summaries of `attribute`; -1: no summaries.
   [[nodiscard]] Result<IndexPage> read_index_root(int attribute) const;
 
-  /// A page that a node links to. `parent_counts` are the points of the linking node's segments: its children must add
-  /// up to them.
+  /// Reads a page that a node links to. `child_mask` and `parent_counts` are those of the linking node: fails if the
+  /// counts of its children do not add up to `parent_counts`.
   [[nodiscard]] Result<IndexPage> read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                                   std::span<const std::uint64_t> parent_counts, int attribute) const;
 
   [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row) const {
-    return row / info_.rows_per_directory_page;
+    return rows_.directory_page_of_row(row);
   }
   [[nodiscard]] Result<DirectoryPage> read_directory_page(std::uint64_t page) const;
 
-  /// Finds a chunk in the page that covers its row; `column` must be one of the row's.
-  [[nodiscard]] const ChunkPlace& find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const;
+  /// Finds a chunk in the page that covers its row. Requires a column that the row has.
+  [[nodiscard]] const ChunkLocation& find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const;
 
-  /// Packed bytes, from the preamble where it holds them. Counted.
+  /// Reads packed bytes: from the preamble if it holds them, else from the source, which `bytes_read` counts.
   [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
 
   /// See ByteSource.
   [[nodiscard]] std::uint64_t cheap_gap() const { return source_->cheap_gap(); }
 
-  /// Counts of values for each attribute; empty where the file has no such section.
+  /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;
 
   /// Reads and checks every byte of the file: hashes, tiling, every column, counts of the index, values against ranges,
-  /// occupancy and histograms, positions against the cube, footer.
-  /// `progress` is called with the share done, in [0, 1]. Memory does not grow with the number of points.
+  /// occupancy and histograms, positions against the cube, footer. Calls `progress` with the share done, in [0, 1].
+  /// Memory does not grow with the number of points.
   [[nodiscard]] Status verify(const std::function<void(double)>& progress) const;
 
  private:
@@ -111,7 +111,7 @@ class Volume {
   std::unique_ptr<ByteSource> source_;
   mutable std::atomic<std::uint64_t> bytes_read_ = 0;
   std::uint64_t preamble_bytes_ = 0;
-  Bytes preamble_;  // at least the preamble: all of the first read
+  Bytes preamble_;  // the first read, which is at least the preamble
   std::vector<SectionEntry> sections_;
   VolumeInfo info_;
   RowLayout rows_;

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/names.h"
 #include "format/layout.h"
 
 namespace splatvol::format {
@@ -30,7 +31,7 @@ constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
 
 json number_or_null(double number) { return std::isfinite(number) ? json(number) : json(nullptr); }
 
-// Thrown and caught within this file: JSON is read by a library that reports errors in the same way.
+// Thrown and caught within this file, like the exceptions of the JSON library.
 struct RuleBroken : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -39,7 +40,8 @@ void require(bool condition, const std::string& what) {
   if (!condition) throw RuleBroken(what);
 }
 
-// The library converts numbers silently, and counts text as a list of one: every value is taken through one of these.
+// Every value is read by one of these functions: the library converts numbers silently, and treats text as a list of
+// one.
 
 const json& member(const json& object, const char* key) {
   require(object.is_object() && object.contains(key), fmt::format("'{}' is missing", key));
@@ -166,13 +168,14 @@ VolumeInfo read_info(const json& root) {
   info.leaf_points =
       static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
 
-  std::set<std::string> names;
+  std::vector<std::string> names;
   for (const json& node : list(root, "attributes")) {
     info.attributes.push_back(read_attribute(node));
-    require(names.insert(info.attributes.back().name).second,
-            fmt::format("attribute '{}' appears twice", info.attributes.back().name));
+    names.push_back(info.attributes.back().name);
     require(info.attributes.back().missing <= info.point_count(), "'missing' is above the number of points");
   }
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
   require(info.attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
   info.columns = read_columns(list(root, "columns"), info.attributes.size());
 
@@ -187,8 +190,8 @@ VolumeInfo read_info(const json& root) {
   return info;
 }
 
-// Deep nesting would let a few bytes exhaust the stack of whoever walks the tree. (The library's own hook for such
-// checks takes time in proportion to the square of a list's length.)
+// Refuses deep nesting: a few bytes of it could exhaust the stack of a function that walks the tree. (The library's own
+// hook for such checks takes time in proportion to the square of a list's length.)
 json parse_shallow(const std::string& text) {
   int depth = 0;
   bool in_string = false;
@@ -262,14 +265,14 @@ int VolumeInfo::find_attribute(const std::string& name) const {
 Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name) {
   const int index = info.find_attribute(name);
   if (index >= 0) return index;
-  std::string names;
-  for (const Attribute& attribute : info.attributes) names += (names.empty() ? "" : ", ") + attribute.name;
-  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", file_name, name, names);
+  std::vector<std::string> names;
+  for (const Attribute& attribute : info.attributes) names.push_back(attribute.name);
+  return fail_no_attribute(file_name, name, names);
 }
 
 Result<std::string> metadata_to_json(const VolumeInfo& info) {
   try {
-    // Names come from input files and need not be UTF-8.
+    // Names come from input files and may not be UTF-8.
     std::string text = to_json(info).dump(-1, ' ', false, json::error_handler_t::replace);
     read_info(parse_shallow(text));
     return text;
@@ -287,7 +290,11 @@ Result<VolumeInfo> metadata_from_json(const std::string& text) {
 }
 
 RowLayout::RowLayout(const VolumeInfo& info)
-    : counts_(info.resolution_counts), points_per_chunk_(info.points_per_chunk), first_group_{0}, first_row_{0} {
+    : counts_(info.resolution_counts),
+      points_per_chunk_(info.points_per_chunk),
+      rows_per_page_(info.rows_per_directory_page),
+      first_group_{0},
+      first_row_{0} {
   std::uint64_t begin = 0;
   for (const std::uint64_t end : counts_) {
     first_group_.push_back(first_group_.back() + (end - begin + points_per_chunk_ - 1) / points_per_chunk_);
@@ -320,14 +327,21 @@ const std::vector<int>& RowLayout::columns_of_row(std::uint64_t row) const {
 
 std::uint64_t RowLayout::chunks_before(std::uint64_t row) const {
   if (row == 0) return 0;
-  // Within a resolution the older groups come first, with fewer columns.
+  // In a resolution, the groups of coarser segments come first; their rows have fewer columns.
   std::uint64_t chunks = 0;
   for (std::size_t r = 0; r < counts_.size() && row > first_row_[r]; ++r) {
     const std::uint64_t rows = std::min(row, first_row_[r + 1]) - first_row_[r];
-    const std::uint64_t older = std::min(rows, first_group_[r]);
-    chunks += older * resolution_columns_.size() + (rows - older) * all_columns_.size();
+    const std::uint64_t of_coarser = std::min(rows, first_group_[r]);
+    chunks += of_coarser * resolution_columns_.size() + (rows - of_coarser) * all_columns_.size();
   }
   return chunks;
+}
+
+std::uint64_t RowLayout::directory_page_count() const { return (row_count() + rows_per_page_ - 1) / rows_per_page_; }
+
+std::uint64_t RowLayout::chunks_of_directory_page(std::uint64_t page) const {
+  const std::uint64_t first = first_row_of_directory_page(page);
+  return chunks_before(std::min(row_count(), first + rows_per_page_)) - chunks_before(first);
 }
 
 }  // namespace splatvol::format

@@ -1,4 +1,4 @@
-// What a .svol file says of itself: counts, cube, attributes, columns (spec/svol-1.md, sections 0 and 4).
+// The metadata of a .svol file: counts, cube, attributes, columns (spec/svol-1.md, introduction and section 4).
 #pragma once
 
 #include <cstdint>
@@ -16,12 +16,12 @@ struct Attribute {
   std::string name;
   std::string unit;
   double offset = 0;                                      // value = offset + stored value
-  double min = std::numeric_limits<double>::quiet_NaN();  // of the values; NaN where none is present
+  double min = std::numeric_limits<double>::quiet_NaN();  // of the values; NaN if none is present
   double max = std::numeric_limits<double>::quiet_NaN();
   std::uint64_t missing = 0;
 };
 
-/// The bins of an attribute's stored values.
+/// Returns the bins of an attribute's stored values.
 [[nodiscard]] inline ValueBins bins_of(const Attribute& attribute) {
   return {attribute.min - attribute.offset, attribute.max - attribute.offset};
 }
@@ -29,13 +29,13 @@ struct Attribute {
 enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };
 enum class ColumnScope { segment, resolution };
 
-/// As in the metadata; "unknown" for kinds that this version does not know.
+/// Returns the name of a kind as in the metadata; "unknown" for unknown kinds.
 [[nodiscard]] const char* column_kind_name(ColumnKind kind);
 
 struct Column {
   ColumnKind kind = ColumnKind::unknown;
   ColumnScope scope = ColumnScope::segment;
-  int attribute = -1;  // -1: of no attribute
+  int attribute = -1;  // index; -1: none
 };
 
 struct VolumeInfo {
@@ -53,30 +53,30 @@ struct VolumeInfo {
   [[nodiscard]] std::size_t resolutions() const { return resolution_counts.size(); }
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts.back(); }
 
-  /// Index of a column, -1 where the file has none.
+  /// Returns the index of a column, -1 if the file does not have it.
   [[nodiscard]] int find_column(ColumnKind kind, int attribute = -1) const;
 
-  /// Index of an attribute, -1 where the file has none.
+  /// Returns the index of an attribute, -1 if the file does not have it.
   [[nodiscard]] int find_attribute(const std::string& name) const;
 };
 
-/// Index of an attribute. Fails with invalid_argument where there is none of this name; the message begins with
-/// `file_name` and lists those that there are.
+/// Returns the index of an attribute. Fails with invalid_argument if there is none of this name; the message begins
+/// with `file_name` and lists the attributes of the file.
 [[nodiscard]] Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name);
 
-/// Spec section 4, both ways; both check every rule of that section, so that nothing is written which cannot be read.
-/// Bytes of a name that are not UTF-8 are replaced.
+/// Write and read the metadata (spec section 4). Both check every rule of this section, so that everything written can
+/// be read. Bytes of a name that are not UTF-8 are replaced.
 [[nodiscard]] Result<std::string> metadata_to_json(const VolumeInfo& info);
 [[nodiscard]] Result<VolumeInfo> metadata_from_json(const std::string& json);
 
-/// Consecutive points of one segment: the unit that is read at once.
+/// Consecutive points of one segment, whose columns are chunks.
 struct Group {
   std::size_t segment;
-  std::uint64_t begin;  // position in the point array
+  std::uint64_t begin;  // number of its first point
   std::uint32_t count;
 };
 
-/// Where groups, rows and chunks lie, by arithmetic alone (spec/svol-1.md, introduction).
+/// The numbering of groups, rows, chunks and directory pages, by arithmetic alone (spec/svol-1.md, introduction).
 class RowLayout {
  public:
   RowLayout() = default;
@@ -87,29 +87,37 @@ class RowLayout {
 
   [[nodiscard]] Group group(std::uint64_t index) const;
 
-  /// The group of the point at `offset` within a segment.
-  [[nodiscard]] std::uint64_t group_at(std::size_t segment, std::uint64_t offset) const {
-    return first_group_[segment] + offset / points_per_chunk_;
+  /// Returns the group of point `index` of a segment.
+  [[nodiscard]] std::uint64_t group_at(std::size_t segment, std::uint64_t index) const {
+    return first_group_[segment] + index / points_per_chunk_;
   }
 
-  /// Row (resolution, group); requires the group's segment <= resolution.
+  /// Returns the number of row (resolution, group). Requires that the group's segment <= resolution.
   [[nodiscard]] std::uint64_t row(std::size_t resolution, std::uint64_t group) const {
     return first_row_[resolution] + group;
   }
-  /// The first row of a resolution; with R + 1, the number of rows.
+  /// Returns the first row of a resolution; of R + 1, the number of rows.
   [[nodiscard]] std::uint64_t first_row(std::size_t resolution) const { return first_row_[resolution]; }
   [[nodiscard]] std::size_t resolution_of_row(std::uint64_t row) const;
   [[nodiscard]] std::uint64_t group_of_row(std::uint64_t row) const { return row - first_row_[resolution_of_row(row)]; }
 
-  /// Columns of a row, as indices into VolumeInfo::columns.
+  /// Returns the columns of a row, as indices into VolumeInfo::columns.
   [[nodiscard]] const std::vector<int>& columns_of_row(std::uint64_t row) const;
 
-  /// Chunks in rows [0, row): also the number of a row's first chunk.
+  /// Returns how many chunks the rows [0, row) have, which is the number of the row's first chunk.
   [[nodiscard]] std::uint64_t chunks_before(std::uint64_t row) const;
+
+  [[nodiscard]] std::uint64_t directory_page_count() const;
+  [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row) const { return row / rows_per_page_; }
+  [[nodiscard]] std::uint64_t first_row_of_directory_page(std::uint64_t page) const { return page * rows_per_page_; }
+
+  /// Returns how many chunks the rows of a directory page have.
+  [[nodiscard]] std::uint64_t chunks_of_directory_page(std::uint64_t page) const;
 
  private:
   std::vector<std::uint64_t> counts_;
   std::uint32_t points_per_chunk_ = 1;
+  std::uint32_t rows_per_page_ = 1;
   std::vector<std::uint64_t> first_group_;  // [segment], and the total
   std::vector<std::uint64_t> first_row_;    // [resolution], and the total
   std::vector<int> all_columns_;

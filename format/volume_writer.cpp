@@ -9,14 +9,15 @@ namespace {
 
 constexpr std::uint64_t section_count = 7;  // without padding
 
-// Rows of so many bytes are moved by whole blocks of the disk, for which the file is padded. Depends on the file alone.
+// Rows of at least this many bytes are moved without being copied, which needs padding. The choice depends on the file
+// alone.
 constexpr std::uint64_t padded_rows_bytes = 16u << 20;
 
 constexpr std::uint64_t copied_at_once = 1u << 20;
 constexpr std::uint64_t directory_page_target_bytes = 8u << 10;  // a quarter of the shortest first read
 
-// Pages of about 8 KiB; larger ones where the references to so many pages would crowd the preamble: page 0 and the
-// references, which share it, are smallest together where they are equal.
+// Chooses pages of about 8 KiB. Pages are larger if the references to them would crowd the preamble: it holds the
+// references and page 0, and both together are smallest where they are equally long.
 std::uint32_t choose_rows_per_page(const VolumeInfo& info, const RowLayout& rows) {
   const auto row_bytes = static_cast<double>(std::max<std::size_t>(1, info.columns.size()) * sizeof(ChunkEntry));
   const double by_size = static_cast<double>(directory_page_target_bytes) / row_bytes;
@@ -24,20 +25,20 @@ std::uint32_t choose_rows_per_page(const VolumeInfo& info, const RowLayout& rows
   return static_cast<std::uint32_t>(std::clamp(std::max(by_size, balanced), 1.0, 0x1p24));
 }
 
-// Rule R7 keeps a reader's memory in proportion to the bytes that it was given.
+// Keeps to rule R7, which keeps a reader's memory in proportion to the bytes that it was given.
 Bytes pack_metadata(const Bytes& raw) {
   Bytes packed = pack(raw);
   return raw.size() <= max_metadata_bytes(packed.size()) ? packed : raw;
 }
 
-// Block by block; each gives its room back.
+// Copies part by part, and gives the disk space of each part back.
 Status move_bytes(TempFile& from, AtomicFile& to) {
-  Bytes block(std::min(from.size(), copied_at_once));
-  for (std::uint64_t offset = 0; offset < from.size(); offset += block.size()) {
-    block.resize(std::min<std::uint64_t>(block.size(), from.size() - offset));
-    SPLATVOL_TRY(from.read(offset, block));
-    SPLATVOL_TRY(to.append(block));
-    from.release(offset, block.size());
+  Bytes part(std::min(from.size(), copied_at_once));
+  for (std::uint64_t offset = 0; offset < from.size(); offset += part.size()) {
+    part.resize(std::min<std::uint64_t>(part.size(), from.size() - offset));
+    SPLATVOL_TRY(from.read(offset, part));
+    SPLATVOL_TRY(to.append(part));
+    from.release(offset, part.size());
   }
   return {};
 }
@@ -77,14 +78,13 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
   metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
   metadata_ = pack_metadata(metadata_raw_);
 
-  page_count_ = (rows_.row_count() + info_.rows_per_directory_page - 1) / info_.rows_per_directory_page;
-  const std::uint64_t root_bytes =
-      sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef) + directory_page_bytes(0);
+  const std::uint64_t page_bytes = sizeof(std::uint64_t) + rows_.chunks_of_directory_page(0) * sizeof(ChunkEntry);
+  const std::uint64_t root_bytes = directory_refs_bytes() + page_bytes;
   const bool padded = file_.position() >= padded_rows_bytes;
   front_bytes_ = sizeof(Superblock) + (section_count + (padded ? 1 : 0)) * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + root_bytes;
-  const std::uint64_t unpadded = padding_offset_ + bytes_before, block = AtomicFile::insertable_bytes;
-  rows_offset_ = padding_offset_ + (padded ? block - unpadded % block : 0);
+  const std::uint64_t unpadded = padding_offset_ + bytes_before, unit = AtomicFile::insertable_bytes;
+  rows_offset_ = padding_offset_ + (padded ? unit - unpadded % unit : 0);
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 info_.attributes.size());
@@ -93,10 +93,9 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
   return {};
 }
 
-std::uint64_t VolumeWriter::directory_page_bytes(std::uint64_t page) const {
-  const std::uint64_t first = page * info_.rows_per_directory_page;
-  const std::uint64_t last = std::min(rows_.row_count(), first + info_.rows_per_directory_page);
-  return sizeof(std::uint64_t) + (rows_.chunks_before(last) - rows_.chunks_before(first)) * sizeof(ChunkEntry);
+// Bytes of the directory root in front of page 0.
+std::uint64_t VolumeWriter::directory_refs_bytes() const {
+  return sizeof(std::uint64_t) + rows_.directory_page_count() * sizeof(DirectoryPageRef);
 }
 
 Status VolumeWriter::append_row(std::span<const PackedChunk> chunks) {
@@ -156,7 +155,8 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
   sections_.push_back({kind, 1, offset, bytes, 0, 0, Codec::extent, 0});
 }
 
-// As many of the coarsest resolutions as a reader's first read will hold; the very coarsest even if it is larger.
+// Takes in as many of the coarsest resolutions as a reader's first read holds. Takes in resolution 0 even if it is
+// larger, up to 1 MiB.
 std::uint64_t VolumeWriter::choose_preamble_bytes() const {
   const std::uint64_t first_read = std::clamp(file_bytes_ / 64, min_first_read_bytes, max_first_read_bytes);
   std::uint64_t preamble = resolution_ends_[0] <= max_preamble_bytes ? resolution_ends_[0] : rows_offset_;
@@ -172,49 +172,70 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   if (next_row_ != rows_.row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", next_row_, rows_.row_count());
 
-  // Behind the rows.
-  const std::uint64_t rows_end = rows_end_;
-  file_.seek(rows_end);
-  const auto histogram_raw = std::as_bytes(std::span(histograms));
-  const Bytes histogram_packed = pack(histogram_raw);
-  SPLATVOL_TRY(file_.append(histogram_packed));
-  const std::uint64_t index_offset = file_.position();
-  SPLATVOL_TRY(move_bytes(index_.pages, file_));
-  const std::uint64_t directory_offset = file_.position();
-  SPLATVOL_TRY(move_bytes(directory_tail_, file_));
-  const std::uint64_t footer_offset = file_.position();
-  file_bytes_ = footer_offset + sizeof(Footer);
-
-  // The preamble's parts, now that every offset is known.
-  const std::uint64_t metadata_offset = front_bytes_;
-  const std::uint64_t index_root_offset = metadata_offset + metadata_.size();
-  const std::uint64_t directory_root_offset = index_root_offset + index_.root.bytes.size();
-  const std::uint64_t head_offset =
-      directory_root_offset + sizeof(std::uint64_t) + page_count_ * sizeof(DirectoryPageRef);
-  for (std::size_t page = 0; page < directory_refs_.size(); ++page)
-    directory_refs_[page].offset = page == 0 ? head_offset : directory_offset + directory_refs_[page].offset;
-  Bytes directory_root;
-  append_record(directory_root, page_count_);
-  for (const DirectoryPageRef& ref : directory_refs_) append_record(directory_root, ref);
-  directory_root.insert(directory_root.end(), directory_head_.begin(), directory_head_.end());
-
-  const auto codec_of = [](std::span<const std::byte> raw, std::span<const std::byte> packed) {
-    return raw.size() == packed.size() ? Codec::raw : Codec::zstd;
-  };
-  add_section(SectionKind::metadata, true, metadata_offset, metadata_, metadata_raw_.size(),
-              codec_of(metadata_raw_, metadata_));
-  sections_.push_back({SectionKind::index_root, 1, index_root_offset, index_.root.bytes.size(),
-                       index_.root.ref.front_bytes, index_.root.ref.hash, Codec::extent, 0});
-  add_section(SectionKind::directory_root, true, directory_root_offset, directory_root, directory_root.size(),
-              Codec::raw);
+  // The preamble comes last: only now is every offset known.
+  SPLATVOL_TRY_ASSIGN(tail, append_tail(histograms));
+  const Bytes directory_root = pack_directory_root(tail.directory_offset);
   const Bytes padding(rows_offset_ - padding_offset_);
-  if (!padding.empty()) add_section(SectionKind::padding, false, padding_offset_, padding, padding.size(), Codec::raw);
-  add_extent(SectionKind::rows, rows_offset_, rows_end - rows_offset_);
-  add_section(SectionKind::histograms, false, rows_end, histogram_packed, histogram_raw.size(),
-              codec_of(histogram_raw, histogram_packed));
-  add_extent(SectionKind::index_pages, index_offset, directory_offset - index_offset);
-  add_extent(SectionKind::directory_pages, directory_offset, footer_offset - directory_offset);
+  add_sections(tail, directory_root, padding);
+  file_bytes_ = tail.end + sizeof(Footer);
+  Bytes front = pack_section_table();
+  SPLATVOL_TRY(append_footer(hash_bytes(front)));
+  const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &directory_root, &padding};
+  for (const Bytes* part : parts) front.insert(front.end(), part->begin(), part->end());
+  SPLATVOL_TRY(file_.write_at(0, front));
+  return file_.commit();
+}
 
+Result<VolumeWriter::Tail> VolumeWriter::append_tail(const Histograms& histograms) {
+  Tail tail;
+  const auto raw = std::as_bytes(std::span(histograms));
+  tail.histogram_bytes = raw.size();
+  tail.histograms = pack(raw);
+  file_.seek(rows_end_);
+  SPLATVOL_TRY(file_.append(tail.histograms));
+  tail.index_offset = file_.position();
+  SPLATVOL_TRY(move_bytes(index_.pages, file_));
+  tail.directory_offset = file_.position();
+  SPLATVOL_TRY(move_bytes(directory_tail_, file_));
+  tail.end = file_.position();
+  return tail;
+}
+
+// The references, then page 0. The other pages lie in the file from `tail_offset` on.
+Bytes VolumeWriter::pack_directory_root(std::uint64_t tail_offset) {
+  const std::uint64_t head_offset = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_refs_bytes();
+  for (std::size_t page = 0; page < directory_refs_.size(); ++page)
+    directory_refs_[page].offset = page == 0 ? head_offset : tail_offset + directory_refs_[page].offset;
+  Bytes root;
+  append_record(root, std::uint64_t{directory_refs_.size()});
+  for (const DirectoryPageRef& ref : directory_refs_) append_record(root, ref);
+  root.insert(root.end(), directory_head_.begin(), directory_head_.end());
+  return root;
+}
+
+void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, const Bytes& padding) {
+  const auto codec_of = [](std::uint64_t raw_bytes, std::uint64_t packed_bytes) {
+    return raw_bytes == packed_bytes ? Codec::raw : Codec::zstd;
+  };
+  std::uint64_t offset = front_bytes_;
+  add_section(SectionKind::metadata, true, offset, metadata_, metadata_raw_.size(),
+              codec_of(metadata_raw_.size(), metadata_.size()));
+  offset += metadata_.size();
+  const IndexPageRef& root = index_.root.ref;
+  sections_.push_back(
+      {SectionKind::index_root, 1, offset, index_.root.bytes.size(), root.front_bytes, root.hash, Codec::extent, 0});
+  offset += index_.root.bytes.size();
+  add_section(SectionKind::directory_root, true, offset, directory_root, directory_root.size(), Codec::raw);
+  if (!padding.empty()) add_section(SectionKind::padding, false, padding_offset_, padding, padding.size(), Codec::raw);
+  add_extent(SectionKind::rows, rows_offset_, rows_end_ - rows_offset_);
+  add_section(SectionKind::histograms, false, rows_end_, tail.histograms, tail.histogram_bytes,
+              codec_of(tail.histogram_bytes, tail.histograms.size()));
+  add_extent(SectionKind::index_pages, tail.index_offset, tail.directory_offset - tail.index_offset);
+  add_extent(SectionKind::directory_pages, tail.directory_offset, tail.end - tail.directory_offset);
+}
+
+// The superblock and the section table.
+Bytes VolumeWriter::pack_section_table() const {
   Superblock superblock{};
   std::ranges::copy(magic, superblock.magic);
   superblock.major_version = major_version;
@@ -224,23 +245,19 @@ Status VolumeWriter::finish(const Histograms& histograms) {
   superblock.section_count = static_cast<std::uint32_t>(sections_.size());
   superblock.section_table_hash = hash_bytes(std::as_bytes(std::span(sections_)));
   superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
+  Bytes table;
+  append_record(table, superblock);
+  for (const SectionEntry& section : sections_) append_record(table, section);
+  return table;
+}
 
-  Bytes front;
-  append_record(front, superblock);
-  for (const SectionEntry& section : sections_) append_record(front, section);
+Status VolumeWriter::append_footer(std::uint64_t table_hash) {
   Footer footer{};
   std::ranges::copy(footer_magic, footer.magic);
   footer.file_bytes = file_bytes_;
-  footer.table_hash = hash_bytes(front);
+  footer.table_hash = table_hash;
   footer.hash = hash_bytes(std::as_bytes(std::span(&footer, 1)).first(offsetof(Footer, hash)));
-  SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
-
-  front.insert(front.end(), metadata_.begin(), metadata_.end());
-  front.insert(front.end(), index_.root.bytes.begin(), index_.root.bytes.end());
-  front.insert(front.end(), directory_root.begin(), directory_root.end());
-  front.insert(front.end(), padding.begin(), padding.end());
-  SPLATVOL_TRY(file_.write_at(0, front));
-  return file_.commit();
+  return file_.append(std::as_bytes(std::span(&footer, 1)));
 }
 
 }  // namespace splatvol::format

@@ -19,20 +19,21 @@ namespace splatvol::format {
 /// Counts of values in each of the 64 bins, for each attribute.
 using Histograms = std::vector<std::array<std::uint64_t, 64>>;
 
-/// A file in the making. Rows are appended in row order; nothing stands under the final name before `finish`. Holds
-/// some MiB, however many rows there are. Not thread-safe; packing the chunks beforehand may be spread over threads.
+/// Writes a file row by row, in row order. The file gets its name in `finish`. Holds some MiB, however many rows there
+/// are. Not thread-safe; the chunks may be packed on several threads beforehand.
 class VolumeWriter {
  public:
-  /// Reserves the preamble. Fails where the file cannot be created, or a temporary one in `temporary_folder`, where
-  /// `info` breaks a rule of the specification or does not fit `index`, or where metadata, root index page and
-  /// directory root alone pass 1 MiB (thousands of attributes). Chooses info.rows_per_directory_page.
+  /// Reserves the preamble and chooses info.rows_per_directory_page. Fails if:
+  /// - the file cannot be created, or a temporary file in `temporary_folder`;
+  /// - `info` breaks a rule of the specification or does not fit `index`;
+  /// - metadata, root index page and directory root together pass 1 MiB (thousands of attributes).
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(const std::string& path, VolumeInfo info,
                                                                     PackedIndex index,
                                                                     const std::string& temporary_folder);
 
-  /// The same of a file that holds the bytes of the last rows already, and nothing else; those of the rows before them
-  /// will be `bytes_before`. They are moved to their place without being copied, if there are many and the file system
-  /// can; the file is the same however.
+  /// The same for a file that already holds the bytes of the last rows, and nothing else. The rows before them will
+  /// have `bytes_before` bytes. Moves the bytes of the last rows behind these: without copying them if they are many
+  /// and the file system can do so. The finished file is the same either way.
   [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create(AtomicFile file, std::uint64_t bytes_before,
                                                                     VolumeInfo info, PackedIndex index,
                                                                     const std::string& temporary_folder);
@@ -40,13 +41,13 @@ class VolumeWriter {
   /// Appends the next row: one chunk for each of its columns, in order.
   [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
 
-  /// The same of chunks whose bytes lie side by side.
+  /// The same for chunks whose bytes are one after another in `bytes`.
   [[nodiscard]] Status append_row(std::span<const ChunkEntry> entries, std::span<const std::byte> bytes);
 
-  /// Names the chunks of the next row, whose bytes were in the file before.
+  /// Adds the entries of the next row, whose bytes were in the file from the beginning.
   [[nodiscard]] Status add_written_row(std::span<const ChunkEntry> entries);
 
-  /// Writes what follows the rows, then the preamble, and gives the file its name. Requires all rows.
+  /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows.
   [[nodiscard]] Status finish(const Histograms& histograms);
 
   [[nodiscard]] const RowLayout& rows() const { return rows_; }
@@ -57,31 +58,44 @@ class VolumeWriter {
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
   [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
-  [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t page) const;
+  [[nodiscard]] std::uint64_t directory_refs_bytes() const;
   [[nodiscard]] Status close_directory_page();
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
   [[nodiscard]] std::uint64_t choose_preamble_bytes() const;
 
+  // The sections behind the rows: histograms, index pages, directory pages.
+  struct Tail {
+    Bytes histograms;
+    std::uint64_t histogram_bytes = 0;  // unpacked
+    std::uint64_t index_offset = 0;
+    std::uint64_t directory_offset = 0;
+    std::uint64_t end = 0;
+  };
+  [[nodiscard]] Result<Tail> append_tail(const Histograms& histograms);
+  [[nodiscard]] Bytes pack_directory_root(std::uint64_t tail_offset);
+  void add_sections(const Tail& tail, const Bytes& directory_root, const Bytes& padding);
+  [[nodiscard]] Bytes pack_section_table() const;
+  [[nodiscard]] Status append_footer(std::uint64_t table_hash);
+
   AtomicFile file_;
   VolumeInfo info_;
   RowLayout rows_;
-  std::uint64_t page_count_ = 0;
   std::uint64_t front_bytes_ = 0;  // superblock and section table
   std::uint64_t padding_offset_ = 0;
   std::uint64_t rows_offset_ = 0;
-  std::uint64_t rows_end_ = 0;  // of those that are appended or named
+  std::uint64_t rows_end_ = 0;  // of the rows so far
   std::uint64_t next_row_ = 0;
   std::uint64_t file_bytes_ = 0;
   Bytes metadata_raw_;
   Bytes metadata_;
   PackedIndex index_;
-  Bytes directory_page_;                          // the one being filled
+  Bytes directory_page_;                          // the page being filled
   Bytes directory_head_;                          // page 0, kept for the preamble
   TempFile directory_tail_;                       // the other pages
-  std::vector<DirectoryPageRef> directory_refs_;  // offsets of the tail's pages from its start until `finish`
-  std::vector<std::uint64_t> resolution_ends_;    // where each resolution's rows end
+  std::vector<DirectoryPageRef> directory_refs_;  // until `finish`, offsets count from the start of the tail
+  std::vector<std::uint64_t> resolution_ends_;    // [resolution]: where its rows end
   std::vector<SectionEntry> sections_;
 };
 

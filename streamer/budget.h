@@ -1,4 +1,4 @@
-// Memory as something that is granted: nothing is held without a reservation.
+// A budget of memory. Whoever holds memory has a reservation for it.
 #pragma once
 
 #include <atomic>
@@ -9,7 +9,7 @@ namespace splatvol {
 
 class MemoryBudget;
 
-/// Bytes of a budget, given back on destruction. Must not outlive its budget.
+/// Bytes of a budget. The destructor gives them back. Must not outlive its budget.
 class Reservation {
  public:
   Reservation() = default;
@@ -27,20 +27,20 @@ class Reservation {
   std::uint64_t bytes_ = 0;
 };
 
-/// A number of bytes that is never exceeded. Thread-safe.
+/// A number of bytes that reservations never exceed. Thread-safe.
 class MemoryBudget {
  public:
   explicit MemoryBudget(std::uint64_t capacity) : capacity_(capacity) {}
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  /// Takes bytes; nullopt, and nothing taken, where they would not fit.
+  /// Reserves bytes. Returns nullopt, and reserves nothing, if they do not fit.
   [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
 
   [[nodiscard]] std::uint64_t capacity() const { return capacity_; }
   [[nodiscard]] std::uint64_t used() const { return used_; }
 
-  /// The most that was ever in use at once.
+  /// The most bytes that were ever in use at once.
   [[nodiscard]] std::uint64_t peak() const { return peak_; }
 
  private:

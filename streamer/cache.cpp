@@ -5,8 +5,8 @@
 namespace splatvol {
 
 Cache::Pointer Cache::find(const CacheKey& key) {
-  const auto found = places_.find(key);
-  if (found == places_.end()) return nullptr;
+  const auto found = slots_.find(key);
+  if (found == slots_.end()) return nullptr;
   uses_.splice(uses_.begin(), uses_, found->second.use);
   return data_of(found->second.entry);
 }
@@ -15,7 +15,7 @@ Cache::Pointer Cache::insert(const CacheKey& key, CacheData data, Reservation re
   if (Pointer held = find(key)) return held;
   auto entry = std::make_shared<const Entry>(std::move(data), std::move(reservation));
   uses_.push_front(key);
-  places_.emplace(key, Place{entry, uses_.begin()});
+  slots_.emplace(key, Slot{entry, uses_.begin()});
   return data_of(entry);
 }
 
@@ -35,9 +35,9 @@ void Cache::clear() {
 bool Cache::drop_oldest() {
   for (auto use = uses_.end(); use != uses_.begin();) {
     --use;
-    const auto place = places_.find(*use);
-    if (place->second.entry.use_count() > 1) continue;
-    places_.erase(place);
+    const auto slot = slots_.find(*use);
+    if (slot->second.entry.use_count() > 1) continue;
+    slots_.erase(slot);
     uses_.erase(use);
     return true;
   }

@@ -1,4 +1,4 @@
-// What has been read and decoded, kept as long as the budget allows.
+// Parts of a file that were read and decoded, kept as long as the budget allows.
 #pragma once
 
 #include <compare>
@@ -16,12 +16,13 @@
 
 namespace splatvol {
 
-/// Names a part of the file; `number` counts within its kind: an index page's offset, a directory page, a chunk's row.
+/// Names a part of the file. `number` is the offset of an index page, the number of a directory page, or the row of a
+/// chunk.
 struct CacheKey {
   enum class Kind { index_root, index_page, directory_page, chunk };
   Kind kind;
   std::uint64_t number;
-  int column = -1;  // a chunk's
+  int column = -1;  // of a chunk
 
   [[nodiscard]] auto operator<=>(const CacheKey&) const = default;
 };
@@ -29,27 +30,27 @@ struct CacheKey {
 /// Pages and decoded chunks.
 using CacheData = std::variant<format::IndexPage, format::DirectoryPage, DecodedChunk>;
 
-/// Parts of a file by last use, each with its reservation. Where the budget is spent, those go first that were used
-/// longest ago; what somebody still holds stays. Not thread-safe; what it hands out may be read from any thread.
+/// Parts of a file, each with its reservation. When the budget is spent, drops the parts whose last use is longest ago,
+/// except parts that somebody holds. Not thread-safe; the parts may be read from any thread.
 class Cache {
  public:
   using Pointer = std::shared_ptr<const CacheData>;
 
   explicit Cache(MemoryBudget& budget) : budget_(budget) {}
 
-  /// Empty where the part is not held.
+  /// Returns the part, or null if it is not held.
   [[nodiscard]] Pointer find(const CacheKey& key);
 
-  /// Takes a part in; `reservation` holds its bytes.
+  /// Adds a part, with the reservation for its bytes. Returns it, or the held part if there is one of this key.
   Pointer insert(const CacheKey& key, CacheData data, Reservation reservation);
 
-  /// Reserves bytes, and drops parts for it as needed; nullopt where even that does not suffice.
+  /// Reserves bytes, and drops parts as needed. Returns nullopt if even this does not suffice.
   [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
 
-  /// Reserves bytes that nothing has to be dropped for.
+  /// Reserves bytes without dropping parts. Returns nullopt if they do not fit.
   [[nodiscard]] std::optional<Reservation> reserve_spare(std::uint64_t bytes) { return budget_.reserve(bytes); }
 
-  /// Drops everything that nobody holds.
+  /// Drops all parts that nobody holds.
   void clear();
 
  private:
@@ -57,7 +58,7 @@ class Cache {
     CacheData data;
     Reservation reservation;
   };
-  struct Place {
+  struct Slot {
     std::shared_ptr<const Entry> entry;
     std::list<CacheKey>::iterator use;
   };
@@ -65,8 +66,8 @@ class Cache {
   [[nodiscard]] static Pointer data_of(const std::shared_ptr<const Entry>& entry) { return {entry, &entry->data}; }
 
   MemoryBudget& budget_;
-  std::list<CacheKey> uses_;  // the last used first
-  std::map<CacheKey, Place> places_;
+  std::list<CacheKey> uses_;  // last used first
+  std::map<CacheKey, Slot> slots_;
 };
 
 }  // namespace splatvol

@@ -9,8 +9,8 @@
 namespace splatvol {
 namespace {
 
-constexpr double farthest = 3;      // deviations, beyond which a face changes nothing or leaves nothing
-constexpr double softest = 0.75;    // share of the mass that is left, up to which the face is the splat's boundary
+constexpr double farthest = 3;      // deviations; a face beyond cuts off nothing, or everything
+constexpr double softest = 0.75;    // if a smaller share of the mass is left, the face becomes the splat's boundary
 constexpr double foot_scale = 128;  // of MomentsSplat::boundary
 constexpr double largest_foot = 511 / foot_scale;
 
@@ -18,9 +18,9 @@ constexpr double largest_foot = 511 / foot_scale;
 struct Material {
   dvec3 center;
   dmat3 axes;        // columns
-  dvec3 deviations;  // along them
+  dvec3 deviations;  // along the axes
   double mass;
-  double value, value_deviation, residual;  // residual: deviation that the position does not tell
+  double value, value_deviation, residual;  // residual: deviation from the linear field
   dvec3 covariance;                         // of the value with the position along each axis
 };
 
@@ -57,8 +57,8 @@ void pack(const Material& m, const dvec3& origin, MomentsSplat& splat) {
   }
 }
 
-// A foot of the perpendicular from the centroid on a plane `distance` away along the principal directions `normal`, in
-// deviations; 0 where it does not fit.
+// Returns, packed, the foot of the perpendicular from the centroid on the plane at `distance` along `normal` (in
+// principal directions), in deviations. Returns 0 if the foot is out of range.
 std::uint32_t boundary_at(const Material& m, const dvec3& normal, double distance) {
   const dvec3 across = normal * m.deviations;
   const double square = glm::dot(across, across);
@@ -71,22 +71,22 @@ std::uint32_t boundary_at(const Material& m, const dvec3& normal, double distanc
   return packed;
 }
 
-// Cuts off what lies beyond the plane at `distance` from the centre along the world's `outwards`. A normal distribution
-// that ends there keeps its share, mean and variance in closed form; all else follows by regression. False where
-// nothing is left.
+// Cuts off the material beyond the plane at `distance` from the centre along `outwards`. A truncated normal
+// distribution has its share, mean and variance in closed form; the other numbers follow by regression. Returns false
+// if nothing is left.
 bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& splat) {
   const dvec3 normal = outwards * m.axes;  // along the principal axes
   const dvec3 with = m.deviations * m.deviations * normal;
   const double variance = glm::dot(with, normal), deviation = std::sqrt(variance);
   if (!(deviation > 0)) return distance >= 0;
-  const double place = distance / deviation;
-  if (place >= farthest) return true;
-  if (place <= -farthest) return false;
+  const double cut_at = distance / deviation;
+  if (cut_at >= farthest) return true;
+  if (cut_at <= -farthest) return false;
 
-  const double share = 0.5 * std::erfc(-place / std::numbers::sqrt2);
-  const double density = std::exp(-0.5 * place * place) / std::sqrt(2 * std::numbers::pi);
-  const double mean = -density / share;                                             // in deviations
-  const double lost = std::clamp(place * density / share + mean * mean, 0.0, 1.0);  // of the variance
+  const double share = 0.5 * std::erfc(-cut_at / std::numbers::sqrt2);
+  const double density = std::exp(-0.5 * cut_at * cut_at) / std::sqrt(2 * std::numbers::pi);
+  const double mean = -density / share;                                              // in deviations
+  const double lost = std::clamp(cut_at * density / share + mean * mean, 0.0, 1.0);  // of the variance
   const double with_value = glm::dot(m.covariance, normal);
   m.mass *= share;
   m.center += mean / deviation * (m.axes * with);
@@ -107,7 +107,7 @@ void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box) {
   for (MomentsSplat& splat : splats) {
     if (!(splat.mass > 0)) continue;
     Material m = unpack(splat, origin);
-    // As far as any direction can matter; most splats are well inside.
+    // Most splats are so far inside that no face matters.
     const double reach = farthest * std::max({m.deviations.x, m.deviations.y, m.deviations.z});
     const dvec3 below = m.center - box.low, above = box.high - m.center;
     if (std::min({below.x, below.y, below.z, above.x, above.y, above.z}) > reach) continue;
@@ -127,8 +127,8 @@ void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box) {
 
 void clip(std::span<OctantSplat> splats, const dvec3& origin, const Box& box) {
   for (OctantSplat& splat : splats) {
-    const dvec3 place = origin + dvec3(splat.position);
-    if (!(glm::all(glm::greaterThanEqual(place, box.low)) && glm::all(glm::lessThanEqual(place, box.high))))
+    const dvec3 position = origin + dvec3(splat.position);
+    if (!(glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high))))
       splat.value = std::numeric_limits<float>::quiet_NaN();
   }
 }

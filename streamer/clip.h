@@ -1,4 +1,4 @@
-// Splats cut off at a box's faces.
+// Clips splats at the faces of a box.
 #pragma once
 
 #include <span>
@@ -8,12 +8,13 @@
 
 namespace splatvol {
 
-/// Leaves of each splat what of its material lies within the box, taken as normally distributed: mass, centroid and
-/// value exactly, deviations along the axes that it has; the face becomes its boundary where it has none and a good
-/// part is cut off. What is outside gets mass 0. `origin`: that of the splats' positions.
+/// Clips splats of the kernel moments, taking their material as normally distributed. Mass, centroid and value become
+/// exactly those of the material inside the box; the deviations change along the splat's axes, which stay. A splat that
+/// has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `origin`: of the
+/// splats' positions.
 void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box);
 
-/// Splats of the kernel octant are there as a whole where their point is within the box; others lose their value.
+/// Clips splats of the kernel octant: a splat stays whole if its point is in the box, else its value becomes missing.
 void clip(std::span<OctantSplat> splats, const dvec3& origin, const Box& box);
 
 }  // namespace splatvol

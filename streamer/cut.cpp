@@ -12,23 +12,23 @@
 namespace splatvol {
 namespace {
 
-// What a cell's part of a cut came to, from worst to best.
+// The outcome of choosing the part of the cut below a node, from worst to best.
 enum class Outcome {
-  invalid,  // a fixed resolution is not valid in it
-  absent,   // not there, at no resolution
-  other,    // there, but not as it is wanted
+  invalid,  // a fixed resolution is not valid there
+  absent,   // not resident at any resolution
+  other,    // resident, but not as it is wanted
   wanted,
 };
 
-// What may be drawn of a node whose children's page is not there.
+// The most splats of a node that is drawn because the page of its children is not there.
 constexpr std::uint64_t most_unasked_splats = 1 << 16;
 
-// How much finer than wanted a node may be drawn: when the eye moves away, the finer splats are there.
+// How many resolutions finer than wanted a node may be drawn: finer splats are resident after the eye has moved away.
 constexpr std::size_t finer_resolutions = 2;
 
 class CutSelector {
  public:
-  // Without `residency`, everything counts as there.
+  // Null `residency`: everything counts as resident.
   CutSelector(const format::VolumeInfo& info, IndexPages& index, Residency* residency, const View& view,
               const ValueVisibility& visibility, const CutOptions& options, std::size_t size_bound)
       : tree_(info, index, view, visibility, options.kernel, size_bound),
@@ -48,7 +48,7 @@ class CutSelector {
   }
 
  private:
-  // Where a cut stood before children were tried.
+  // The size of a cut before children were tried, to return to.
   struct Mark {
     std::size_t items, ranges;
     std::uint64_t splats;
@@ -69,7 +69,7 @@ class CutSelector {
     return visit(root);
   }
 
-  // Appends the best cut of the node's cell.
+  // Appends the best cut of the node.
   Result<Outcome> visit(const Node& node) {
     const std::optional<std::size_t> resolution = choose_resolution(node);
     if (options_.resolution && !resolution) return Outcome::invalid;
@@ -79,7 +79,8 @@ class CutSelector {
     if (resolution) splats = tree_.is_within_reach(node, *resolution) ? node.splat_count(*resolution) : 0;
     if (resolution && splats <= options_.compare_above) return draw(node, *resolution);
 
-    // Whichever is fewer; at equal numbers smaller nodes are better sorted.
+    // Draws the node or its children, whichever are fewer splats. At equal numbers, children: smaller nodes are sorted
+    // better.
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
     SPLATVOL_TRY_ASSIGN(children, visit_children(node));
     if (!children) return draw_unasked(node);
@@ -90,11 +91,11 @@ class CutSelector {
     return draw(node, *resolution);
   }
 
-  // The worst outcome of a child; none where their page is not there.
+  // Returns the worst outcome of the children, or nothing if their page is not there.
   Result<std::optional<Outcome>> visit_children(const Node& node) {
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
     if (!children) return std::nullopt;
-    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cube);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0 && worst != Outcome::invalid;) {
       const std::optional<Node>& child = (*children)[i ^ nearest];
@@ -105,8 +106,8 @@ class CutSelector {
     return worst;
   }
 
-  // Of a node that is to be opened, but whose children's page is not there. What it will take shows with the page;
-  // until then it is to look cheap, and nothing is to be read for it.
+  // Draws a node that should be opened, but whose children's page is not there. Only the page tells how many splats the
+  // children need: until then the node counts at its first resolution, and its splats are not read.
   Result<Outcome> draw_unasked(const Node& node) {
     wanted_.complete = drawn_.complete = false;
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
@@ -115,7 +116,7 @@ class CutSelector {
     return residency_ ? settle(node, Outcome::absent, most_unasked_splats, drawn_before) : Outcome::absent;
   }
 
-  // The cut for a goal is chosen first, as a whole.
+  // For a goal, Refinement first chooses the whole cut.
   Result<Outcome> visit_refined() {
     Refinement refinement(tree_);
     SPLATVOL_TRY(refinement.choose(*options_.goal, options_.max_choice_bytes));
@@ -131,7 +132,7 @@ class CutSelector {
     const Mark before = mark(wanted_), drawn_before = mark(drawn_);
     SPLATVOL_TRY_ASSIGN(children, tree_.children_of(node));
     if (!children) return draw_unasked(node);
-    const unsigned nearest = nearest_octant(tree_.view(), node.cell);
+    const unsigned nearest = nearest_octant(tree_.view(), node.cube);
     Outcome worst = Outcome::wanted;
     for (unsigned i = 8; i-- > 0;) {
       const std::uint32_t child = item.children[i ^ nearest];
@@ -152,7 +153,7 @@ class CutSelector {
     return std::nullopt;
   }
 
-  // Draws the node at the resolution that is wanted, or as near to it as is there: a little finer rather than coarser.
+  // Draws the node at the wanted resolution, or at the nearest resident one: a little finer rather than coarser.
   Result<Outcome> draw(const Node& node, std::size_t resolution) {
     SPLATVOL_TRY(want(node, resolution));
     if (!residency_) return Outcome::wanted;
@@ -169,8 +170,8 @@ class CutSelector {
     return Outcome::absent;
   }
 
-  // What is drawn of a node that was to be opened: its children, or itself where that shows more or where one of them
-  // is not there. `most`: splats that it may draw for this, unless it draws at its first resolution.
+  // Decides what to draw for a node that was opened: its children, or the node itself if it shows more or if a child is
+  // not resident. `most`: the most splats of the node, unless it is drawn at its first resolution.
   Result<Outcome> settle(const Node& node, Outcome children, std::uint64_t most, const Mark& before) {
     if (children == Outcome::wanted) return children;
     std::optional<std::size_t> best;
@@ -196,17 +197,14 @@ class CutSelector {
     return std::span(node_ranges_).first(resolution + 1);
   }
 
-  // Of what is drawn at once, the memory is looked at; what it stands in for has been looked at before.
-  Status want(const Node& node, std::size_t resolution) {
-    SPLATVOL_TRY(append(node, resolution, wanted_));
-    return {};
-  }
+  Status want(const Node& node, std::size_t resolution) { return append(node, resolution, wanted_); }
 
+  // With residency, checks memory for the substitute only. The cut that it replaces was checked when it was chosen.
   Status append(const Node& node, std::size_t resolution, Cut& cut) {
     if (!tree_.is_within_reach(node, resolution)) return {};
     const std::uint64_t splats = node.splat_count(resolution);
     const ErrorModel::OfNode model = model_.of(node);
-    cut.items.push_back({node.cell, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
+    cut.items.push_back({node.cube, cut.ranges.size(), static_cast<std::uint32_t>(resolution),
                          options_.goal ? saved_by_a_splat(node, model, splats) : covered_visibly(node, resolution)});
     std::ranges::copy(ranges_of(node, resolution), std::back_inserter(cut.ranges));
     cut.splats += splats;
@@ -219,7 +217,8 @@ class CutSelector {
     return {};
   }
 
-  // Without the node's splats there would be coarser ones, with a greater error.
+  // Returns about the squared error that each splat saves: without it there would be coarser splats, and about the
+  // error of the node's first resolution.
   static float saved_by_a_splat(const Node& node, const ErrorModel::OfNode& model, std::uint64_t splats) {
     const std::size_t first = node.first_resolution();
     const double error = model.at(first, node.splat_count(first)).error;

@@ -21,50 +21,50 @@ namespace splatvol {
 class FilledNodes;
 struct KeptOcclusion;
 
-/// A cut by its expected error, instead of a tolerance.
+/// Chooses a cut by its expected error, instead of a tolerance.
 struct ErrorGoal {
-  /// Of the picture's RGB against the exact one (root mean square). No finer than this takes; 0: as fine as the splats
-  /// allow.
+  /// Expected error of the picture's RGB against the exact one (root mean square). The cut is no finer than this error
+  /// needs. 0: as fine as max_splats allows.
   double max_error = 0;
 
-  /// No more splats than these, unless even the coarsest cut has more.
+  /// The most splats, unless even the coarsest cut has more.
   std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();
 
   [[nodiscard]] bool operator==(const ErrorGoal&) const = default;
 };
 
 struct CutOptions {
-  /// The largest share of the image's shorter side that one splat's size may cover, in percent. 0: all points;
-  /// infinity: the coarsest.
+  /// The largest share of the image's shorter side that one splat's size may cover, in per cent. 0: all points.
+  /// Infinity: the coarsest cut.
   double tolerance_percent = 1;
 
   KernelKind kernel = KernelKind::moments;
 
-  /// Draw everything at this resolution, whatever the tolerance.
+  /// Draws everything at this resolution, whatever the tolerance.
   std::optional<std::size_t> resolution;
 
-  /// Instead of both: where the expected error for each splat is largest, first.
+  /// Used instead of tolerance and resolution.
   std::optional<ErrorGoal> goal;
 
-  /// What may hide something: with it, nodes behind an opaque front are left out. Null: nothing is hidden.
+  /// Nodes that may hide others: leaves out nodes behind an opaque front. Null: nothing is hidden.
   const FilledNodes* filled = nullptr;
 
-  /// Where what hides is kept for the next choice, which need not find it again for the same view, values and pages.
-  /// One is for one `filled` and kernel. Null: it is found each time.
+  /// Keeps the occlusion for the next choice, which reuses it for the same view, values and pages. Requires always the
+  /// same `filled` and kernel. Null: finds the occlusion each time.
   std::optional<KeptOcclusion>* kept_occlusion = nullptr;
 
-  /// A node that would draw more splats than this is compared with its children, of which only some may need the detail
-  /// or be in sight. At 0 the cut has the fewest splats of all valid cuts within the tolerance.
+  /// If a node would draw more splats than this, compares it with its children: perhaps only some of them need the
+  /// detail or are in view. At 0 the cut has the fewest splats of all valid cuts within the tolerance.
   std::uint64_t compare_above = 512;
 
-  /// Give up where choosing for a goal would take more memory than this.
+  /// Fails if choosing for a goal needs more memory than this.
   std::uint64_t max_choice_bytes = std::numeric_limits<std::uint64_t>::max();
 
-  /// Give up where the splats and their cut would take more memory than this.
+  /// Fails if the splats and their cut need more memory than this.
   std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();
 };
 
-/// Positions [begin, begin + count) of the point array.
+/// The points with numbers [begin, begin + count).
 struct PointRange {
   std::uint64_t begin = 0;
   std::uint64_t count = 0;
@@ -72,14 +72,14 @@ struct PointRange {
   [[nodiscard]] bool operator==(const PointRange&) const = default;
 };
 
-/// A node to be drawn.
+/// A node to be drawn, at a resolution.
 struct CutItem {
-  Cube cell;
+  Cube cube;
   std::uint64_t first_range;  // index into Cut::ranges: one for each segment 0 to resolution
   std::uint32_t resolution;
-  float error;  // what goes first where it is largest: percent of the image that a splat covers, times the share of its
-                // values that is visible; for an ErrorGoal, the squared error that a splat saves. 0: not worth reading,
-                // what is wanted shows with an index page that is missing
+  float error;  // items with a larger error are read first. Per cent of the image that a splat covers, times the share
+                // of its values that is visible; for an ErrorGoal, the squared error that a splat saves. 0: not to be
+                // read, because an index page is missing, and only the page tells what to read instead
 };
 
 /// Nodes and resolutions chosen for a view, back to front: no item hides one that comes after it.
@@ -88,7 +88,7 @@ struct Cut {
   std::vector<PointRange> ranges;
   std::uint64_t splats = 0;
   double squared_error = 0;  // expected, mean of the picture's RGB
-  bool complete = true;      // no index page was missing
+  bool complete = true;      // every index page that was asked for was there
 
   [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
     return std::span(ranges).subspan(item.first_range, item.resolution + 1);
@@ -98,52 +98,55 @@ struct Cut {
     return items.size() * sizeof(CutItem) + ranges.size() * sizeof(PointRange);
   }
 
-  /// Whether both draw the same points in the same order.
+  /// Whether both draw the same points, at the same resolutions, in the same order.
   [[nodiscard]] bool operator==(const Cut& other) const;
 };
 
-/// Where the cut gets index pages from.
+/// Supplies index pages.
 class IndexPages {
  public:
   virtual ~IndexPages() = default;
 
-  /// The page of the root node.
+  /// Returns the page of the root node.
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> root() = 0;
 
-  /// The page that holds the children of `node`; null where it is not there yet, and the cut is not to wait. Requires
-  /// page.links[node] != IndexPage::no_node.
+  /// Returns the page that holds the children of `node`. Returns null if the page is not there yet and nobody should
+  /// wait for it. Requires page.links[node] != IndexPage::no_node.
   [[nodiscard]] virtual Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                                 std::uint32_t node) = 0;
 };
 
-/// What can be drawn at once.
+/// Tells which splats are resident: decoded in memory, so that they can be drawn at once.
 class Residency {
  public:
   virtual ~Residency() = default;
 
-  /// Whether all visible splats of a node are there at resolution ranges.size() - 1.
+  /// Whether all visible splats of a node are resident, at resolution ranges.size() - 1.
   [[nodiscard]] virtual bool holds(std::span<const PointRange> ranges) = 0;
 };
 
 /// Chooses the cut from the index alone.
 ///
-/// From the root down: nodes outside of the view or without anything visible in them are left out; a node is drawn at
-/// the first resolution from its first_resolution on whose splats are within the tolerance, else its children are
-/// asked; a leaf that never satisfies is drawn at the finest. Never more splats than that rule of the paper's gives. A
-/// node whose splats may reach the eye's plane satisfies no tolerance but infinity. A node whose children are asked,
-/// but in a page that is not there, counts at its first resolution. Fails with out_of_budget past max_bytes, with
-/// invalid_data where the tree is deeper than the format allows, and with unsupported where the file has no sizes for
-/// the kernel.
+/// Goes from the root down, by the rule of the paper:
+/// - leaves out a node that is out of view or has nothing visible in it;
+/// - draws a node at its coarsest resolution whose splats are within the tolerance, from first_resolution on;
+/// - if there is none, goes on with the node's children; draws a leaf at the finest resolution.
+/// The result never has more splats than this rule gives (see compare_above). A node whose splats may reach the eye's
+/// plane is only within the tolerance infinity. If the page of a node's children is not there, the node counts at its
+/// first resolution. Fails with out_of_budget past max_bytes, with invalid_data if the tree is deeper than the format
+/// allows, and with unsupported if the file has no sizes for the kernel.
 ///
-/// For an ErrorGoal: of all valid cuts about the one with the least expected error for its splats, by the model of
-/// streamer/error_model.h: nodes without anything to gain stay coarse, whatever their size. The goal's splats are met
-/// within some per cent from below, unless there is nothing left to gain or a step takes more; so is its error.
+/// With an ErrorGoal: chooses, of all valid cuts, about the one with the least expected error for its number of splats,
+/// by the model of streamer/error_model.h. Nodes that have nothing to gain stay coarse, whatever their size. The number
+/// of splats comes within some per cent of the goal's, from below, unless there is nothing left to gain, or the next
+/// finer choice adds more. The same holds for the error.
 [[nodiscard]] Result<Cut> select_cut(const format::VolumeInfo& info, IndexPages& index, const View& view,
                                      const ValueVisibility& visibility, const CutOptions& options);
 
-/// The best that can be drawn at once in place of what select_cut chooses; the same where all of that is there. A node
-/// that is not there is drawn a little finer, or else coarser, or by its parent; so this is a valid cut, too. Requires
-/// that the root's first resolution is there. Fails as select_cut, but for max_bytes counts what is drawn.
+/// Chooses the best resident substitute for the cut of select_cut, or this cut itself if all of it is resident. A node
+/// that is not resident is drawn a little finer, or else coarser, or its parent is drawn; so the result is a valid cut
+/// too. Requires that the root's first resolution is resident. Fails as select_cut, but compares the substitute with
+/// max_bytes.
 [[nodiscard]] Result<Cut> select_resident_cut(const format::VolumeInfo& info, IndexPages& index, Residency& residency,
                                               const View& view, const ValueVisibility& visibility,
                                               const CutOptions& options);

@@ -11,7 +11,7 @@ using format::ColumnKind;
 
 namespace {
 
-// To the nearest, as lround does, which costs a call.
+// Rounds to the nearest like lround, which is slower.
 std::int8_t signed_byte(double number) { return static_cast<std::int8_t>(127 * number + std::copysign(0.5, number)); }
 
 std::uint32_t pack_direction(const vec3& direction) {
@@ -29,7 +29,7 @@ std::uint32_t pack_boundary(const dvec3& foot) {
   return packed;
 }
 
-// Unpacks all points with `unpack`, then makes an element of the result of each.
+// Unpacks all points with `unpack`, then makes an element from each.
 template <class Unpacked, class Unpack, class Make>
 Result<DecodedChunk> decode_each(std::uint32_t points, Unpack unpack, Make make) {
   std::vector<Unpacked> unpacked(points);
@@ -56,7 +56,7 @@ std::uint64_t decoded_bytes(ColumnKind kind, std::uint64_t points) {
 }
 
 std::uint64_t decoding_bytes(ColumnKind kind, std::uint64_t points, std::uint64_t unpacked_bytes) {
-  // What unpacking takes for itself is at most an integer of 8 bytes for each point.
+  // Unpacking needs at most an integer of 8 bytes for each point besides.
   const std::uint64_t unpacked = kind == ColumnKind::moments         ? sizeof(format::SplatShape)
                                  : kind == ColumnKind::value_moments ? sizeof(format::SplatValue)
                                  : kind == ColumnKind::gradient      ? sizeof(vec3)
@@ -120,8 +120,8 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
 }
 
 MaterialShape compact(const format::SplatShape& shape) {
-  // Principal axes have no sign: a turn by 180 degrees about one of them reverses the other two and describes the same
-  // ellipsoid. Of q, qi, qj, qk one has the largest of q's components for w, up to sign.
+  // Principal axes have no sign: a turn by 180 degrees about one of them reverses the other two and gives the same
+  // ellipsoid. One of q, qi, qj, qk has the largest of q's components as its w, up to sign.
   glm::dquat q = shape.orientation;
   const dvec3 v(q.x, q.y, q.z);
   std::uint32_t turned = 3;

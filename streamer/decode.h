@@ -1,4 +1,4 @@
-// Chunks as splats are made of them: what stays in memory while a file is looked at.
+// Decodes chunks to the form from which splats are made.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 
 namespace splatvol {
 
-/// A cluster's material in space: column `moments`.
+/// The shape of a cluster's material: column `moments`.
 struct MaterialShape {
   float mass;                // times density
   vec3 deviations;           // descending
@@ -25,7 +25,7 @@ struct MaterialShape {
 };
 static_assert(sizeof(MaterialShape) == 36);
 
-/// The values in it: column `value_moments`.
+/// The values of a cluster's material: column `value_moments`.
 struct MaterialValue {
   float mean;
   float deviation;
@@ -34,28 +34,30 @@ struct MaterialValue {
 };
 static_assert(sizeof(MaterialValue) == 16);
 
-/// An element for each point, by kind of column: positions and centroids, values or sizes of splats (`octant`),
-/// gradients as in OctantSplat, `moments`, `value_moments`.
+/// One element for each point. The type depends on the column: positions and centroids; values, or sizes of splats
+/// (column `octant`); gradients as in OctantSplat; `moments`; `value_moments`.
 using DecodedChunk = std::variant<std::vector<dvec3>, std::vector<float>, std::vector<std::uint32_t>,
                                   std::vector<MaterialShape>, std::vector<MaterialValue>>;
 
-/// Bytes of a decoded chunk, and what decoding takes besides them and the packed bytes, for budgets.
+/// Return the bytes of a decoded chunk, and the bytes that decoding needs besides these and the packed bytes. For
+/// budgets.
 [[nodiscard]] std::uint64_t decoded_bytes(format::ColumnKind kind, std::uint64_t points);
 [[nodiscard]] std::uint64_t decoding_bytes(format::ColumnKind kind, std::uint64_t points, std::uint64_t unpacked_bytes);
 
-/// Bytes before packing, at most.
+/// Returns the most bytes that the payload of a chunk can have.
 [[nodiscard]] std::uint64_t largest_payload(format::ColumnKind kind, std::uint64_t points);
 
-/// Checks and decodes a chunk of one of the kinds above. `edge` is the cube's; `what` begins the message of an error.
-/// Safe on untrusted bytes. Thread-safe.
+/// Checks and decodes a chunk. Fails with unsupported for an unknown kind. `edge` is that of the file's cube; `what`
+/// begins the message of an error. Safe on untrusted bytes. Thread-safe.
 [[nodiscard]] Result<DecodedChunk> decode_chunk(format::ColumnKind kind, const format::ChunkEntry& entry,
                                                 std::span<const std::byte> packed, std::uint32_t points, double edge,
                                                 std::string_view what);
 
-/// Single precision, three of the quaternion's numbers; a w under 1/2 is turned away.
+/// Converts to single precision. Keeps x, y and z of the quaternion, after turning it by 180 degrees about a principal
+/// axis if w is under 1/2.
 [[nodiscard]] MaterialShape compact(const format::SplatShape& shape);
 
-/// Single precision and bytes; all 0 where no part of the material has a value.
+/// Converts to single precision and bytes; all 0 if no part of the material has a value.
 [[nodiscard]] MaterialValue compact(const format::SplatValue& value);
 
 }  // namespace splatvol

@@ -10,9 +10,9 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t enough_points = 20000;  // to know where the data lies
-constexpr double share_left_out = 0.01;         // of the values, at either end: outliers must not flatten the rest
-constexpr double share_of_densest = 0.05;       // what counts as visible
+constexpr std::uint64_t enough_points = 20000;  // to know where the data is
+constexpr double share_left_out = 0.01;    // of the values, at either end, so that outliers do not flatten the rest
+constexpr double share_of_densest = 0.05;  // of the largest extinction; above it a point counts as visible
 constexpr std::size_t fewest_visible = 50;
 constexpr double margin = 0.92;  // share of the image that the data may fill
 const dvec3 from_data_to_eye = glm::normalize(dvec3(0.5, 0.4, 0.8));
@@ -24,7 +24,7 @@ const std::vector<TransferFunction::Color> cool_to_warm = {{0.00, {0.0437, 0.072
                                                            {0.75, {0.9047, 0.3231, 0.1981}},
                                                            {1.00, {0.4564, 0.0012, 0.0194}}};
 
-// Optical depth of a ray through all of the data, along the value that is farthest from the most frequent one.
+// Optical depth of a ray through all of the data, at the value that is farthest from the most frequent one.
 constexpr double largest_optical_depth = 6;
 
 struct Samples {
@@ -39,16 +39,16 @@ Status append_group(const format::Volume& volume, std::uint64_t group_index, int
   const auto read = [&](format::ColumnKind kind, int of_attribute, auto unpack, auto& all) -> Status {
     const int column = volume.info().find_column(kind, of_attribute);
     if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
-    const format::ChunkPlace& place = volume.find_chunk(page, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     all.resize(all.size() + group.count);
-    return unpack(place.entry, packed, std::span(all).last(group.count), volume.name());
+    return unpack(location.entry, packed, std::span(all).last(group.count), volume.name());
   };
   SPLATVOL_TRY(read(format::ColumnKind::position, -1, &format::unpack_positions, samples.positions));
   return read(format::ColumnKind::value, attribute, &format::unpack_values, samples.stored);
 }
 
-// The points of the finest resolution that is quickly read.
+// Reads the points of the finest resolution with few enough points.
 Result<Samples> read_samples(const format::Volume& volume, int attribute) {
   const auto& counts = volume.info().resolution_counts;
   const auto finer = std::ranges::upper_bound(counts, enough_points);
@@ -59,7 +59,7 @@ Result<Samples> read_samples(const format::Volume& volume, int attribute) {
   return samples;
 }
 
-// Far surroundings may be clear: the camera is for the points that are not, or for all where hardly any is seen.
+// Returns the points that the camera should show: those that are not clear, or all if hardly any point is visible.
 std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& function, double offset) {
   double densest = 0;
   for (const auto& density : function.densities) densest = std::max(densest, density.extinction);
@@ -76,7 +76,7 @@ Box bounds(const std::vector<dvec3>& points) {
   return box;
 }
 
-// Each point asks for a distance at which it is inside of the image; the farthest fits all.
+// Each point needs a distance of the camera at which it is in the image. The largest distance suits all points.
 Camera fit_camera(const std::vector<dvec3>& points, const Box& box, double edge) {
   Camera camera;
   camera.focal_point = 0.5 * (box.low + box.high);
@@ -94,7 +94,7 @@ Camera fit_camera(const std::vector<dvec3>& points, const Box& box, double edge)
   return camera;
 }
 
-// How far a ray through the middle of the box goes inside it; thin data counts as a sixteenth of its length.
+// Returns how long a ray through the middle of the box is inside it; at least a sixteenth of the longest side.
 double typical_chord(const Box& box, double edge) {
   const dvec3 extent = box.high - box.low;
   const double longest = std::max({extent.x, extent.y, extent.z});
@@ -104,7 +104,7 @@ double typical_chord(const Box& box, double edge) {
   return std::max(chord, longest / 16);
 }
 
-// The value under which `share` of the counted values lie, as far as bins tell.
+// Returns the value below which `share` of the counted values are, by interpolation in the bins.
 double percentile(const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram, double share) {
   const double wanted =
       share * static_cast<double>(std::accumulate(histogram.begin(), histogram.end(), std::uint64_t{0}));
@@ -123,25 +123,25 @@ std::pair<double, double> choose_domain(const format::Attribute& attribute, cons
     low = percentile(attribute, histograms[index], share_left_out);
     high = percentile(attribute, histograms[index], 1 - share_left_out);
   }
-  // A constant lies in the middle of a narrow domain.
+  // A constant value gets a narrow domain round it.
   const double narrowest = std::max(1e-6 * std::max(std::abs(low), std::abs(high)), 1e-30);
   if (!(high - low > narrowest)) return {low - narrowest, high + narrowest};
   return {low, high};
 }
 
-// Densities for a ray of length 1. The bin of the most frequent values holds what surrounds everything of interest:
-// clear there, and denser with the distance from it.
+// Chooses densities for a ray of length 1. The most frequent values are usually those of the surroundings: their bin is
+// clear, and other values are denser the farther they are from it.
 std::vector<TransferFunction::Density> choose_densities(const format::Attribute& attribute,
                                                         const format::Histograms& histograms, std::size_t index,
                                                         const TransferFunction& function) {
   if (!(attribute.max > attribute.min)) return {{0, largest_optical_depth}};
   if (histograms.empty()) return {{0, 0}, {1, largest_optical_depth}};
   const auto bin = static_cast<double>(std::ranges::max_element(histograms[index]) - histograms[index].begin());
-  const auto place = [&](double b) {
+  const auto parameter = [&](double b) {
     const double value = attribute.min + (attribute.max - attribute.min) * b / 64;
     return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
   };
-  const double below = place(bin), above = place(bin + 1);
+  const double below = parameter(bin), above = parameter(bin + 1);
   const double farthest = std::max(below, 1 - above);
   if (!(farthest > 0)) return {{0, largest_optical_depth}};
   const double slope = largest_optical_depth / farthest;

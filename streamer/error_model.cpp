@@ -7,39 +7,39 @@
 namespace splatvol {
 namespace {
 
-// Against the true error on the scenes of docs/accuracy.md.
+// Fitted to the true error on the scenes of docs/accuracy.md.
 constexpr double calibration = 1.0 / 110;
 
 constexpr double shape_share = 1.0 / 300;
 constexpr double seam_share = 1.0 / 200;
 constexpr double smallest_pixels = 0.5;  // splats of this width show half of their error
 
-// Of a cell that is partly out of sight, at least this share counts: its splats reach out of it.
+// At least this share of a node counts, even if less is in view: its splats reach out of its cube.
 constexpr double smallest_share_in_view = 0.01;
 
 struct Footprint {
-  double area;   // pixels that a section of the cell covers
+  double area;   // pixels that a section of the cube covers
   double scale;  // pixels per world unit
 };
 
-Footprint footprint_of(const View& view, const Cube& cell, std::span<const dvec3> samples) {
+Footprint footprint_of(const View& view, const Cube& cube, std::span<const dvec3> samples) {
   const auto scale_at = [&](double depth) {
-    return view.orthographic ? view.focal : view.focal / std::max(depth, 0.1 * cell.edge);
+    return view.orthographic ? view.focal : view.focal / std::max(depth, 0.1 * cube.edge);
   };
   const auto inside = [&](const dvec3& p, double scale, double margin) {
     return p.z > 0 && std::abs(p.x) * scale + margin < 0.5 * view.width &&
            std::abs(p.y) * scale + margin < 0.5 * view.height;
   };
   const double largest_area = 1.0 * view.width * view.height;
-  const dvec3 centre = view.to_view(cell.origin + 0.5 * cell.edge);
+  const dvec3 centre = view.to_view(cube.origin + 0.5 * cube.edge);
   double scale = scale_at(centre.z);
-  if ((view.orthographic || centre.z > 4 * cell.edge) && inside(centre, scale, 1.3 * cell.edge * scale))
-    return {std::min(cell.edge * cell.edge * scale * scale, largest_area), scale};
+  if ((view.orthographic || centre.z > 4 * cube.edge) && inside(centre, scale, 1.3 * cube.edge * scale))
+    return {std::min(cube.edge * cube.edge * scale * scale, largest_area), scale};
 
-  // Near, or at the picture's border.
+  // Near the eye, or at the border of the picture.
   double squares = 0, squares_in_view = 0;
   for (const dvec3& sample : samples) {
-    const dvec3 p = centre + cell.edge * sample;
+    const dvec3 p = centre + cube.edge * sample;
     scale = scale_at(p.z);
     squares += scale * scale;
     if (inside(p, scale, 0)) squares_in_view += scale * scale;
@@ -47,7 +47,7 @@ Footprint footprint_of(const View& view, const Cube& cell, std::span<const dvec3
   const auto count = static_cast<double>(samples.size());
   squares /= count;
   squares_in_view = std::max(squares_in_view / count, smallest_share_in_view * squares);
-  return {std::min(cell.edge * cell.edge * squares_in_view, largest_area), std::sqrt(squares)};
+  return {std::min(cube.edge * cube.edge * squares_in_view, largest_area), std::sqrt(squares)};
 }
 
 }  // namespace
@@ -65,14 +65,14 @@ ErrorModel::ErrorModel(const NodeTree& tree)
 
 ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
     : model_(model), node_(node), values_(model.tree_.visibility().contrast().of(node.summary())) {
-  const Footprint footprint = footprint_of(model.tree_.view(), node.cell, model.samples_);
+  const Footprint footprint = footprint_of(model.tree_.view(), node.cube, model.samples_);
   area_ = footprint.area;
-  pixels_per_edge_ = footprint.scale * node.cell.edge;
+  pixels_per_edge_ = footprint.scale * node.cube.edge;
 }
 
 ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t splats) const {
-  const double edge = node_.cell.edge;
-  const double bound = std::min(model_.tree_.splat_bound_in_cell(node_, resolution), 2.0);
+  const double edge = node_.cube.edge;
+  const double bound = std::min(model_.tree_.splat_bound_in_cube(node_, resolution), 2.0);
   const double count = std::max(static_cast<double>(splats), 1.0);
   const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L
   const double pixels = share * pixels_per_edge_, pixels_squared = pixels * pixels;

@@ -1,4 +1,4 @@
-// How far a picture is expected to be from the exact one. Internal to the streamer.
+// The expected error of a picture against the exact one. Internal to the streamer.
 #pragma once
 
 #include <array>
@@ -10,27 +10,28 @@
 
 namespace splatvol {
 
-/// The expected error of the nodes of a view, from the index alone.
+/// The expected error of the nodes of a view, from the index alone. docs/accuracy.md says how accurate it is.
 ///
-/// A node of edge L has n splats at a resolution; their width h is the geometric mean of what n equal ones would have
-/// (weight 2/3) and the bound on their sizes (1/3). The values in a splat are taken to spread over the share h / L of
-/// the node's range, wherever in its occupied bins. What that does to colour times extinction is wrong by chance along
-/// a ray of L / h splats, over all pixels that the node covers:
-///   E = area (L / h) h^2 (contrast + squares / 300) / (1 + extinction h),
-/// less where splats are smaller than pixels. The second term is for the splats' shape: they do not add up to the
-/// material exactly. docs/accuracy.md has how far this is right.
+/// A node of edge L has n splats at a resolution. Their width h is the geometric mean of the width of n equal splats
+/// (weight 2/3) and of the bound on their sizes (weight 1/3). The model assumes that the values in a splat spread over
+/// the share h / L of the node's range, anywhere in its occupied bins. The contrast is the variance of colour times
+/// extinction among such values. The errors of the L / h splats along a ray are independent, and add up over all pixels
+/// of the node:
+///   E = area (L / h) h^2 (contrast + squares / 300) / (1 + extinction h).
+/// Splats smaller than pixels have a smaller error. The term `squares` is for the splats' shape: they do not add up to
+/// the material exactly.
 class ErrorModel {
  public:
   struct Terms {
-    double error = 0;  // the node's part in the expected mean squared error of the picture's RGB
-    double seam = 0;   // what it adds where the node meets one that is one step finer: small splats beside large ones
-                       // do not add up as among their like
+    double error = 0;  // the node's share of the expected mean squared error of the picture's RGB
+    double seam = 0;   // added where the node meets a node that is one resolution finer: large and small splats side by
+                       // side add up less exactly than equal ones
   };
 
-  /// A node as the model sees it. Keeps references to it and to the model.
+  /// The errors of a node. Keeps references to the node and to the model.
   class OfNode {
    public:
-    /// Requires a resolution from the node's first on, and the number of its splats.
+    /// Returns the errors at a resolution, from the node's first on, with its number of splats there.
     [[nodiscard]] Terms at(std::size_t resolution, std::uint64_t splats) const;
 
    private:
@@ -38,8 +39,8 @@ class ErrorModel {
     OfNode(const ErrorModel& model, const Node& node);
     const ErrorModel& model_;
     const Node& node_;
-    double area_;             // pixels that a section of the cell covers
-    double pixels_per_edge_;  // of the cell
+    double area_;             // pixels that a section of the cube covers
+    double pixels_per_edge_;  // of the cube
     ValueContrast::Node values_;
   };
 
@@ -52,8 +53,9 @@ class ErrorModel {
   const NodeTree& tree_;
   double scaling_;
   static constexpr int samples_along_edge = 4;
-  std::array<dvec3, samples_along_edge * samples_along_edge * samples_along_edge> samples_;  // of a cell of edge 1,
-                                                                                             // from its centre; view
+
+  // Offsets from the centre of a cube of edge 1, in view directions.
+  std::array<dvec3, samples_along_edge * samples_along_edge * samples_along_edge> samples_;
 };
 
 }  // namespace splatvol

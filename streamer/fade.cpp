@@ -25,11 +25,11 @@ struct Entry {
 };
 using Entries = std::vector<Entry>;
 
-// Within a cell. No two of `shown` overlap, and no two of `coming`.
+// The entries in a cube. No two of `shown` overlap, and no two of `coming`.
 struct Region {
-  Entries shown;    // what the last cut ends in
-  Entries leaving;  // what it shows besides
-  Entries coming;
+  Entries shown;    // the last cut, once its fades have ended
+  Entries leaving;  // what the last cut shows besides
+  Entries coming;   // the next cut
 };
 
 std::uint64_t splats_of(const Entries& entries) {
@@ -38,20 +38,21 @@ std::uint64_t splats_of(const Entries& entries) {
   return sum;
 }
 
-// Cells are halved all the way down, so that their edges tell them apart.
-bool is_cell(const Entries& entries, const Cube& cell) {
-  return !entries.empty() && entries.front().get().cell.edge == cell.edge;
+// Whether the entries are one node, which has this cube. Nodes have half of the edge of their parent, so the edge
+// tells.
+bool is_node(const Entries& entries, const Cube& cube) {
+  return !entries.empty() && entries.front().get().cube.edge == cube.edge;
 }
 
-Cube child_of(const Cube& cell, unsigned octant) {
-  const double edge = 0.5 * cell.edge;
-  return {cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
+Cube child_of(const Cube& cube, unsigned octant) {
+  const double edge = 0.5 * cube.edge;
+  return {cube.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
 }
 
-// Whether all of a cell appears in the picture.
-bool is_inside(const View& view, const Cube& cell) {
+// Whether all of a cube appears in the picture.
+bool is_inside(const View& view, const Cube& cube) {
   for (unsigned corner = 0; corner < 8; ++corner) {
-    const dvec3 p = view.to_view(cell.origin + cell.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+    const dvec3 p = view.to_view(cube.origin + cube.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
     const double scale = view.orthographic ? view.focal : view.focal / p.z;
     if (!(p.z > 0 && std::abs(p.x) * scale <= 0.5 * view.width && std::abs(p.y) * scale <= 0.5 * view.height))
       return false;
@@ -81,40 +82,40 @@ class Fader {
   }
 
  private:
-  // Rounding is not to take another frame.
+  // The factor makes up for rounding, which could cost another frame.
   double weight_now(const Fade& fade) const { return fade.weight + options_.change * (1 + 1e-9); }
 
-  void visit(const Cube& cell, Region region) {
-    if (region.coming.empty()) return;  // out of sight
-    if (region.shown.empty()) return draw(cell, std::move(region.coming));
-    if (is_cell(region.shown, cell) || is_cell(region.coming, cell) || fades(region, cell)) return draw(cell, region);
-    auto shown = split(cell, region.shown);
-    auto leaving = split(cell, region.leaving);
-    auto coming = split(cell, region.coming);
-    const unsigned nearest = nearest_octant(view_, cell);
+  void visit(const Cube& cube, Region region) {
+    if (region.coming.empty()) return;  // out of view
+    if (region.shown.empty()) return draw(cube, std::move(region.coming));
+    if (is_node(region.shown, cube) || is_node(region.coming, cube) || fades(region, cube)) return draw(cube, region);
+    auto shown = split(cube, region.shown);
+    auto leaving = split(cube, region.leaving);
+    auto coming = split(cube, region.coming);
+    const unsigned nearest = nearest_octant(view_, cube);
     for (unsigned i = 8; i-- > 0;) {
       const unsigned octant = i ^ nearest;
-      visit(child_of(cell, octant), {std::move(shown[octant]), std::move(leaving[octant]), std::move(coming[octant])});
+      visit(child_of(cube, octant), {std::move(shown[octant]), std::move(leaving[octant]), std::move(coming[octant])});
     }
   }
 
-  bool fades(const Region& region, const Cube& cell) const {
-    return !region.leaving.empty() && last_.fades[region.leaving.front().part.fade].cell.edge == cell.edge;
+  bool fades(const Region& region, const Cube& cube) const {
+    return !region.leaving.empty() && last_.fades[region.leaving.front().part.fade].cube.edge == cube.edge;
   }
 
-  // A region in which one of both cuts has one node.
-  void draw(const Cube& cell, Region& region) {
+  // Draws a region in which one of the two cuts has one node.
+  void draw(const Cube& cube, Region& region) {
     const bool fading = !region.leaving.empty();
-    const bool same = is_cell(region.shown, cell) && is_cell(region.coming, cell) &&
+    const bool same = is_node(region.shown, cube) && is_node(region.coming, cube) &&
                       region.shown.front().get().resolution == region.coming.front().get().resolution;
-    if (!fading && same) return draw(cell, std::move(region.coming));
+    if (!fading && same) return draw(cube, std::move(region.coming));
 
     Entries uncovered;
-    const bool covered = cover(cell, region.shown, region.coming, uncovered);
+    const bool covered = cover(cube, region.shown, region.coming, uncovered);
     const std::uint64_t splats = splats_of(region.leaving) + splats_of(region.shown) + splats_of(uncovered);
     const std::uint64_t besides = splats - std::min(splats, fading ? splats_of(region.coming) : 0);
     if (!covered || besides > options_.most_splats - besides_ || !is_there(region.shown) || !is_there(region.leaving))
-      return draw(cell, std::move(region.coming));
+      return draw(cube, std::move(region.coming));
     besides_ += besides;
 
     Entries entries;
@@ -125,11 +126,11 @@ class Fader {
       for (const Entry& entry : uncovered) entries.push_back({entry.cut, entry.item, part});
     } else {
       const auto fade = static_cast<std::uint32_t>(now_.fades.size());
-      now_.fades.push_back({cell, std::min(options_.change, 1.0)});
+      now_.fades.push_back({cube, std::min(options_.change, 1.0)});
       for (Entry& entry : region.shown) entries.push_back({entry.cut, entry.item, {fade, true}});
       for (Entry& entry : region.coming) entries.push_back({entry.cut, entry.item, {fade, false}});
     }
-    draw(cell, std::move(entries));
+    draw(cube, std::move(entries));
   }
 
   bool is_there(const Entries& entries) {
@@ -142,37 +143,38 @@ class Fader {
     if (fade == FadingCut::no_fade) {
       const Fade& last = last_.fades[entry.part.fade];
       fade = static_cast<std::uint32_t>(now_.fades.size());
-      now_.fades.push_back({last.cell, weight_now(last)});
+      now_.fades.push_back({last.cube, weight_now(last)});
     }
     entry.part.fade = fade;
     return entry;
   }
 
-  // Adds what of `coming` has come into view and is not in `shown`; false where that takes only a part of a node.
-  bool cover(const Cube& cell, const Entries& shown, const Entries& coming, Entries& uncovered) const {
-    if (coming.empty() || is_cell(shown, cell)) return true;
+  // Adds the entries of `coming` that have come into view, so that `shown` does not have them. Returns false if only a
+  // part of a node has come into view.
+  bool cover(const Cube& cube, const Entries& shown, const Entries& coming, Entries& uncovered) const {
+    if (coming.empty() || is_node(shown, cube)) return true;
     if (shown.empty()) {
       uncovered.insert(uncovered.end(), coming.begin(), coming.end());
       return true;
     }
-    if (is_cell(coming, cell)) return is_inside(last_.view, cell);
-    const auto of_shown = split(cell, shown);
-    const auto of_coming = split(cell, coming);
+    if (is_node(coming, cube)) return is_inside(last_.view, cube);
+    const auto of_shown = split(cube, shown);
+    const auto of_coming = split(cube, coming);
     for (unsigned octant = 0; octant < 8; ++octant)
-      if (!cover(child_of(cell, octant), of_shown[octant], of_coming[octant], uncovered)) return false;
+      if (!cover(child_of(cube, octant), of_shown[octant], of_coming[octant], uncovered)) return false;
     return true;
   }
 
-  // Back to front; nodes before those within them.
-  void draw(const Cube& cell, Entries entries) {
+  // Appends entries back to front; a node comes before nodes inside it.
+  void draw(const Cube& cube, Entries entries) {
     const auto within =
-        std::ranges::stable_partition(entries, [&](const Entry& entry) { return entry.get().cell.edge == cell.edge; });
+        std::ranges::stable_partition(entries, [&](const Entry& entry) { return entry.get().cube.edge == cube.edge; });
     for (const Entry& entry : std::ranges::subrange(entries.begin(), within.begin())) append(entry);
     if (within.empty()) return;
-    auto octants = split(cell, {within.begin(), within.end()});
-    const unsigned nearest = nearest_octant(view_, cell);
+    auto octants = split(cube, {within.begin(), within.end()});
+    const unsigned nearest = nearest_octant(view_, cube);
     for (unsigned i = 8; i-- > 0;)
-      if (!octants[i ^ nearest].empty()) draw(child_of(cell, i ^ nearest), std::move(octants[i ^ nearest]));
+      if (!octants[i ^ nearest].empty()) draw(child_of(cube, i ^ nearest), std::move(octants[i ^ nearest]));
   }
 
   void append(const Entry& entry) {
@@ -184,12 +186,12 @@ class Fader {
     now_.parts.push_back(entry.part);
   }
 
-  // By octant. Their cells are smaller than `cell`.
-  static std::array<Entries, 8> split(const Cube& cell, const Entries& entries) {
+  // Splits entries by octant. Requires that their cubes are smaller than `cube`.
+  static std::array<Entries, 8> split(const Cube& cube, const Entries& entries) {
     std::array<Entries, 8> octants;
-    const dvec3 middle = cell.origin + 0.5 * cell.edge;
+    const dvec3 middle = cube.origin + 0.5 * cube.edge;
     for (const Entry& entry : entries) {
-      const dvec3& origin = entry.get().cell.origin;
+      const dvec3& origin = entry.get().cube.origin;
       octants[(origin.x >= middle.x ? 1u : 0u) | (origin.y >= middle.y ? 2u : 0u) | (origin.z >= middle.z ? 4u : 0u)]
           .push_back(entry);
     }
@@ -204,7 +206,7 @@ class Fader {
   const FadeOptions& options_;
   FadingCut now_;
   std::vector<std::uint32_t> fades_now_;  // [fade of the last cut]
-  std::uint64_t besides_ = 0;             // splats
+  std::uint64_t besides_ = 0;             // splats besides those of the next cut
 };
 
 }  // namespace

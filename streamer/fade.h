@@ -1,4 +1,4 @@
-// Changes of resolution without a jump: for a while, what changes is drawn as it was and as it will be, by weights that
+// Changes resolutions without a jump: for a while, draws a region both as it was and as it will be, with weights that
 // add up to one.
 #pragma once
 
@@ -12,38 +12,42 @@
 
 namespace splatvol {
 
-/// A region that is changing: a node's cell, drawn as one node in one of two cuts.
+/// A region that fades: the cube of a node that one of the two cuts draws as a whole.
 struct Fade {
-  Cube cell;
-  double weight;  // of what comes; what leaves has the rest
+  Cube cube;
+  double weight;  // of the splats that come; those that leave have the rest
 };
 
-/// A cut of which regions are drawn from two cuts. Without fades it is a cut like another.
+/// A cut with regions that are drawn from two cuts. Without fades it is an ordinary cut.
 struct FadingCut {
-  /// What an item is part of.
+  /// The role of an item.
   struct Part {
-    std::uint32_t fade = no_fade;
+    std::uint32_t fade = no_fade;  // index into FadingCut::fades
     bool leaving = false;
   };
   static constexpr std::uint32_t no_fade = std::numeric_limits<std::uint32_t>::max();
 
-  View view;                // for which it was made
-  Cut cut;                  // back to front; where two of its items overlap, the larger first
-  std::vector<Part> parts;  // [item]; none where there are no fades
+  View view;                // that it was made for
+  Cut cut;                  // back to front; of two items that overlap, the larger first
+  std::vector<Part> parts;  // [item]; empty if there are no fades
   std::vector<Fade> fades;
 
   [[nodiscard]] float weight_of(std::size_t item) const;
 };
 
 struct FadeOptions {
-  double change = 1;              // share of a change that is made now, (0, 1]
-  std::uint64_t most_splats = 0;  // that may be drawn besides those of the next cut
+  double change = 1;              // share of a change that this call makes, (0, 1]
+  std::uint64_t most_splats = 0;  // most splats besides those of the next cut
 };
 
-/// What is drawn after `last` where `next` is to be: regions that differ begin to fade, those that fade go on. A region
-/// that is to change again waits for its fades to end. What `last` does not show, out of sight as it was, is shown at
-/// once; and so is a region for whose splats there is no room, or whose old splats are not there any more. With steady
-/// `next` it ends in `next`. Both are of the same file, `root` the cube of its octree, and `next` valid for `view`.
+/// Returns the cut to draw after `last`, on the way to `next`. Regions that differ begin to fade; regions that fade go
+/// on. A region that should change again waits until its fades end. A region changes at once if:
+/// - `last` does not show it, because it was out of view;
+/// - there is no room for the splats of both cuts;
+/// - its old splats are not resident any more.
+///
+/// If `next` stays the same, calls end in `next`. Requires that both cuts are of the same file, `root` is the cube of
+/// its octree, and `next` is valid for `view`.
 [[nodiscard]] FadingCut fade(const Cube& root, const View& view, const FadingCut& last, Cut next, Residency& residency,
                              const FadeOptions& options);
 

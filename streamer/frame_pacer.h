@@ -1,4 +1,4 @@
-// How many splats a frame may have to take no longer than it should.
+// Chooses the number of splats of a frame so that frames take a wanted time.
 #pragma once
 
 #include <algorithm>
@@ -7,27 +7,27 @@
 
 namespace splatvol {
 
-/// Learns from frame to frame. A frame's time is taken to grow with its splats, a little less than in proportion: a
-/// view in which they cover more pixels is answered by the next frame.
+/// Learns from frame to frame. Assumes that a frame's time grows with its splats, a little less than in proportion.
+/// After a change of view, splats may cover more pixels or fewer: the next frame adapts.
 class FramePacer {
  public:
   explicit FramePacer(double seconds) : seconds_(seconds), splats_(first_rate * seconds) {}
 
-  /// For the next frame.
+  /// Returns the number of splats for the next frame.
   [[nodiscard]] std::uint64_t splats() const { return static_cast<std::uint64_t>(std::max(splats_, 1.0)); }
 
-  /// What a frame took that was drawn with `splats`, all of them resident. Times of 0 or less mean nothing.
+  /// Adds the time of a frame that was drawn with `splats`, all of them resident. Ignores times of 0 or less.
   void add(std::uint64_t splats, double seconds) {
     if (seconds <= 0 || splats == 0) return;
     const double ratio = std::clamp(std::pow(seconds_ / seconds, damping), 0.25, 4.0);
     splats_ = std::clamp(ratio * static_cast<double>(splats), 1.0, 1e15);
   }
 
-  /// Whether a time is near enough to the one that was asked for.
+  /// Whether a time is near enough to the wanted time.
   [[nodiscard]] bool is_near(double seconds) const { return std::abs(seconds - seconds_) <= 0.1 * seconds_; }
 
  private:
-  static constexpr double first_rate = 3e5;  // splats a second, before anything is known: a software rasterizer
+  static constexpr double first_rate = 3e5;  // splats a second for the first frame: as of a software rasterizer
   static constexpr double damping = 0.8;
 
   double seconds_;

@@ -6,7 +6,8 @@
 namespace splatvol {
 
 Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
-  // In perspective the sides pass through the eye, |x| f <= z width / 2; parallel rays keep their distance from it.
+  // In perspective the sides pass through the eye: |x| f <= z width / 2. With parallel rays they have a constant
+  // distance from it.
   const auto side = [&](const dvec3& inwards, int pixels) -> Plane {
     const double half = 0.5 * pixels + smallest_reach_pixels;
     if (view.orthographic) return {inwards, half / view.focal};
@@ -16,21 +17,21 @@ Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
              side(-view.up, view.height), Plane{view.forward, 0}};
 }
 
-double Frustum::farthest(const Plane& plane, const Cube& cell) const {
-  const double half = 0.5 * cell.edge;
-  const dvec3 centre = cell.origin + half - view_.eye;
+double Frustum::farthest(const Plane& plane, const Cube& cube) const {
+  const double half = 0.5 * cube.edge;
+  const dvec3 centre = cube.origin + half - view_.eye;
   return plane.offset + glm::dot(plane.normal, centre) + half * glm::dot(glm::abs(plane.normal), dvec3(1));
 }
 
-bool Frustum::touches(const Cube& cell, double reach) const {
+bool Frustum::touches(const Cube& cube, double reach) const {
   if (const auto& box = view_.clip_box) {
-    const dvec3 low = cell.origin - reach, high = cell.origin + (cell.edge + reach);
+    const dvec3 low = cube.origin - reach, high = cube.origin + (cube.edge + reach);
     if (!glm::all(glm::lessThan(low, box->high)) || !glm::all(glm::greaterThan(high, box->low))) return false;
   }
-  return std::ranges::all_of(planes_, [&](const Plane& plane) { return farthest(plane, cell) + reach > 0; });
+  return std::ranges::all_of(planes_, [&](const Plane& plane) { return farthest(plane, cube) + reach > 0; });
 }
 
-double Frustum::nearest_depth(const Cube& cell) const { return -farthest({-view_.forward, 0}, cell); }
+double Frustum::nearest_depth(const Cube& cube) const { return -farthest({-view_.forward, 0}, cube); }
 
 double Frustum::covered_percent(double length, double depth) const {
   const double pixels_per_length = view_.orthographic ? view_.focal

@@ -1,4 +1,4 @@
-// Cells against what a camera sees.
+// Tells whether nodes are in view.
 #pragma once
 
 #include <array>
@@ -8,21 +8,21 @@
 
 namespace splatvol {
 
-/// The part of space in front of the eye, and in the clip box where there is one, that projects into the image, or not
-/// farther outside of it than a splat without size reaches.
+/// The part of space that may appear in the image. It is in front of the eye, and inside the clip box if there is one.
+/// It projects into the image, or no farther outside than a splat without size reaches.
 class Frustum {
  public:
-  /// `smallest_reach_pixels`: how far a splat without size is drawn.
+  /// `smallest_reach_pixels`: how far from its centre a splat without size is drawn.
   Frustum(const View& view, double smallest_reach_pixels);
 
-  /// Whether a ball of radius `reach` around any point of the cell may touch the frustum; never wrongly false.
-  [[nodiscard]] bool touches(const Cube& cell, double reach) const;
+  /// Whether a ball of radius `reach` round any point of the cube may touch the frustum. Never wrongly false.
+  [[nodiscard]] bool touches(const Cube& cube, double reach) const;
 
-  /// Least view depth of the cell; 0 or less where it reaches the eye's plane.
-  [[nodiscard]] double nearest_depth(const Cube& cell) const;
+  /// Returns the least view depth of the cube; 0 or less if the cube reaches the eye's plane.
+  [[nodiscard]] double nearest_depth(const Cube& cube) const;
 
-  /// How much of the image's shorter side a length covers at a view depth, in percent. Infinite in perspective at the
-  /// eye's plane and behind it.
+  /// Returns the share of the image's shorter side that a length covers at a view depth, in per cent. In perspective,
+  /// it is infinite at the eye's plane and behind.
   [[nodiscard]] double covered_percent(double length, double depth) const;
 
  private:
@@ -30,7 +30,7 @@ class Frustum {
     dvec3 normal;   // inwards, length 1
     double offset;  // signed distance of the eye
   };
-  [[nodiscard]] double farthest(const Plane& plane, const Cube& cell) const;
+  [[nodiscard]] double farthest(const Plane& plane, const Cube& cube) const;
 
   View view_;
   std::array<Plane, 5> planes_;

@@ -17,11 +17,11 @@ using format::ColumnKind;
 
 namespace {
 
-// Enough for every processor to have chunks to decode, little beside any budget.
+// Enough chunks for every processor to decode, and small against any budget.
 constexpr std::uint64_t wave_bytes = 16u << 20;
 constexpr std::uint64_t run_bytes = 512u << 10;
 
-// A row's decoded chunks of the kernel octant; no gradients where none were asked for.
+// The decoded chunks of a row, for the kernel octant. Without lighting there are no gradients.
 struct OctantRow {
   std::span<const dvec3> positions;
   std::span<const float> values, sizes;
@@ -32,7 +32,7 @@ struct OctantRow {
   }
 };
 
-// And of the kernel moments.
+// The decoded chunks of a row, for the kernel moments.
 struct MomentsRow {
   std::span<const dvec3> centroids;
   std::span<const MaterialShape> shapes;
@@ -66,19 +66,19 @@ std::span<const T> elements(const CacheData& data) {
 template <class Row, class Splat>
 void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, std::span<Splat> splats) {
   for (const CopyJob& job : jobs) {
-    const Cube& cell = cut.items[job.item].cell;
-    const dvec3 origin = cell.origin + 0.5 * cell.edge;
+    const Cube& cube = cut.items[job.item].cube;
+    const dvec3 origin = cube.origin + 0.5 * cube.edge;
     for (std::uint32_t i = 0; i < job.count; ++i) splats[job.destination + i] = row.splat(job.begin + i, origin);
   }
 }
 
 }  // namespace
 
-// Rows that are loaded together.
+// Rows that are loaded at once.
 struct Gatherer::Wave {
   std::vector<std::span<const CopyJob>> rows;  // the jobs of each
   std::vector<PartLoad> missing;
-  std::map<CacheKey, Cache::Pointer> held;  // an empty pointer where the chunk is missing
+  std::map<CacheKey, Cache::Pointer> held;  // null: the chunk is missing
   std::uint64_t bytes = 0;
 };
 
@@ -130,7 +130,7 @@ const format::Column& Gatherer::column(int index) const {
   return volume_->volume().info().columns[static_cast<std::size_t>(index)];
 }
 
-// A segment's columns lie in the group's first row.
+// The columns of scope segment are in the group's first row.
 CacheKey Gatherer::chunk_key(std::size_t resolution, std::uint64_t group, int column_index) const {
   const format::RowLayout& rows = volume_->volume().rows();
   const bool by_resolution = column(column_index).scope == format::ColumnScope::resolution;
@@ -144,8 +144,8 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
   const auto shows = [&](std::uint64_t row) -> Result<bool> {
     const auto [entry, added] = shown.try_emplace(row, false);
     if (!added) return entry->second;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(row, value_column()));
-    return entry->second = visibility.shows(place.entry.min, place.entry.max, place.entry.occupancy);
+    SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(row, value_column()));
+    return entry->second = visibility.shows(location.entry.min, location.entry.max, location.entry.occupancy);
   };
 
   for (std::uint32_t i = 0; i < cut.items.size(); ++i) {
@@ -163,8 +163,8 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
     plan.item_ends.push_back(plan.splats);
   }
 
-  // The kernel octant shares positions and values between resolutions; moments share nothing, and go through the file
-  // in its own order.
+  // Rows of one group follow each other for the kernel octant, because resolutions share positions and values.
+  // Resolutions share nothing of the kernel moments, so its jobs are in file order.
   std::ranges::sort(plan.jobs, {}, [&](const CopyJob& job) {
     return std::tuple(kernel_ == KernelKind::moments ? job.resolution : 0, job.group, job.resolution, job.begin,
                       job.item);
@@ -180,7 +180,7 @@ std::uint64_t Gatherer::working_bytes() const {
     const ColumnKind kind = column(index).kind;
     const auto payload = static_cast<std::uint32_t>(largest_payload(kind, points));
     ChunkLoad largest{kind, static_cast<std::uint32_t>(points), {}};
-    largest.place.entry.packed_bytes = largest.place.entry.unpacked_bytes = payload;
+    largest.location.entry.packed_bytes = largest.location.entry.unpacked_bytes = payload;
     bytes += decoded_bytes(largest) + splatvol::working_bytes(volume_->volume(), largest);
   }
   return bytes;
@@ -222,7 +222,7 @@ Result<SplatArray> Gatherer::gather(const Cut& cut, const GatherPlan& plan) {
   return splats;
 }
 
-// As many rows as fit; returns the job after the last of them.
+// Adds as many rows as fit. Returns the job behind them.
 Result<std::size_t> Gatherer::fill_wave(const GatherPlan& plan, std::size_t first_job, Wave& wave) {
   std::size_t job = first_job;
   while (job < plan.jobs.size() && wave.bytes < wave_bytes) {
@@ -239,7 +239,7 @@ Result<std::size_t> Gatherer::fill_wave(const GatherPlan& plan, std::size_t firs
   return job;
 }
 
-// Adds all the chunks that the jobs of one row need, or none: out_of_budget.
+// Adds all the chunks that the jobs of one row need. Fails with out_of_budget, and adds none, if they do not fit.
 Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
   const std::uint32_t points = volume_->volume().rows().group(jobs.front().group).count;
   std::vector<PartLoad> missing;
@@ -248,11 +248,11 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
     const CacheKey key = chunk_key(jobs.front().resolution, jobs.front().group, index);
     if (wave.held.contains(key)) continue;
     if ((held[key] = cache_->find(key))) continue;
-    SPLATVOL_TRY_ASSIGN(place, volume_->find_chunk(key.number, index));
-    missing.push_back(chunk_load(key, {column(index).kind, points, place}));
+    SPLATVOL_TRY_ASSIGN(location, volume_->find_chunk(key.number, index));
+    missing.push_back(chunk_load(key, {column(index).kind, points, location}));
   }
 
-  // Only now, since it may cost the directory pages their place.
+  // Reserved only now: reserving may drop the directory pages that were used above.
   std::uint64_t bytes = 0;
   for (PartLoad& part : missing) {
     auto decoded = cache_->reserve(decoded_bytes(part.chunk()));
@@ -270,12 +270,12 @@ Status Gatherer::add_row(std::span<const CopyJob> jobs, Wave& wave) {
   return {};
 }
 
-// Reads and decodes what is missing, in runs of chunks that lie side by side.
+// Reads and decodes the missing chunks, in load runs.
 Status Gatherer::load(Wave& wave) {
   std::vector<LoadRun> runs = runs_of(volume_->volume(), std::move(wave.missing), run_bytes);
   read_runs(volume_->volume(), volume_->attribute(), runs);
 
-  // The first failure in the file's order is the one that is told, whatever the threads did.
+  // Of several failures, reports the first in file order, so that the message does not depend on threads.
   for (const LoadRun& run : runs)
     for (const PartLoad& part : run) SPLATVOL_TRY(part.data);
   for (LoadRun& run : runs)

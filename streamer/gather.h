@@ -1,4 +1,4 @@
-// From a cut to splats: which chunks it touches, their reading and decoding, and each node's part of them.
+// From a cut to splats: finds the chunks of its nodes, reads and decodes them, and copies each node's part.
 #pragma once
 
 #include <algorithm>
@@ -29,14 +29,15 @@ struct CopyJob {
   std::uint32_t resolution;
 };
 
-/// A part of a group.
+/// Consecutive points of a group.
 struct GroupPart {
   std::uint64_t group;
   std::uint32_t begin;
   std::uint32_t count;
 };
 
-/// Calls visit(part) for each part of a group in ranges[segment] until it returns false; whether it never did.
+/// Splits ranges[segment] at the borders of groups, and calls visit(part) for each part until it returns false. Returns
+/// whether it never did.
 template <class Visit>
 bool visit_groups(const format::Volume& volume, std::span<const PointRange> ranges, const Visit& visit) {
   const format::RowLayout& rows = volume.rows();
@@ -54,10 +55,10 @@ bool visit_groups(const format::Volume& volume, std::span<const PointRange> rang
   return true;
 }
 
-/// What to copy where, in an order in which a row's jobs stand together; and where each item's splats end.
+/// Copies that make the splats of a cut; the jobs of one row are next to each other.
 struct GatherPlan {
   std::vector<CopyJob> jobs;
-  std::vector<std::uint64_t> item_ends;  // [item]
+  std::vector<std::uint64_t> item_ends;  // [item]: number of its splats and all before
   std::uint64_t splats = 0;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
@@ -65,10 +66,10 @@ struct GatherPlan {
   }
 };
 
-/// Splats of one kind and their memory.
+/// Memory for splats of one kind.
 class SplatArray {
  public:
-  /// Not filled in yet.
+  /// Allocates `count` splats, not initialised.
   SplatArray(KernelKind kernel, std::uint64_t count);
 
   [[nodiscard]] SplatSpan splats() const;
@@ -84,30 +85,30 @@ class SplatArray {
   std::uint64_t count_;
 };
 
-/// Reads the splats of cuts. Not thread-safe; reads and decodes in threads of its own.
+/// Reads the splats of cuts. Not thread-safe; reads and decodes on its own threads.
 class Gatherer {
  public:
-  /// `gradients`: for the kernel octant, read those too. Fails with unsupported where the file lacks a column that this
-  /// needs.
+  /// `gradients`: reads gradients too, for the kernel octant. Fails with unsupported if the file lacks a column that is
+  /// needed.
   [[nodiscard]] static Result<Gatherer> create(PagedVolume& volume, Cache& cache, KernelKind kernel, bool gradients);
 
-  /// Lays the cut's splats out, item after item. Rows in which nothing is visible are left out. Reads directory pages
-  /// only.
+  /// Plans where the splats of the cut go, item after item. Leaves out rows in which nothing is visible. Reads
+  /// directory pages only.
   [[nodiscard]] Result<GatherPlan> plan(const Cut& cut, const ValueVisibility& visibility);
 
-  /// Reads what the cache does not hold and makes plan.splats splats, positions relative to the centre of their item's
-  /// cell. Errors name the file and the chunk.
+  /// Reads the chunks that the cache does not hold, and makes plan.splats splats. Positions are relative to the centre
+  /// of the item's cube. Errors name the file and the chunk.
   [[nodiscard]] Result<SplatArray> gather(const Cut& cut, const GatherPlan& plan);
 
-  /// Bytes that gather needs at once at the very least, besides the splats: for one row.
+  /// Returns the least bytes that `gather` needs at once, besides the splats: those of one row.
   [[nodiscard]] std::uint64_t working_bytes() const;
 
-  /// Bytes of all the decoded chunks of a cut and of their directory pages, as if all of it were visible.
+  /// Returns the bytes of all decoded chunks of a cut and of their directory pages, as if everything were visible.
   [[nodiscard]] std::uint64_t resident_bytes(const Cut& cut) const;
 
   [[nodiscard]] const format::Column& column(int index) const;
 
-  /// The columns that splats are made of, and the one whose values tell whether they are visible.
+  /// Return the columns that splats are made of, and the column whose values tell whether they are visible.
   [[nodiscard]] const std::vector<int>& columns() const { return columns_; }
   [[nodiscard]] int value_column() const { return kernel_ == KernelKind::moments ? columns_[2] : columns_[1]; }
 

@@ -10,7 +10,9 @@
 namespace splatvol {
 namespace {
 
-std::uint64_t end_of(const PartLoad& part) { return part.chunk().place.offset + part.chunk().place.entry.packed_bytes; }
+std::uint64_t end_of(const PartLoad& part) {
+  return part.chunk().location.offset + part.chunk().location.entry.packed_bytes;
+}
 
 std::string describe(const format::Volume& volume, const PartLoad& part) {
   if (const auto* chunk = std::get_if<ChunkLoad>(&part.what))
@@ -19,7 +21,7 @@ std::string describe(const format::Volume& volume, const PartLoad& part) {
   return fmt::format("{}: {} page {}", volume.name(), of_index ? "index" : "directory", part.key.number);
 }
 
-// The reason after the part, where the reader names only the file.
+// Puts the name of the part in front of the reason, unless the reader did.
 tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad& part, const Error& error) {
   const std::string what = describe(volume, part);
   if (error.message.starts_with(what)) return tl::unexpected(error);
@@ -39,16 +41,17 @@ PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what) { return {key, w
 std::uint64_t decoded_bytes(const ChunkLoad& chunk) { return decoded_bytes(chunk.kind, chunk.points); }
 
 std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk) {
-  const format::ChunkEntry& entry = chunk.place.entry;
+  const format::ChunkEntry& entry = chunk.location.entry;
   return volume.cheap_gap() + entry.packed_bytes + decoding_bytes(chunk.kind, chunk.points, entry.unpacked_bytes);
 }
 
 std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks, std::uint64_t run_bytes) {
-  std::ranges::sort(chunks, {}, [](const PartLoad& part) { return part.chunk().place.offset; });
+  std::ranges::sort(chunks, {}, [](const PartLoad& part) { return part.chunk().location.offset; });
   std::vector<LoadRun> runs;
   for (PartLoad& part : chunks) {
-    const bool joins = !runs.empty() && part.chunk().place.offset - end_of(runs.back().back()) <= volume.cheap_gap() &&
-                       end_of(part) - runs.back().front().chunk().place.offset <= run_bytes;
+    const bool joins = !runs.empty() &&
+                       part.chunk().location.offset - end_of(runs.back().back()) <= volume.cheap_gap() &&
+                       end_of(part) - runs.back().front().chunk().location.offset <= run_bytes;
     if (!joins) runs.emplace_back();
     runs.back().push_back(std::move(part));
   }
@@ -67,7 +70,7 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
     return;
   }
 
-  const std::uint64_t begin = first.chunk().place.offset;
+  const std::uint64_t begin = first.chunk().location.offset;
   const auto bytes = volume.read_bytes(begin, end_of(run.back()) - begin);
   for (PartLoad& part : run) {
     if (!bytes) {
@@ -75,8 +78,8 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
       continue;
     }
     const ChunkLoad& chunk = part.chunk();
-    const auto packed = std::span(*bytes).subspan(chunk.place.offset - begin, chunk.place.entry.packed_bytes);
-    auto decoded = decode_chunk(chunk.kind, chunk.place.entry, packed, chunk.points, volume.info().cube.edge,
+    const auto packed = std::span(*bytes).subspan(chunk.location.offset - begin, chunk.location.entry.packed_bytes);
+    auto decoded = decode_chunk(chunk.kind, chunk.location.entry, packed, chunk.points, volume.info().cube.edge,
                                 describe(volume, part));
     if (decoded)
       part.data = CacheData(std::move(*decoded));
@@ -123,7 +126,7 @@ std::vector<LoadRun> Loader::withdraw() {
   return runs;
 }
 
-std::vector<LoadRun> Loader::take() {
+std::vector<LoadRun> Loader::extract_done() {
   const std::scoped_lock lock(mutex_);
   return std::exchange(done_, {});
 }

@@ -1,4 +1,4 @@
-// Reading and decoding of parts of a file, at once or by threads of their own.
+// Reads and decodes parts of a file, in the caller or on threads.
 #pragma once
 
 #include <chrono>
@@ -18,11 +18,11 @@
 
 namespace splatvol {
 
-/// How many parts are read at once: a disk or a server answers some at a time faster than one by one, whatever the
-/// number of processors (bench/read_bench).
+/// Reads at a time. A disk or a server answers several reads faster together than one by one, whatever the number of
+/// processors (bench/read_bench).
 inline constexpr unsigned read_threads = 8;
 
-/// What reading a part takes besides its key (a directory page: nothing).
+/// The data, besides the key, that tells how to read a part. A directory page needs nothing more.
 struct IndexPageLoad {
   format::IndexPageRef ref;
   std::uint8_t child_mask;
@@ -32,42 +32,43 @@ struct DirectoryPageLoad {};
 struct ChunkLoad {
   format::ColumnKind kind;
   std::uint32_t points;
-  format::ChunkPlace place;
+  format::ChunkLocation location;
 };
 
 /// A part of the file on its way into the cache.
 struct PartLoad {
   CacheKey key;
   std::variant<IndexPageLoad, DirectoryPageLoad, ChunkLoad> what;
-  Reservation decoded;     // goes with the data into the cache
-  Reservation working;     // packed bytes, and what decoding takes for itself
+  Reservation decoded;     // for the data; goes into the cache with it
+  Reservation working;     // for the packed bytes and for decoding
   Result<CacheData> data;  // CacheData() until it is read
-  float error = 0;         // that of the picture without it, as CutItem has it
+  float error = 0;         // as CutItem::error
 
   [[nodiscard]] const ChunkLoad& chunk() const { return std::get<ChunkLoad>(what); }
 };
 
-/// One page, or chunks that lie side by side in the file and are read at once.
+/// A load run: one page, or chunks that are next to each other in the file. One read gets it.
 using LoadRun = std::vector<PartLoad>;
 
-/// A chunk, nothing reserved yet.
+/// Makes the part for a chunk, without reservations.
 [[nodiscard]] PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what);
 
-/// Bytes of a chunk's data, and of the rest that reading it takes.
+/// Return the bytes of a chunk's data, and the bytes that reading and decoding need besides.
 [[nodiscard]] std::uint64_t decoded_bytes(const ChunkLoad& chunk);
 [[nodiscard]] std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk);
 
-/// Puts chunks into runs of at most `run_bytes`, or of one chunk, in the file's order.
+/// Sorts chunks by offset, and joins them to load runs of at most `run_bytes`, or of one chunk.
 [[nodiscard]] std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks,
                                            std::uint64_t run_bytes);
 
-/// Reads and decodes a run; sets `data` of each part. `attribute` is that of index pages. Errors name the file and the
-/// part. Thread-safe.
+/// Reads and decodes a load run; sets `data` of each part. `attribute` selects the summaries of index pages. Errors
+/// name the file and the part. Thread-safe.
 void read_run(const format::Volume& volume, int attribute, LoadRun& run);
-void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);  // read_threads at a time
 
-/// Threads that read and decode runs, in the order in which they are submitted. Every call may come from one thread
-/// only.
+/// The same for several load runs, read_threads at a time.
+void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);
+
+/// Threads that read and decode load runs, in the order of `submit`. All calls must come from one thread.
 class Loader {
  public:
   /// Keeps a reference to the volume.
@@ -75,18 +76,18 @@ class Loader {
   Loader(const Loader&) = delete;
   Loader& operator=(const Loader&) = delete;
 
-  /// Begins no further run; waits for those that were begun.
+  /// Waits for the load runs that were begun; begins no others.
   ~Loader();
 
   void submit(LoadRun run);
 
-  /// Takes back what was not begun.
+  /// Removes and returns the load runs that were not begun.
   [[nodiscard]] std::vector<LoadRun> withdraw();
 
-  /// What has been read or has failed since the last call.
-  [[nodiscard]] std::vector<LoadRun> take();
+  /// Moves out the load runs that were read, or failed, since the last call.
+  [[nodiscard]] std::vector<LoadRun> extract_done();
 
-  /// Waits until `take` has something to hand out, nothing is left to be read, or `deadline`.
+  /// Waits until `extract_done` has a result, nothing is left to read, or `deadline`.
   void wait_until(std::chrono::steady_clock::time_point deadline);
 
  private:
@@ -99,7 +100,7 @@ class Loader {
   std::condition_variable finished_;
   std::deque<LoadRun> queue_;
   std::vector<LoadRun> done_;
-  std::size_t begun_ = 0;  // and not done
+  std::size_t begun_ = 0;  // begun and not done
   bool stopping_ = false;
   std::vector<std::thread> threads_;
 };

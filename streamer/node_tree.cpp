@@ -9,17 +9,16 @@ namespace {
 
 using format::IndexPage;
 
-// Rounding may move a point out of its cell, and what is drawn of a splat past its size, by less than this part of the
-// size.
+// Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
-bool is_clipped(const Cube& cell, const std::optional<Box>& box) {
-  return box && !(glm::all(glm::greaterThanEqual(cell.origin, box->low)) &&
-                  glm::all(glm::lessThanEqual(cell.origin + cell.edge, box->high)));
+bool is_clipped(const Cube& cube, const std::optional<Box>& box) {
+  return box && !(glm::all(glm::greaterThanEqual(cube.origin, box->low)) &&
+                  glm::all(glm::lessThanEqual(cube.origin + cube.edge, box->high)));
 }
 
-// On all sides, along the axes.
-Cube grown(const Cube& cell, double by) { return {cell.origin - by, cell.edge + 2 * by}; }
+// Returns the cube, larger by `by` on each side.
+Cube grown(const Cube& cube, double by) { return {cube.origin - by, cube.edge + 2 * by}; }
 
 }  // namespace
 
@@ -46,7 +45,7 @@ Result<Node> NodeTree::root() const {
   return root;
 }
 
-// A child's points begin where those of the siblings before it end.
+// The points of a child begin behind those of the siblings before it.
 Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node) const {
   if (node.depth >= format::max_node_depth)
     return fail(ErrorCode::invalid_data, "the index is deeper than {}", format::max_node_depth);
@@ -63,9 +62,9 @@ Result<std::optional<NodeTree::Children>> NodeTree::children_of(const Node& node
   Begins begins = node.begins;
   for (unsigned octant = 0; octant < 8; ++octant) {
     if ((node.child_mask() >> octant & 1) == 0) continue;
-    const double edge = 0.5 * node.cell.edge;
-    const Cube cell{node.cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
-    children[octant] = Node{page, next++, cell, begins, node.depth + 1};
+    const double edge = 0.5 * node.cube.edge;
+    const Cube cube{node.cube.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge};
+    children[octant] = Node{page, next++, cube, begins, node.depth + 1};
     const auto counts = children[octant]->counts();
     for (std::size_t s = 0; s < counts.size(); ++s) begins[s] += counts[s];
   }
@@ -76,16 +75,16 @@ double NodeTree::splat_bound(const Node& node, std::size_t resolution) const {
   return format::size_bound(node.page->nodes.size_code_at(node.index, size_bound_, resolution), info_.cube.edge);
 }
 
-// The code is that of the cube's edge; a cell's is 2^depth times smaller.
-double NodeTree::splat_bound_in_cell(const Node& node, std::size_t resolution) const {
+// Size codes are relative to the root's edge. The edge of a node at depth d is 2^d times smaller.
+double NodeTree::splat_bound_in_cube(const Node& node, std::size_t resolution) const {
   return format::size_bound_exponent(node.page->nodes.size_code_at(node.index, size_bound_, resolution)) +
          static_cast<double>(node.depth);
 }
 
-// Centroids may lie outside of the node's cell, as far as their ellipsoids.
+// Centroids may be outside of the node's cube: no farther than ellipsoids may reach.
 double NodeTree::covered_percent(const Node& node, std::size_t resolution) const {
   const double size = splat_bound(node, resolution);
-  const Cube centres = kernel_ == KernelKind::octant ? node.cell : grown(node.cell, moments_reach * size);
+  const Cube centres = kernel_ == KernelKind::octant ? node.cube : grown(node.cube, moments_reach * size);
   return frustum_.covered_percent(size, frustum_.nearest_depth(centres));
 }
 
@@ -106,7 +105,7 @@ Result<bool> NodeTree::find_hidden(const FilledNodes& filled, std::optional<Kept
   return finding.complete;
 }
 
-// Whether finding it again would come to the same.
+// Whether finding the occlusion again would give the same result.
 Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
   if (!(kept.occlusion.view() == view_ && kept.visibility == visibility_)) return false;
   SPLATVOL_TRY_ASSIGN(root, index_.root());
@@ -119,10 +118,10 @@ Result<bool> NodeTree::holds_still(const KeptOcclusion& kept) const {
   return true;
 }
 
-// Front to back. A node that closes what it covers is taken whole, of others the parts, which may be denser. `page`: as
-// KeptOcclusion numbers them.
+// Adds the nodes that hide others, front to back. A node that closes all rays through it is added as a whole; of other
+// nodes the children are tried, which may be denser. `page`: number of the node's page, as in KeptOcclusion::Link.
 Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t page, bool parent_filled) {
-  // Nothing is closed by what is not dense enough, however much there is of it.
+  // Material of too low an extinction closes no ray, even if it fills the cube.
   const format::ValueSummary& summary = node.summary();
   const auto [least, most] = visibility_.extinctions(summary.min, summary.max);
   if (!(most * info_.cube.edge >= Occlusion::closed) || !is_visible(node)) return {};
@@ -131,8 +130,8 @@ Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t pag
   const bool is_filled = in_root_page ? finding.filled.has(node.index) : parent_filled;
   const bool is_linked = node.page->links[node.index] != IndexPage::no_node;
   const bool has_parts = node.page->first_children[node.index] != IndexPage::no_node || (is_filled && is_linked);
-  const bool closes = is_filled && least * node.cell.edge >= Occlusion::closed;
-  if (has_parts && !closes && !occlusion_.is_small(node.cell)) {
+  const bool closes = is_filled && least * node.cube.edge >= Occlusion::closed;
+  if (has_parts && !closes && !occlusion_.is_small(node.cube)) {
     SPLATVOL_TRY_ASSIGN(children, children_of(node));
     if (is_linked) {
       finding.links.push_back({page, node.index, children.has_value()});
@@ -142,19 +141,19 @@ Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t pag
       finding.complete = false;
       return {};
     }
-    const unsigned nearest = nearest_octant(view_, node.cell);
+    const unsigned nearest = nearest_octant(view_, node.cube);
     for (unsigned i = 0; i < 8; ++i)
       if (const std::optional<Node>& child = (*children)[i ^ nearest])
         SPLATVOL_TRY(hide_behind(finding, *child, page, is_filled));
     return {};
   }
-  if (is_filled && least > 0 && !is_clipped(node.cell, view_.clip_box)) occlusion_.add(node.cell, least);
+  if (is_filled && least > 0 && !is_clipped(node.cube, view_.clip_box)) occlusion_.add(node.cube, least);
   return {};
 }
 
 bool NodeTree::is_visible(const Node& node) const {
   const format::ValueSummary& summary = node.summary();
-  if (!visibility_.shows(summary.min, summary.max, summary.occupancy) || occlusion_.hides(node.cell)) return false;
+  if (!visibility_.shows(summary.min, summary.max, summary.occupancy) || occlusion_.hides(node.cube)) return false;
   if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;
@@ -163,8 +162,8 @@ bool NodeTree::is_visible(const Node& node) const {
 
 bool NodeTree::is_within_reach(const Node& node, std::size_t resolution) const {
   const double size = splat_bound(node, resolution);
-  if (kernel_ == KernelKind::octant) return frustum_.touches(node.cell, (octant_reach + position_slack) * size);
-  return frustum_.touches(grown(node.cell, (moments_reach + position_slack) * size), 0);
+  if (kernel_ == KernelKind::octant) return frustum_.touches(node.cube, (octant_reach + position_slack) * size);
+  return frustum_.touches(grown(node.cube, (moments_reach + position_slack) * size), 0);
 }
 
 }  // namespace splatvol

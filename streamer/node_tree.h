@@ -1,4 +1,4 @@
-// The nodes of a volume's index as a view sees them. Internal to the streamer.
+// The nodes of a volume's index for a view: their children, sizes and visibility. Internal to the streamer.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@
 
 namespace splatvol {
 
-/// Where a node's points begin in each segment. Most files have few of them, and only those are copied.
+/// The number of a node's first point in each segment. Most files have few segments; copies only as many numbers.
 class Begins {
  public:
   explicit Begins(std::size_t segments) : count_(segments) { std::fill_n(values_.begin(), count_, 0); }
@@ -38,13 +38,13 @@ class Begins {
 
  private:
   std::size_t count_;
-  std::array<std::uint64_t, format::max_resolutions> values_;  // from count_ on: not set
+  std::array<std::uint64_t, format::max_resolutions> values_;  // not set from count_ on
 };
 
 struct Node {
   std::shared_ptr<const format::IndexPage> page;
   std::uint32_t index;
-  Cube cell;
+  Cube cube;
   Begins begins;
   std::size_t depth;
 
@@ -53,20 +53,21 @@ struct Node {
   [[nodiscard]] std::span<const std::uint64_t> counts() const { return page->nodes.counts_of(index); }
   [[nodiscard]] const format::ValueSummary& summary() const { return page->nodes.summaries[index]; }
 
-  /// Points of resolution r.
+  /// Returns how many splats the node has at a resolution.
   [[nodiscard]] std::uint64_t splat_count(std::size_t resolution) const;
 };
 
-/// Keeps references to all that it is made of.
+/// The octree of a volume. Keeps references to the arguments of its constructor.
 class NodeTree {
  public:
-  /// `size_bound`: which of the index's arrays of sizes is the kernel's.
+  /// `size_bound`: index of the kernel's name in VolumeInfo::size_bounds.
   NodeTree(const format::VolumeInfo& info, IndexPages& index, const View& view, const ValueVisibility& visibility,
            KernelKind kernel, std::size_t size_bound);
 
   [[nodiscard]] Result<Node> root() const;
 
-  /// By octant; nullopt where their page is not there. Fails where the tree is deeper than the format allows.
+  /// Returns the children by octant, or nullopt if their page is not there. Fails if the tree is deeper than the format
+  /// allows.
   using Children = std::array<std::optional<Node>, 8>;
   [[nodiscard]] Result<std::optional<Children>> children_of(const Node& node) const;
 
@@ -74,25 +75,25 @@ class NodeTree {
   [[nodiscard]] const View& view() const { return view_; }
   [[nodiscard]] const ValueVisibility& visibility() const { return visibility_; }
 
-  /// No splat of the node is larger; world units. Requires a resolution from the node's first on.
+  /// Returns the bound on the size of the node's splats, world units. Requires a resolution from the node's first on.
   [[nodiscard]] double splat_bound(const Node& node, std::size_t resolution) const;
 
-  /// Base 2 logarithm of that bound over the edge of the node's cell.
-  [[nodiscard]] double splat_bound_in_cell(const Node& node, std::size_t resolution) const;
+  /// Returns the logarithm to base 2 of this bound over the edge of the node's cube.
+  [[nodiscard]] double splat_bound_in_cube(const Node& node, std::size_t resolution) const;
 
-  /// Percent of the image's shorter side that a splat of the node may cover.
+  /// Returns the largest share of the image's shorter side that a splat of the node may cover, in per cent.
   [[nodiscard]] double covered_percent(const Node& node, std::size_t resolution) const;
 
-  /// Finds what hides other nodes, among those that are large in the picture, or takes what is in `kept` where that is
-  /// what it would find; asks for the same pages in both cases. Null: keeps nothing. False where a page that would tell
-  /// is not there. Fails as children_of.
+  /// Finds the nodes that hide others, among those that are large in the picture. Reuses the occlusion in `kept` if it
+  /// is still the same, and else replaces it; asks for the same pages in both cases. Null `kept`: keeps nothing.
+  /// Returns false if a page that it asked for is not there. Fails as children_of.
   [[nodiscard]] Result<bool> find_hidden(const FilledNodes& filled, std::optional<KeptOcclusion>* kept);
 
-  /// Whether something of the node may show.
+  /// Whether something of the node may be visible.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
-  /// Whether the node's splats may reach into the picture; without a resolution: its cell.
-  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cell, 0); }
+  /// Whether the node's cube may reach into the picture, or its splats at a resolution.
+  [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cube, 0); }
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;
 
  private:

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "format/columns.h"
 
@@ -16,39 +18,63 @@ using format::ColumnKind;
 using format::IndexPage;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double smallest_edge = 6;  // of cells that are looked at, in distances between rays
+constexpr double smallest_edge = 6;  // of cubes that may hide others, in distances between rays
 
-// Points own what is nearest to them, also past the border of a cell: so much may be missing by chance.
+// Share of a cube's volume. A point owns the space nearest to it, also beyond the border of its node: so a little mass
+// may be missing by chance.
 constexpr double least_filling = 0.95;
 
-// The finest resolution all of whose rows lie in the preamble.
+// Returns the finest resolution whose rows are all in the preamble.
 std::optional<std::size_t> find_finest_held(const format::Volume& volume, const format::DirectoryPage& directory) {
   const format::RowLayout& rows = volume.rows();
   std::optional<std::size_t> finest;
   for (std::size_t r = 0; r < volume.info().resolutions(); ++r) {
     const std::uint64_t last = rows.first_row(r + 1) - 1;
     if (volume.directory_page_of_row(last) > 0) break;
-    const format::ChunkPlace& place = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
-    if (place.offset + place.entry.packed_bytes > volume.preamble_bytes()) break;
+    const format::ChunkLocation& location = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
+    if (location.offset + location.entry.packed_bytes > volume.preamble_bytes()) break;
     finest = r;
   }
   return finest;
 }
 
-// [i]: mass of the splats before number i of a resolution.
+// Returns sums: [i] is the mass of the first i splats of a resolution.
 Result<std::vector<double>> sum_masses(const format::Volume& volume, const format::DirectoryPage& directory,
                                        std::size_t resolution, int column) {
   const format::RowLayout& rows = volume.rows();
   std::vector<double> sums{0};
   std::vector<format::SplatShape> shapes;
   for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
-    const format::ChunkPlace& place = volume.find_chunk(directory, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(place.offset, place.entry.packed_bytes));
+    const format::ChunkLocation& location = volume.find_chunk(directory, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     shapes.resize(rows.group(rows.group_of_row(row)).count);
-    SPLATVOL_TRY(format::unpack_moments(place.entry, packed, shapes, volume.name()));
+    SPLATVOL_TRY(format::unpack_moments(location.entry, packed, shapes, volume.name()));
     for (const format::SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
   }
   return sums;
+}
+
+// The masses of a resolution: of the finest in the preamble.
+struct Masses {
+  std::size_t resolution;
+  std::vector<double> sums;  // as of sum_masses
+
+  double of(std::span<const std::uint64_t> begins, std::span<const std::uint64_t> counts) const {
+    double mass = 0;
+    for (std::size_t s = 0; s < begins.size(); ++s) mass += sums[begins[s] + counts[s]] - sums[begins[s]];
+    return mass;
+  }
+};
+
+// Returns nothing if the preamble lacks a whole resolution or is damaged.
+std::optional<Masses> find_masses(const format::Volume& volume, int column) {
+  const auto directory = volume.read_directory_page(0);
+  if (!directory) return std::nullopt;
+  const auto resolution = find_finest_held(volume, *directory);
+  if (!resolution) return std::nullopt;
+  auto sums = sum_masses(volume, *directory, *resolution, column);
+  if (!sums) return std::nullopt;
+  return Masses{*resolution, std::move(*sums)};
 }
 
 }  // namespace
@@ -57,16 +83,12 @@ FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexP
   const format::VolumeInfo& info = volume.info();
   const int column = info.find_column(ColumnKind::moments);
   if (column < 0 || info.attributes[static_cast<std::size_t>(attribute)].missing > 0) return {};
-  const auto directory = volume.read_directory_page(0);
-  if (!directory) return {};
-  const auto resolution = find_finest_held(volume, *directory);
-  if (!resolution) return {};
-  const auto masses = sum_masses(volume, *directory, *resolution, column);
+  const std::optional<Masses> masses = find_masses(volume, column);
   if (!masses) return {};
 
-  // Down the page, as NodeTree goes: a child's points begin where those of the siblings before it end.
+  // Down the page, as NodeTree goes: the points of a child begin behind those of the siblings before it.
   const format::NodeArrays& nodes = root.nodes;
-  const std::size_t segments = *resolution + 1;
+  const std::size_t segments = masses->resolution + 1;
   FilledNodes found;
   found.filled_.resize(nodes.size());
   std::vector<double> volumes(nodes.size());
@@ -74,19 +96,15 @@ FilledNodes FilledNodes::find(const format::Volume& volume, const format::IndexP
   volumes[0] = info.cube.edge * info.cube.edge * info.cube.edge;
   for (std::size_t s = 1; s < segments; ++s) begins[s] = info.resolution_counts[s - 1];
   for (std::uint32_t node = 0; node < nodes.size(); ++node) {
-    const auto counts = nodes.counts_of(node).first(segments);
     const auto begin = std::span(begins).subspan(node * segments, segments);
-    if (nodes.first_resolutions[node] <= *resolution) {
-      double mass = 0;
-      for (std::size_t s = 0; s < segments; ++s) mass += (*masses)[begin[s] + counts[s]] - (*masses)[begin[s]];
-      found.filled_[node] = mass >= least_filling * volumes[node];
-    }
+    if (nodes.first_resolutions[node] <= masses->resolution)
+      found.filled_[node] = masses->of(begin, nodes.counts_of(node)) >= least_filling * volumes[node];
     std::uint32_t child = root.first_children[node];
     if (child == IndexPage::no_node) continue;
     std::vector<std::uint64_t> next(begin.begin(), begin.end());
     for (int left = std::popcount(nodes.child_masks[node]); left > 0; --left, ++child) {
       volumes[child] = volumes[node] / 8;
-      found.filled_[child] = found.filled_[node];  // unless its own splats tell
+      found.filled_[child] = found.filled_[node];  // kept if its own splats are too coarse to tell
       for (std::size_t s = 0; s < segments; ++s) {
         begins[child * segments + s] = next[s];
         next[s] += nodes.counts_of(child)[s];
@@ -102,11 +120,11 @@ Occlusion::Occlusion(const View& view)
   rows_ = static_cast<int>(view.height / spacing_) + 1;
 }
 
-Occlusion::Rays Occlusion::rays_through(const Cube& cell, int margin) const {
+Occlusion::Rays Occlusion::rays_through(const Cube& cube, int margin) const {
   Rays rays{0, -1, 0, -1, infinity};
   dvec2 low(infinity), high(-infinity);  // pixels
   for (unsigned corner = 0; corner < 8; ++corner) {
-    const dvec3 p = view_.to_view(cell.origin + cell.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+    const dvec3 p = view_.to_view(cube.origin + cube.edge * dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
     rays.near = std::min(rays.near, p.z);
     if (!(p.z > 0)) return rays;
     const double scale = view_.orthographic ? view_.focal : view_.focal / p.z;
@@ -127,26 +145,26 @@ Occlusion::Rays Occlusion::rays_through(const Cube& cell, int margin) const {
   return rays;
 }
 
-bool Occlusion::is_small(const Cube& cell) const {
-  const double depth = view_.to_view(cell.origin + 0.5 * cell.edge).z;
-  return cell.edge * (view_.orthographic ? view_.focal : view_.focal / depth) < smallest_edge * spacing_;
+bool Occlusion::is_small(const Cube& cube) const {
+  const double depth = view_.to_view(cube.origin + 0.5 * cube.edge).z;
+  return cube.edge * (view_.orthographic ? view_.focal : view_.focal / depth) < smallest_edge * spacing_;
 }
 
-void Occlusion::add(const Cube& cell, double extinction) {
-  const Rays rays = rays_through(cell, 0);
+void Occlusion::add(const Cube& cube, double extinction) {
+  const Rays rays = rays_through(cube, 0);
   if (rays.empty()) return;
   if (depths_.empty()) {
     depths_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), 0);
     closed_.assign(depths_.size(), infinity);
   }
-  const dvec3 low = cell.origin - view_.eye, high = low + cell.edge;
+  const dvec3 low = cube.origin - view_.eye, high = low + cube.edge;
   const dvec2 middle = 0.5 * dvec2(view_.width, view_.height);
   for (int row = rays.bottom; row <= rays.top; ++row) {
     const dvec3 upwards = (row * spacing_ - middle.y) / view_.focal * view_.up;
     for (int column = rays.left; column <= rays.right; ++column) {
       const auto ray = static_cast<std::size_t>(row * columns_ + column);
       if (depths_[ray] >= closed) continue;
-      // origin + s direction, s being the depth
+      // The ray is origin + s direction, and s is the depth.
       const dvec3 across = (column * spacing_ - middle.x) / view_.focal * view_.right + upwards;
       const dvec3 origin = view_.orthographic ? across : dvec3(0);
       const dvec3 direction = view_.orthographic ? view_.forward : across + view_.forward;
@@ -164,9 +182,9 @@ void Occlusion::add(const Cube& cell, double extinction) {
   }
 }
 
-bool Occlusion::hides(const Cube& cell) const {
+bool Occlusion::hides(const Cube& cube) const {
   if (!any_) return false;
-  const Rays rays = rays_through(cell, 1);
+  const Rays rays = rays_through(cube, 1);
   if (rays.empty()) return false;
   for (int row = rays.bottom; row <= rays.top; ++row)
     for (int column = rays.left; column <= rays.right; ++column)

@@ -1,4 +1,4 @@
-// What lies behind an opaque front. Internal to the streamer.
+// Finds nodes that are hidden behind an opaque front. Internal to the streamer.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,17 @@
 
 namespace splatvol {
 
-/// Nodes of the index's root page that material fills without a gap, as far as the preamble tells: the mass of their
-/// splats, at the finest resolution that it holds, comes to the volume of their cell. What is smaller than those splats
-/// is taken to be as what it lies in.
+/// The nodes of the index's root page that material fills without a gap. The preamble tells: the mass of a node's
+/// splats, at the finest resolution in the preamble, is the volume of its cube. A node smaller than these splats counts
+/// as its parent does.
 class FilledNodes {
  public:
-  /// None.
+  /// No nodes.
   FilledNodes() = default;
 
-  /// None where the file has no moments, or points without a value of the attribute: these hide nothing. Reads nothing
-  /// but the preamble; none either where that is damaged: reading it for a picture tells.
+  /// Finds the filled nodes. Finds none if the file has no moments, or if points lack a value of the attribute, because
+  /// these hide nothing. Reads only the preamble. Finds none if the preamble is damaged: reading it for a picture
+  /// reports the damage.
   static FilledNodes find(const format::Volume& volume, const format::IndexPage& root, int attribute);
 
   [[nodiscard]] bool any() const { return !filled_.empty(); }
@@ -32,28 +33,28 @@ class FilledNodes {
   std::vector<bool> filled_;  // [node of the root page]; empty: none
 };
 
-/// How far one can see into a view, along rays through a grid of pixels. A ray is closed where no more than a
-/// thousandth of the light comes through.
+/// How far one can see into a view, along rays through a grid of pixels. A ray is closed behind material that lets at
+/// most a thousandth of the light through.
 class Occlusion {
   static constexpr int most_rays = 64;  // along the picture's longer side
 
  public:
   explicit Occlusion(const View& view);
 
-  /// Adds a cell whose material has an extinction of at least this (per world length unit) throughout. Requires that
-  /// cells come front to back.
-  void add(const Cube& cell, double extinction);
+  /// Adds a cube whose material has everywhere at least this extinction, per world unit of length. Requires that cubes
+  /// come front to back.
+  void add(const Cube& cube, double extinction);
 
-  /// Whether nothing in the cell can be seen behind what was added: it lies behind where all rays through it, and those
-  /// next to them, are closed. False of what reaches the eye's plane and of what lies outside of the picture.
-  [[nodiscard]] bool hides(const Cube& cell) const;
+  /// Whether the added cubes hide everything in this cube: the rays through it, and their neighbours, are all closed in
+  /// front of it. False for a cube that reaches the eye's plane or is outside of the picture.
+  [[nodiscard]] bool hides(const Cube& cube) const;
 
-  /// Whether a cell is so small in the picture that a ray might miss it.
-  [[nodiscard]] bool is_small(const Cube& cell) const;
+  /// Whether a cube is so small in the picture that a ray might miss it.
+  [[nodiscard]] bool is_small(const Cube& cube) const;
 
   [[nodiscard]] const View& view() const { return view_; }
 
-  /// The most that one takes, whatever the view.
+  /// The most memory of an Occlusion, whatever the view.
   static constexpr std::uint64_t most_memory_bytes = (most_rays + 1) * (most_rays + 1) * 2 * sizeof(double);
 
   /// Optical depth that closes a ray.
@@ -61,33 +62,33 @@ class Occlusion {
 
  private:
   struct Rays {
-    int left, right, bottom, top;  // first and last column and row that pass through a cell's box on the screen
-    double near;                   // least depth of the cell
+    int left, right, bottom, top;  // first and last column and row through the cube's rectangle in the picture
+    double near;                   // least depth of the cube
     [[nodiscard]] bool empty() const { return right < left || top < bottom; }
   };
-  [[nodiscard]] Rays rays_through(const Cube& cell, int margin) const;
+  [[nodiscard]] Rays rays_through(const Cube& cube, int margin) const;
 
   View view_;
   double spacing_;  // pixels
   int columns_, rows_;
-  bool any_ = false;            // closed
-  std::vector<double> depths_;  // [row][column]: optical, so far
-  std::vector<double> closed_;  // [row][column]: view depth behind which nothing is seen; infinity: none
+  bool any_ = false;            // a ray is closed
+  std::vector<double> depths_;  // [row][column]: optical depth so far
+  std::vector<double> closed_;  // [row][column]: view depth at which the ray is closed; infinity: not closed
 };
 
-/// What was found for a view, with the pages of the index that told: it holds as long as the same of them are there.
+/// The occlusion for a view, with the index pages that it depends on: it stays valid while the same pages are there.
 struct KeptOcclusion {
   /// A page that was asked for.
   struct Link {
     std::size_t from;    // 0: the root page; i: that of links[i - 1]
     std::uint32_t node;  // of that page
-    bool found;
+    bool found;          // it was there
   };
 
   ValueVisibility visibility;
   Occlusion occlusion;
   std::vector<Link> links;
-  bool complete;  // all that were asked for were there
+  bool complete;  // every page that was asked for was there
 };
 
 }  // namespace splatvol

@@ -1,13 +1,11 @@
 #include "streamer/paged_volume.h"
 
-#include <algorithm>
-
 namespace splatvol {
 
 using format::DirectoryPage;
 using format::IndexPage;
 
-// How large a page is in memory shows only when it is unpacked; until then its packed bytes stand for it.
+// The size of a page in memory is known only after unpacking. Until then, its packed bytes are reserved.
 template <class Page, class Read>
 Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_t packed_bytes, Read read) {
   const auto typed = [](const Cache::Pointer& held) {
@@ -45,13 +43,10 @@ Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::ui
 }
 
 std::uint64_t PagedVolume::directory_page_chunks(std::uint64_t number) const {
-  const format::RowLayout& rows = volume_.rows();
-  const std::uint64_t first = number * volume_.info().rows_per_directory_page;
-  const std::uint64_t last = std::min(rows.row_count(), first + volume_.info().rows_per_directory_page);
-  return rows.chunks_before(last) - rows.chunks_before(first);
+  return volume_.rows().chunks_of_directory_page(number);
 }
 
-Result<format::ChunkPlace> PagedVolume::find_chunk(std::uint64_t row, int column) {
+Result<format::ChunkLocation> PagedVolume::find_chunk(std::uint64_t row, int column) {
   SPLATVOL_TRY_ASSIGN(page, directory_page(volume_.directory_page_of_row(row)));
   return volume_.find_chunk(*page, row, column);
 }

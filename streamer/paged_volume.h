@@ -1,4 +1,4 @@
-// A volume whose index and directory are paged in on demand, through the cache.
+// A volume whose index and directory pages are read when they are needed, through the cache.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace splatvol {
 
-/// One attribute of a volume. Not thread-safe.
+/// A volume, seen through one attribute. Reading a page waits for the file. Not thread-safe.
 class PagedVolume final : public IndexPages {
  public:
   /// `attribute` is an index into volume.info().attributes. Keeps references to both.
@@ -25,14 +25,14 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
 
-  /// Chunks that a directory page names, and its bytes in memory.
+  /// Return the number of chunks of a directory page, and its bytes in memory.
   [[nodiscard]] std::uint64_t directory_page_chunks(std::uint64_t number) const;
   [[nodiscard]] std::uint64_t directory_page_bytes(std::uint64_t number) const {
-    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkPlace);
+    return sizeof(format::DirectoryPage) + directory_page_chunks(number) * sizeof(format::ChunkLocation);
   }
 
-  /// Where a chunk of a row lies; `column` must be one of the row's.
-  [[nodiscard]] Result<format::ChunkPlace> find_chunk(std::uint64_t row, int column);
+  /// Returns the location of a chunk. Requires a column that the row has.
+  [[nodiscard]] Result<format::ChunkLocation> find_chunk(std::uint64_t row, int column);
 
  private:
   template <class Page, class Read>

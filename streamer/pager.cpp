@@ -7,15 +7,16 @@
 namespace splatvol {
 namespace {
 
+using format::ColumnKind;
 using format::DirectoryPage;
 using format::IndexPage;
 
-// So many parts may fail before nothing more is asked for: the disk is gone, and the list of them is not to grow.
+// Most failed parts. Then the disk is gone: nothing more is asked for, so that the list of failures does not grow.
 constexpr std::size_t most_failures = 1000;
 
-constexpr int before_all_steps = std::numeric_limits<int>::max();
+constexpr int before_all_stages = std::numeric_limits<int>::max();
 
-// Large reads are cheap, and small ones let others pass.
+// Large load runs cost less a byte; small ones let more urgent reads pass earlier.
 constexpr std::uint64_t smallest_run_bytes = 16u << 10;
 constexpr std::uint64_t largest_run_bytes = 512u << 10;
 
@@ -47,36 +48,50 @@ Status Pager::pin_coarsest() {
   const format::Volume& volume = paged_.volume();
   const std::uint64_t groups = volume.rows().group_at(0, volume.info().resolution_counts[0] - 1) + 1;
   for (std::uint64_t group = 0; group < groups; ++group)
-    for (const int column : gatherer_.columns()) {
-      const CacheKey key = gatherer_.chunk_key(0, group, column);
-      SPLATVOL_TRY_ASSIGN(place, paged_.find_chunk(key.number, column));
-      Cache::Pointer held = cache_.find(key);
-      if (!held) {
-        LoadRun run;
-        run.push_back(chunk_load(key, {gatherer_.column(column).kind, volume.rows().group(group).count, place}));
-        auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
-        const auto working = cache_.reserve(working_bytes(volume, run.front().chunk()));
-        if (!decoded || !working)
-          return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
-        read_run(volume, paged_.attribute(), run);
-        SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
-        held = cache_.insert(key, std::move(data), std::move(*decoded));
-      }
-      pinned_bytes_ += decoded_bytes(gatherer_.column(column).kind, volume.rows().group(group).count);
-      pinned_.push_back(std::move(held));
-    }
+    for (const int column : gatherer_.columns()) SPLATVOL_TRY(pin_chunk(group, column));
+  SPLATVOL_TRY(pin_directory_pages(groups));
+  return pin_root();
+}
 
-  // The directory's pages may have pushed each other out; all of them are to stay.
+Status Pager::pin_chunk(std::uint64_t group, int column) {
+  const format::Volume& volume = paged_.volume();
+  const ColumnKind kind = gatherer_.column(column).kind;
+  const std::uint32_t points = volume.rows().group(group).count;
+  const CacheKey key = gatherer_.chunk_key(0, group, column);
+  SPLATVOL_TRY_ASSIGN(location, paged_.find_chunk(key.number, column));
+  Cache::Pointer held = cache_.find(key);
+  if (!held) {
+    LoadRun run;
+    run.push_back(chunk_load(key, {kind, points, location}));
+    auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
+    const auto working = cache_.reserve(working_bytes(volume, run.front().chunk()));
+    if (!decoded || !working)
+      return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
+    read_run(volume, paged_.attribute(), run);
+    SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
+    held = cache_.insert(key, std::move(data), std::move(*decoded));
+  }
+  pinned_bytes_ += decoded_bytes(kind, points);
+  pinned_.push_back(std::move(held));
+  return {};
+}
+
+// Reads the pages again: pinning the chunks may have dropped some of them.
+Status Pager::pin_directory_pages(std::uint64_t groups) {
   std::set<std::uint64_t> pages;
   for (std::uint64_t group = 0; group < groups; ++group)
     for (const int column : gatherer_.columns()) {
       const std::uint64_t row = gatherer_.chunk_key(0, group, column).number;
-      const std::uint64_t page = volume.directory_page_of_row(row);
+      const std::uint64_t page = paged_.volume().directory_page_of_row(row);
       if (!pages.insert(page).second) continue;
       SPLATVOL_TRY(paged_.find_chunk(row, column));
       pinned_.push_back(cache_.find({CacheKey::Kind::directory_page, page}));
       pinned_bytes_ += paged_.directory_page_bytes(page);
     }
+  return {};
+}
+
+Status Pager::pin_root() {
   SPLATVOL_TRY_ASSIGN(root, paged_.root());
   largest_index_page_ = 4 * root->memory_bytes();
   pinned_.push_back(cache_.find({CacheKey::Kind::index_root, 0}));
@@ -135,9 +150,9 @@ bool Pager::holds(std::span<const PointRange> ranges) {
 }
 
 Pager::State Pager::state_of(std::uint32_t resolution, std::uint64_t group) {
-  const auto [place, added] = rows_.try_emplace(row_number(resolution, group));
-  if (added) look_up(resolution, group, place->second);
-  return place->second.state;
+  const auto [found, added] = rows_.try_emplace(row_number(resolution, group));
+  if (added) look_up(resolution, group, found->second);
+  return found->second.state;
 }
 
 void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
@@ -159,15 +174,15 @@ void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
   }
 }
 
-void Pager::want(const Cut& cut, int step) {
+void Pager::want(const Cut& cut, int stage) {
   for (const CutItem& item : cut.items) {
     if (item.error == 0) continue;
     visit_groups(paged_.volume(), cut.ranges_of(item), [&](const GroupPart& part) {
-      const auto [place, added] = wants_.try_emplace(row_number(item.resolution, part.group),
-                                                     Want{item.resolution, part.group, step, false, 0});
-      Want& wanted = place->second;
-      wanted.step = std::max(wanted.step, step);
-      wanted.needed = wanted.needed || step == 0;
+      const auto [found, added] = wants_.try_emplace(row_number(item.resolution, part.group),
+                                                     Want{item.resolution, part.group, stage, false, 0});
+      Want& wanted = found->second;
+      wanted.stage = std::max(wanted.stage, stage);
+      wanted.needed = wanted.needed || stage == 0;
       wanted.error = std::max(wanted.error, item.error);
       return true;
     });
@@ -178,22 +193,23 @@ void Pager::hold_wanted() {
   rows_.clear();
   std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == CacheKey::Kind::directory_page; });
   for (const auto& [number, want] : wants_)
-    if (want.step >= 0) static_cast<void>(state_of(want.resolution, want.group));
+    if (want.stage >= 0) static_cast<void>(state_of(want.resolution, want.group));
 }
 
 void Pager::ask() {
   for (const LoadRun& run : loader_.withdraw())
     for (const PartLoad& part : run) {
-      const auto place = in_flight_.find(part.key);
-      bytes_in_flight_ -= place->second;
-      in_flight_.erase(place);
+      const auto found = in_flight_.find(part.key);
+      bytes_in_flight_ -= found->second;
+      in_flight_.erase(found);
     }
   hold_wanted();
   for (Request& request : requests())
-    if (failed_.size() >= most_failures || !submit(std::move(request.run), request.step >= 0)) break;
+    if (failed_.size() >= most_failures || !submit(std::move(request.run), request.stage >= 0)) break;
 }
 
-// All that is missing, what is needed most first. What only leads to the picture is left out where that is there.
+// Returns requests for all missing parts, those needed most first. Skips intermediate pictures once the final one is
+// resident.
 std::vector<Pager::Request> Pager::requests() {
   missing_ = {};
   needed_bytes_ = pages_.packed_bytes;
@@ -205,25 +221,25 @@ std::vector<Pager::Request> Pager::requests() {
   add_pages(directory_pages, requests);
 
   const bool is_there = missing_.chunks + missing_.pages == 0;
-  std::map<int, std::vector<PartLoad>> parts_by_step;
+  std::map<int, std::vector<PartLoad>> parts_by_stage;
   for (auto& [key, chunk] : chunks)
-    if (!is_there || chunk.step <= 0) parts_by_step[chunk.step].push_back(std::move(chunk.part));
+    if (!is_there || chunk.stage <= 0) parts_by_stage[chunk.stage].push_back(std::move(chunk.part));
   const std::uint64_t run_bytes = std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
-  for (auto& [step, parts] : parts_by_step)
+  for (auto& [stage, parts] : parts_by_stage)
     for (LoadRun& run : runs_of(paged_.volume(), std::move(parts), run_bytes)) {
       const float error = std::ranges::max_element(run, {}, &PartLoad::error)->error;
-      requests.push_back({step, error, std::move(run)});
+      requests.push_back({stage, error, std::move(run)});
     }
   for (const auto& [key, load] : pages_ahead_)
     if (can_ask(key)) requests.push_back({ahead, 1, page_run(key, load)});
   std::ranges::stable_sort(requests, std::greater<>(),
-                           [](const Request& request) { return std::tuple(request.step, request.error); });
+                           [](const Request& request) { return std::tuple(request.stage, request.error); });
   return requests;
 }
 
 void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests) {
   const auto add = [&](const CacheKey& key, auto what) {
-    if (can_ask(key)) requests.push_back({before_all_steps, 0, page_run(key, std::move(what))});
+    if (can_ask(key)) requests.push_back({before_all_stages, 0, page_run(key, std::move(what))});
   };
   for (const auto& [key, what] : pages_.missing) {
     miss(key, missing_.pages, what.ref.page_bytes);
@@ -232,7 +248,7 @@ void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vecto
   for (const std::uint64_t number : directory_pages) add({CacheKey::Kind::directory_page, number}, DirectoryPageLoad());
 }
 
-// The chunks of a row that are not there, or the directory pages that tell where they lie.
+// Adds the chunks of a row that are not there, or the directory pages that name their locations if these are missing.
 void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std::set<CacheKey>& needed,
                        std::set<std::uint64_t>& directory_pages) {
   const format::Volume& volume = paged_.volume();
@@ -248,16 +264,16 @@ void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std:
              paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry));
       continue;
     }
-    const format::ChunkPlace& place = volume.find_chunk(*page, key.number, column);
+    const format::ChunkLocation& location = volume.find_chunk(*page, key.number, column);
     const bool count = want.needed && needed.insert(key).second;
-    if (count) needed_bytes_ += place.entry.packed_bytes;
+    if (count) needed_bytes_ += location.entry.packed_bytes;
     if (state == State::ready || cache_.find(key)) continue;
-    if (count) miss(key, missing_.chunks, place.entry.packed_bytes);
+    if (count) miss(key, missing_.chunks, location.entry.packed_bytes);
     if (!can_ask(key)) continue;
     const std::uint32_t points = volume.rows().group(want.group).count;
     const auto [chunk, added] =
-        chunks.try_emplace(key, want.step, chunk_load(key, {gatherer_.column(column).kind, points, place}));
-    chunk->second.step = std::max(chunk->second.step, want.step);
+        chunks.try_emplace(key, want.stage, chunk_load(key, {gatherer_.column(column).kind, points, location}));
+    chunk->second.stage = std::max(chunk->second.stage, want.stage);
     chunk->second.part.error = std::max(chunk->second.part.error, want.error);
   }
 }
@@ -268,7 +284,7 @@ void Pager::miss(const CacheKey& key, std::uint64_t& parts, std::uint64_t packed
   missing_.failed += failed_.contains(key) ? 1 : 0;
 }
 
-// Submits as much of a run as there is memory for; false where that is not all.
+// Submits the parts of a load run that memory suffices for. Returns whether these are all.
 bool Pager::submit(LoadRun run, bool may_evict) {
   LoadRun granted;
   for (PartLoad& part : run) {
@@ -289,7 +305,7 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
     decoded = paged_.directory_page_bytes(part.key.number);
     working = paged_.directory_page_chunks(part.key.number) * sizeof(format::ChunkEntry);
   } else if (const auto* page = std::get_if<IndexPageLoad>(&part.what)) {
-    // How large a page is in memory shows when it is unpacked; one is about as large as another.
+    // The size of a page in memory is known only after unpacking. Pages are about equally large.
     decoded = largest_index_page_;
     working = largest_index_page_ + page->ref.page_bytes;
   } else if (const auto* chunk = std::get_if<ChunkLoad>(&part.what)) {
@@ -306,17 +322,17 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
   return true;
 }
 
-Pager::Arrivals Pager::take_in() {
+Pager::Arrivals Pager::accept_arrivals() {
   Arrivals arrivals;
-  for (LoadRun& run : loader_.take())
+  for (LoadRun& run : loader_.extract_done())
     for (PartLoad& part : run) arrive(part, arrivals);
   return arrivals;
 }
 
 void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
-  const auto place = in_flight_.find(part.key);
-  bytes_in_flight_ -= place->second;
-  in_flight_.erase(place);
+  const auto found = in_flight_.find(part.key);
+  bytes_in_flight_ -= found->second;
+  in_flight_.erase(found);
   (part.key.kind == CacheKey::Kind::chunk ? arrivals.chunks : arrivals.pages) = true;
   if (!part.data) {
     failed_.insert(part.key);

@@ -1,4 +1,4 @@
-// What a view wants of a file that is read while frames go on: asked for in the order of need, and held while it is
+// Reads the parts of a file that views want while frames are drawn: those needed most first. Holds them while they are
 // wanted.
 #pragma once
 
@@ -23,109 +23,115 @@
 
 namespace splatvol {
 
-/// The parts of a file that are there, and those that are wanted. No call waits for the file but `wait_until`,
-/// `pin_coarsest` and the destructor.
+/// The parts of a file that are there, and those that are wanted. Only `wait_until`, `pin_coarsest` and the destructor
+/// wait for the file.
 ///
-/// A selection: `begin_selection`, cuts, perhaps `keep_pages`; then `want` for each cut that is to be read, and `ask`.
-/// What is wanted does not lose its place in the cache before it is no longer so; neither does what `holds` was asked
-/// about, until the next `ask`. Not thread-safe.
+/// To select parts: call `begin_selection`, choose cuts, perhaps call `keep_pages`; then call `want` for each cut that
+/// should be read, and `ask`. The cache keeps parts while they are wanted. It keeps the parts that `holds` was asked
+/// about until the next `ask`. Not thread-safe.
 class Pager final : public IndexPages, public Residency {
  public:
-  /// `bytes_in_flight`: what is being read and decoded may take at once, with the data that comes of it; one chunk more
-  /// where that is too little for one. Keeps references to all.
+  /// `bytes_in_flight`: most bytes for parts that are being read and decoded, with their data; if this is too little
+  /// for one part, one is read at a time. Keeps references to its arguments.
   Pager(PagedVolume& paged, Cache& cache, const Gatherer& gatherer, std::uint64_t bytes_in_flight, unsigned threads);
 
-  /// Reads the root of the index and all chunks of resolution 0, which stay from then on.
+  /// Reads the root of the index and all chunks of resolution 0, with their directory pages. Holds them from then on.
   [[nodiscard]] Status pin_coarsest();
   [[nodiscard]] std::uint64_t pinned_bytes() const { return pinned_bytes_; }
 
-  /// Pages that cuts have come by, and references to those that were not there.
+  /// Pages that the choice of cuts has used, and references to those that were not there.
   struct Pages {
     std::map<CacheKey, Cache::Pointer> held;
     std::map<CacheKey, IndexPageLoad> missing;
     std::uint64_t index_bytes = 0;   // held
-    std::uint64_t packed_bytes = 0;  // of the index, there or not, at least
+    std::uint64_t packed_bytes = 0;  // of index pages, there or not: a lower bound
   };
 
-  /// What is visible from now on; forgets what was wanted.
+  /// Sets which values are visible from now on. Forgets everything that was wanted.
   void forget(const ValueVisibility& visibility);
 
-  /// Forgets which pages were come by.
+  /// Forgets which pages were used.
   void begin_selection() { pages_ = {}; }
   [[nodiscard]] const Pages& pages() const { return pages_; }
   void keep_pages(Pages pages) { pages_ = std::move(pages); }
 
-  /// The same; those that are missing now are asked for too, when nothing else is.
+  /// As keep_pages. `ask` will also ask for the pages that are missing now, when everything else has been asked for.
   void keep_pages_and_ask_ahead(Pages pages);
 
-  /// Pages that are there; null where a page is not, which is then asked for.
+  /// Return pages that are there, else null; a missing page is then asked for.
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
   [[nodiscard]] bool holds(std::span<const PointRange> ranges) override;
 
-  /// The step of what a view to come may need.
+  /// The stage of chunks that the next view may need.
   static constexpr int ahead = -1;
 
-  /// Wants a cut's chunks: those of higher steps before all others, within a step by error. Step 0 is what is needed;
-  /// steps above lead there and are left out where all of that is there; for what is `ahead` nothing gives way.
-  void want(const Cut& cut, int step);
+  /// Wants the chunks of a cut. Higher stages are read before lower ones; within a stage, larger errors first. Stage 0
+  /// is the picture that is needed. Higher stages are coarser pictures on the way: they are skipped once all of stage 0
+  /// is there. No part is dropped for chunks of stage `ahead`.
+  void want(const Cut& cut, int stage);
 
-  /// Asks for what is wanted and not there, as far as there is memory. What was asked for and not begun is asked for
-  /// only if it is wanted still.
+  /// Asks for the parts that are wanted and not there, while memory suffices. Withdraws earlier requests that were not
+  /// begun, unless the parts are still wanted.
   void ask();
 
-  /// Whether something was asked for and has not arrived.
+  /// Whether a part was asked for and has not arrived.
   [[nodiscard]] bool is_reading() const { return !in_flight_.empty(); }
 
-  /// Holds nothing but what is wanted.
+  /// Lets go of all parts that are not wanted.
   void hold_wanted();
 
-  /// What has arrived, by kind.
+  /// Which kinds of parts have arrived.
   struct Arrivals {
     bool pages = false;
     bool chunks = false;
 
     [[nodiscard]] explicit operator bool() const { return pages || chunks; }
   };
-  Arrivals take_in();
+  /// Adds the parts that have been read to the cache, and notes those that failed.
+  Arrivals accept_arrivals();
   void wait_until(std::chrono::steady_clock::time_point deadline) { loader_.wait_until(deadline); }
 
-  /// What is wanted and was not there at the last `ask`; and of it, what cannot be read.
+  /// The needed parts that were not there at the last `ask`.
   struct Missing {
-    std::uint64_t chunks = 0;  // as far as their places are known
+    std::uint64_t chunks = 0;  // whose locations are known
     std::uint64_t pages = 0;
     std::uint64_t bytes = 0;
-    std::uint64_t failed = 0;  // chunks and pages
+    std::uint64_t failed = 0;  // of these chunks and pages, those that cannot be read
 
     [[nodiscard]] bool settled() const { return chunks + pages == failed; }
   };
   [[nodiscard]] const Missing& missing() const { return missing_; }
 
-  /// Packed bytes of all that is needed: chunks of step 0 and pages, there or not, as far as their places are known.
+  /// Returns the packed bytes of all needed parts, there or not: pages, and chunks of stage 0 whose locations are
+  /// known.
   [[nodiscard]] std::uint64_t needed_bytes() const { return needed_bytes_; }
 
-  /// Errors since the last call; each part that cannot be read has one, once.
-  [[nodiscard]] std::vector<Error> take_errors() { return std::exchange(errors_, {}); }
+  /// Moves out the errors since the last call: one for each part that cannot be read.
+  [[nodiscard]] std::vector<Error> extract_errors() { return std::exchange(errors_, {}); }
 
  private:
-  enum class State { hidden, ready, missing, unplaced };
+  enum class State { hidden, ready, missing, unlocated };
   struct Row {
-    State state = State::unplaced;
+    State state = State::unlocated;
     std::vector<Cache::Pointer> chunks;
   };
   struct Want {
     std::uint32_t resolution;
     std::uint64_t group;
-    int step;
+    int stage;
     bool needed;
     float error;
   };
   struct Request {
-    int step;
+    int stage;
     float error;
     LoadRun run;
   };
+  [[nodiscard]] Status pin_chunk(std::uint64_t group, int column);
+  [[nodiscard]] Status pin_directory_pages(std::uint64_t groups);
+  [[nodiscard]] Status pin_root();
   [[nodiscard]] Cache::Pointer find_page(const CacheKey& key);
   [[nodiscard]] const format::DirectoryPage* find_directory_page(std::uint64_t row);
   [[nodiscard]] State state_of(std::uint32_t resolution, std::uint64_t group);
@@ -133,7 +139,7 @@ class Pager final : public IndexPages, public Residency {
   [[nodiscard]] std::vector<Request> requests();
   void add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests);
   struct Chunk {
-    int step;
+    int stage;
     PartLoad part;
   };
   void add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std::set<CacheKey>& needed,
@@ -153,12 +159,12 @@ class Pager final : public IndexPages, public Residency {
   std::uint64_t pinned_bytes_ = 0;
 
   Pages pages_;
-  std::map<CacheKey, IndexPageLoad> pages_ahead_;  // that the next view may need
+  std::map<CacheKey, IndexPageLoad> pages_ahead_;  // pages that the next view may need
   std::unordered_map<std::uint64_t, Row> rows_;
   std::unordered_map<std::uint64_t, Want> wants_;
   std::map<CacheKey, std::uint64_t> in_flight_;  // bytes of each
   std::uint64_t bytes_in_flight_ = 0;
-  std::uint64_t largest_index_page_ = 0;  // in memory, so far
+  std::uint64_t largest_index_page_ = 0;  // bytes in memory, so far
   std::set<CacheKey> failed_;
   std::vector<Error> errors_;
   Missing missing_;

@@ -9,19 +9,21 @@ namespace {
 
 constexpr float none = std::numeric_limits<float>::infinity();
 
-// Prices are powers of two, in so many steps an octave.
-constexpr int steps_per_octave = 16;
-constexpr int lowest_price = -120 * steps_per_octave;
-float price_of(int price) { return std::exp2(static_cast<float>(price) / steps_per_octave); }
+// Prices are powers of two: 2^(price / 16).
+constexpr int prices_per_octave = 16;
+constexpr int lowest_price = -120 * prices_per_octave;
+float price_of(int price) { return std::exp2(static_cast<float>(price) / prices_per_octave); }
 
-// A node is opened where more splats might be saved by it, or error worth as many, than this share of all; and where it
-// has more than so many, unless they are its coarsest: what one part of it needs is not to cost all of it.
+// A node is opened if this may save more than this share of all splats, or an equal worth of error.
 constexpr double least_share = 1.0 / 128;
 constexpr float smallest_gain = 4, largest_gain = 512;
-constexpr float gain_for_error = 64;  // where it is not known how many there will be
+constexpr float gain_for_error = 64;  // largest gain if the goal is an error, which does not tell the number of splats
+
+// A node of more splats than this is opened too, unless it is at its coarsest: the detail that one part of it needs
+// must not cost splats in all of it.
 constexpr float most_splats = 256;
 
-// How near to its goal a cut need not be nearer.
+// A cut this near to its goal is near enough.
 constexpr double enough_splats = 0.97;
 constexpr double enough_error = 0.95;  // squared
 
@@ -45,7 +47,7 @@ std::uint32_t Refinement::add(const Node& node) {
   items_.push_back({.is_leaf = node.child_mask() == 0,
                     .first_resolution = static_cast<std::uint8_t>(first),
                     .begin = static_cast<std::uint32_t>(choices_.size())});
-  places_.push_back({node.page, node.index, node.cell, node.depth});
+  nodes_.push_back({node.page, node.index, node.cube, node.depth});
   const ErrorModel::OfNode model = model_.of(node);
   const bool is_in_view = tree_.is_within_reach(node);
   std::uint64_t splats = node.splat_count(first);
@@ -62,9 +64,9 @@ std::uint32_t Refinement::add(const Node& node) {
 }
 
 Status Refinement::expand(std::uint32_t item) {
-  const Place& place = places_[item];
+  const Located& node = nodes_[item];
   SPLATVOL_TRY_ASSIGN(children,
-                      tree_.children_of({place.page, place.index, place.cell, Begins(resolutions_), place.depth}));
+                      tree_.children_of({node.page, node.index, node.cube, Begins(resolutions_), node.depth}));
   items_[item].expanded = true;
   items_[item].absent = !children;
   if (!children) return {};
@@ -74,8 +76,8 @@ Status Refinement::expand(std::uint32_t item) {
     const std::uint32_t added = add(*child);
     items_[item].children[octant] = added;
   }
-  const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Place)) + choices_.size() * sizeof(Choice);
-  if (bytes > max_bytes_ / 2)  // a vector that grows holds twice what it needs
+  const std::uint64_t bytes = items_.size() * (sizeof(Item) + sizeof(Located)) + choices_.size() * sizeof(Choice);
+  if (bytes > max_bytes_ / 2)  // a growing vector may hold twice its size
     return fail(ErrorCode::out_of_budget, "choosing by expected error takes more than {} bytes", max_bytes_);
   return {};
 }
@@ -95,39 +97,47 @@ bool Refinement::is_worth_opening(const Item& item, float price) const {
          least - price * of_item.front().splats > price * least_gain_;
 }
 
-// Requires that its children's offers are made.
+// Adds to `offers` the offers of the children, for each resolution of the surroundings, from the item's first on.
+// Returns the sum of their floors. Requires that the costs of the children are settled.
+float Refinement::sum_children(const Item& item, std::span<float> offers) const {
+  const std::size_t first = item.first_resolution;
+  float floors = 0;
+  for (const std::uint32_t index : item.children) {
+    if (index == 0) continue;
+    const Item& child = items_[index];
+    // For surroundings coarser than its first resolution, a child offers the cost at this resolution plus the seams.
+    const auto of_child = choices(child);
+    for (std::size_t r = first; r < child.first_resolution; ++r)
+      offers[r - first] +=
+          of_child.front().offer + static_cast<float>(child.first_resolution - r) * of_child.front().seam;
+    for (std::size_t r = std::max<std::size_t>(child.first_resolution, first); r < resolutions_; ++r)
+      offers[r - first] += of_child[r - child.first_resolution].offer;
+    floors += child.floor;
+  }
+  return floors;
+}
+
+// Makes the offers of an item. Requires that the costs of its children are settled.
 void Refinement::settle_costs(Item& item, float price) {
   const std::size_t first = item.first_resolution;
   const bool is_absent = item.wants_opening && item.absent, may_open = item.wants_opening && !item.absent;
   std::array<float, format::max_resolutions> opened;  // from the first resolution on
   if (may_open) std::fill_n(opened.begin(), resolutions_ - first, 0.0F);
-  float parts = 0;
-  const auto of_item = choices(item);
-  for (std::size_t octant = 0; may_open && octant < 8; ++octant) {
-    const std::uint32_t index = item.children[octant];
-    if (index == 0) continue;
-    const Item& child = items_[index];
-    // Below the child's first resolution it offers what it does there, and as many seams.
-    const auto offers = choices(child);
-    for (std::size_t r = first; r < child.first_resolution; ++r)
-      opened[r - first] += offers.front().offer + static_cast<float>(child.first_resolution - r) * offers.front().seam;
-    for (std::size_t r = std::max<std::size_t>(child.first_resolution, first); r < resolutions_; ++r)
-      opened[r - first] += offers[r - child.first_resolution].offer;
-    parts += child.floor;
-  }
+  const float parts = may_open ? sum_children(item, opened) : 0;
 
-  // The parts of a node tell more than the whole: it is not better, at any resolution, than they add up to.
+  // The parts of a node tell more than the whole. At no resolution is the node's error smaller than their sum.
+  const auto of_item = choices(item);
   const float whole = of_item.back().error;
   item.hidden = std::max(parts - whole, 0.0F);
   item.floor = whole + item.hidden;
 
-  // From each level to the next the seam of the coarser one, to and fro.
+  // The cut may also begin with a neighbouring resolution, finer or coarser, for the seam of the coarser one.
   const auto offer = [](const Choice& from, Choice& to, float seam) {
     if (!(from.offer + seam < to.offer)) return;
     to.offer = from.offer + seam;
-    to.level = from.level;
+    to.resolution = from.resolution;
   };
-  const float most_drawn = is_absent ? -1 : item.is_leaf ? none : most_splats;  // past the first resolution
+  const float most_drawn = is_absent ? -1 : item.is_leaf ? none : most_splats;  // of splats past the first resolution
   const float share = is_absent ? 0.0F : 1.0F;
   for (std::size_t i = 0; i < of_item.size(); ++i) {
     Choice& choice = of_item[i];
@@ -135,14 +145,14 @@ void Refinement::settle_costs(Item& item, float price) {
     const float cost = drawable ? share * (choice.error + item.hidden) + price * choice.splats : none;
     choice.opens = may_open && opened[i] < cost;
     choice.offer = choice.opens ? opened[i] : cost;
-    choice.level = static_cast<std::uint8_t>(first + i);
+    choice.resolution = static_cast<std::uint8_t>(first + i);
     if (i > 0) offer(of_item[i - 1], choice, of_item[i - 1].seam);
   }
   for (std::size_t i = of_item.size() - 1; i-- > 0;) offer(of_item[i + 1], of_item[i], of_item[i].seam);
 }
 
-Result<Refinement::Sum> Refinement::evaluate(int steps) {
-  const float price = price_of(steps);
+Result<Refinement::Sum> Refinement::evaluate(int log_price) {
+  const float price = price_of(log_price);
   for (Item& item : items_) item.reached = false;
   items_[0].reached = true;
   for (std::uint32_t i = 0; i < items_.size(); ++i) {
@@ -155,12 +165,16 @@ Result<Refinement::Sum> Refinement::evaluate(int steps) {
   }
   for (auto i = items_.size(); i-- > 0;)
     if (items_[i].reached) settle_costs(items_[i], price);
+  return choose_at(log_price);
+}
 
-  // From the root down: what was chosen. Its own level is free.
-  Sum sum{.price = steps};
+// Chooses the cheapest cut, from the root down, once all costs are settled. The root has no surroundings: it begins
+// with any resolution.
+Refinement::Sum Refinement::choose_at(int log_price) {
+  Sum sum{.price = log_price};
   for (Item& item : items_) item.reached = item.opened = false;
   items_[0].reached = true;
-  items_[0].resolution = std::ranges::min_element(choices(items_[0]), {}, &Choice::offer)->level;
+  items_[0].resolution = std::ranges::min_element(choices(items_[0]), {}, &Choice::offer)->resolution;
   for (Item& item : items_) {
     if (!item.reached) continue;
     const auto of_item = choices(item);
@@ -171,7 +185,7 @@ Result<Refinement::Sum> Refinement::evaluate(int steps) {
       Item& child = items_[index];
       const std::uint8_t nearest = std::max(item.resolution, child.first_resolution);
       child.reached = true;
-      child.resolution = choices(child)[nearest - child.first_resolution].level;
+      child.resolution = choices(child)[nearest - child.first_resolution].resolution;
     }
     if (item.opened || choice.splats == 0) continue;
     sum.splats += static_cast<std::uint64_t>(choice.splats);
@@ -181,22 +195,22 @@ Result<Refinement::Sum> Refinement::evaluate(int steps) {
   return sum;
 }
 
-// How far to lower the price, in view of how splats and errors usually answer: never so far that much more of the index
-// is read than the goal needs.
-int Refinement::step_to(const ErrorGoal& goal, const Sum& from) {
+// Returns how far to lower the price, by the usual response of splats and errors; never so far that much more of the
+// index is read than the goal needs.
+int Refinement::price_drop(const ErrorGoal& goal, const Sum& from) {
   double octaves = 2;
   if (from.splats > 0)
     octaves =
         std::min(octaves, 1.6 * std::log2(static_cast<double>(goal.max_splats) / static_cast<double>(from.splats)));
   if (goal.max_error > 0) octaves = std::min(octaves, 2 * std::log2(from.error / (goal.max_error * goal.max_error)));
-  return std::max(static_cast<int>(steps_per_octave * octaves), steps_per_octave / 4);
+  return std::max(static_cast<int>(prices_per_octave * octaves), prices_per_octave / 4);
 }
 
-// The price is lowered until the goal is met or there is nothing to gain, then the last step is narrowed down. The
-// search depends on nothing but what it finds, so that it always ends at the same price.
+// Lowers the price until the goal is met or nothing is left to gain, then searches between the last two prices. The
+// search depends only on the index, so that it always ends at the same price.
 Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
   items_.clear();
-  places_.clear();
+  nodes_.clear();
   choices_.clear();
   max_bytes_ = max_bytes;
   SPLATVOL_TRY_ASSIGN(root, tree_.root());
@@ -206,24 +220,25 @@ Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
                            goal.max_error > 0 ? gain_for_error : largest_gain);
 
   const float error = std::ranges::max_element(choices_, {}, &Choice::error)->error;
-  const int highest = error > 0 ? static_cast<int>(steps_per_octave * std::log2(error)) : 0;
+  const int highest = error > 0 ? static_cast<int>(prices_per_octave * std::log2(error)) : 0;
   SPLATVOL_TRY_ASSIGN(coarse, evaluate(std::max(highest, lowest_price)));
   while (fits(goal, coarse.splats) && !is_good(goal, coarse.error) && !coarse.finest && coarse.price > lowest_price) {
-    SPLATVOL_TRY_ASSIGN(finer, evaluate(std::max(coarse.price - step_to(goal, coarse), lowest_price)));
+    SPLATVOL_TRY_ASSIGN(finer, evaluate(std::max(coarse.price - price_drop(goal, coarse), lowest_price)));
     if (!fits(goal, finer.splats) || is_good(goal, finer.error)) return bisect(goal, coarse, finer);
     coarse = finer;
   }
   return {};
 }
 
-// `coarse` fits and is not good enough; `fine` does not fit, or is good enough.
+// Searches for the price between a cut that fits and is not good enough (`coarse`), and one that does not fit or is
+// good enough (`fine`).
 Status Refinement::bisect(const ErrorGoal& goal, Sum coarse, Sum fine) {
   int last = fine.price;
   for (int i = 0; fine.price + 1 < coarse.price; ++i) {
     if (static_cast<double>(coarse.splats) >= enough_splats * static_cast<double>(goal.max_splats)) break;
     if (fits(goal, fine.splats) && fine.error >= enough_error * goal.max_error * goal.max_error) break;
 
-    // Where straight lines between the logarithms reach the goal; every third time, half way.
+    // Interpolates the logarithms of splats or errors; every third time, tries the middle.
     double share = 0.5;
     if (i % 3 != 2) {
       const bool by_splats = !fits(goal, fine.splats);
@@ -234,8 +249,7 @@ Status Refinement::bisect(const ErrorGoal& goal, Sum coarse, Sum fine) {
       if (from > 0 && to > 0 && from != to) share = std::log(aim / from) / std::log(to / from);
     }
     const int width = coarse.price - fine.price;
-    const int step = std::clamp(static_cast<int>(std::lround(share * width)), 1, width - 1);
-    last = coarse.price - step;
+    last = coarse.price - std::clamp(static_cast<int>(std::lround(share * width)), 1, width - 1);
     SPLATVOL_TRY_ASSIGN(middle, evaluate(last));
     (fits(goal, middle.splats) && !is_good(goal, middle.error) ? coarse : fine) = middle;
   }

@@ -1,4 +1,4 @@
-// What the streamer hands to the renderer: decoded splats, in batches with a common origin.
+// Splats for the renderer, in batches with a common origin.
 #pragma once
 
 #include <cstddef>
@@ -11,22 +11,22 @@
 
 namespace splatvol {
 
-/// How splats look.
+/// The shape of splats.
 enum class KernelKind {
-  octant,   // round, sized by the octree's leaf: Meredith and Ma 2001
-  moments,  // ellipsoids matched to the material
+  octant,   // balls, as large as the leaf of the octree: Meredith and Ma 2001
+  moments,  // ellipsoids that match the material
 };
 
-/// A splat of the paper's kernel (`octant`), as the renderer's buffers hold it.
+/// A splat of the kernel `octant`, in the layout of the renderer's buffers.
 struct OctantSplat {
   vec3 position;  // relative to its batch's origin, world units
-  float value;    // less the attribute's offset, which single precision could not hold; NaN: missing, draws nothing
+  float value;    // less the attribute's offset, for which single precision is too coarse; NaN: missing, draws nothing
   float size;     // d: thickness and diameter scale, world units
   std::uint32_t gradient;  // direction of the value's gradient, for lighting: 4 signed bytes / 127, the last 0; 0: none
 };
 static_assert(sizeof(OctantSplat) == 24);
 
-/// A splat of the kernel `moments`, as the renderer's buffers hold it.
+/// A splat of the kernel `moments`, in the layout of the renderer's buffers.
 struct MomentsSplat {
   vec3 position;               // centroid relative to its batch's origin, world units
   float mass;                  // volume of the material that has a value, times its density; 0 draws nothing
@@ -44,24 +44,26 @@ static_assert(sizeof(MomentsSplat) == 56);
   return kernel == KernelKind::octant ? sizeof(OctantSplat) : sizeof(MomentsSplat);
 }
 
-/// How far a splat reaches from its centre, in units of its size (3 standard deviations of 0.4 d), and at least, in
-/// pixels: the renderer widens splats that would slip between the centres of pixels.
+/// `octant`: how far a splat reaches from its centre, in units of its size (3 standard deviations of 0.4 d), and the
+/// least reach, in pixels: the renderer widens splats that could fall between the centres of pixels.
 inline constexpr double octant_reach = 1.2;
 inline constexpr double octant_smallest_reach_pixels = 1.5;
 
-/// `moments`: how far out of its node's cell (spec/svol-1.md, section 6), and how much the low-pass filter adds.
+/// `moments`: how far a splat reaches out of its node, in units of its size (spec/svol-1.md, section 6), and how far
+/// the low-pass filter adds to it, in pixels.
 inline constexpr double moments_reach = 2;
 inline constexpr double moments_smallest_reach_pixels = 1.5;
 
 /// Splats of one kind.
 using SplatSpan = std::variant<std::span<const OctantSplat>, std::span<const MomentsSplat>>;
 
-/// Consecutive splats near one origin, so that single precision keeps their detail far from the world's origin.
+/// Consecutive splats of one node with a common origin: positions relative to it keep their detail in single precision,
+/// even far from the world's origin.
 struct SplatBatch {
   dvec3 origin;
   std::uint64_t first;
   std::uint64_t count;
-  float weight = 1;  // [0, 1]: of the splats' mass; of their optical depth, that is. 0 draws nothing
+  float weight = 1;  // [0, 1]: factor on the splats' mass, and so on their optical depth; 0 draws nothing
 };
 
 }  // namespace splatvol

@@ -13,18 +13,18 @@
 namespace splatvol {
 namespace {
 
-// Where a tolerance does not fit, it is doubled from here until one does, then refined by halving the interval.
+// A tolerance that does not fit is doubled, from this one on, until it fits, and then refined by halving the interval.
 constexpr double smallest_raised_tolerance = 1.0 / 16;
 constexpr double largest_raised_tolerance = 1 << 20;
 constexpr int refinements = 4;
 
-// What a cut's item takes in a frame besides the cut itself.
+// Bytes of an item in a frame, besides the cut itself.
 constexpr std::uint64_t item_bytes =
     sizeof(FadingCut::Part) + sizeof(SplatBatch) + sizeof(std::uint32_t) + sizeof(std::uint64_t);
 
-constexpr std::uint64_t choice_share = 32;  // of the budget
+constexpr std::uint64_t choice_share = 32;  // of the budget: one part in 32 is for choosing cuts by expected error
 
-constexpr int steps = 3;  // coarser pictures on the way to the one that is aimed at
+constexpr int stages = 3;  // coarser pictures on the way to the aim
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -35,7 +35,7 @@ double next_tolerance(double refused) {
   return std::max(2 * refused, smallest_raised_tolerance);
 }
 
-// A bound on what a cut takes as a frame: itself, its plan, and the splats.
+// Returns a bound on the bytes of a frame: the cut, its plan, and the splats.
 std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, KernelKind kernel) {
   std::uint64_t jobs = 0;
   for (const PointRange& range : cut.ranges)
@@ -46,7 +46,7 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
 void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArray& array) {
   tbb::parallel_for(std::size_t{0}, cut.items.size(), [&](std::size_t i) {
     const std::uint64_t begin = i > 0 ? plan.item_ends[i - 1] : 0;
-    const dvec3 origin = cut.items[i].cell.origin + 0.5 * cut.items[i].cell.edge;
+    const dvec3 origin = cut.items[i].cube.origin + 0.5 * cut.items[i].cube.edge;
     const std::uint64_t count = plan.item_ends[i] - begin;
     if (std::holds_alternative<std::span<const MomentsSplat>>(array.splats()))
       clip(array.as<MomentsSplat>().subspan(begin, count), origin, box);
@@ -57,10 +57,10 @@ void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArr
 
 std::uint64_t directory_page_bytes(const format::Volume& volume) {
   const std::uint64_t rows = std::min<std::uint64_t>(volume.rows().row_count(), volume.info().rows_per_directory_page);
-  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkPlace));
+  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkLocation));
 }
 
-// What is raised for less detail: the tolerance, or the inverse of a goal's splats.
+// The coarseness is the number that is raised for less detail: the tolerance, or the inverse of a goal's splats.
 double coarseness(const DetailOptions& detail) {
   return detail.goal ? 1 / static_cast<double>(detail.goal->max_splats) : detail.tolerance_percent;
 }
@@ -73,7 +73,7 @@ DetailOptions with_coarseness(DetailOptions detail, double coarseness) {
   return detail;
 }
 
-// False where it is the coarsest.
+// Returns false, and changes nothing, if the detail is the coarsest.
 bool make_coarser(DetailOptions& detail) {
   if (detail.goal) return detail.goal->max_splats > 1 && (detail.goal->max_splats /= 2, true);
   if (detail.resolution) return *detail.resolution > 0 && (--*detail.resolution, true);
@@ -101,13 +101,13 @@ struct Streamer::Frame {
   FrameSplats splats;
 };
 
-// What a view is to be drawn with, as far as the index that is there tells.
+// The cut that a view should be drawn with, chosen from the index pages that are there.
 struct Streamer::Aim {
   View view;
   ValueVisibility visibility;
   DetailOptions asked;
   Choice choice;
-  std::uint64_t bytes;  // of its frame, chunks and index pages
+  std::uint64_t bytes;  // of its frame, its chunks and the index pages
 };
 
 Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options)
@@ -132,8 +132,8 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
   return streamer;
 }
 
-// The budget's fixed parts: what stays, as the preamble, and room to work in: for the pages on the way to a node, and
-// the chunks of a row.
+// Reserves the fixed parts of the budget, such as the preamble. Leaves room to work in: for the pages on the path to a
+// node, and for the chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
@@ -146,7 +146,7 @@ Status Streamer::set_memory_aside() {
   return {};
 }
 
-// What choosing a cut by expected error may hold.
+// Returns the most bytes for choosing a cut by expected error.
 std::uint64_t Streamer::choice_bytes() const { return budget_.capacity() / choice_share; }
 
 std::uint64_t Streamer::fixed_bytes() const {
@@ -154,7 +154,7 @@ std::uint64_t Streamer::fixed_bytes() const {
   return volume_->memory_bytes() + filled_.memory_bytes() + occlusion_bytes;
 }
 
-// The least that leaves so much for a frame.
+// Returns the least budget that leaves this many bytes for a frame.
 std::uint64_t Streamer::budget_for(std::uint64_t bytes) const {
   const std::uint64_t others = fixed_bytes() + working_bytes_ + bytes;
   return others + others / (choice_share - 1) + 1;
@@ -207,7 +207,7 @@ CutOptions Streamer::cut_options(const DetailOptions& detail, std::uint64_t max_
   return options;
 }
 
-// With the memory that it takes.
+// Chooses a cut, and reserves the memory that this needs meanwhile.
 Result<Cut> Streamer::select(IndexPages& index, Residency* residency, const View& view,
                              const ValueVisibility& visibility, const CutOptions& options) {
   std::optional<Reservation> room;
@@ -226,14 +226,14 @@ Result<Cut> Streamer::try_cut(const View& view, const ValueVisibility& visibilit
   return cut;
 }
 
-// The finest detail that fits, not finer than `detail`. Fails with the error of try_cut for the coarsest.
+// Chooses the finest detail that fits, no finer than `detail`. Fails with the error of try_cut for the coarsest.
 Result<Streamer::Choice> Streamer::choose(DetailOptions detail, const TryCut& try_cut) const {
   if (detail.resolution) detail.resolution = std::min(*detail.resolution, info().resolutions() - 1);
   if (detail.goal)
     detail.goal->max_splats = std::min({detail.goal->max_splats, detail.max_splats, info().point_count(),
                                         std::max<std::uint64_t>(frame_limit() / splat_bytes(kernel_), 1)});
 
-  // Coarser, until it fits.
+  // Makes the detail coarser until it fits.
   DetailOptions refused = detail;
   auto cut = try_cut(detail);
   while (!cut) {
@@ -244,7 +244,7 @@ Result<Streamer::Choice> Streamer::choose(DetailOptions detail, const TryCut& tr
   Choice best{std::move(*cut), detail};
   if (detail.resolution) return best;
 
-  // Finer again, as far as it still does.
+  // Makes it finer again while it fits.
   double too_fine = coarseness(refused);
   for (int i = 0; i < refinements; ++i) {
     const double fits = coarseness(best.detail);
@@ -285,7 +285,7 @@ Status Streamer::fetch(Cut cut, const ValueVisibility& visibility) {
   return assemble({{}, std::move(cut), {}, {}}, visibility, std::move(*reservation));
 }
 
-// Whether the frame has been made for the same values and the same part of space.
+// Whether the frame was made for these visible values, and for the present clip box.
 bool Streamer::shows(const ValueVisibility& visibility) const {
   return frame_ && frame_->visibility == visibility && frame_->clip_box == clip_box_;
 }
@@ -312,7 +312,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
       ++splats.nodes;
       ++splats.nodes_by_resolution[item.resolution];
       splats.splats_by_resolution[item.resolution] += count;
-      splats.batches.push_back({item.cell.origin + 0.5 * item.cell.edge, begin, count, fading.weight_of(i)});
+      splats.batches.push_back({item.cube.origin + 0.5 * item.cube.edge, begin, count, fading.weight_of(i)});
       items.push_back(i);
     }
     begin += count;
@@ -322,8 +322,8 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
   return {};
 }
 
-// Memory for paging, and how it is shared out: most of it to the splats of the picture that is aimed at and their
-// chunks; a little to pictures on the way to it, that they may hold more splats, and to what is being read.
+// Returns the memory for paging. Most of it is for the splats of the aim and their chunks. A little is for pictures on
+// the way to the aim, which may have more splats, and for parts that are being read.
 std::uint64_t Streamer::paging_memory() const {
   const std::uint64_t fixed =
       fixed_bytes() + choice_bytes() + gatherer_->working_bytes() + pager_->pinned_bytes() + coarsest_frame_bytes();
@@ -358,16 +358,16 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
     aim_.reset();
   }
 
-  for (Pager::Arrivals arrived = pager_->take_in();;) {
-    if (!aim_ || arrived.pages) SPLATVOL_TRY(take_aim(view, visibility, detail));
+  for (Pager::Arrivals arrived = pager_->accept_arrivals();;) {
+    if (!aim_ || arrived.pages) SPLATVOL_TRY(choose_aim(view, visibility, detail));
     if (!steady || arrived || !pager_->is_reading()) pager_->ask();
     if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
     pager_->wait_until(deadline);
-    arrived = pager_->take_in();
+    arrived = pager_->accept_arrivals();
     if (!arrived) break;
   }
   if (view_before_ && pager_->missing().settled()) {
-    aim_ahead(*view_before_, view, visibility);
+    want_ahead(*view_before_, view, visibility);
     view_before_.reset();
   }
   cut_seconds_ = seconds_since(start);
@@ -376,9 +376,9 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
   return &frame_->splats;
 }
 
-// Chooses what is to be drawn, from as much of the index as is there. Once more for the same view, when more of it is:
-// then never finer than before, or two choices might take turns.
-Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+// Chooses the aim from the index pages that are there. When more pages have arrived for the same view, chooses again,
+// but never finer than before: otherwise two choices might alternate.
+Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
   const std::uint64_t limit = paging_memory() / 4 * 3;
   Pager::Pages pages;
   std::uint64_t aimed_bytes = 0;
@@ -405,36 +405,36 @@ Status Streamer::take_aim(const View& view, const ValueVisibility& visibility, c
   pager_->keep_pages(std::move(pages));
   pager_->want(choice->cut, 0);
   aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice), aimed_bytes});
-  aim_in_steps(view, visibility);
+  want_stages(view, visibility);
   return {};
 }
 
-// Coarser pictures that cost little: each has about a twentieth of the splats of the next.
-void Streamer::aim_in_steps(const View& view, const ValueVisibility& visibility) {
+// Wants coarser pictures on the way to the aim. They cost little: each has about a twentieth of the splats of the next.
+void Streamer::want_stages(const View& view, const ValueVisibility& visibility) {
   const DetailOptions& aimed = aim_->choice.detail;
   std::uint64_t bytes_left = std::min(paging_memory() / 16, gatherer_->resident_bytes(aim_->choice.cut) / 5);
-  for (int step = steps; step > 0; --step) {
+  for (int stage = stages; stage > 0; --stage) {
     DetailOptions detail = aimed;
     if (aimed.resolution) {
-      if (*aimed.resolution < static_cast<std::size_t>(2 * step)) continue;
-      *detail.resolution -= static_cast<std::size_t>(2 * step);
+      if (*aimed.resolution < static_cast<std::size_t>(2 * stage)) continue;
+      *detail.resolution -= static_cast<std::size_t>(2 * stage);
     } else if (aimed.goal) {
-      const double share = std::pow(20, -step);
+      const double share = std::pow(20, -stage);
       detail.goal = ErrorGoal{0, static_cast<std::uint64_t>(share * static_cast<double>(aim_->choice.cut.splats))};
     } else {
-      detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, step);
+      detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, stage);
     }
     const auto cut = select(*pager_, nullptr, view, visibility, cut_options(detail, bytes_left));
     if (!cut) continue;
     const std::uint64_t bytes = gatherer_->resident_bytes(*cut);
     if (bytes > bytes_left) continue;
     bytes_left -= bytes;
-    pager_->want(*cut, step);
+    pager_->want(*cut, stage);
   }
 }
 
-// What the view after this one will want if the camera goes on as it did, where there is memory to spare.
-void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
+// Wants the cut of the next view, as far as memory is free. Assumes that the camera goes on as before.
+void Streamer::want_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
   View next = view;
   next.eye += view.eye - last.eye;
   const dvec3 forward = 2.0 * view.forward - last.forward;
@@ -444,7 +444,7 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
   next.right = glm::normalize(right - glm::dot(right, next.forward) * next.forward);
   next.up = glm::cross(next.right, next.forward);
 
-  // Of the view after this one what hides is not to take the place of this one's.
+  // The occlusion of the next view must not replace that of this view.
   Pager::Pages pages = pager_->pages();
   CutOptions options = cut_options(aim_->choice.detail, paging_memory() / 4 * 3);
   options.kept_occlusion = nullptr;
@@ -455,13 +455,14 @@ void Streamer::aim_ahead(const View& last, const View& view, const ValueVisibili
   pager_->ask();
 }
 
-// A bound on a frame of nothing but resolution 0.
+// Returns a bound on the bytes of a frame of resolution 0 alone.
 std::uint64_t Streamer::coarsest_frame_bytes() const {
   return info().resolution_counts[0] *
          (splat_bytes(kernel_) + sizeof(CutItem) + sizeof(PointRange) + item_bytes + 2 * sizeof(CopyJob));
 }
 
-// The best cut that can be drawn at once, within the memory and the splats that there are for it, or the coarsest.
+// Chooses the best resident cut within the memory and the splats for it, or else the coarsest. Makes `detail` coarser
+// if it must.
 Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
   const std::uint64_t limit =
       std::max(frame_bytes(aim_->choice.cut, info(), kernel_) + paging_memory() / 16, coarsest_frame_bytes());
@@ -483,8 +484,8 @@ Result<Cut> Streamer::choose_coarsest() {
                              cut_options(detail, coarsest_frame_bytes()));
 }
 
-// What fades may draw besides a cut, in the memory that the aim and what is being read leave: splats, and as many of
-// their chunks, which are about twice as large.
+// Returns how many splats fades may draw besides those of a cut. The aim and the parts that are being read leave memory
+// for them and for their chunks, which are about twice as large.
 std::uint64_t Streamer::fading_splats(const Cut& cut) const {
   const std::uint64_t most_bytes = paging_memory() / 8 * 7;
   const std::uint64_t bytes = most_bytes - std::min(aim_->bytes, most_bytes);
@@ -492,7 +493,7 @@ std::uint64_t Streamer::fading_splats(const Cut& cut) const {
   return std::min(bytes / (3 * splat_bytes(kernel_)), splats - std::min(cut.splats, splats));
 }
 
-// Of a frame that has the same splats.
+// Sets the weights of a frame whose splats stay the same.
 void Streamer::set_weights(FadingCut fading) {
   frame_->fading = std::move(fading);
   for (std::size_t i = 0; i < frame_->items.size(); ++i)
@@ -509,36 +510,46 @@ Status Streamer::show_resident(double change) {
     const FadeOptions options{change, fading_splats(fading.cut)};
     fading = fade(info().cube, aim_->view, frame_->fading, std::move(fading.cut), *pager_, options);
   }
-  if (same_values && frame_->fading.cut == fading.cut) {
+  if (same_values && frame_->fading.cut == fading.cut)
     set_weights(std::move(fading));
-  } else {
-    frame_.reset();
-    if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
-    const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut, info(), kernel_)); };
-    auto reservation = reserve();
-    if (!reservation && !fading.fades.empty()) {
-      SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
-      fading = {aim_->view, std::move(at_once), {}, {}};
-      reservation = reserve();
-    }
-    if (!reservation) {
-      // What only stands in for something else gives way; where even that does not suffice, what is read in vain is
-      // still on its way.
-      pager_->hold_wanted();
-      static_cast<void>(reserve());
-      SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
-      fading = {aim_->view, std::move(of_wanted), {}, {}};
-      reservation = reserve();
-    }
-    if (!reservation) {
-      SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
-      fading = {aim_->view, std::move(coarsest), {}, {}};
-      reservation = std::exchange(coarsest_frame_, std::nullopt);
-    }
-    if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
-    SPLATVOL_TRY(assemble(std::move(fading), aim_->visibility, std::move(*reservation)));
-  }
+  else
+    SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
+  frame_->splats.detail = aim_->choice.detail;
+  frame_->splats.progress = extract_progress();
+  return {};
+}
 
+// Makes the frame, or a simpler one if memory is short: first without fades, then after letting go of substitutes, last
+// the coarsest.
+Status Streamer::make_resident_frame(FadingCut fading, DetailOptions detail) {
+  frame_.reset();
+  if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
+  const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut, info(), kernel_)); };
+  auto reservation = reserve();
+  if (!reservation && !fading.fades.empty()) {
+    SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
+    fading = {aim_->view, std::move(at_once), {}, {}};
+    reservation = reserve();
+  }
+  if (!reservation) {
+    // If even this does not suffice, parts that are no longer wanted are still being read.
+    pager_->hold_wanted();
+    static_cast<void>(reserve());
+    SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
+    fading = {aim_->view, std::move(of_wanted), {}, {}};
+    reservation = reserve();
+  }
+  if (!reservation) {
+    SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
+    fading = {aim_->view, std::move(coarsest), {}, {}};
+    reservation = std::exchange(coarsest_frame_, std::nullopt);
+  }
+  if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
+  return assemble(std::move(fading), aim_->visibility, std::move(*reservation));
+}
+
+// Tells how far the frame is from the aim, and moves the errors out of the pager.
+FrameProgress Streamer::extract_progress() {
   const Pager::Missing& missing = pager_->missing();
   const Cut& aimed = aim_->choice.cut;
   FrameProgress progress;
@@ -551,10 +562,8 @@ Status Streamer::show_resident(double change) {
   progress.missing_pages = missing.pages;
   progress.missing_bytes = missing.bytes;
   progress.needed_bytes = pager_->needed_bytes();
-  progress.errors = pager_->take_errors();
-  frame_->splats.detail = aim_->choice.detail;
-  frame_->splats.progress = std::move(progress);
-  return {};
+  progress.errors = pager_->extract_errors();
+  return progress;
 }
 
 std::vector<DrawnNode> Streamer::drawn_nodes() const {
@@ -562,7 +571,7 @@ std::vector<DrawnNode> Streamer::drawn_nodes() const {
   if (!frame_) return nodes;
   for (const std::uint32_t i : frame_->items) {
     const CutItem& item = frame_->fading.cut.items[i];
-    nodes.push_back({item.cell, item.resolution});
+    nodes.push_back({item.cube, item.resolution});
   }
   return nodes;
 }

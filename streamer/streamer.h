@@ -1,4 +1,4 @@
-// From a .svol file and a view to the splats that the view asks for, within a budget of memory.
+// From a .svol file and a view to the splats of the view, within a budget of memory.
 #pragma once
 
 #include <cstdint>
@@ -29,43 +29,43 @@ struct StreamerOptions {
   std::uint64_t memory_bytes = std::uint64_t{512} << 20;
   std::string attribute;
   KernelKind kernel = KernelKind::moments;
-  bool gradients = false;           // octant: with them, for lighting; moments have theirs in any case
-  unsigned threads = read_threads;  // that read and decode for `advance`
-  bool hide = true;                 // leave out what lies behind an opaque front; false: to compare with
+  bool gradients = false;           // kernel octant: with gradients, for lighting; moments always have them
+  unsigned threads = read_threads;  // for reading and decoding in `advance`
+  bool hide = true;                 // leaves out nodes behind an opaque front; false: for comparisons
 };
 
-/// What a view asks for.
+/// The detail that a view asks for.
 struct DetailOptions {
   double tolerance_percent = 1;                                          // see CutOptions
-  std::optional<std::size_t> resolution = std::nullopt;                  // fixed; the finest where the file has fewer
-  std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // what the renderer can hold
-  std::optional<ErrorGoal> goal = std::nullopt;                          // by expected error, instead of both
+  std::optional<std::size_t> resolution = std::nullopt;                  // fixed; at most the finest of the file
+  std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // that the renderer can hold
+  std::optional<ErrorGoal> goal = std::nullopt;                          // used instead of tolerance and resolution
 
   [[nodiscard]] bool operator==(const DetailOptions&) const = default;
 };
 
-/// How far a frame is from what its view asks for.
+/// How far a frame is from the picture that its view asks for.
 struct FrameProgress {
-  bool complete = true;      // it is what `request` gives for the frame's `detail`
-  bool settled = true;       // nothing more will come: complete, but for what cannot be read
-  std::uint64_t fading = 0;  // regions that are drawn from two resolutions
+  bool complete = true;      // it is the frame of `request` for its `detail`
+  bool settled = true;       // it will not change: complete, except for parts that cannot be read
+  std::uint64_t fading = 0;  // regions that fade
 
-  // Of what is needed.
-  std::uint64_t missing_chunks = 0;  // as far as it is known where they lie
+  // Parts of the file that are needed.
+  std::uint64_t missing_chunks = 0;  // whose locations are known
   std::uint64_t missing_pages = 0;   // of index and directory
   std::uint64_t missing_bytes = 0;   // packed
   std::uint64_t needed_bytes = 0;    // packed, there or not
 
-  std::vector<Error> errors;  // what could not be read since the frame before; each part once
+  std::vector<Error> errors;  // of parts that could not be read since the frame before; each part once
 };
 
 /// Splats for a view, back to front; owned by the streamer.
 struct FrameSplats {
-  SplatSpan data;                   // all of them, one batch after another
+  SplatSpan data;                   // of all batches, one after another
   std::vector<SplatBatch> batches;  // one for each node that has splats
-  std::uint64_t serial = 0;         // another one whenever the splats are others; weights may change without
+  std::uint64_t serial = 0;         // changes when the splats change; weights may change without it
 
-  // What was chosen. A coarser detail than the one asked for is what the budget allows.
+  // The chosen cut. A coarser detail than the one asked for is what the budget allows.
   std::uint64_t nodes = 0;
   std::uint64_t splats = 0;
   std::vector<std::uint64_t> nodes_by_resolution;   // [resolution]
@@ -76,67 +76,66 @@ struct FrameSplats {
   FrameProgress progress;
 };
 
-/// A node of the octree, of which a frame has splats.
+/// A node of the index that has splats in a frame.
 struct DrawnNode {
-  Cube cell;
+  Cube cube;
   std::uint32_t resolution;
 };
 
 struct StreamerStatistics {
   std::uint64_t bytes_read = 0;           // from the file, since it was opened
-  std::uint64_t bytes_resident = 0;       // of the budget in use now
-  std::uint64_t bytes_resident_peak = 0;  // and at most
+  std::uint64_t bytes_resident = 0;       // of the budget, in use now
+  std::uint64_t bytes_resident_peak = 0;  // the most that were ever in use
   double cut_seconds = 0;                 // of the last request
   double fetch_seconds = 0;
 };
 
-/// An open file, seen through one attribute. Everything that it holds in memory counts against the budget: preamble,
-/// pages, chunks, packed bytes on their way, and splats. Not thread-safe; uses all processors, and threads of its own
-/// for `advance`.
+/// An open file, seen through one attribute. All its memory counts against the budget: preamble, pages, chunks, packed
+/// bytes that are being read, and splats. Not thread-safe; uses all processors, and its own threads for `advance`.
 class Streamer {
  public:
-  /// Reads the preamble. Fails where the file is damaged, where it has no such attribute (the message lists those that
-  /// it has) or lacks what the kernel needs, and where the preamble alone passes the budget.
+  /// Reads the preamble. Fails if the file is damaged, does not have the attribute (the message lists those that it
+  /// has), or lacks columns for the kernel, and if the preamble alone passes the budget.
   [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source,
                                                               const StreamerOptions& options);
   Streamer(const Streamer&) = delete;
   Streamer& operator=(const Streamer&) = delete;
   ~Streamer();
 
-  /// The splats for a view: chosen, read and gathered before it returns; none of this is repeated for a view whose cut
-  /// is that of the request before. Where they would pass the budget or max_splats, detail is lost and never coverage:
-  /// the tolerance is raised, the fixed resolution lowered, or the splats of a goal made fewer, until they fit. Fails
-  /// with out_of_budget where not even the coarsest fits, with the number of bytes that would do, and with the reader's
-  /// error where the file fails or is damaged.
+  /// Returns the splats for a view: chooses, reads and gathers them first. Reuses the splats of the request before if
+  /// the cut is the same. If they would pass the budget or max_splats, loses detail and never coverage: raises the
+  /// tolerance, lowers the fixed resolution, or lowers the splats of a goal, until they fit. Fails with out_of_budget
+  /// if not even the coarsest cut fits; the message names the number of bytes that would suffice. Fails with the
+  /// reader's error if the file cannot be read or is damaged.
   ///
-  /// The result stays valid until the next request, also one that fails.
+  /// The result stays valid until the next request, even if that fails.
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail);
 
-  /// The best splats for a view that are there now, or come within `wait_seconds`; what else the view asks for is read
-  /// meanwhile, until the next call: coarse before fine, and where the error is largest first. The splats always show
-  /// all of the volume. Calls with the same view end in a frame that is `complete`: what `request` gives for its
-  /// `detail`. That is coarser than the one asked for where splats and the chunks that they come from would pass the
-  /// budget together.
+  /// Returns the best splats for a view that are resident now, or within `wait_seconds`. Until the next call, reads
+  /// what else the view asks for: coarse before fine, and larger errors first. The splats always show all of the
+  /// volume. Calls with the same view end in a frame that is `complete`, which is the frame of `request` for its
+  /// `detail`. This detail is coarser than the one asked for if the splats together with their chunks would pass the
+  /// budget.
   ///
   /// `change`, (0, 1]: the share of a change of resolution that this call makes; 1: all at once. With less, a region
-  /// whose resolution changes is drawn both as it was and as it will be, by the weights of their batches, which move by
-  /// `change` from call to call; until then the frame is not `complete`. Fewer splats or bytes left than this takes:
-  /// the region changes at once.
+  /// whose resolution changes fades: it is drawn both as it was and as it will be. The weights of the two move by
+  /// `change` in each call, and the frame is not `complete` before they end. A region changes at once if there are too
+  /// few splats or bytes left for both.
   ///
-  /// Waits for the file in the first call, for the root of the index and the coarsest resolution, which are kept from
-  /// then on. A part that cannot be read is told once and not asked for again; its nodes are drawn coarser. Fails where
-  /// those of the first call cannot be read, and where not even the coarsest picture fits.
+  /// The first call waits for the root of the index and the coarsest resolution, which are held from then on. An error
+  /// of a part is reported once, and the part is not asked for again; its nodes are drawn coarser. Fails if the parts
+  /// of the first call cannot be read, and if not even the coarsest picture fits.
   ///
   /// The result stays valid until the next call or request.
   [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail, double wait_seconds = 0,
                                                    double change = 1);
 
-  /// Nodes of the last frame, a batch of splats each; none where there is no frame.
+  /// Returns the nodes of the last frame, in the order of its batches; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 
-  /// What the splats' values have to be added to.
+  /// Returns the offset that must be added to the splats' values.
   [[nodiscard]] double value_offset() const {
     return info().attributes[static_cast<std::size_t>(paged_.attribute())].offset;
   }
@@ -172,15 +171,17 @@ class Streamer {
   [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
 
   [[nodiscard]] Status start_paging();
-  [[nodiscard]] Status take_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
-  void aim_in_steps(const View& view, const ValueVisibility& visibility);
-  void aim_ahead(const View& last, const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  void want_stages(const View& view, const ValueVisibility& visibility);
+  void want_ahead(const View& last, const View& view, const ValueVisibility& visibility);
   [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
   [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
   [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
   void set_weights(FadingCut fading);
   [[nodiscard]] Status show_resident(double change);
+  [[nodiscard]] Status make_resident_frame(FadingCut fading, DetailOptions detail);
+  [[nodiscard]] FrameProgress extract_progress();
 
   std::shared_ptr<const format::Volume> volume_;
   KernelKind kernel_;
@@ -196,8 +197,8 @@ class Streamer {
   std::optional<Gatherer> gatherer_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`
   std::unique_ptr<Aim> aim_;
-  std::optional<View> view_before_;            // that of `aim_`, until what comes after it has been asked for
-  std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when all else is taken
+  std::optional<View> view_before_;            // the view before that of `aim_`, until `want_ahead`
+  std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when memory is spent
   std::unique_ptr<Frame> frame_;
   std::optional<Box> clip_box_;  // of the view that is asked for
   std::uint64_t next_serial_ = 1;

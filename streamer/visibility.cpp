@@ -11,7 +11,8 @@ namespace splatvol {
 bool extinction_within(const TransferFunction& function, double low, double high) {
   if (function.extinction(low) > 0 || function.extinction(high) > 0) return true;
 
-  // Between two values without extinction, a function linear in pieces can only rise by a control point.
+  // The function is linear between control points: between two values without extinction, it is above 0 only if a
+  // control point is.
   const auto parameter = [&](double value) { return (value - function.lo) / (function.hi - function.lo); };
   return std::ranges::any_of(function.densities, [&](const TransferFunction::Density& d) {
     return d.extinction > 0 && d.t >= parameter(low) && d.t <= parameter(high);
@@ -22,7 +23,7 @@ ValueContrast::ValueContrast(const TransferFunction& function, const format::Att
   if (std::isnan(attribute.min)) return;
   bin_width_ = (attribute.max - attribute.min) / 64;
 
-  // Running sums over samples: red, green, blue, extinction; and of their squares, weighted.
+  // Running sums over samples, of emission, extinction, and their weighted squares.
   constexpr std::size_t each = 8, count = 64 * each;
   struct Sums {
     dvec3 emission{0};
@@ -37,16 +38,16 @@ ValueContrast::ValueContrast(const TransferFunction& function, const format::Att
                    sums[i].squares + glm::dot(emission, emission) + 0.5 * extinction * extinction};
   }
   for (std::size_t b = 0; b < 64; ++b)
-    for (std::size_t level = 0; level < levels; ++level) {
-      const std::size_t half = (each << level) / 2, middle = each * b + each / 2;
+    for (std::size_t scale = 0; scale < scales; ++scale) {
+      const std::size_t half = (each << scale) / 2, middle = each * b + each / 2;
       const Sums &low = sums[middle - std::min(middle, half)], &high = sums[std::min(middle + half, count)];
       const double share = 1.0 / static_cast<double>(&high - &low);
       const dvec3 emission = share * (high.emission - low.emission);
       const double extinction = share * (high.extinction - low.extinction);
       const double variance =
           share * (high.squares - low.squares) - glm::dot(emission, emission) - 0.5 * extinction * extinction;
-      bins_[b].variances[level] = static_cast<float>(std::max(variance, 0.0));
-      if (level > 0) continue;
+      bins_[b].variances[scale] = static_cast<float>(std::max(variance, 0.0));
+      if (scale > 0) continue;
       bins_[b].extinction = static_cast<float>(extinction);
       bins_[b].squares = static_cast<float>(share * (high.squares - low.squares));
     }
@@ -61,7 +62,7 @@ ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const
     const Bin& bin = bins_[static_cast<std::size_t>(std::countr_zero(left))];
     node.extinction += bin.extinction;
     node.squares += bin.squares;
-    for (std::size_t level = 0; level < levels; ++level) node.variances[level] += bin.variances[level];
+    for (std::size_t scale = 0; scale < scales; ++scale) node.variances[scale] += bin.variances[scale];
   }
   node.extinction /= count;
   node.squares /= count;
@@ -69,13 +70,13 @@ ValueContrast::Node ValueContrast::of(const format::ValueSummary& summary) const
   return node;
 }
 
-// Within a bin the function is about linear.
+// In a bin, the function is about linear.
 double ValueContrast::Node::variance(double share) const {
   const double width = share * range;
   if (width <= 1) return width * width * static_cast<double>(variances[0]);
-  const double level = std::min(std::log2(width), levels - 1.001);
-  const auto below = static_cast<std::size_t>(level);
-  const double part = level - static_cast<double>(below);
+  const double scale = std::min(std::log2(width), scales - 1.001);
+  const auto below = static_cast<std::size_t>(scale);
+  const double part = scale - static_cast<double>(below);
   return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
 }
 
@@ -83,7 +84,7 @@ ValueVisibility::ValueVisibility(const TransferFunction& function, const format:
     : function_(function), offset_(attribute.offset), contrast_(function, attribute) {
   if (std::isnan(attribute.min)) return;
 
-  // Values near a border may have been put into either bin by rounding.
+  // By rounding, values near a border may be in either bin.
   const double width = (attribute.max - attribute.min) / 64;
   const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
   const double margin = 1e-6 * width + 8 * std::numeric_limits<double>::epsilon() * largest;
@@ -98,7 +99,7 @@ bool ValueVisibility::shows(float min, float max, std::uint64_t occupancy) const
   return extinction_within(function_, offset_ + static_cast<double>(min), offset_ + static_cast<double>(max));
 }
 
-// A function linear in pieces is least and largest at control points or ends.
+// The function is linear between control points, so it is least and largest at control points or at the ends.
 ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) const {
   if (!(min <= max)) return {};
   const double low = offset_ + static_cast<double>(min), high = offset_ + static_cast<double>(max);

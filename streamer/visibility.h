@@ -1,4 +1,4 @@
-// What a transfer function leaves visible, told from ranges and occupancy masks alone.
+// Which values a transfer function shows, from ranges and occupied bins alone.
 #pragma once
 
 #include <array>
@@ -12,23 +12,23 @@ namespace splatvol {
 /// Whether any value in [low, high] has extinction above 0. Requires low <= high.
 [[nodiscard]] bool extinction_within(const TransferFunction& function, double low, double high);
 
-/// How much colour times extinction varies among values that are near each other, for the 64 bins of an attribute.
+/// The variance of colour times extinction among neighbouring values, for the 64 bins of an attribute.
 class ValueContrast {
  public:
-  static constexpr std::size_t levels = 8;
-  using Levels = std::array<float, levels>;
+  static constexpr std::size_t scales = 8;
+  using Variances = std::array<float, scales>;
 
   ValueContrast(const TransferFunction& function, const format::Attribute& attribute);
 
-  /// Of the values of a node, each of its occupied bins counting alike.
+  /// The contrast of the values of a node. All its occupied bins count equally.
   struct Node {
-    double range = 0;       // from the least value to the largest, in bins
+    double range = 0;       // largest value less the least, in bins
     double extinction = 0;  // mean
-    double squares = 0;     // mean of colour times extinction squared, the three channels together, and of half of
-                            // extinction squared: it hides
-    Levels variances{};     // the same of the deviations from the mean, among values within 2^level bins
+    double squares = 0;     // mean of (colour times extinction)^2, summed over the channels, plus half of extinction^2,
+                            // because extinction hides too
+    Variances variances{};  // [scale]: the same of the deviations from the mean, among values within 2^scale bins
 
-    /// Among the values within a share of the range.
+    /// Returns the variance among values within this share of the range.
     [[nodiscard]] double variance(double share) const;
   };
   [[nodiscard]] Node of(const format::ValueSummary& summary) const;
@@ -37,7 +37,7 @@ class ValueContrast {
   struct Bin {
     float extinction = 0;
     float squares = 0;
-    Levels variances{};
+    Variances variances{};
   };
   std::array<Bin, 64> bins_{};
   double bin_width_ = 0;
@@ -48,17 +48,17 @@ class ValueVisibility {
  public:
   ValueVisibility(const TransferFunction& function, const format::Attribute& attribute);
 
-  /// Bit b is set where a value of bin b may have extinction above 0; a bin's borders count as its own.
+  /// Returns the visible bins: bit b is set if a value of bin b, or at its borders, may have extinction above 0.
   [[nodiscard]] std::uint64_t bins() const { return bins_; }
 
-  /// Whether anything may be visible of stored values in [min, max] whose bins are `occupancy`; never wrongly false.
-  /// An empty range (min > max) holds missing values only, and shows nothing.
+  /// Whether any of the stored values in [min, max], in the bins `occupancy`, may be visible. Never wrongly false. An
+  /// empty range (min > max) means that all values are missing, and gives false.
   [[nodiscard]] bool shows(float min, float max, std::uint64_t occupancy) const;
 
   struct Extinctions {
     double least = 0, most = 0;
   };
-  /// Of the stored values in [min, max]; 0 of an empty range.
+  /// Returns the range of extinction over the stored values in [min, max]; 0 for an empty range.
   [[nodiscard]] Extinctions extinctions(float min, float max) const;
 
   [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }

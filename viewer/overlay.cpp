@@ -67,7 +67,7 @@ void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t re
     const auto part =
         static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
     ImGui::ColorConvertHSVtoRGB(0.66f * (1 - part), 0.8f, 1, r, g, b);
-    draw_edges(view, {node.cell.origin, node.cell.origin + node.cell.edge},
+    draw_edges(view, {node.cube.origin, node.cube.origin + node.cube.edge},
                ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), place);
   }
 }

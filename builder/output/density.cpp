@@ -38,7 +38,7 @@ Ellipsoid make_ellipsoid(const FittedSplat& splat) {
   const dvec3& d = shape.deviations;
   if (!(shape.mass > 0 && d[2] > 0)) return {};
 
-  // Reflecting the material in its boundary moves the centre there and adds foot foot^T to the covariance.
+  // In units of the deviations, shift shift^T (format::reflection_shift) stretches the ball along the normal.
   const double distance = glm::length(shape.boundary);
   const dvec3 normal = distance > 0 ? shape.boundary / distance : dvec3(0);
   const double stretch = std::sqrt(1 + distance * distance);
@@ -49,7 +49,7 @@ Ellipsoid make_ellipsoid(const FittedSplat& splat) {
   const dmat3 from_ball = moments_half_width * (axes * scale * (dmat3(1) + (stretch - 1) * along));
 
   Ellipsoid ellipsoid;
-  ellipsoid.centre = splat.centroid + axes * (d * shape.boundary);
+  ellipsoid.centre = splat.centroid + format::reflection_shift(shape);
   ellipsoid.to_ball =
       (1 / moments_half_width) * ((dmat3(1) + (1 / stretch - 1) * along) * shrink * glm::transpose(axes));
   for (int k = 0; k < 3; ++k)

@@ -23,8 +23,7 @@ const double uniform_width = std::sqrt(12.0);  // of a uniform distribution, in 
 // Box that the splat of `moments` may fill; at a boundary, with what its reflection adds.
 Box splat_box(const dvec3& centroid, const format::SplatShape& shape, const SpatialMoments& moments) {
   const SymmetricMatrix& s = moments.covariance;
-  dvec3 shift(0);
-  if (shape.boundary != dvec3(0)) shift = glm::mat3_cast(shape.orientation) * (shape.boundary * shape.deviations);
+  const dvec3 shift = format::reflection_shift(shape);
   const dvec3 center = centroid + shift;
   const dvec3 deviations = glm::sqrt(glm::max(dvec3(s.xx, s.yy, s.zz) + shift * shift, 0.0));
   const dvec3 half = uniform_width * (tilted_stretch * deviations + resolved_tilt * shape.deviations[0]) +

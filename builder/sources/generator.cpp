@@ -7,6 +7,8 @@
 #include <cmath>
 #include <map>
 
+#include "base/names.h"
+
 namespace splatvol {
 namespace {
 
@@ -105,8 +107,7 @@ Result<std::unique_ptr<Source>> open_generated(const std::string& input, const S
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", input);
   for (const std::string& name : options.selection)
-    if (name != "value")
-      return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: value", input, name);
+    if (name != source.value()->attributes()[0]) return fail_no_attribute(input, name, source.value()->attributes());
   return source;
 }
 

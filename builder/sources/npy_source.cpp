@@ -1,6 +1,5 @@
 #include "builder/sources/npy_source.h"
 
-#include <fmt/ranges.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/piece_ahead.h"
 
@@ -201,13 +201,12 @@ Status name_columns(const std::string& path, const std::vector<std::string>& nam
     else if (!table.structured)
       name = i < 3 ? std::string(1, "xyz"[i]) : count == 4 ? "value" : fmt::format("value{}", i - 3);
   }
-  std::vector<std::string> sorted;
+  std::vector<std::string> read;
   for (const NpyColumn& column : table.columns)
-    if (!is_skipped(column.name)) sorted.push_back(column.name);
-  std::ranges::sort(sorted);
-  const auto twice = std::ranges::adjacent_find(sorted);
-  if (twice == sorted.end()) return {};
-  return fail(ErrorCode::invalid_argument, "{}: two columns are called \"{}\"", path, *twice);
+    if (!is_skipped(column.name)) read.push_back(column.name);
+  if (const auto duplicate = find_duplicate(std::move(read)))
+    return fail(ErrorCode::invalid_argument, "{}: two columns are called \"{}\"", path, *duplicate);
+  return {};
 }
 
 std::vector<std::string> attributes_of(const NpyTable& table) {
@@ -226,8 +225,7 @@ Result<NpyColumn> find_column(const NpyFile& file, const std::string& name) {
     return fail(ErrorCode::unsupported, "{}: column \"{}\" holds neither floats of 4 or 8 bytes nor integers",
                 file.path, name);
   if (is_position(name)) return fail(ErrorCode::invalid_data, "{}: no column \"{}\"", file.path, name);
-  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", file.path, name,
-              fmt::join(attributes_of(file.table), ", "));
+  return fail_no_attribute(file.path, name, attributes_of(file.table));
 }
 
 Result<NpyFile> open_table(const std::string& path, const std::vector<std::string>& names) {

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "base/vdb_share.h"
 #include "builder/sources/piece_ahead.h"
 #include "builder/sources/vdb_fields.h"
@@ -142,17 +143,12 @@ class VdbFile {
     SPLATVOL_TRY_ASSIGN(all, list_attributes(grids));
     std::vector<std::string> names;
     for (const Attribute& attribute : all) names.push_back(attribute.name);
-    std::vector<std::string> sorted = names;
-    std::ranges::sort(sorted);
-    const auto twice = std::ranges::adjacent_find(sorted);
-    if (twice != sorted.end())
-      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *twice);
+    if (const auto duplicate = find_duplicate(names))
+      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", path_, *duplicate);
     if (selection.empty()) attributes_ = all;
     for (const std::string& name : selection) {
       const auto attribute = std::ranges::find(all, name, &Attribute::name);
-      if (attribute == all.end())
-        return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path_, name,
-                    fmt::join(names, ", "));
+      if (attribute == all.end()) return fail_no_attribute(path_, name, names);
       attributes_.push_back(*attribute);
     }
     return {};

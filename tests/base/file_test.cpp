@@ -29,7 +29,7 @@ using testing::StartsWith;
 
 std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
 
-/// A folder of its own for each test, gone afterwards.
+/// Gives each test its own folder, and removes it afterwards.
 class FileTest : public testing::Test {
  protected:
   FileTest() {
@@ -52,7 +52,7 @@ class FileTest : public testing::Test {
     return {std::istreambuf_iterator<char>(file), {}};
   }
 
-  /// Names in the folder, sorted: shows a temporary file that was left behind.
+  /// Returns the names in the folder, sorted. A temporary file that was left behind would show.
   std::vector<std::string> names() const {
     std::vector<std::string> names;
     for (const auto& entry : fs::directory_iterator(folder_)) names.push_back(entry.path().filename().string());
@@ -71,9 +71,9 @@ void expect_one_line_about(const Error& error, const std::string& path) {
   EXPECT_THAT(error.message, Not(HasSubstr("\n")));
 }
 
-// Bytes in.
+// --- Reading.
 
-/// A file and memory with the same ten bytes: both must keep the same contract.
+/// A file and a memory source with the same ten bytes. Both must keep the same contract.
 class ByteSourceTest : public FileTest, public testing::WithParamInterface<bool> {
  protected:
   std::unique_ptr<ByteSource> open_digits() {
@@ -114,7 +114,7 @@ TEST_P(ByteSourceTest, RefusesOffsetsWhoseSumWithTheLengthWraps) {
   constexpr auto half = std::uint64_t{1} << 63;
   std::array<std::byte, 8> out{};
 
-  // The bounds check itself must refuse these, before the system sees an offset that is negative as an off_t.
+  // The bounds check must refuse these before the system gets an offset that is negative as an off_t.
   for (const std::uint64_t offset : {largest, largest - 1, largest - 7, largest - 8, half, half - 1, half - 8}) {
     const Status status = source->read(offset, out);
     ASSERT_FALSE(status) << offset;
@@ -164,7 +164,7 @@ TEST_F(FileTest, ReadTextFileKeepsEveryByte) {
   EXPECT_FALSE(read_text_file(path("missing")));
 }
 
-// Bytes out.
+// --- Writing.
 
 TEST_F(FileTest, NothingStandsAtThePathBeforeCommit) {
   auto file = AtomicFile::create(path("new")).value();
@@ -196,7 +196,7 @@ TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {
   EXPECT_EQ(names(), Names{"old"});
 }
 
-/// Lets writes past `limit` bytes of a file fail, as on a full disk.
+/// Makes writes past `limit` bytes of a file fail, as on a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t limit) {
@@ -266,9 +266,9 @@ TEST_F(FileTest, HolesReadAsZeros) {
   EXPECT_EQ(content("holed"), std::string("\0\0\0\0end", 7));
 }
 
-// By whole blocks, which some file systems insert, and by less, which is always copied.
+// Inserts ranges that some file systems can insert, and others, which are always copied.
 TEST_F(FileTest, InsertFrontMovesAllBytesAndTheEnd) {
-  std::string text(9'000'000, ' ');  // more than is copied together
+  std::string text(9'000'000, ' ');  // more than is copied at once
   for (std::size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>('a' + i * i % 23);
   for (const std::uint64_t front : {std::uint64_t{0}, std::uint64_t{5}, AtomicFile::insertable_bytes,
                                     3 * AtomicFile::insertable_bytes, std::uint64_t{10'000'000}}) {
@@ -317,7 +317,7 @@ TEST_F(FileTest, CommitGivesTheDescriptorBack) {
     ASSERT_TRUE(file.commit());
     source = open_file(path("digits")).value();
   }
-  // Closed a second time, the number that the source has by now would be gone.
+  // Closing twice would close the descriptor of the source, which has the same number.
   std::array<std::byte, 4> out{};
   EXPECT_TRUE(source->read(0, out));
 }
@@ -347,7 +347,7 @@ TEST_F(FileTest, CreateRefusesAFolderThatIsNone) {
   EXPECT_EQ(names(), Names{"file"});
 }
 
-/// Drops root's right to write anywhere while it lives; without effect for other users.
+/// Drops root's right to write anywhere during its lifetime. No effect for other users.
 class UnprivilegedUser {
  public:
   UnprivilegedUser() : id_(::geteuid()) {

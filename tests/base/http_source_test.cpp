@@ -28,7 +28,7 @@ using testing::HasSubstr;
 using testing::Not;
 using testing::StartsWith;
 
-constexpr std::size_t head_bytes = 32u << 10;  // what opening asks for
+constexpr std::size_t head_bytes = 32u << 10;  // that opening asks for
 
 std::string random_text(std::size_t bytes, std::uint32_t seed) {
   std::mt19937 random(seed);
@@ -47,7 +47,7 @@ void expect_one_line(const Error& error, const std::string& name, const std::str
   EXPECT_THAT(error.message, Not(HasSubstr("\n")));
 }
 
-// Against a real server.
+// --- With a real server.
 
 class HttpSource : public testing::Test {
  protected:
@@ -123,7 +123,7 @@ TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
 TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
   const auto source = open_url(nginx_->url("data")).value();
   std::string all(text_.size(), '?'), first(head_bytes, '?'), middle(1000, '?'), last(1, '?');
-  EXPECT_TRUE(read(*source, 0, first));  // came with the size
+  EXPECT_TRUE(read(*source, 0, first));  // these came with the size
   EXPECT_TRUE(read(*source, 100'000, middle));
   EXPECT_TRUE(read(*source, text_.size() - 1, last));
   EXPECT_TRUE(read(*source, 0, all));
@@ -168,7 +168,7 @@ TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
     write(name, text_);
     const auto source = open_url(nginx_->url(name)).value();
     write("new", text);
-    // The server tells versions apart by size and by the second of their last change.
+    // The server distinguishes versions by their size and the second of their last change.
     std::filesystem::last_write_time(folder_ / "new", std::filesystem::file_time_type::clock::now() +
                                                           std::chrono::hours(text.size() == text_.size() ? 1 : 0));
     std::filesystem::rename(folder_ / "new", folder_ / name);
@@ -199,7 +199,7 @@ TEST_F(HttpSource, RefusesAServerThatDoesNotSpeakTls) {
   expect_one_line(source.error(), url, "SSL");
 }
 
-// Against servers that misbehave. What they serve, if they do:
+// --- With servers that misbehave. This is the content that they serve, if any:
 
 const std::string& served() {
   static const std::string text = random_text(100'000, 3);
@@ -210,9 +210,9 @@ struct Header {
   std::string status = "206 Partial Content";
   std::string etag = "\"one\"";
   std::uint64_t size = served().size();
-  std::int64_t shift = 0;    // of the range that is announced
-  std::int64_t missing = 0;  // bytes of it that are not sent
-  bool length = true;        // says how many bytes come
+  std::int64_t shift = 0;    // of the announced range
+  std::int64_t missing = 0;  // bytes of the range that are not sent
+  bool length = true;        // the answer says how many bytes come
 };
 
 Reply part(std::size_t from, std::size_t count, const Header& header = {}, Reply::Then then = Reply::Then::keep) {
@@ -231,7 +231,7 @@ Reply answer(const std::string& status, const std::string& fields = "") {
   return {fmt::format("HTTP/1.1 {}\r\nContent-Length: 0\r\n{}\r\n", status, fields), Reply::Then::keep};
 }
 
-// Does not wait, but says how long it would have.
+// Records each wait instead of waiting.
 struct Patience {
   std::vector<milliseconds> waits;
   HttpOptions options() {
@@ -241,7 +241,7 @@ struct Patience {
   }
 };
 
-// Opens what the server has and reads 1000 bytes at 50 000: "read", or why not.
+// Opens the file of the server and reads 1000 bytes at 50 000. Returns "read", or the error.
 std::string outcome(const ScriptedServer& server, const HttpOptions& options) {
   const auto source = open_url(server.url("data"), options);
   if (!source) return source.error().message;
@@ -265,7 +265,7 @@ TEST(MisbehavingServer, FailuresThatPassAreTriedAgainLaterAndLater) {
     ScriptedServer server({head(), reply, reply, part(50'000, 1000)});
     Patience patience;
     EXPECT_EQ(outcome(server, patience.options()), "read") << reply.text;
-    // libcurl itself asks once more, at once, where a connection that it kept turns out to be closed.
+    // libcurl itself asks again, at once, if the server has closed a kept connection.
     EXPECT_THAT(patience.waits,
                 AnyOf(ElementsAre(milliseconds(250)), ElementsAre(milliseconds(250), milliseconds(500))));
   }
@@ -341,11 +341,11 @@ TEST(MisbehavingServer, WhatWillNotPassFailsAtOnce) {
 }
 
 TEST(MisbehavingServer, ABodyThatNobodyAskedForIsNotDownloaded) {
-  // So many bytes that the server could not send them all before the client had taken some.
+  // Too many bytes for the server to send before the client reads some.
   const std::string huge(16u << 20, 'x');
   ScriptedServer server(
       {{fmt::format("HTTP/1.1 200 OK\r\nContent-Length: {}\r\n\r\n{}", huge.size() + 1, huge), Reply::Then::stall}});
-  // Whoever waited for the last byte would wait for ever.
+  // Waiting for the last byte would never end.
   EXPECT_THAT(outcome(server, {}), HasSubstr("200: no support for ranges"));
 }
 
@@ -362,7 +362,7 @@ TEST(MisbehavingServer, RedirectsAreFollowedUntilTheyGoInCircles) {
 }
 
 TEST(MisbehavingServer, ManyRequestsGoThroughOneConnection) {
-  // This one serves one connection at a time: a second would wait for ever.
+  // This server has one connection at a time: a second would wait for ever.
   ScriptedServer server({head(), part(50'000, 1000)});
   const auto source = open_url(server.url("data")).value();
   for (int i = 0; i < 20; ++i) {
@@ -407,7 +407,7 @@ TEST(NoServer, EachReasonIsOneLine) {
     expect_one_line(source.error(), url, reason);
   };
   expect_refusal(fmt::format("http://127.0.0.1:{}/data", closed.port), "connect");
-  expect_refusal("http://" + std::string(64, 'x') + ".invalid/data", "resolve");  // too long to ask anybody for
+  expect_refusal("http://" + std::string(64, 'x') + ".invalid/data", "resolve");  // too long for a host name
   expect_refusal("http://[/data", "");
   EXPECT_THAT(patience.waits, ElementsAre()) << "none of them passes";
   EXPECT_EQ(open_url("ftp://127.0.0.1/data").error().code, ErrorCode::invalid_argument);

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint64_t gibibyte = std::uint64_t{1} << 30;
 
-/// A machine of 8 GiB, as far as /proc and /sys say.
+/// A folder with /proc and /sys of a machine of 8 GiB.
 class MemoryLimit : public ::testing::Test {
  protected:
   void SetUp() override {

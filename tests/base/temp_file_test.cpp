@@ -49,8 +49,8 @@ TEST(TempFile, HasNoName) {
 TEST(TempFile, WhatWasReleasedReadsAsZerosAndTheRestStays) {
   auto file = TempFile::create(::testing::TempDir());
   ASSERT_TRUE(file);
-  const std::vector<std::byte> block(1 << 16, std::byte{7});
-  for (int i = 0; i < 4; ++i) ASSERT_TRUE(file->append(block));
+  const std::vector<std::byte> part(1 << 16, std::byte{7});
+  for (int i = 0; i < 4; ++i) ASSERT_TRUE(file->append(part));
   file->release(1 << 16, 1 << 16);
   EXPECT_EQ(file->size(), std::uint64_t{4} << 16);
   std::array<std::byte, 1> before, within, behind;
@@ -59,7 +59,7 @@ TEST(TempFile, WhatWasReleasedReadsAsZerosAndTheRestStays) {
   ASSERT_TRUE(file->read(2 << 16, behind));
   EXPECT_EQ(before[0], std::byte{7});
   EXPECT_EQ(behind[0], std::byte{7});
-  EXPECT_TRUE(within[0] == std::byte{0} || within[0] == std::byte{7});  // where the file system cannot
+  EXPECT_TRUE(within[0] == std::byte{0} || within[0] == std::byte{7});  // 7: the file system cannot
 }
 
 TEST(TempFile, FailsWithOneLineWhereItCannotBe) {

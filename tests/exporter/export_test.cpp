@@ -1,4 +1,4 @@
-// Exports: nothing of the mass is lost, fields stay what they are, and VTK and OpenVDB read what is written.
+// Exports lose no mass and keep fields, and VTK and OpenVDB can read them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
@@ -49,7 +49,7 @@ class Export : public testing::Test {
     return open(name);
   }
 
-  /// Splats of any shape, some without mass, values missing here and there, far from the origin.
+  /// Splats of any shape, some without mass, with some values missing, far from the origin.
   std::shared_ptr<const format::Volume> random_volume(const dvec3& origin = dvec3(0)) const {
     std::vector<dvec3> positions = test::random_points(600, 7u);
     std::vector<std::vector<double>> values(2);
@@ -104,7 +104,7 @@ std::string write_linear_box(const std::string& path, const dvec3& origin) {
   return path;
 }
 
-// Sums of single precision's roundings, 2^-24 each, at random: far below 1e-5.
+// Random roundings of single precision, 2^-24 each, add up to far less than 1e-5.
 TEST_F(Export, VoxelsHoldTheWholeMass) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto volume = random_volume(origin);
@@ -139,9 +139,9 @@ TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
   }
 }
 
-// Voxels of the same size over the same places: inside, each gets as much as it gives, and a linear field is kept by
-// symmetry. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65; slopes
-// are those of material that a voxel blurs, a seventh less for voxels of 0.2: a twentieth of what a voxel adds in all.
+// Exports voxels to equal voxels at the same positions. Each inner voxel gives as much mass as it gets, and by symmetry
+// a linear field stays. Codes of mass are within 0.3 %, those of value moments within 1/127 of a deviation of 0.65. The
+// blur of a voxel flattens slopes: voxels of 0.2 by a seventh, or a twentieth of what a voxel adds.
 TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
@@ -153,10 +153,10 @@ TEST_F(Export, ALinearFieldComesBack) {
       std::size_t inside = 0;
       for (auto at = value->cbeginValueOn(); at; ++at) {
         const openvdb::Vec3d world = value->indexToWorld(at.getCoord());
-        const dvec3 place = (dvec3(world.x(), world.y(), world.z()) - origin) / 0.5;
-        if (glm::any(glm::lessThan(place, dvec3(3))) || glm::any(glm::greaterThan(place, dvec3(16)))) continue;
+        const dvec3 index = (dvec3(world.x(), world.y(), world.z()) - origin) / 0.5;
+        if (glm::any(glm::lessThan(index, dvec3(3))) || glm::any(glm::greaterThan(index, dvec3(16)))) continue;
         ++inside;
-        EXPECT_NEAR(*at, 2 * place.x - place.y + 3, 0.1);
+        EXPECT_NEAR(*at, 2 * index.x - index.y + 3, 0.1);
         if (voxel == 0.5) {
           EXPECT_NEAR(fraction->tree().getValue(at.getCoord()), 1, 0.005);
         }
@@ -173,7 +173,7 @@ TEST_F(Export, TheMassOfVoxelsSurvivesTheWayBack) {
   const auto source = open_source({path("out.vdb")}, {{"a0"}, {}}).value();
   const auto back = build(*source, "back.svol");
   const double mass = mass_of(*volume, volume->info().resolutions() - 1);
-  // Codes of mass round to within 2^(1/256), to either side.
+  // Codes of mass are rounded up or down, by a factor of up to 2^(1/256).
   for (std::size_t r = 0; r < back->info().resolutions(); ++r) EXPECT_NEAR(mass_of(*back, r), mass, 3e-3 * mass);
 }
 
@@ -252,7 +252,7 @@ TEST_F(Export, NamesThatClashAreRefused) {
               HasSubstr("\"volume_fraction\""));
 }
 
-// Read back by VTK, behind open_source.
+// Reads the export back through open_source, which uses VTK.
 TEST_F(Export, VtkReadsThePoints) {
   const auto volume = random_volume(dvec3(1e7));
   for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
@@ -299,7 +299,7 @@ TEST_F(Export, VtkReadsThePoints) {
 
 constexpr dvec3 slope(1, -2, 0.5);
 
-// Arrays of an exported resolution, read back by VTK; those of vectors by component.
+// Returns the arrays of an exported resolution, read back by VTK. Vectors have one array for each component.
 struct Exported {
   std::vector<dvec3> points;
   std::map<std::string, std::vector<double>> arrays;
@@ -323,8 +323,8 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
   return result;
 }
 
-// What codes leave of a linear field's gradient: correlations within 1/254, deviations within .3 %, and axes that move
-// by 1/16 of a shorter one.
+// Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/254, deviations
+// within 0.3 %, and axes that move by 1/16 of a shorter axis.
 double gradient_bound(const format::SplatShape& shape, const format::SplatValue& value) {
   const dvec3 codes = value.deviation / 254 / shape.deviations;
   return glm::length(codes) + (0.006 + 1.0 / 8) * glm::length(slope);
@@ -348,9 +348,9 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
   EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.02 * glm::length(slope));
 }
 
-// Both gradients, of a linear field, by every way to join the points: that of the moments is the field's at every
-// resolution; the file's own is the sum of differences along the edges of the mesh's tetrahedra or of those found for
-// the points, which a linear field's gradient is only about; points without tetrahedra get the field's.
+// Both gradients of a linear field, for every way to join the points. The gradient of the moments is that of the field,
+// at every resolution. The file's own gradient sums differences along the edges of tetrahedra, of the mesh or of the
+// points' triangulation, and is only about that of the field. Points without tetrahedra have the gradient of the field.
 TEST_F(Export, GradientsOfALinearField) {
   const test::Mesh mesh = test::jittered(9, 0.3);
   const auto field = [](dvec3 p) { return glm::dot(slope, p); };
@@ -375,7 +375,7 @@ TEST_F(Export, GradientsOfALinearField) {
     options.held_points = held;
     const auto volume = build(source, "linear.svol", options);
     const std::size_t finest = volume->info().resolutions() - 1;
-    // The means of cells without tetrahedra are kept between their neighbours' values: then clusters are not linear.
+    // Without tetrahedra, the means of cells stay between their neighbours' values, so clusters are not linear.
     for (std::size_t r = connectivity == Connectivity::none ? finest : 0; r <= finest; ++r) {
       const Exported exported = export_and_read(*volume, r, path("linear.vtu"));
       expect_slope(*volume, r, exported);
@@ -391,7 +391,7 @@ TEST_F(Export, GradientsOfALinearField) {
   }
 }
 
-// A layer as thin as nothing, values that are missing above it, and points in no cell.
+// A layer without thickness, missing values above it, and points in no cell.
 TEST_F(Export, GradientsAreFiniteAndNothingWhereThereIsNoMaterial) {
   test::Mesh mesh = test::lattice(8, [](dvec3 p) { return p.z < 0.5 ? dvec3(p.x, p.y, 1e-200 * p.z) : p; });
   for (const dvec3& p : test::random_points(50, 1u)) mesh.points.push_back(p + dvec3(2, 0, 0));

@@ -16,7 +16,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 const Box everywhere{dvec3(-infinity), dvec3(infinity)};
 
 struct Voxel {
-  dvec3 place;
+  dvec3 centre;
   double share;
 };
 
@@ -38,7 +38,7 @@ double sum_of(const std::vector<Voxel>& voxels) {
 
 dvec3 mean_of(const std::vector<Voxel>& voxels) {
   dvec3 mean(0);
-  for (const Voxel& voxel : voxels) mean += voxel.share * voxel.place;
+  for (const Voxel& voxel : voxels) mean += voxel.share * voxel.centre;
   return mean;
 }
 
@@ -51,14 +51,14 @@ format::SplatShape shape_of(const dvec3& deviations, const glm::dquat& turn) {
 
 TEST(VoxelKernel, SharesAddUpToOneForAnyShape) {
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> place(-1e4, 1e4), exponent(-4, 1.3), part(-1, 1);
+  std::uniform_real_distribution<double> coordinate(-1e4, 1e4), exponent(-4, 1.3), part(-1, 1);
   for (int i = 0; i < 500; ++i) {
     std::array<double, 3> d = {std::pow(10, exponent(random)), std::pow(10, exponent(random)),
                                std::pow(10, exponent(random))};
     std::sort(d.rbegin(), d.rend());
     format::SplatShape shape = shape_of({d[0], d[1], d[2]}, {part(random), part(random), part(random), part(random)});
     if (i % 2 == 1) shape.boundary = dvec3(part(random), part(random), 1 + part(random));
-    const dvec3 centroid(place(random), place(random), place(random));
+    const dvec3 centroid(coordinate(random), coordinate(random), coordinate(random));
     const auto voxels = voxels_of(VoxelKernel(centroid, shape));
     ASSERT_FALSE(voxels.empty());
     EXPECT_NEAR(sum_of(voxels), 1, 1e-12);
@@ -66,7 +66,7 @@ TEST(VoxelKernel, SharesAddUpToOneForAnyShape) {
   }
 }
 
-// A kernel many voxels wide is sampled finely: the error of the mean is far below a voxel.
+// A kernel many voxels wide has many samples: the error of the mean is far below a voxel.
 TEST(VoxelKernel, KeepsTheMeanAndTurnsTheEllipsoid) {
   const dvec3 centroid(3.3, -7.1, 0.4);
   const auto shape = shape_of({6, 3, 1}, {0.8, 0.1, 0.5, -0.3});
@@ -76,18 +76,18 @@ TEST(VoxelKernel, KeepsTheMeanAndTurnsTheEllipsoid) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   for (int k = 0; k < 3; ++k) {
     double variance = 0;
-    for (const Voxel& voxel : voxels) variance += voxel.share * std::pow(glm::dot(axes[k], voxel.place - centroid), 2);
+    for (const Voxel& voxel : voxels) variance += voxel.share * std::pow(glm::dot(axes[k], voxel.centre - centroid), 2);
     const double expected = 0.95 * 0.95 * 12 / 8 * (std::pow(shape.deviations[k], 2) + 1.0 / 12);
     EXPECT_NEAR(variance, expected, 0.02 * expected);
   }
 }
 
 TEST(VoxelKernel, WithoutExtentItIsAtMostTheNearestVoxels) {
-  for (const dvec3 place : {dvec3(0), dvec3(0.5), dvec3(0.5, 0, 0), dvec3(1e7 + 0.3, -1e7, 0.1)}) {
-    const auto voxels = voxels_of(VoxelKernel(place, shape_of(dvec3(0), {1, 0, 0, 0})));
+  for (const dvec3 centroid : {dvec3(0), dvec3(0.5), dvec3(0.5, 0, 0), dvec3(1e7 + 0.3, -1e7, 0.1)}) {
+    const auto voxels = voxels_of(VoxelKernel(centroid, shape_of(dvec3(0), {1, 0, 0, 0})));
     ASSERT_LE(voxels.size(), 8u);
     EXPECT_NEAR(sum_of(voxels), 1, 1e-12);
-    for (const Voxel& voxel : voxels) EXPECT_LT(glm::length(voxel.place - place), 0.951);
+    for (const Voxel& voxel : voxels) EXPECT_LT(glm::length(voxel.centre - centroid), 0.951);
   }
 }
 
@@ -97,8 +97,8 @@ TEST(VoxelKernel, NothingLiesBeyondTheBoundary) {
   const auto voxels = voxels_of(VoxelKernel(dvec3(0), shape));
   double at_plane = 0;
   for (const Voxel& voxel : voxels) {
-    EXPECT_TRUE(voxel.share == 0 || voxel.place.x <= 6);
-    if (voxel.place.x == 6) at_plane += voxel.share;
+    EXPECT_TRUE(voxel.share == 0 || voxel.centre.x <= 6);
+    if (voxel.centre.x == 6) at_plane += voxel.share;
   }
   EXPECT_GT(at_plane, 0) << "it is cut, not faded, there";
 }
@@ -112,7 +112,7 @@ TEST(VoxelKernel, PartOfALargeOneHasItsPart) {
   const auto part = voxels_of(kernel, box);
   double expected = 0;
   for (const Voxel& voxel : voxels_of(kernel))
-    if (glm::all(glm::lessThanEqual(box.low, voxel.place)) && glm::all(glm::lessThanEqual(voxel.place, box.high)))
+    if (glm::all(glm::lessThanEqual(box.low, voxel.centre)) && glm::all(glm::lessThanEqual(voxel.centre, box.high)))
       expected += voxel.share;
   EXPECT_EQ(part.size(), 26u * 11 * 11);
   EXPECT_NEAR(sum_of(part), expected, 1e-3 * expected);
@@ -121,7 +121,7 @@ TEST(VoxelKernel, PartOfALargeOneHasItsPart) {
   EXPECT_FALSE(kernel.append(everywhere, 1000, runs, shares));
 }
 
-// The regression of a value on the position in the material that a voxel's blur has widened.
+// The slope is the regression of the value on the position in the material after the blur of a voxel.
 TEST(VoxelKernel, SlopeIsTheFieldsWhereItIsResolved) {
   const dvec3 slope(1, -2, 0.5);
   const dvec3 deviations(10, 8, 6);

@@ -1,14 +1,14 @@
-// How much memory operator new has handed out: for tests of what a reader may allocate.
+// Counts the memory of operator new, for tests of how much a reader may allocate.
 #pragma once
 
 #include <cstddef>
 
 namespace splatvol::test {
 
-/// Counts from here on; not nestable.
+/// Begins to count. Not nestable.
 void start_counting_allocations();
 
-/// Most bytes that were held at once since, beyond what was held then.
+/// Returns the most bytes that were held at once since then, less those that were held then.
 [[nodiscard]] std::size_t most_bytes_allocated();
 
 }  // namespace splatvol::test

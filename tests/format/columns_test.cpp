@@ -43,7 +43,7 @@ PositionHeader header_of(const PackedChunk& chunk) {
   return read_record<PositionHeader>(unpack(chunk.bytes, chunk.entry.unpacked_bytes, "test").value(), 0);
 }
 
-// What comes back stays within the bound that was asked for, and within the one that the chunk states.
+// Positions come back within the requested bound, and within the bound that the chunk states.
 void expect_within(const std::vector<dvec3>& positions, double error) {
   const PackedChunk chunk = pack_positions(positions, error);
   const double stated = stated_position_error(chunk.entry, chunk.bytes).value();
@@ -64,7 +64,8 @@ TEST(PositionColumn, KeepsTheBoundFarFromTheOriginWithFineDetail) {
 }
 
 TEST(PositionColumn, KeepsTheBoundWhereTheWidestIndicesAreRounded) {
-  // Coordinates of either sign at the most steps that a grid may span: the difference from the origin is rounded too.
+  // Coordinates of both signs, with the most quantisation steps that a grid may span: the difference from the origin is
+  // rounded too.
   for (const double reach : {0x1p44, 0x1p45, 0x1p46}) {
     auto positions = random_positions(2000, dvec3(-reach), dvec3(2 * reach));
     expect_within(positions, 0.51);
@@ -158,7 +159,7 @@ TEST(PositionColumn, StaysUnderTheLimitOfR10) {
   }
 }
 
-// Packs a payload as it is: what somebody else's writer, or an attacker, would put into a chunk.
+// Packs a payload as it is, as another writer or an attacker might.
 PackedChunk chunk_of(const Bytes& payload) {
   PackedChunk chunk{{}, pack(payload)};
   chunk.entry = {hash_bytes(chunk.bytes),
@@ -202,12 +203,12 @@ TEST(PositionColumn, RefusesBadHeaders) {
   EXPECT_TRUE(refuses(changed([](auto& h) { h.zero = 1; }), 30));
   for (const double bad : {-1.0, infinity, std::numeric_limits<double>::quiet_NaN()}) {
     EXPECT_TRUE(refuses(changed([bad](auto& h) { h.error = bad; }), 30));
-    EXPECT_TRUE(refuses(changed([bad](auto& h) { h.step = bad; }), 30));
+    EXPECT_TRUE(refuses(changed([bad](auto& h) { h.quantisation_step = bad; }), 30));
     if (!(bad < 0)) {
       EXPECT_TRUE(refuses(changed([bad](auto& h) { h.origin[1] = bad; }), 30));
     }
   }
-  EXPECT_TRUE(refuses(changed([](auto& h) { h.step = 1e308; }), 30));  // 9 * 1e308 is infinite
+  EXPECT_TRUE(refuses(changed([](auto& h) { h.quantisation_step = 1e308; }), 30));  // 9 * 1e308 is infinite
 }
 
 TEST(PositionColumn, RefusesExactCoordinatesThatAreNotFinite) {

@@ -1,4 +1,4 @@
-// Files made by somebody who means harm and computes every hash: an error or a consistent volume, nothing else.
+// Harmful files with correct hashes: a reader gives an error or a consistent volume.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -36,7 +36,7 @@ TestVolume volume_of(std::size_t points, std::size_t attributes) {
   return make_test_volume(random_points(points, 3), values, options);
 }
 
-// Whatever a reader may do with a file, each step of it on its own.
+// All reads of a file that a reader may do, each by itself.
 class Explorer {
  public:
   explicit Explorer(const Volume& volume) : volume_(volume) {}
@@ -83,12 +83,12 @@ class Explorer {
   void read_row(const DirectoryPage& page, std::uint64_t row) {
     const Group group = volume_.rows().group(volume_.rows().group_of_row(row));
     for (const int c : volume_.rows().columns_of_row(row)) {
-      const ChunkPlace& place = volume_.find_chunk(page, row, c);
-      const auto packed = volume_.read_bytes(place.offset, place.entry.packed_bytes);
+      const ChunkLocation& location = volume_.find_chunk(page, row, c);
+      const auto packed = volume_.read_bytes(location.offset, location.entry.packed_bytes);
       note(packed.has_value());
       if (!packed) continue;
       const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(c)].kind;
-      note(read_chunk(kind, place.entry, *packed, group.count).has_value());
+      note(read_chunk(kind, location.entry, *packed, group.count).has_value());
     }
   }
 
@@ -156,7 +156,7 @@ TEST(Surgery, LeavesAFileAsItWasWhereNothingIsDone) {
   }
 }
 
-// --- Random harm.
+// --- Random changes.
 
 class Mutator {
  public:
@@ -202,7 +202,7 @@ class Mutator {
     }
   }
 
-  // Puts another number in the place of one in the text.
+  // Replaces a number in the text by another.
   void harm_number(Bytes& bytes) {
     std::string text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     const std::size_t begin = text.find_first_of("0123456789", draw(text.size()));
@@ -271,11 +271,11 @@ TEST(Hostile, RandomHarmWithGoodHashesIsRefusedOrHarmless) {
     }
   }
   EXPECT_GT(refused, 1000);
-  EXPECT_GT(accepted, 300);  // harm to what is for people, or to single coordinates
+  EXPECT_GT(accepted, 300);  // changes to data for people, or to single coordinates
   EXPECT_GT(opened, 1000);
 }
 
-// --- Harm with a purpose.
+// --- Changes with a purpose.
 
 json metadata_of(const Bytes& bytes) {
   return json::parse(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
@@ -290,7 +290,7 @@ class HostileSmallFile : public testing::Test {
  protected:
   HostileSmallFile() : file_(test_volume_bytes(volume_of(1, 1))), parts_(file_) {}
 
-  // What a reader allocates at most on a file that was changed.
+  // Returns the most bytes that a reader holds at once while reading the changed file.
   std::size_t memory_of(Part part, const std::function<void(Bytes&)>& change, std::size_t most_file_bytes = 2048) {
     const Bytes file = parts_.assemble([&](Part p, std::size_t, Bytes& bytes) {
       if (p == part) change(bytes);
@@ -356,20 +356,20 @@ TEST_F(HostileSmallFile, CannotHideAMountainInItsMetadata) {
 }
 
 TEST(Hostile, APageOfTheMostNodesTakesFewMegabytes) {
-  // 64 resolutions and 16 size bounds make the most of a node; a mask of 0 makes a leaf of every one.
+  // With 64 resolutions and 16 size bounds, a node needs the most memory. A mask of 0 makes every node a leaf.
   const NodeShape shape{64, 16, 0};
   Bytes structure;
   for (std::uint32_t node = 0; node < max_page_nodes; ++node) {
     structure.insert(structure.end(), {std::byte{0}, std::byte{0}, std::byte{63}});
     structure.insert(structure.end(), 64 + 16, std::byte{1});
-    if (node % 8 == 0) structure.back() = static_cast<std::byte>(node * node / 64);  // or the ratio of R7 forbids it
+    if (node % 8 == 0) structure.back() = static_cast<std::byte>(node * node / 64);  // else the ratio of R7 forbids it
   }
   const Bytes packed = pack(structure);
   Bytes page;
   append_record(page, static_cast<std::uint32_t>(max_page_nodes));
   append_record(page, std::uint32_t{0});
-  append_record(page, IndexBlock{static_cast<std::uint32_t>(packed.size()),
-                                 static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
+  append_record(page, IndexPagePart{static_cast<std::uint32_t>(packed.size()),
+                                    static_cast<std::uint32_t>(structure.size()), hash_bytes(packed)});
   const std::uint64_t hash = hash_bytes(page);
   page.insert(page.end(), packed.begin(), packed.end());
   const auto bytes = static_cast<std::uint32_t>(page.size());
@@ -389,8 +389,8 @@ class HostileTree : public testing::Test {
 };
 
 TEST(Hostile, PagesThatAreLinkedToTwiceAreRefused) {
-  // A lattice of points, whose octants have the same counts: a link to any of them fits the others, and a chain of such
-  // pages would have exponentially many paths.
+  // All octants of a lattice of points have the same counts, so that a link to one fits the others. A chain of such
+  // pages has exponentially many paths.
   std::vector<dvec3> lattice;
   for (int i = 0; i < 512; ++i) lattice.push_back((dvec3(i & 7, i >> 3 & 7, i >> 6) + 0.5) / 8.0);
   TestVolumeOptions options;
@@ -486,7 +486,7 @@ TEST_F(HostileTree, UnknownOptionalSectionsAreSkippedButChecked) {
       with_section(parts_, SectionKind::histograms, [](SectionEntry& s) { s.kind = SectionKind{99}, s.hash ^= 1; })
           .message,
       HasSubstr("checksum"));
-  // Bytes without a hash would be bytes that no check covers.
+  // No check would cover bytes without a hash.
   EXPECT_THAT(with_section(parts_, SectionKind::histograms,
                            [](SectionEntry& s) { s.kind = SectionKind{99}, s.codec = Codec::extent; })
                   .message,

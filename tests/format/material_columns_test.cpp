@@ -18,7 +18,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 constexpr double rounding = 1e-12;
 
-// Half a step of a log code, and what double precision does to it.
+// Half a quantisation step of a log code, with the rounding of double precision.
 const double log_code_factor = std::exp2(1.0 / 256) * (1 + rounding);
 
 constexpr auto unpack_shapes = unpack_moments;
@@ -34,7 +34,7 @@ std::vector<Element> unpacked(const PackedChunk& chunk, std::size_t count, Unpac
 
 Bytes payload_of(const PackedChunk& chunk) { return unpack(chunk.bytes, chunk.entry.unpacked_bytes, "test").value(); }
 
-// What somebody else's writer, or an attacker, would put into a chunk.
+// Packs a payload as it is, as another writer or an attacker might.
 PackedChunk with_payload(ChunkEntry entry, const Bytes& payload) {
   PackedChunk chunk{entry, pack(payload)};
   chunk.entry.hash = hash_bytes(chunk.bytes);
@@ -43,7 +43,7 @@ PackedChunk with_payload(ChunkEntry entry, const Bytes& payload) {
   return chunk;
 }
 
-// Whether a chunk is refused, by rule R17, after a change to its header.
+// Whether rule R17 refuses a chunk after a change to its header.
 template <class Header, class Element, class Unpack>
 bool refused(const PackedChunk& good, std::size_t count, Unpack unpack_column,
              const std::function<void(Header&, Bytes&)>& change) {
@@ -63,7 +63,7 @@ bool refused(const PackedChunk& good, std::size_t count, Unpack unpack_column,
   return !status;
 }
 
-// Every shorter payload, and a longer one.
+// Tries every shorter payload, and a longer one.
 template <class Element, class Unpack>
 void expect_exact_size(const PackedChunk& good, std::size_t count, Unpack unpack_column) {
   const Bytes payload = payload_of(good);
@@ -111,7 +111,7 @@ bool within_factor(double a, double b, double factor) {
   return (a == 0 && b == 0) || (a <= b * factor && b <= a * factor);
 }
 
-// How far the end of each axis goes towards a shorter one, in parts of that one's deviation.
+// Returns the largest movement of the end of an axis towards a shorter axis, as a share of the shorter deviation.
 double worst_tilt(const SplatShape& in, const SplatShape& out) {
   const dmat3 before = glm::mat3_cast(in.orientation), after = glm::mat3_cast(out.orientation);
   double worst = 0;
@@ -135,7 +135,8 @@ void expect_shapes_near(const std::vector<SplatShape>& in, double tilt = 1.0 / 1
     EXPECT_NEAR(glm::length(out[i].orientation), 1, rounding);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(in[i].boundary[k], out[i].boundary[k], 1.0 / 256 + rounding);
     EXPECT_TRUE(within_factor(in[i].density, out[i].density, std::exp2(1.0 / 64) + rounding)) << in[i].density;
-    // The tilt is of second order in the angle besides: a tenth of it covers the largest angles, of 1/16.
+    // The tilt also has a term of second order in the angle. A tenth of the first covers it, up to the largest angle,
+    // 1/16.
     EXPECT_LE(worst_tilt(in[i], out[i]), 1.1 * tilt) << in[i].deviations[0] / in[i].deviations[2];
   }
 }
@@ -155,8 +156,8 @@ TEST(MomentsColumn, KeepsItsBoundsAtEveryAspectRatio) {
 }
 
 TEST(MomentsColumn, NeedlesAndPancakesComeAsNearAsTwentyBitsReach) {
-  // Of three numbers each is off by half a step of sqrt(1/2) / (2^19 - 1), the fourth by up to the three together:
-  // sqrt(12) halves, twice that in angle.
+  // Each of three components is off by up to half a quantisation step of sqrt(1/2) / (2^19 - 1), the fourth by up to
+  // the sum of the three. Together this is sqrt(12) halves, and twice that as an angle.
   const double angle = std::sqrt(12.0) * std::sqrt(0.5) / (0x1p19 - 1);
   Shapes random(2);
   for (const double ratio : {1e5, 1e8})
@@ -248,7 +249,7 @@ TEST(MomentsColumn, HoldsManyDecadesInOneChunk) {
     shapes.push_back(random.shape(std::pow(10, decade), 0.3, 0.1));
   expect_shapes_near(shapes);
 
-  // Under 2^-511 of the largest they are no longer told apart, but not taken for nothing.
+  // Masses under 2^-511 of the largest all come back equal, and above 0.
   shapes = {{1e300, dvec3(1e300), {1, 0, 0, 0}}, {1e-300, dvec3(1e-300), {1, 0, 0, 0}}};
   const auto out = unpacked<SplatShape>(pack_moments(shapes), 2, unpack_shapes);
   EXPECT_GT(out[1].mass, 0);
@@ -281,7 +282,7 @@ TEST(MomentsColumn, RefusesBadHeaders) {
   }
   for (const int width : {0, 1, 2, 4, 9, 11, 255})
     EXPECT_TRUE(refuses([width](MomentsHeader& h, Bytes&) { h.orientation_width = static_cast<std::uint8_t>(width); }));
-  for (const std::size_t width : {0, 1, 2, 9, 11, 255})  // also where the planes are there
+  for (const std::size_t width : {0, 1, 2, 9, 11, 255})  // some with enough planes
     EXPECT_TRUE(refuses([width](MomentsHeader& h, Bytes& planes) {
       h.orientation_width = static_cast<std::uint8_t>(width);
       planes.resize(10 * (8 + width));
@@ -300,7 +301,7 @@ TEST(MomentsColumn, RefusesDeviationsThatDoNotDescend) {
   }
 }
 
-// Bytes of one point, where every number's planes lie in a row.
+// The bytes of one point, whose planes are next to each other for every number.
 template <class Header>
 PackedChunk chunk_of_one(const Header& header, const std::vector<int>& bytes) {
   Bytes payload;
@@ -310,7 +311,7 @@ PackedChunk chunk_of_one(const Header& header, const std::vector<int>& bytes) {
 }
 
 TEST(MomentsColumn, IsReadAsTheSpecificationSays) {
-  // Deviation codes 65535, 65535 - 128, 65535 - 256; mass 65535 - 192, stored less these, modulo 2^16.
+  // Deviation codes 65535, 65535 - 128, 65535 - 256. Mass code 65535 - 192, stored less these, modulo 2^16.
   const int mass = (65535 - 192) - (65535 + 65407 + 65279) + 2 * 65536;
   // The largest component is y (1); 7 bits each, 63 in the middle: x = sqrt(1/2) / 3, z = 0, w = -sqrt(1/2) / 7.
   const int orientation = 1 | (63 + 21) << 2 | 63 << 9 | (63 - 9) << 16 | 1 << 23;
@@ -396,7 +397,7 @@ ValueSummary everything() {
 
 ValueMomentsHeader header_of(const PackedChunk& chunk) { return read_record<ValueMomentsHeader>(payload_of(chunk), 0); }
 
-// Returns the largest error of a mean, which is what the header states.
+// Returns the largest error of a mean, as the header states it.
 double expect_values_near(const std::vector<SplatValue>& in, double error, const ValueSummary& summary = everything()) {
   const PackedChunk chunk = pack_value_moments(in, error, summary);
   EXPECT_LE(chunk.entry.unpacked_bytes, 64 + 64 * in.size());  // R10
@@ -429,7 +430,7 @@ TEST(ValueMomentsColumn, KeepsTheBoundThatWasAskedFor) {
 TEST(ValueMomentsColumn, ComesAsNearAsThirtyTwoBitsReach) {
   for (const double away : {0.0, 1e3, 1e9})
     for (const double error : {0.0, 1e-300, 1e-12}) {
-      // Half of a step, which is at most twice the range / 2^32 or 2^-45 of the largest.
+      // Half of a quantisation step, which is at most twice the range / 2^32, or 2^-45 of the largest.
       const double reach = std::max(2.0 / (0x1p32 - 2), (away + 1) * 0x1p-45);
       const auto values = random_signals(300, away - 1, away + 1);
       EXPECT_LE(expect_values_near(values, error), 1.02 * reach);
@@ -461,7 +462,8 @@ TEST(ValueMomentsColumn, MissingValuesContributeNothing) {
     values[i] = {not_a_number, infinity, dvec3(not_a_number), not_a_number, 0};
   values[1] = {1e30, 1e30, dvec3(0.5), 1, 0};
   EXPECT_LE(expect_values_near(values, 1e-3), 1e-3);
-  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).step, header_of(without).step);
+  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).quantisation_step,
+            header_of(without).quantisation_step);
   EXPECT_LT(header_of(pack_value_moments(values, 1e-3, everything())).deviation_scale, 1);
 
   expect_values_near(std::vector<SplatValue>(1), 0, {});
@@ -550,13 +552,13 @@ TEST(ValueMomentsColumn, RefusesBadHeaders) {
   EXPECT_FALSE(refuses([](ValueMomentsHeader&, Bytes&) {}));
   for (const double bad : {-1.0, infinity, -infinity, not_a_number}) {
     EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.error = bad; }));
-    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.step = bad; }));
+    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = bad; }));
     EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.deviation_scale = bad; }));
     if (!std::isfinite(bad)) {
       EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.origin = bad; }));
     }
   }
-  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.step = 1e308; }));  // infinite means
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = 1e308; }));  // infinite means
   for (const std::size_t width : {5, 8, 255})
     EXPECT_TRUE(refuses([width](ValueMomentsHeader& h, Bytes& planes) {
       h.width = static_cast<std::uint8_t>(width);

@@ -13,7 +13,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Trees of any shape: inner nodes hold their children's points, as a writer's do.
+// Makes trees of any shape. As in written files, inner nodes have the points of their children.
 class TreeMaker {
  public:
   TreeMaker(NodeShape shape, std::uint32_t seed) : random_(seed) { tree_.shape = shape; }
@@ -21,7 +21,7 @@ class TreeMaker {
   NodeArrays take() { return std::move(tree_); }
   std::uint32_t draw(std::uint32_t below) { return static_cast<std::uint32_t>(random_() % below); }
 
-  // Returns the new node's index; `children` is called for each child that the mask names and must add that subtree.
+  // Adds a node and returns its index. Calls `children` for each child in the mask; it must add the subtree.
   template <class AddChild>
   std::size_t add(std::uint8_t mask, AddChild add_child) {
     const std::size_t node = tree_.size();
@@ -87,7 +87,7 @@ Result<PackedTree> pack_tree(const NodeArrays& tree) {
   return packed;
 }
 
-// Packs, reads back and compares; returns the packed form.
+// Packs, reads back and compares. Returns the packed form.
 PackedTree expect_comes_back(const NodeArrays& tree) {
   const PackedTree packed = pack_tree(tree).value();
   const auto read = test::read_tree(packed.root, packed.section, tree.shape);
@@ -257,8 +257,8 @@ TEST(IndexPacker, RefusesWhatIsNoWalk) {
     }));
 }
 
-// 1.3 million nodes, and again under a chain that takes them down to the deepest cell: what is held is bounded by the
-// path's forests, each of at most 8 children with at most 256 nodes.
+// 1.3 million nodes, and the same below a chain down to the deepest node. The forests of the path bound the memory:
+// each has at most 8 children with at most 256 nodes.
 TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
   const NodeShape shape{4, 2, 1};
   for (const std::size_t chain : {0, 35}) {
@@ -281,11 +281,11 @@ TEST(IndexPacker, HoldsAPathHoweverManyNodesThereAre) {
     paged += read_record<std::uint32_t>(root->bytes, 0);
     EXPECT_GT(nodes, 1'300'000u);
     EXPECT_EQ(paged, nodes);
-    EXPECT_LE(most_bytes, 8u * 8u * 256u * 256u);  // eight levels that branch, 256 bytes a node
+    EXPECT_LE(most_bytes, 8u * 8u * 256u * 256u);  // at eight depths the tree branches; 256 bytes a node
   }
 }
 
-// An octree over points crowded as in a boundary layer, with six resolutions of which each keeps a third.
+// An octree over points that are as dense as in a boundary layer, with six resolutions, each of a third of the next.
 class CrowdedTree {
  public:
   explicit CrowdedTree(std::size_t points, std::size_t leaf_points) : leaf_points_(leaf_points) {
@@ -295,10 +295,10 @@ class CrowdedTree {
       const auto coordinate = [&](double width) {
         return static_cast<std::uint64_t>(std::clamp(0.5 + width * normal(random), 0.0, 0.999999) * 0x1p21);
       };
-      const std::uint64_t cell[3] = {coordinate(0.1), coordinate(0.02), coordinate(0.1)};
+      const std::uint64_t index[3] = {coordinate(0.1), coordinate(0.02), coordinate(0.1)};
       std::uint64_t key = 0;
       for (int bit = 20; bit >= 0; --bit)
-        for (int axis = 2; axis >= 0; --axis) key = key << 1 | (cell[axis] >> bit & 1);
+        for (int axis = 2; axis >= 0; --axis) key = key << 1 | (index[axis] >> bit & 1);
       keys_.push_back(key);
     }
     std::ranges::sort(keys_);

@@ -15,7 +15,7 @@ VolumeInfo info_of(std::vector<std::uint64_t> counts, std::uint32_t points_per_c
   return info;
 }
 
-// The specification's introduction, by enumeration.
+// Enumerates rows and chunks as the introduction of the specification defines them.
 struct Enumerated {
   struct Row {
     std::size_t resolution;

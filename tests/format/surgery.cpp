@@ -24,7 +24,7 @@ Bytes raw_section(const Bytes& file, const std::vector<SectionEntry>& sections, 
   return unpack(section_of(file, sections, kind), section->unpacked_bytes, "test").value();
 }
 
-// Where the links of a structure block stand: spec 6, node by node.
+// Finds the offsets of the links in a structure part: spec 6, node by node.
 std::vector<std::size_t> find_links(const Bytes& structure, std::uint32_t nodes, std::size_t resolutions,
                                     std::size_t size_bounds) {
   std::vector<std::size_t> links;
@@ -50,7 +50,7 @@ void overwrite(Bytes& bytes, std::size_t offset, const T& record) {
 
 void append(Bytes& bytes, std::span<const std::byte> more) { bytes.insert(bytes.end(), more.begin(), more.end()); }
 
-// Hands a record to the surgeon; what he leaves of it comes back.
+// Gives a record to the surgeon, and returns the changed record.
 template <class T>
 T operate_on_record(const T& record, std::size_t bytes, const Surgeon& surgeon, Part part) {
   const auto raw = std::as_bytes(std::span(&record, 1)).first(bytes);
@@ -100,23 +100,23 @@ void Dissected::read_pages(std::span<const std::byte> section, std::span<const s
   std::map<std::uint64_t, std::size_t> page_at;  // offset in the section: index in pages_
   const auto read_page = [&](std::span<const std::byte> bytes, std::uint64_t front) {
     Page page{read_record<std::uint32_t>(bytes, 0), {}, {}, {}};
-    std::uint64_t at = 8 + sizeof(IndexBlock) * (1 + attributes);
+    std::uint64_t at = 8 + sizeof(IndexPagePart) * (1 + attributes);
     for (std::size_t b = 0; b <= attributes; ++b) {
-      const auto block = read_record<IndexBlock>(bytes, 8 + b * sizeof(IndexBlock));
-      page.blocks.push_back(unpack(bytes.subspan(at, block.packed_bytes), block.unpacked_bytes, "test").value());
-      at += block.packed_bytes;
+      const auto part = read_record<IndexPagePart>(bytes, 8 + b * sizeof(IndexPagePart));
+      page.parts.push_back(unpack(bytes.subspan(at, part.packed_bytes), part.unpacked_bytes, "test").value());
+      at += part.packed_bytes;
       if (b == 0 && at != front) std::abort();
     }
-    page.links = find_links(page.blocks[0], page.node_count, resolutions_, size_bounds_);
+    page.links = find_links(page.parts[0], page.node_count, resolutions_, size_bounds_);
     return page;
   };
 
-  // Depth first, so that a page comes before those that link to it.
+  // Depth first, so that a page comes before the page that links to it.
   const std::function<std::size_t(std::span<const std::byte>, std::uint64_t)> add =
       [&](std::span<const std::byte> bytes, std::uint64_t front) {
         Page page = read_page(bytes, front);
         for (const std::size_t link : page.links) {
-          const auto ref = read_record<IndexPageRef>(page.blocks[0], link);
+          const auto ref = read_record<IndexPageRef>(page.parts[0], link);
           page.linked_pages.push_back(add(section.subspan(ref.offset, ref.page_bytes), ref.front_bytes));
         }
         pages_.push_back(std::move(page));
@@ -131,22 +131,22 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
   std::size_t summaries = 0;
   for (std::size_t p = 0; p < pages_.size(); ++p) {
     const Page& page = pages_[p];
-    std::vector<Bytes> blocks = page.blocks;
+    std::vector<Bytes> parts = page.parts;
     for (std::size_t link = 0; link < page.links.size(); ++link)
-      overwrite(blocks[0], page.links[link], packed[page.linked_pages[link]].ref);
-    surgeon(Part::structure, p, blocks[0]);
-    for (std::size_t b = 1; b < blocks.size(); ++b) surgeon(Part::summary, summaries++, blocks[b]);
+      overwrite(parts[0], page.links[link], packed[page.linked_pages[link]].ref);
+    surgeon(Part::structure, p, parts[0]);
+    for (std::size_t b = 1; b < parts.size(); ++b) surgeon(Part::summary, summaries++, parts[b]);
 
     Bytes table, body;
     append_record(table, page.node_count);
     append_record(table, std::uint32_t{0});
     std::uint64_t structure_bytes = 0;
-    for (std::size_t b = 0; b < blocks.size(); ++b) {
-      const Bytes block = pack(blocks[b]);
-      append_record(table, IndexBlock{static_cast<std::uint32_t>(block.size()),
-                                      static_cast<std::uint32_t>(blocks[b].size()), hash_bytes(block)});
-      append(body, block);
-      if (b == 0) structure_bytes = block.size();
+    for (std::size_t b = 0; b < parts.size(); ++b) {
+      const Bytes part = pack(parts[b]);
+      append_record(table, IndexPagePart{static_cast<std::uint32_t>(part.size()),
+                                         static_cast<std::uint32_t>(parts[b].size()), hash_bytes(part)});
+      append(body, part);
+      if (b == 0) structure_bytes = part.size();
     }
     surgeon(Part::index_table, p, table);
     PackedPage result{{offset, static_cast<std::uint32_t>(table.size() + structure_bytes), 0, hash_bytes(table)},
@@ -160,92 +160,11 @@ std::vector<Dissected::PackedPage> Dissected::pack_pages(const Surgeon& surgeon)
 }
 
 Bytes Dissected::assemble(const Surgeon& surgeon) const {
-  std::map<SectionKind, Bytes> packed;
-  std::map<SectionKind, std::uint64_t> unpacked;
-  Bytes metadata = metadata_;
-  surgeon(Part::metadata, 0, metadata);
-  packed[SectionKind::metadata] = pack(metadata);
-  unpacked[SectionKind::metadata] = metadata.size();
-  Bytes histograms = histograms_;
-  surgeon(Part::histograms, 0, histograms);
-  packed[SectionKind::histograms] = pack(histograms);
-  unpacked[SectionKind::histograms] = histograms.size();
-
-  const std::vector<PackedPage> pages = pack_pages(surgeon);
-  for (std::size_t p = 0; p + 1 < pages.size(); ++p) append(packed[SectionKind::index_pages], pages[p].bytes);
-  packed[SectionKind::index_root] = pages.back().bytes;
-
-  std::vector<ChunkEntry> entries;
-  for (std::size_t c = 0; c < chunks_.size(); ++c) {
-    Bytes payload = chunks_[c].payload;
-    surgeon(Part::chunk, c, payload);
-    const Bytes chunk = pack(payload);
-    ChunkEntry entry = chunks_[c].entry;
-    entry.hash = hash_bytes(chunk);
-    entry.packed_bytes = static_cast<std::uint32_t>(chunk.size());
-    entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
-    entries.push_back(entry);
-    append(packed[SectionKind::rows], chunk);
-  }
-
-  // Lengths are known now, so offsets are: of the sections, then of the directory's pages and the chunks.
-  const std::uint64_t references = 8 + directory_pages_.size() * sizeof(DirectoryPageRef);
-  packed[SectionKind::directory_root].resize(references + 8 + directory_pages_[0] * sizeof(ChunkEntry));
-  std::size_t tail = 0;
-  for (std::size_t p = 1; p < directory_pages_.size(); ++p) tail += 8 + directory_pages_[p] * sizeof(ChunkEntry);
-  packed[SectionKind::directory_pages].resize(tail);
-  std::vector<SectionEntry> sections = sections_;
-  std::uint64_t offset = sizeof(Superblock) + sections.size() * sizeof(SectionEntry);
-  std::map<SectionKind, std::uint64_t> begins;
-  for (SectionEntry& section : sections) {
-    begins[section.kind] = section.offset = offset;
-    offset += section.packed_bytes = packed[section.kind].size();
-  }
-
-  Bytes root(8), pages_tail;
-  overwrite(root, 0, static_cast<std::uint64_t>(directory_pages_.size()));
-  Bytes head;
-  std::uint64_t chunk_offset = begins[SectionKind::rows];
-  std::size_t chunk = 0;
-  for (std::size_t p = 0; p < directory_pages_.size(); ++p) {
-    Bytes page;
-    append_record(page, chunk_offset);
-    for (std::size_t c = 0; c < directory_pages_[p]; ++c, ++chunk) {
-      append_record(page, entries[chunk]);
-      chunk_offset += entries[chunk].packed_bytes;
-    }
-    surgeon(Part::directory_page, p, page);
-    const std::uint64_t place = p == 0 ? begins[SectionKind::directory_root] + references
-                                       : begins[SectionKind::directory_pages] + pages_tail.size();
-    append_record(root, DirectoryPageRef{place, page.size(), hash_bytes(page)});
-    append(p == 0 ? head : pages_tail, page);
-  }
-  append(root, head);
-  surgeon(Part::directory_root, 0, root);
-  packed[SectionKind::directory_root] = root;
-  packed[SectionKind::directory_pages] = pages_tail;
-
-  // A surgeon may have changed lengths since; sections tile the file again in any case.
-  offset = sizeof(Superblock) + sections.size() * sizeof(SectionEntry);
+  Assembly assembly{{}, {}, {}, sections_, {}};
+  pack_content(surgeon, assembly);
+  pack_directory(surgeon, assembly);
   Bytes table, body;
-  for (SectionEntry& section : sections) {
-    const Bytes& bytes = packed[section.kind];
-    section.offset = offset;
-    offset += section.packed_bytes = bytes.size();
-    if (section.codec != Codec::extent) {
-      const bool is_packed = unpacked.contains(section.kind) && unpacked[section.kind] != bytes.size();
-      section.codec = is_packed ? Codec::zstd : Codec::raw;
-      section.unpacked_bytes = is_packed ? unpacked[section.kind] : bytes.size();
-      section.hash = hash_bytes(bytes);
-    }
-    if (section.kind == SectionKind::index_root) {
-      section.unpacked_bytes = pages.back().ref.front_bytes;
-      section.hash = pages.back().ref.hash;
-    }
-    append_record(table, section);
-    append(body, bytes);
-  }
-  surgeon(Part::section_table, 0, table);
+  pack_sections(surgeon, assembly, table, body);
 
   Superblock superblock = superblock_;
   superblock.file_bytes = sizeof(Superblock) + table.size() + body.size() + sizeof(Footer);
@@ -268,13 +187,102 @@ Bytes Dissected::assemble(const Surgeon& surgeon) const {
   return file;
 }
 
+// Packs everything but the directory.
+void Dissected::pack_content(const Surgeon& surgeon, Assembly& assembly) const {
+  const auto pack_section = [&](SectionKind kind, Part part, Bytes bytes) {
+    surgeon(part, 0, bytes);
+    assembly.packed[kind] = pack(bytes);
+    assembly.unpacked_bytes[kind] = bytes.size();
+  };
+  pack_section(SectionKind::metadata, Part::metadata, metadata_);
+  pack_section(SectionKind::histograms, Part::histograms, histograms_);
+
+  const std::vector<PackedPage> pages = pack_pages(surgeon);
+  for (std::size_t p = 0; p + 1 < pages.size(); ++p) append(assembly.packed[SectionKind::index_pages], pages[p].bytes);
+  assembly.packed[SectionKind::index_root] = pages.back().bytes;
+  assembly.root = pages.back().ref;
+
+  for (std::size_t c = 0; c < chunks_.size(); ++c) {
+    Bytes payload = chunks_[c].payload;
+    surgeon(Part::chunk, c, payload);
+    const Bytes chunk = pack(payload);
+    ChunkEntry entry = chunks_[c].entry;
+    entry.hash = hash_bytes(chunk);
+    entry.packed_bytes = static_cast<std::uint32_t>(chunk.size());
+    entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+    assembly.entries.push_back(entry);
+    append(assembly.packed[SectionKind::rows], chunk);
+  }
+}
+
+void Dissected::pack_directory(const Surgeon& surgeon, Assembly& assembly) const {
+  // All lengths are known, and so the offsets of sections, directory pages and chunks.
+  const std::uint64_t references = 8 + directory_pages_.size() * sizeof(DirectoryPageRef);
+  assembly.packed[SectionKind::directory_root].resize(references + 8 + directory_pages_[0] * sizeof(ChunkEntry));
+  std::size_t tail = 0;
+  for (std::size_t p = 1; p < directory_pages_.size(); ++p) tail += 8 + directory_pages_[p] * sizeof(ChunkEntry);
+  assembly.packed[SectionKind::directory_pages].resize(tail);
+  std::uint64_t end = sizeof(Superblock) + assembly.sections.size() * sizeof(SectionEntry);
+  std::map<SectionKind, std::uint64_t> begins;
+  for (const SectionEntry& section : assembly.sections) {
+    begins[section.kind] = end;
+    end += assembly.packed[section.kind].size();
+  }
+
+  Bytes root(8), head, pages_tail;
+  overwrite(root, 0, static_cast<std::uint64_t>(directory_pages_.size()));
+  std::uint64_t chunk_offset = begins[SectionKind::rows];
+  std::size_t chunk = 0;
+  for (std::size_t p = 0; p < directory_pages_.size(); ++p) {
+    Bytes page;
+    append_record(page, chunk_offset);
+    for (std::size_t c = 0; c < directory_pages_[p]; ++c, ++chunk) {
+      append_record(page, assembly.entries[chunk]);
+      chunk_offset += assembly.entries[chunk].packed_bytes;
+    }
+    surgeon(Part::directory_page, p, page);
+    const std::uint64_t offset = p == 0 ? begins[SectionKind::directory_root] + references
+                                        : begins[SectionKind::directory_pages] + pages_tail.size();
+    append_record(root, DirectoryPageRef{offset, page.size(), hash_bytes(page)});
+    append(p == 0 ? head : pages_tail, page);
+  }
+  append(root, head);
+  surgeon(Part::directory_root, 0, root);
+  assembly.packed[SectionKind::directory_root] = root;
+  assembly.packed[SectionKind::directory_pages] = pages_tail;
+}
+
+// Makes sections that tile the file, whatever lengths the surgeon has changed: their table, and their bytes.
+void Dissected::pack_sections(const Surgeon& surgeon, Assembly& assembly, Bytes& table, Bytes& body) const {
+  std::uint64_t offset = sizeof(Superblock) + assembly.sections.size() * sizeof(SectionEntry);
+  for (SectionEntry& section : assembly.sections) {
+    const Bytes& bytes = assembly.packed[section.kind];
+    section.offset = offset;
+    offset += section.packed_bytes = bytes.size();
+    if (section.codec != Codec::extent) {
+      const auto unpacked = assembly.unpacked_bytes.find(section.kind);
+      const bool is_packed = unpacked != assembly.unpacked_bytes.end() && unpacked->second != bytes.size();
+      section.codec = is_packed ? Codec::zstd : Codec::raw;
+      section.unpacked_bytes = is_packed ? unpacked->second : bytes.size();
+      section.hash = hash_bytes(bytes);
+    }
+    if (section.kind == SectionKind::index_root) {
+      section.unpacked_bytes = assembly.root.front_bytes;
+      section.hash = assembly.root.hash;
+    }
+    append_record(table, section);
+    append(body, bytes);
+  }
+  surgeon(Part::section_table, 0, table);
+}
+
 std::size_t Dissected::count(Part part) const {
   switch (part) {
     case Part::structure:
     case Part::index_table:
       return pages_.size();
     case Part::summary:
-      return pages_.size() * (pages_[0].blocks.size() - 1);
+      return pages_.size() * (pages_[0].parts.size() - 1);
     case Part::chunk:
       return chunks_.size();
     case Part::directory_page:

@@ -83,7 +83,7 @@ TEST(Metadata, FindsColumnsAndAttributes) {
   EXPECT_TRUE(none.error().message.starts_with("a.svol: no attribute \"density\"; there are: Density, "));
 }
 
-// Every value of the document, by its path.
+// Returns the paths of all values of the document.
 void collect_paths(const json& node, const json::json_pointer& path, std::vector<json::json_pointer>& paths) {
   if (!path.empty()) paths.push_back(path);
   if (node.is_object())
@@ -120,7 +120,7 @@ TEST(Metadata, RefusesEveryOtherType) {
       const bool same_type = original.type() == other.type() || (original.is_number_float() && other.is_number());
       const bool null_allowed = other.is_null() && (path.back() == "min" || path.back() == "max") && original.is_null();
       if (same_type || null_allowed) continue;
-      // A number where min or max is null is told apart by the other one, which is null still.
+      // A number instead of a null min or max shows, because the other one is still null.
       json document = example_json();
       document[path] = other;
       const auto info = metadata_from_json(document.dump());
@@ -143,13 +143,13 @@ struct Broken {
   const char* message;
 };
 
-TEST(Metadata, RefusesWhatIsOutOfRange) {
+std::vector<Broken> values_out_of_range() {
   const json two_positions = [] {
     json columns = example_json()["columns"];
     columns.push_back(columns[0]);
     return columns;
   }();
-  const std::vector<Broken> cases = {
+  return {
       {"/cube/edge", 0, "edge"},
       {"/cube/edge", -1.5, "edge"},
       {"/cube/origin", {0, 0}, "origin"},
@@ -192,7 +192,10 @@ TEST(Metadata, RefusesWhatIsOutOfRange) {
       {"/size_bounds", {1}, "size_bounds"},
       {"/provenance", "text", "provenance"},
   };
-  for (const Broken& broken : cases) {
+}
+
+TEST(Metadata, RefusesWhatIsOutOfRange) {
+  for (const Broken& broken : values_out_of_range()) {
     json document = example_json();
     document[json::json_pointer(broken.path)] = broken.value;
     const auto info = metadata_from_json(document.dump());
@@ -322,7 +325,7 @@ TEST(Metadata, NamesThatAreNotUtf8AreMadeSo) {
   const auto back = metadata_from_json(metadata_to_json(info).value());
   ASSERT_TRUE(back);
   EXPECT_EQ(back->attributes[0].name, "caf\uFFFD");
-  info.attributes[1].name = "caf\xE8";  // the same name after that
+  info.attributes[1].name = "caf\xE8";  // the same name after replacing
   EXPECT_FALSE(metadata_to_json(info));
 }
 

@@ -49,7 +49,7 @@ Status verify_bytes(const Bytes& bytes) {
   return volume->verify([](double) {});
 }
 
-// A chunk of what the splats stand for against what went into it; bounds of errors are tested with the columns.
+// Compares a chunk of material with its input. The tests of columns test the bounds of errors.
 void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Column& column, const Group& group,
                           std::size_t resolution, const TestVolume& volume) {
   const auto attribute = static_cast<std::size_t>(std::max(column.attribute, 0));
@@ -91,7 +91,7 @@ void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Co
   }
 }
 
-// All chunks of a file against what went into it.
+// Compares all chunks of a file with their input.
 void expect_same_columns(const Volume& file, const TestVolume& volume) {
   const RowLayout& rows = file.rows();
   for (std::uint64_t row = 0; row < rows.row_count(); ++row) {
@@ -99,37 +99,37 @@ void expect_same_columns(const Volume& file, const TestVolume& volume) {
     const Group group = rows.group(rows.group_of_row(row));
     const std::size_t resolution = rows.resolution_of_row(row);
     for (const int c : rows.columns_of_row(row)) {
-      const ChunkPlace& place = file.find_chunk(page, row, c);
-      const Bytes packed = file.read_bytes(place.offset, place.entry.packed_bytes).value();
+      const ChunkLocation& location = file.find_chunk(page, row, c);
+      const Bytes packed = file.read_bytes(location.offset, location.entry.packed_bytes).value();
       const Column& column = file.info().columns[static_cast<std::size_t>(c)];
       if (column.kind == ColumnKind::position) {
         std::vector<dvec3> positions(group.count);
-        ASSERT_TRUE(unpack_positions(place.entry, packed, positions, "test"));
+        ASSERT_TRUE(unpack_positions(location.entry, packed, positions, "test"));
         for (std::size_t i = 0; i < group.count; ++i)
           for (int axis = 0; axis < 3; ++axis)
             EXPECT_NEAR(positions[i][axis], volume.positions[group.begin + i][axis], volume.position_error);
       } else if (column.kind == ColumnKind::value) {
         std::vector<float> values(group.count);
-        ASSERT_TRUE(unpack_values(place.entry, packed, values, "test"));
+        ASSERT_TRUE(unpack_values(location.entry, packed, values, "test"));
         for (std::size_t i = 0; i < group.count; ++i) {
           const float expected = volume.stored[static_cast<std::size_t>(column.attribute)][group.begin + i];
           EXPECT_TRUE(values[i] == expected || (std::isnan(values[i]) && std::isnan(expected)));
         }
       } else if (column.kind == ColumnKind::octant) {
         std::vector<std::uint8_t> depths(group.count), counts(group.count);
-        ASSERT_TRUE(unpack_octants(place.entry, packed, depths, counts, "test"));
+        ASSERT_TRUE(unpack_octants(location.entry, packed, depths, counts, "test"));
         for (std::size_t i = 0; i < group.count; ++i) {
           EXPECT_EQ(depths[i], volume.depths[resolution][group.begin + i]);
           EXPECT_EQ(counts[i], volume.counts[resolution][group.begin + i]);
         }
       } else {
-        expect_same_material(place.entry, packed, column, group, resolution, volume);
+        expect_same_material(location.entry, packed, column, group, resolution, volume);
       }
     }
   }
 }
 
-// Depth-first nodes of a file against the tree that went into it; returns the next node of the tree.
+// Compares the nodes of a file, depth first, with the tree of the input. Returns the next node of the tree.
 std::size_t expect_same_nodes(const Volume& file, const IndexPage& page, std::uint32_t node, int attribute,
                               const NodeArrays& tree, std::size_t at) {
   EXPECT_EQ(page.nodes.child_masks[node], tree.child_masks[at]);
@@ -283,7 +283,7 @@ class CountingSource final : public ByteSource {
 };
 
 TEST(Reads, AFailingSourceGivesItsErrorWhereverItFails) {
-  // Larger than the first read, so that every kind of part is read for itself.
+  // Larger than the first read, so that every kind of part needs a read.
   TestVolumeOptions options;
   options.node_points = 8;
   const Bytes bytes = test_volume_bytes(small_volume(2500, 2, options));
@@ -316,12 +316,12 @@ TEST(Reads, OpeningTakesOneRead) {
     EXPECT_LE((*volume)->preamble_bytes(), min_first_read_bytes);
     EXPECT_EQ((*volume)->bytes_read(), std::min<std::uint64_t>(bytes.size(), min_first_read_bytes));
 
-    // The first picture as well: root page, and the chunks of the coarsest resolution.
+    // The first picture too: root page, and the chunks of the coarsest resolution.
     ASSERT_TRUE((*volume)->read_index_root(0));
     const DirectoryPage page = (*volume)->read_directory_page(0).value();
     for (const int column : (*volume)->rows().columns_of_row(0)) {
-      const ChunkPlace& place = (*volume)->find_chunk(page, 0, column);
-      ASSERT_TRUE((*volume)->read_bytes(place.offset, place.entry.packed_bytes));
+      const ChunkLocation& location = (*volume)->find_chunk(page, 0, column);
+      ASSERT_TRUE((*volume)->read_bytes(location.offset, location.entry.packed_bytes));
     }
     EXPECT_EQ(*reads, 1);
   }
@@ -390,9 +390,9 @@ TEST(Writer, ThePreambleOfManyAttributesFits) {
   const auto file = open_bytes(bytes);
   ASSERT_TRUE(file);
   EXPECT_LE(file->preamble_bytes(), max_preamble_bytes);
-  // Not only its description: the coarsest resolution, too.
+  // Not only the metadata, but also the coarsest resolution.
   const DirectoryPage page = file->read_directory_page(0).value();
-  const ChunkPlace& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
+  const ChunkLocation& last = file->find_chunk(page, 0, file->rows().columns_of_row(0).back());
   EXPECT_GE(file->preamble_bytes(), last.offset + last.entry.packed_bytes);
   EXPECT_TRUE(file->verify([](double) {}));
 }
@@ -435,7 +435,7 @@ TEST(Writer, AbandonedItLeavesNothingBehind) {
     const auto writer = create_writer(volume, folder.file("half.svol"));
     ASSERT_TRUE(writer);
     EXPECT_EQ(folder.files(), 0u);
-    EXPECT_FALSE((*writer)->finish({{}}));  // rows are lacking
+    EXPECT_FALSE((*writer)->finish({{}}));  // rows are missing
   }
   EXPECT_EQ(folder.files(), 0u);
 }
@@ -474,9 +474,9 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
     std::vector<ChunkEntry> entries;
     Bytes bytes;
     for (const int column : file->rows().columns_of_row(row)) {
-      const ChunkPlace& place = file->find_chunk(page, row, column);
-      entries.push_back(place.entry);
-      const auto chunk = std::span(expected).subspan(place.offset, place.entry.packed_bytes);
+      const ChunkLocation& location = file->find_chunk(page, row, column);
+      entries.push_back(location.entry);
+      const auto chunk = std::span(expected).subspan(location.offset, location.entry.packed_bytes);
       bytes.insert(bytes.end(), chunk.begin(), chunk.end());
     }
     EXPECT_FALSE((*writer)->append_row(entries, std::span(bytes).first(bytes.size() - 1)));
@@ -488,7 +488,7 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
   EXPECT_TRUE(std::ranges::equal(std::as_bytes(std::span(text)), expected));
 }
 
-// Few stay as they are; many are moved by whole blocks, for which the file is padded.
+// Few rows are copied. Many are moved without copying, and the file has padding for it.
 TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   const Folder folder;
   VolumeInfo info;
@@ -525,17 +525,17 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
     ASSERT_TRUE(volume) << volume.error().message;
     for (std::uint64_t row = 0; row < rows; ++row) {
       const DirectoryPage page = (*volume)->read_directory_page((*volume)->directory_page_of_row(row)).value();
-      const ChunkPlace& place = (*volume)->find_chunk(page, row, 0);
+      const ChunkLocation& location = (*volume)->find_chunk(page, row, 0);
       if (row == first_rows && rows > 1000) {
-        EXPECT_EQ(place.offset % AtomicFile::insertable_bytes, 0u);
+        EXPECT_EQ(location.offset % AtomicFile::insertable_bytes, 0u);
       }
-      ASSERT_TRUE(std::ranges::equal(all.subspan(place.offset, row_bytes), row_of(row))) << row;
+      ASSERT_TRUE(std::ranges::equal(all.subspan(location.offset, row_bytes), row_of(row))) << row;
     }
     EXPECT_EQ(all.size(), (*writer)->file_bytes());
   }
 }
 
-// 19 MB of directory and 32 MB of index pages; what is counted is the directory root, and the 1 MiB of a copy.
+// 19 MB of directory and 32 MB of index pages. The writer holds the directory root, and 1 MiB for copying.
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
   const Folder folder;
   VolumeInfo info;

@@ -1,4 +1,4 @@
-// Splats cut off at a box's faces.
+// Clipping splats at the faces of a box.
 #include "streamer/clip.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// Masses are single precision, correlations a byte.
+// Masses are of single precision, correlations are bytes.
 constexpr double mass_error = 1e-6;
 
 MomentsSplat random_splat(std::mt19937& random) {
@@ -52,16 +52,16 @@ double centre(const MomentsSplat& splat, int axis) { return static_cast<double>(
 
 TEST(Clip, TwoHalvesMakeTheWhole) {
   std::mt19937 random(1);
-  std::uniform_real_distribution<double> place(-1.5, 1.5);
+  std::uniform_real_distribution<double> coordinate(-1.5, 1.5);
   const dvec3 origin(1e7, -1e7, 3);
   for (int i = 0; i < 3000; ++i) {
     const MomentsSplat whole = random_splat(random);
     const int axis = i % 3;
-    const double face = origin[axis] + place(random);
+    const double face = origin[axis] + coordinate(random);
     const MomentsSplat low = clipped(whole, origin, half_space(axis, -infinity, face));
     const MomentsSplat high = clipped(whole, origin, half_space(axis, face, infinity));
     const auto mass = [](const MomentsSplat& splat) { return static_cast<double>(splat.mass); };
-    // Beyond three deviations all or nothing is taken: a thousandth of the mass.
+    // A face beyond three deviations cuts off all or nothing, which is off by a thousandth of the mass.
     ASSERT_NEAR(mass(low) + mass(high), mass(whole), 2e-3 * mass(whole));
     for (int k = 0; k < 3; ++k)
       ASSERT_NEAR(mass(low) * centre(low, k) + mass(high) * centre(high, k), mass(whole) * centre(whole, k),
@@ -89,7 +89,7 @@ TEST(Clip, HalfABallHasClosedForms) {
   EXPECT_FLOAT_EQ(half.deviations.y, 2);
   EXPECT_NEAR(half.value, 7 + 3 * mean, 1e-5);
   EXPECT_NEAR(half.value_deviation, 3 * std::sqrt(1 - mean * mean), 1e-5);
-  // The face is its boundary: as far from the new centroid as that is from the face.
+  // The face is the boundary of the splat: the foot is at the distance of the new centroid from the face.
   const int foot = static_cast<int>(half.boundary << 22) >> 22;
   EXPECT_NEAR(foot / 128.0, -mean / std::sqrt(1 - mean * mean), 1.0 / 128);
 }
@@ -154,17 +154,17 @@ TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
   view.clip_box = Box{dvec3(0.6), dvec3(0.7)};
   const auto other = Streamer::open(test::source_of(volume), options).value();
   const auto splats = other->request(view, test::opaque(), all).value()->splats;
-  EXPECT_LT(splats, 20000 / 5);  // a thousandth of the space, and nodes that reach into it
+  EXPECT_LT(splats, 20000 / 5);  // a thousandth of the space, with nodes that reach into it
   EXPECT_LT(other->statistics().bytes_read, streamer->statistics().bytes_read / 2);
 
-  // `advance` ends in the same.
+  // `advance` ends in the same frame.
   const auto paging = Streamer::open(test::source_of(volume), options).value();
   const FrameSplats* frame = nullptr;
   for (int calls = 0; calls < 1000 && !(frame && frame->progress.settled); ++calls)
     frame = paging->advance(view, test::opaque(), all, 60).value();
   EXPECT_TRUE(frame->progress.complete);
   EXPECT_EQ(mass_of(*frame), mass_of(**other->request(view, test::opaque(), all)));
-  // Another box is another frame.
+  // Another box gives another frame.
   view.clip_box = Box{dvec3(0.6), dvec3(0.69)};
   const double before = mass_of(*frame);
   EXPECT_LT(mass_of(**paging->advance(view, test::opaque(), all, 60)), before);

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <set>
 
 #include "streamer/paged_volume.h"
@@ -20,7 +19,7 @@ using test::TestVolume;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// A volume in memory with its index behind the cut's interface.
+// A volume in memory, which supplies the pages of its index.
 struct Bench {
   explicit Bench(TestVolume made, TransferFunction function = test::opaque(), int attribute = 1,
                  KernelKind kind = KernelKind::octant)
@@ -53,27 +52,12 @@ CutOptions tolerance(double percent, std::uint64_t compare_above = 512) {
   return options;
 }
 
-// How many drawn splats stand for each point.
-std::vector<int> coverage(const TestVolume& volume, const Cut& cut) {
-  std::vector<std::map<std::uint64_t, int>> drawn(volume.info.resolutions());
-  for (const CutItem& item : cut.items)
-    for (const PointRange& range : cut.ranges_of(item))
-      for (std::uint64_t i = 0; i < range.count; ++i) ++drawn[item.resolution][range.begin + i];
-  std::vector<int> result(volume.positions.size());
-  for (std::size_t point = 0; point < result.size(); ++point)
-    for (std::size_t r = 0; r < drawn.size(); ++r) {
-      const auto found = drawn[r].find(volume.representatives[r][point]);
-      if (found != drawn[r].end()) result[point] += found->second;
-    }
-  return result;
+bool is_in(const Cube& cube, const dvec3& p) {
+  return glm::all(glm::greaterThanEqual(p, cube.origin - 1e-12)) &&
+         glm::all(glm::lessThanEqual(p, cube.origin + cube.edge + 1e-12));
 }
 
-bool is_in(const Cube& cell, const dvec3& p) {
-  return glm::all(glm::greaterThanEqual(p, cell.origin - 1e-12)) &&
-         glm::all(glm::lessThanEqual(p, cell.origin + cell.edge + 1e-12));
-}
-
-TEST(Cut, RangesAreThePointsOfTheirCell) {
+TEST(Cut, RangesAreThePointsOfTheirNode) {
   Bench bench(test::sample_volume(3000, 1));
   std::mt19937 random(1);
   for (int trial = 0; trial < 20; ++trial) {
@@ -86,7 +70,7 @@ TEST(Cut, RangesAreThePointsOfTheirCell) {
         ASSERT_GE(ranges[s].begin, begin);
         ASSERT_LE(ranges[s].begin + ranges[s].count, bench.volume.info.resolution_counts[s]);
         for (std::uint64_t i = 0; i < ranges[s].count; ++i)
-          ASSERT_TRUE(is_in(item.cell, bench.volume.positions[ranges[s].begin + i]));
+          ASSERT_TRUE(is_in(item.cube, bench.volume.positions[ranges[s].begin + i]));
         splats += ranges[s].count;
       }
     }
@@ -102,7 +86,7 @@ TEST(Cut, StandsForEveryPointOnce) {
     for (int trial = 0; trial < 30; ++trial) {
       const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
       const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
-      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1))
+      ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1))
           << "seed " << seed << ", trial " << trial << ", " << percent << " %";
       numbers.insert(cut.splats);
     }
@@ -130,7 +114,7 @@ TEST(Cut, AFixedResolutionIsThatResolution) {
     const std::size_t expected = std::min(r, bench.volume.info.resolutions() - 1);
     const Cut cut = bench.cut(test::view_of_all(random), options);
     EXPECT_EQ(cut.splats, bench.volume.info.resolution_counts[expected]);
-    EXPECT_THAT(coverage(bench.volume, cut), testing::Each(1));
+    EXPECT_THAT(test::coverage(bench.volume, cut), testing::Each(1));
     for (const CutItem& item : cut.items) EXPECT_EQ(item.resolution, expected);
   }
 }
@@ -190,7 +174,7 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
           const double depth = view.orthographic ? 1 : view.to_view(bench.volume.positions[i]).z;
           const double size = bench.volume.splat_size(item.resolution, i) * view.focal / depth;
           const bool coarse = depth <= 0 || 100 * size > percent * std::min(view.width, view.height);
-          // Only the finest resolution may break it.
+          // Only the finest resolution may break the tolerance.
           ASSERT_TRUE(!coarse || item.resolution + 1 == bench.volume.info.resolutions());
           if (!coarse) ++within;
         }
@@ -198,7 +182,7 @@ TEST(Cut, SplatsStayWithinTheTolerance) {
   EXPECT_GT(within, 5000);
 }
 
-// Whether something in `a` may lie in front of something in `b`.
+// Whether something in `a` may be in front of something in `b`.
 bool may_hide(const View& view, const Cube& a, const Cube& b) {
   for (int axis = 0; axis < 3; ++axis) {
     const double a_low = a.origin[axis], a_high = a_low + a.edge, b_low = b.origin[axis], b_high = b_low + b.edge;
@@ -220,7 +204,7 @@ TEST(Cut, IsBackToFront) {
     const Cut cut = bench.cut(view, tolerance(trial % 3 == 0 ? 0 : 3));
     for (std::size_t i = 0; i < cut.items.size(); ++i)
       for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
-        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell))
+        ASSERT_FALSE(may_hide(view, cut.items[i].cube, cut.items[j].cube))
             << "trial " << trial << ", items " << i << ", " << j;
   }
   EXPECT_GT(inside, 0u);
@@ -228,7 +212,7 @@ TEST(Cut, IsBackToFront) {
   EXPECT_GT(pairs, 10000u);
 }
 
-// A splat as the renderer draws it: a square around its centre, in front of the eye.
+// A splat as the renderer draws it: a square round its centre, in front of the eye.
 bool is_visible(const View& view, const dvec3& point, double size) {
   const dvec3 p = view.to_view(point);
   if (p.z <= 0) return false;
@@ -245,7 +229,7 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   for (int trial = 0; trial < 80; ++trial) {
     const View view = test::random_view(random);
     const Cut cut = bench.cut(view, tolerance(trial % 2 == 0 ? 0 : std::exp2(trial % 9 - 3)));
-    const std::vector<int> covered = coverage(bench.volume, cut);
+    const std::vector<double> covered = test::coverage(bench.volume, cut);
     for (std::size_t i = 0; i < covered.size(); ++i) {
       ASSERT_LE(covered[i], 1);
       if (covered[i] == 1) continue;
@@ -257,7 +241,7 @@ TEST(Cut, CullingLosesNoVisibleSplat) {
   EXPECT_GT(left_out, 50000u);
 }
 
-// Whether something of a splat's ellipsoid is seen: points of its surface and on its axes, exactly where they project.
+// Whether a part of a splat's ellipsoid is visible. Projects points of its surface and on its axes exactly.
 bool ellipsoid_is_visible(const View& view, const TestVolume& volume, std::size_t resolution, std::size_t i) {
   static const std::vector<dvec3> ball = [] {
     std::mt19937 random(3);
@@ -291,14 +275,14 @@ TEST(Cut, CullingLosesNoVisibleEllipsoid) {
   const TestVolume& volume = bench.volume;
   std::size_t sticking_out = 0, left_out = 0, seen = 0;
   for (std::size_t i = 0; i < volume.positions.size(); ++i) {
-    // Of the smallest node's cell that holds the point.
+    // The smallest node that has the point.
     std::size_t node = 0;
-    for (std::size_t n = 0; n < volume.cells.size(); ++n)
-      if (volume.holds(n, i) && volume.cells[n].size() >= volume.cells[node].size()) node = n;
-    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    for (std::size_t n = 0; n < volume.node_paths.size(); ++n)
+      if (volume.holds(n, i) && volume.node_paths[n].size() >= volume.node_paths[node].size()) node = n;
+    const Cube cube = test::cube_of(volume.info.cube, volume.node_paths[node]);
     const dvec3 extent = volume.moments_extent(volume.info.resolutions() - 1, i);
     sticking_out +=
-        !is_in(cell, volume.centroids.back()[i] + extent) || !is_in(cell, volume.centroids.back()[i] - extent);
+        !is_in(cube, volume.centroids.back()[i] + extent) || !is_in(cube, volume.centroids.back()[i] - extent);
   }
   EXPECT_GT(sticking_out, 500u);
 
@@ -321,7 +305,7 @@ TEST(Cut, CullingLosesNoVisibleEllipsoid) {
   EXPECT_GT(seen, 20000u);
 }
 
-// A volume whose splats are all alike: balls of half axis `radius`, their centroids `aside` of the points.
+// Makes all splats of a volume equal: balls of half axis `radius`, with centroids `aside` of the points.
 TestVolume volume_of_balls(const dvec3& aside, double radius) {
   TestVolume volume = test::sample_volume(400, 17);
   const std::size_t resolutions = volume.info.resolutions();
@@ -331,19 +315,19 @@ TestVolume volume_of_balls(const dvec3& aside, double radius) {
       volume.shapes[r][i].deviations = dvec3(radius / std::sqrt(12.0));
     }
   for (std::size_t node = 0; node < volume.tree.size(); ++node) {
-    const Cube cell = test::cell_cube(volume.info.cube, volume.cells[node]);
+    const Cube cube = test::cube_of(volume.info.cube, volume.node_paths[node]);
     for (std::size_t r = volume.tree.first_resolutions[node]; r < resolutions; ++r) {
       std::uint8_t& code = volume.tree.size_codes[(node * 2 + 1) * resolutions + r] = 255;
       for (std::size_t i = 0; i < volume.info.resolution_counts[r]; ++i)
         if (volume.holds(node, i))
-          code = std::min(code, format::size_code(volume.moments_size(r, i, cell), volume.info.cube.edge));
+          code = std::min(code, format::size_code(volume.moments_size(r, i, cube), volume.info.cube.edge));
     }
   }
   return volume;
 }
 
-TEST(Cut, MomentsWithCentroidsFarOutOfTheirCellAreNotCulled) {
-  // By much more than their own width, along the diagonal.
+TEST(Cut, MomentsWithCentroidsFarOutOfTheirNodeAreNotCulled) {
+  // Along the diagonal, by much more than their width.
   Bench bench(volume_of_balls(dvec3(0.2), 1e-4), test::opaque(), 1, KernelKind::moments);
   const std::size_t finest = bench.volume.info.resolutions() - 1;
   std::mt19937 random(17);
@@ -364,7 +348,7 @@ TEST(Cut, MomentsWithCentroidsFarOutOfTheirCellAreNotCulled) {
   EXPECT_GT(left_out, 5000u);
 }
 
-TEST(Cut, MomentsNearerThanTheirCellStayWithinTheTolerance) {
+TEST(Cut, MomentsNearerThanTheirNodeStayWithinTheTolerance) {
   Camera camera;
   camera.position = {0.5, 0.5, 2};
   camera.focal_point = dvec3(0.5);
@@ -389,7 +373,7 @@ TEST(Cut, MomentsNearerThanTheirCellStayWithinTheTolerance) {
 TEST(Cut, MomentsStayWithinTheTolerance) {
   Bench bench(test::sample_volume(3000, 9), test::opaque(), 1, KernelKind::moments);
   std::mt19937 random(9);
-  int within = 0, outside_of_their_cell = 0, coarse_ones = 0;
+  int within = 0, outside_of_their_node = 0, coarse_ones = 0;
   for (int trial = 0; trial < 40; ++trial) {
     const View view = test::random_view(random);
     const double percent = std::exp2(trial % 8 - 2);
@@ -406,12 +390,12 @@ TEST(Cut, MomentsStayWithinTheTolerance) {
           ASSERT_TRUE(!coarse || finest) << "trial " << trial << ", splat " << i;
           within += !coarse;
           coarse_ones += !finest;
-          outside_of_their_cell += !is_in(item.cell, centroid);
+          outside_of_their_node += !is_in(item.cube, centroid);
         }
   }
   EXPECT_GT(within, 5000);
   EXPECT_GT(coarse_ones, 500);
-  EXPECT_GT(outside_of_their_cell, 100);
+  EXPECT_GT(outside_of_their_node, 100);
 }
 
 TEST(Cut, OfMomentsStandsForEveryPointOnce) {
@@ -421,7 +405,7 @@ TEST(Cut, OfMomentsStandsForEveryPointOnce) {
   for (int trial = 0; trial < 30; ++trial) {
     const double percent = 0.02 * std::exp2(std::uniform_real_distribution<double>(0, 8)(random));
     const Cut cut = bench.cut(test::view_of_all(random), tolerance(percent, trial % 2 == 0 ? 512 : 16));
-    ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << percent << " %";
+    ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << percent << " %";
     numbers.insert(cut.splats);
   }
   EXPECT_GT(numbers.size(), 10u) << "the tolerances are all alike";
@@ -430,14 +414,14 @@ TEST(Cut, OfMomentsStandsForEveryPointOnce) {
 TEST(Cut, LeavesOutWhatTheTransferFunctionHides) {
   const TransferFunction function = test::window(30, 31);  // of 100 z
   test::TestVolumeOptions options;
-  options.moments = false;  // else their material counts
+  options.moments = false;  // with moments, their material counts
   Bench bench(test::sample_volume(4000, 12, options), function);
   std::mt19937 random(12);
   const Cut cut = bench.cut(test::view_of_all(random), tolerance(0));
-  const std::vector<int> covered = coverage(bench.volume, cut);
+  const std::vector<double> covered = test::coverage(bench.volume, cut);
   for (std::size_t i = 0; i < covered.size(); ++i) {
     const bool visible = function.extinction(static_cast<double>(bench.volume.stored[1][i])) > 0;
-    ASSERT_GE(covered[i], visible ? 1 : 0);
+    ASSERT_GE(covered[i], visible ? 1.0 : 0.0);
   }
   EXPECT_GT(cut.splats, 0u);
   EXPECT_LT(cut.splats, 2000u);
@@ -485,7 +469,7 @@ TEST(Cut, NeedsTheSizesOfItsKernel) {
   EXPECT_THAT(refused.error().message, testing::HasSubstr("octant"));
 }
 
-// Cuts by expected error.
+// --- Cuts by expected error.
 
 CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
   CutOptions options;
@@ -493,7 +477,7 @@ CutOptions goal(std::uint64_t max_splats, double max_error = 0) {
   return options;
 }
 
-// Extinction 1, and colours that change over a small part of attribute 1 only, which is 100 z.
+// Extinction 1, and colours that change only over a small range of attribute 1, which is 100 z.
 TransferFunction edge_at(double value) {
   TransferFunction function = test::opaque();
   function.lo = 0;
@@ -511,7 +495,8 @@ TEST(CutByError, NeverPassesItsSplatsAndStandsForEveryPointOnce) {
       const auto most = static_cast<std::uint64_t>(std::exp2(std::uniform_real_distribution<double>(0, 12)(random)));
       const Cut cut = bench.cut(test::view_of_all(random), goal(most));
       ASSERT_LE(cut.splats, std::max(most, bench.volume.info.resolution_counts[0])) << "trial " << trial;
-      ASSERT_THAT(coverage(bench.volume, cut), testing::Each(1)) << "trial " << trial << ", " << most << " splats";
+      ASSERT_THAT(test::coverage(bench.volume, cut), testing::Each(1))
+          << "trial " << trial << ", " << most << " splats";
       numbers.insert(cut.splats);
     }
     EXPECT_GT(numbers.size(), 8u) << "the goals are all alike";
@@ -527,13 +512,13 @@ TEST(CutByError, ExtremesAreTheCoarsestResolutionAndNearlyAllPoints) {
     EXPECT_EQ(bench.cut(view, goal(0)).splats, coarsest);
     EXPECT_EQ(bench.cut(view, goal(1)).splats, coarsest);
     EXPECT_EQ(bench.cut(view, goal(1u << 20, 1e3)).splats, coarsest);
-    // But for nodes in which more splats gain nothing.
+    // Except in nodes in which more splats gain nothing.
     EXPECT_GT(bench.cut(view, goal(1u << 20)).splats, 1500u);
   }
 }
 
-// What is made as small as can be has the seams between resolutions too, and what a node's parts tell of it: so it is
-// not exactly so.
+// Not exactly: the minimised cost also has the seams between resolutions, and the errors that only the parts of a node
+// tell.
 TEST(CutByError, MoreSplatsLessenTheError) {
   Bench bench(test::sample_volume(4000, 23), edge_at(30));
   std::mt19937 random(23);
@@ -569,7 +554,7 @@ TEST(CutByError, MeetsAnError) {
   EXPECT_GT(between, 20);
 }
 
-// At equal splats. For the same reason a tolerance may leave a little less.
+// With equal numbers of splats. For the same reason a tolerance may have a slightly smaller error.
 TEST(CutByError, ExpectsNoMoreThanATolerance) {
   Bench bench(test::sample_volume(4000, 25), edge_at(70));
   std::mt19937 random(25);
@@ -595,10 +580,10 @@ TEST(CutByError, RefinesWhereColoursChange) {
   for (int trial = 0; trial < 5; ++trial) {
     const Cut cut = bench.cut(test::view_of_all(random), goal(1500));
     for (const CutItem& item : cut.items) {
-      const bool holds_edge = item.cell.origin.z < 0.8 && item.cell.origin.z + item.cell.edge > 0.8;
+      const bool holds_edge = item.cube.origin.z < 0.8 && item.cube.origin.z + item.cube.edge > 0.8;
       std::uint64_t splats = 0;
       for (const PointRange& range : cut.ranges_of(item)) splats += range.count;
-      const double density = static_cast<double>(splats) / std::pow(item.cell.edge, 3);
+      const double density = static_cast<double>(splats) / std::pow(item.cube.edge, 3);
       (holds_edge ? near : elsewhere) = std::max(holds_edge ? near : elsewhere, density);
     }
   }
@@ -625,7 +610,7 @@ TEST(CutByError, OfASinglePointAndOfCoincidentPointsAndOfOneValue) {
   EXPECT_GT(all.splats, 0u);
   EXPECT_TRUE(std::isfinite(all.squared_error));
 
-  // Nothing but the splats' shape is wrong: little is expected, and it takes few splats to be content.
+  // Only the shape of the splats causes an error. The expected error is small, and few splats meet the goal.
   Bench varied(test::sample_volume(2000, 29), edge_at(50)), alike(test::sample_volume(2000, 29));
   const View view = test::view_of_all(random);
   EXPECT_LT(alike.cut(view, goal(500)).squared_error, 0.2 * varied.cut(view, goal(500)).squared_error);
@@ -640,7 +625,7 @@ TEST(CutByError, IsBackToFront) {
     const Cut cut = bench.cut(view, goal(1200));
     for (std::size_t i = 0; i < cut.items.size(); ++i)
       for (std::size_t j = i + 1; j < cut.items.size(); ++j, ++pairs)
-        ASSERT_FALSE(may_hide(view, cut.items[i].cell, cut.items[j].cell)) << "trial " << trial;
+        ASSERT_FALSE(may_hide(view, cut.items[i].cube, cut.items[j].cube)) << "trial " << trial;
   }
   EXPECT_GT(pairs, 1000u);
 }
@@ -666,7 +651,7 @@ TEST(CutByError, OfWhatIsThere) {
     EXPECT_EQ(resident(all), bench.cut(view, options));
     EXPECT_EQ(resident(coarsest).splats, bench.volume.info.resolution_counts[0]);
     for (There* there : {&all, &coarsest, &some})
-      ASSERT_THAT(coverage(bench.volume, resident(*there)), testing::Each(1));
+      ASSERT_THAT(test::coverage(bench.volume, resident(*there)), testing::Each(1));
   }
 }
 

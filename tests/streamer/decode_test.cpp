@@ -13,7 +13,7 @@ glm::dquat random_rotation(std::mt19937& random) {
   return glm::normalize(glm::dquat(normal(random), normal(random), normal(random), normal(random)));
 }
 
-// The rotation that a MomentsSplat's three numbers stand for.
+// Returns the rotation that the three numbers of a MomentsSplat describe.
 dmat3 axes_of(const vec3& orientation) {
   const dvec3 v(orientation);
   return glm::mat3_cast(glm::dquat(std::sqrt(1 - glm::dot(v, v)), v.x, v.y, v.z));
@@ -34,7 +34,7 @@ TEST(Compact, KeepsThePrincipalAxesUpToTheSignsThatItNames) {
     const dmat3 before = glm::mat3_cast(q), after = axes_of(shape.orientation);
     for (int k = 0; k < 3; ++k) {
       const bool reversed = shape.turned < 3 && static_cast<std::uint32_t>(k) != shape.turned;
-      // Single precision of components up to 1, through products of two.
+      // The error of products of two components up to 1 in single precision.
       ASSERT_LT(glm::length(after[k] - (reversed ? -1.0 : 1.0) * before[k]), 1e-6) << "axis " << k;
       // The foot on the boundary stays where it is.
       const int code = static_cast<int>(shape.boundary << (22 - 10 * k)) >> 22;

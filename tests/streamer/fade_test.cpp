@@ -19,7 +19,7 @@ namespace {
 constexpr std::uint64_t plenty = std::numeric_limits<std::uint64_t>::max();
 constexpr double rounding = 1e-5;  // of sums of single-precision weights
 
-// What is there: all, but for a share that is drawn anew with each question.
+// Everything is resident, except a random share, which is another for each question.
 struct Shelf final : Residency {
   double missing = 0;
   std::mt19937 random{1};
@@ -29,7 +29,7 @@ struct Shelf final : Residency {
   }
 };
 
-// Cuts of a volume in memory, one fading into the next.
+// Cuts of a volume in memory that fade into each other.
 class FadeTest : public testing::Test {
  protected:
   Cut cut(const View& view, double percent) {
@@ -43,30 +43,19 @@ class FadeTest : public testing::Test {
     shown = fade(opened->info().cube, view, shown, std::move(next), shelf, {change, most_splats});
   }
 
-  // How much is drawn for each point.
+  // Returns the sum of weights that is drawn for each point.
   std::vector<double> coverage() const {
-    std::vector<std::map<std::uint64_t, double>> drawn(volume.info.resolutions());
-    for (std::size_t i = 0; i < shown.cut.items.size(); ++i)
-      for (const PointRange& range : shown.cut.ranges_of(shown.cut.items[i]))
-        for (std::uint64_t k = 0; k < range.count; ++k)
-          drawn[shown.cut.items[i].resolution][range.begin + k] += static_cast<double>(shown.weight_of(i));
-    std::vector<double> result(volume.positions.size());
-    for (std::size_t point = 0; point < result.size(); ++point)
-      for (std::size_t r = 0; r < drawn.size(); ++r) {
-        const auto found = drawn[r].find(volume.representatives[r][point]);
-        if (found != drawn[r].end()) result[point] += found->second;
-      }
-    return result;
+    return test::coverage(volume, shown.cut, [this](std::size_t i) { return static_cast<double>(shown.weight_of(i)); });
   }
 
-  // By cell and resolution.
+  // Weights by cube and resolution.
   using Weights = std::map<std::tuple<double, double, double, double, std::uint32_t>, double>;
   Weights weights() const {
     Weights result;
     for (std::size_t i = 0; i < shown.cut.items.size(); ++i) {
       const CutItem& item = shown.cut.items[i];
-      const dvec3& origin = item.cell.origin;
-      result[{origin.x, origin.y, origin.z, item.cell.edge, item.resolution}] +=
+      const dvec3& origin = item.cube.origin;
+      result[{origin.x, origin.y, origin.z, item.cube.edge, item.resolution}] +=
           static_cast<double>(shown.weight_of(i));
     }
     return result;
@@ -101,11 +90,11 @@ View view_of_all(std::uint32_t seed) {
   return test::view_of_all(random);
 }
 
-// A step is `change` wide, however often the tolerance changes meanwhile; and each point is drawn once.
+// Each call changes weights by `change`, however often the tolerance changes meanwhile. Each point is drawn once.
 TEST_F(FadeTest, NoWeightJumpsAndEachPointIsDrawnOnce) {
   std::mt19937 random(62);
   const View view = view_of_all(62);
-  const double change = 0.13;  // not a share of 1: the last step is shorter
+  const double change = 0.13;  // 1 is not a multiple of it: the last change is smaller
   advance(view, cut(view, 4), change);
   std::size_t fading = 0, waiting = 0;
   for (int frame = 0; frame < 300; ++frame) {
@@ -143,7 +132,7 @@ TEST_F(FadeTest, EndsInTheNextCutAfterAsManySteps) {
   }
 }
 
-// Points in the picture, of which some were out of sight when a change began.
+// Points in the picture. Some were out of view when a change began.
 TEST_F(FadeTest, WhatComesIntoViewIsDrawnOnce) {
   Camera camera;
   camera.vertical_fov_degrees = 12;
@@ -168,7 +157,7 @@ TEST_F(FadeTest, WhatComesIntoViewIsDrawnOnce) {
   EXPECT_GT(checked, 100000u);
 }
 
-// False where a plane between both has the eye not behind it.
+// Whether `behind` may hide `before`. False if a plane separates them and the eye is on the side of `before`.
 bool may_hide(const View& view, const Cube& behind, const Cube& before) {
   for (int axis = 0; axis < 3; ++axis) {
     const auto towards = [&](double plane, bool up) {
@@ -199,11 +188,11 @@ TEST_F(FadeTest, IsBackToFront) {
     const std::vector<CutItem>& items = shown.cut.items;
     for (std::size_t i = 0; i < items.size(); ++i)
       for (std::size_t j = i + 1; j < items.size(); ++j, ++pairs) {
-        if (overlap(items[i].cell, items[j].cell)) {
-          ASSERT_GE(items[i].cell.edge, items[j].cell.edge);
+        if (overlap(items[i].cube, items[j].cube)) {
+          ASSERT_GE(items[i].cube.edge, items[j].cube.edge);
           ++overlapping;
         } else {
-          ASSERT_FALSE(may_hide(view, items[i].cell, items[j].cell)) << "frame " << frame << ": " << i << ", " << j;
+          ASSERT_FALSE(may_hide(view, items[i].cube, items[j].cube)) << "frame " << frame << ": " << i << ", " << j;
         }
       }
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 
 namespace splatvol::test {
 namespace {
@@ -66,13 +67,27 @@ View view_of_all(std::mt19937& random) {
   return checked_view(camera, 200, 150);
 }
 
+std::vector<double> coverage(const TestVolume& volume, const Cut& cut,
+                             const std::function<double(std::size_t)>& weight) {
+  std::vector<std::map<std::uint64_t, double>> drawn(volume.info.resolutions());
+  for (std::size_t i = 0; i < cut.items.size(); ++i)
+    for (const PointRange& range : cut.ranges_of(cut.items[i]))
+      for (std::uint64_t k = 0; k < range.count; ++k) drawn[cut.items[i].resolution][range.begin + k] += weight(i);
+  std::vector<double> result(volume.positions.size());
+  for (std::size_t point = 0; point < result.size(); ++point)
+    for (std::size_t r = 0; r < drawn.size(); ++r) {
+      const auto found = drawn[r].find(volume.representatives[r][point]);
+      if (found != drawn[r].end()) result[point] += found->second;
+    }
+  return result;
+}
+
 Status TestSource::read(std::uint64_t offset, std::span<std::byte> out) {
   const std::scoped_lock lock(control_->mutex);
   ++control_->reads;
   control_->ranges.emplace_back(offset, offset + out.size());
   if (control_->failing) return fail(ErrorCode::io, "{}: the disk is gone", name_);
-  if (offset > bytes_.size() || out.size() > bytes_.size() - offset)
-    return fail(ErrorCode::invalid_data, "{}: past the end", name_);
+  SPLATVOL_TRY(check_range(*this, offset, out.size()));
   std::ranges::copy(std::span(bytes_).subspan(offset, out.size()), out.begin());
   return {};
 }

@@ -1,6 +1,7 @@
 // Volumes, views and transfer functions for the streamer's tests.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -13,7 +14,7 @@
 
 namespace splatvol::test {
 
-/// Positions anywhere, attribute a0 = x + y + z with some values missing, a1 = 100 z.
+/// Makes a volume of random positions with the attributes a0 = x + y + z, some values missing, and a1 = 100 z.
 [[nodiscard]] TestVolume sample_volume(std::size_t points, std::uint32_t seed, TestVolumeOptions options = {});
 
 /// Extinction 1 for every value.
@@ -22,13 +23,18 @@ namespace splatvol::test {
 /// Extinction 1 within [low, high], and 0 beyond.
 [[nodiscard]] TransferFunction window(double low, double high);
 
-/// A camera somewhere in or around the unit cube: eyes inside and outside, both projections.
+/// Returns a camera in or near the unit cube, with the eye inside or outside, and either projection.
 [[nodiscard]] View random_view(std::mt19937& random);
 
-/// A camera that sees the whole unit cube and what its splats reach.
+/// Returns a camera that sees the whole unit cube, and its splats.
 [[nodiscard]] View view_of_all(std::mt19937& random);
 
-/// A source that holds its bytes, records what is read, and fails on demand. Thread-safe.
+/// Returns the sum of the weights of the drawn splats that stand for each point. `weight`: of an item of the cut.
+[[nodiscard]] std::vector<double> coverage(
+    const TestVolume& volume, const Cut& cut,
+    const std::function<double(std::size_t)>& weight = [](std::size_t) { return 1.0; });
+
+/// A source in memory that records reads, and fails on demand. Thread-safe.
 class TestSource final : public ByteSource {
  public:
   struct Control {
@@ -51,7 +57,7 @@ class TestSource final : public ByteSource {
   std::string name_ = "test.svol";
 };
 
-/// A source over the volume's bytes.
+/// Makes a source of the volume's bytes.
 [[nodiscard]] std::unique_ptr<ByteSource> source_of(
     const TestVolume& volume, std::shared_ptr<TestSource::Control> control = std::make_shared<TestSource::Control>());
 

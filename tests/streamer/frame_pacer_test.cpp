@@ -5,7 +5,7 @@
 namespace splatvol {
 namespace {
 
-// A frame with a part that does not depend on its splats.
+// Returns the time of a frame; a part of it does not depend on the splats.
 double frame_seconds(double each, std::uint64_t splats) { return 2e-3 + each * static_cast<double>(splats); }
 
 TEST(FramePacer, FindsTheSplatsOfItsTimeWithinAFewFrames) {
@@ -19,7 +19,7 @@ TEST(FramePacer, FindsTheSplatsOfItsTimeWithinAFewFrames) {
 TEST(FramePacer, StaysWithinBoundsWhateverItIsTold) {
   FramePacer pacer(1e-3);
   for (int frame = 0; frame < 50; ++frame) pacer.add(pacer.splats(), 10);
-  EXPECT_EQ(pacer.splats(), 1u);  // never none
+  EXPECT_EQ(pacer.splats(), 1u);  // never 0
   for (int frame = 0; frame < 100; ++frame) pacer.add(pacer.splats(), 1e-12);
   EXPECT_GT(pacer.splats(), 1'000'000'000u);
   const std::uint64_t before = pacer.splats();

@@ -10,7 +10,7 @@
 namespace splatvol {
 namespace {
 
-// A disc of this radius, parallel to the image, in front of the eye: does its square touch the image?
+// Whether the square round a disc touches the image. The disc is parallel to the image, in front of the eye.
 bool square_touches(const View& view, const dvec3& point, double radius) {
   const dvec3 p = view.to_view(point);
   if (p.z <= 0) return false;
@@ -26,13 +26,13 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
   for (int trial = 0; trial < 3000; ++trial) {
     const View view = test::random_view(random);
     const Frustum frustum(view, 1.5);
-    const Cube cell{{2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5},
+    const Cube cube{{2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5, 2 * uniform(random) - 0.5},
                     0.3 * uniform(random)};
     const double radius = 0.2 * uniform(random) * uniform(random);
-    if (frustum.touches(cell, radius)) continue;
+    if (frustum.touches(cube, radius)) continue;
     ++left_out;
     for (int sample = 0; sample < 50; ++sample) {
-      const dvec3 point = cell.origin + cell.edge * dvec3(uniform(random), uniform(random), uniform(random));
+      const dvec3 point = cube.origin + cube.edge * dvec3(uniform(random), uniform(random), uniform(random));
       ASSERT_FALSE(square_touches(view, point, radius)) << "trial " << trial;
     }
   }

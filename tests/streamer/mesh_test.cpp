@@ -70,18 +70,18 @@ TEST_P(Bluntfin, EachResolutionHasTheSameMass) {
   std::vector<double> masses;
   for (std::size_t r = 0; r < streamer->info().resolutions(); ++r) {
     const FrameSplats& frame = *streamer->request(view_, test::opaque(), {1, r}).value();
-    if (frame.splats < streamer->info().resolution_counts[r]) continue;  // something is out of sight
+    if (frame.splats < streamer->info().resolution_counts[r]) continue;  // something is out of view
     masses.push_back(0);
     for (const MomentsSplat& splat : std::get<std::span<const MomentsSplat>>(frame.data))
       masses.back() += static_cast<double>(splat.mass);
   }
   ASSERT_GT(masses.size(), 2u);
-  // Each mass is off by half a step of its code at most: a factor 2^(1/256).
+  // Each mass is off by at most half a quantisation step of its code: a factor 2^(1/256).
   for (const double mass : masses) EXPECT_NEAR(mass, masses.back(), masses.back() * (std::exp2(2.0 / 256) - 1));
 }
 
 TEST_P(Bluntfin, ASmallBudgetIsKept) {
-  // The least memory, to the nearest 50 K, that does.
+  // The least memory that suffices, to the nearest 50 K.
   for (std::uint64_t memory = 200u << 10; memory < 16u << 20; memory += 50u << 10) {
     auto streamer = open(memory);
     if (!streamer) continue;

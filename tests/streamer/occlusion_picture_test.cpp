@@ -1,4 +1,4 @@
-// From file to picture: without what an opaque front hides, it is the same.
+// From file to picture: leaving out nodes behind an opaque front does not change the picture.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -88,7 +88,7 @@ class RendererTestOcclusion : public testing::Test {
     return {renderer->read_image().value(), frame.splats};
   }
 
-  // The share of the splats that are drawn; no pixel is another.
+  // Returns the share of the splats that is drawn. Checks that no pixel differs.
   double check(const View& view, const std::string& attribute, double extinction = 300) const {
     const Drawn all = draw(view, attribute, extinction, false), front = draw(view, attribute, extinction, true);
     const ImageDifference difference = compare_images(all.image, front.image).value();

@@ -23,14 +23,14 @@
 namespace splatvol {
 namespace {
 
-// Length of the way from where light starts towards the eye to `to`, within a cell.
-double way_within(const Cube& cell, const View& view, const dvec3& to) {
+// Returns how long the line from the eye to `to` is inside a cube. With parallel rays it begins in the eye's plane.
+double way_within(const Cube& cube, const View& view, const dvec3& to) {
   const dvec3 way = view.orthographic ? view.to_view(to).z * view.forward : to - view.eye;
   const dvec3 from = to - way;
   double enter = 0, leave = 1;
   for (int axis = 0; axis < 3; ++axis) {
-    double a = (cell.origin[axis] - from[axis]) / way[axis],
-           b = (cell.origin[axis] + cell.edge - from[axis]) / way[axis];
+    double a = (cube.origin[axis] - from[axis]) / way[axis],
+           b = (cube.origin[axis] + cube.edge - from[axis]) / way[axis];
     if (a > b) std::swap(a, b);
     enter = std::max(enter, a);
     leave = std::min(leave, b);
@@ -44,7 +44,7 @@ bool is_in_picture(const View& view, const dvec3& point) {
   return p.z > 0 && std::abs(p.x) * scale < 0.5 * view.width && std::abs(p.y) * scale < 0.5 * view.height;
 }
 
-// Octants of the unit cube, some opaque, some not; what is said to be hidden is, at every place.
+// Octants of the unit cube, some of them opaque. Every position in a hidden cube must be hidden.
 TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -52,33 +52,33 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
   for (int trial = 0; trial < 400; ++trial) {
     const View view = test::random_view(random);
     Occlusion occlusion(view);
-    std::vector<std::pair<Cube, double>> cells;
-    // Front to back: octants of octants.
-    const std::function<void(const Cube&, int)> visit = [&](const Cube& cell, int depth) {
+    std::vector<std::pair<Cube, double>> cubes;
+    // Octants of octants, front to back.
+    const std::function<void(const Cube&, int)> visit = [&](const Cube& cube, int depth) {
       if (depth == 2) {
-        if (occlusion.is_small(cell) || uniform(random) < 0.3) return;
-        cells.emplace_back(cell, 40 * uniform(random));
-        return occlusion.add(cell, cells.back().second);
+        if (occlusion.is_small(cube) || uniform(random) < 0.3) return;
+        cubes.emplace_back(cube, 40 * uniform(random));
+        return occlusion.add(cube, cubes.back().second);
       }
-      const unsigned nearest = nearest_octant(view, cell);
+      const unsigned nearest = nearest_octant(view, cube);
       for (unsigned i = 0; i < 8; ++i) {
         const unsigned octant = i ^ nearest;
-        const double edge = 0.5 * cell.edge;
-        visit({cell.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge}, depth + 1);
+        const double edge = 0.5 * cube.edge;
+        visit({cube.origin + edge * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), edge}, depth + 1);
       }
     };
     visit({dvec3(0), 1}, 0);
     for (int i = 0; i < 200; ++i) {
-      const Cube cell{{1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2},
+      const Cube cube{{1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2, 1.4 * uniform(random) - 0.2},
                       0.1 * uniform(random)};
-      if (!occlusion.hides(cell)) continue;
+      if (!occlusion.hides(cube)) continue;
       ++hidden;
       for (int sample = 0; sample < 20; ++sample) {
-        const dvec3 point = cell.origin + cell.edge * dvec3(uniform(random), uniform(random), uniform(random));
+        const dvec3 point = cube.origin + cube.edge * dvec3(uniform(random), uniform(random), uniform(random));
         if (!is_in_picture(view, point)) continue;
         double depth = 0;
-        for (const auto& [front, extinction] : cells) depth += extinction * way_within(front, view, point);
-        // Between rays it may be a little less.
+        for (const auto& [front, extinction] : cubes) depth += extinction * way_within(front, view, point);
+        // Between rays the optical depth may be slightly less.
         ASSERT_GT(depth, 0.8 * Occlusion::closed) << "trial " << trial;
       }
     }
@@ -108,7 +108,7 @@ TEST(Occlusion, AddsUpAlongRaysAndNotWithTheEyeInside) {
   EXPECT_FALSE(inside.hides(behind));
 }
 
-// The box [-2, 2] x [-2, 2] x [-1, 1] full of material, opaque or half of it so.
+// The box [-2, 2] x [-2, 2] x [-1, 1], full of material. All of it is opaque, or half.
 class OpaqueMesh : public testing::Test {
  protected:
   void SetUp() override {
@@ -166,18 +166,18 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
       const Cut front = cut(from, extinction, options);
       if (!goal) {
         EXPECT_LT(front.splats, 0.8 * static_cast<double>(all.splats));
-        // What is drawn is drawn as before.
+        // Nodes that are drawn are drawn as before.
         for (const CutItem& item : front.items)
           EXPECT_TRUE(std::ranges::any_of(all.items, [&](const CutItem& other) {
-            return item.cell.origin == other.cell.origin && item.cell.edge == other.cell.edge &&
+            return item.cube.origin == other.cube.origin && item.cube.edge == other.cube.edge &&
                    item.resolution == other.resolution;
           }));
       }
-      // What is not lies deep in the material, all of it.
+      // Nodes that are left out are all deep in the material.
       const auto is_drawn = [&](const dvec3& p) {
         return std::ranges::any_of(front.items, [&](const CutItem& item) {
-          return glm::all(glm::lessThanEqual(item.cell.origin, p)) &&
-                 glm::all(glm::lessThanEqual(p, item.cell.origin + item.cell.edge));
+          return glm::all(glm::lessThanEqual(item.cube.origin, p)) &&
+                 glm::all(glm::lessThanEqual(p, item.cube.origin + item.cube.edge));
         });
       };
       std::mt19937 random(3);
@@ -185,7 +185,7 @@ TEST_F(OpaqueMesh, DrawsTheFrontOnly) {
       for (int sample = 0; sample < 2000; ++sample) {
         const dvec3 p(2 * uniform(random), 2 * uniform(random), uniform(random));
         if (is_drawn(p)) continue;
-        const double way = way_within({{-2, -2, -2}, 4}, from, p);  // at least that through the box
+        const double way = way_within({{-2, -2, -2}, 4}, from, p);  // at least the length through the box
         double through = way;
         const dvec3 towards = glm::normalize(from.eye - p);
         for (const double side : {-1.0, 1.0})
@@ -224,7 +224,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
     for (const double extinction : {20.0, 1.0, 40.0, 40.0})
       EXPECT_EQ(cut(from, extinction, keeping), cut(from, extinction, options)) << extinction;
 
-  // Another tolerance takes what was kept: here, that nothing is hidden.
+  // Another tolerance reuses the kept occlusion, here one that hides nothing.
   kept->occlusion = Occlusion(view({5, 4, 8}));
   keeping.tolerance_percent = 0.8;
   CutOptions all = keeping;
@@ -233,7 +233,7 @@ TEST_F(OpaqueMesh, WhatIsKeptIsTakenForTheSameViewAndValuesOnly) {
   EXPECT_EQ(cut(view({5, 4, 8}), 40, keeping), cut(view({5, 4, 8}), 40, all));
 }
 
-// Pages of an index of which some are there.
+// The pages of an index; some of them are there.
 class SomePages final : public IndexPages {
  public:
   explicit SomePages(IndexPages& all) : all_(all) {}
@@ -251,7 +251,7 @@ class SomePages final : public IndexPages {
   IndexPages& all_;
 };
 
-// With more pages of index than its root.
+// A mesh with more index pages than the root.
 class OpaqueMeshInPages : public OpaqueMesh {
   const char* input() const override { return "gen:mesh:cells=1e6"; }
 };
@@ -264,7 +264,7 @@ TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
   std::optional<KeptOcclusion> kept;
   keeping.kept_occlusion = &kept;
   std::mt19937 random(5);
-  int came = 0, went = 0;  // pages that tell what hides
+  int came = 0, went = 0;  // pages that the occlusion depends on
   for (const dvec3 eye : {dvec3(3, 2, 5), dvec3(-3, -2, 5), dvec3(3, -2, -5), dvec3(-3, 2, -5)}) {
     SomePages pages(*paged_), pages_of_fresh(*paged_);
     for (int step = 0; step < 12; ++step) {
@@ -276,7 +276,7 @@ TEST_F(OpaqueMeshInPages, WhatIsKeptIsFoundAgainWhenPagesComeOrGo) {
       ASSERT_EQ(pages.asked, pages_of_fresh.asked);
       if (pages.asked.empty()) break;
 
-      // One of the pages that were asked for comes, or goes.
+      // One of the pages that were asked for arrives, or is dropped.
       std::vector<std::uint64_t> asked(pages.asked.begin(), pages.asked.end());
       const std::uint64_t page = asked[random() % asked.size()];
       const bool comes = pages.there.insert(page).second;

@@ -20,14 +20,14 @@ using test::TestVolume;
 using testing::HasSubstr;
 
 constexpr std::uint64_t plenty = 64u << 20;
-constexpr double long_enough = 60;  // seconds; only a failing test waits so long
+constexpr double long_enough = 60;  // seconds; only a failing test waits as long
 
-constexpr int most_calls = 1000;  // for a picture; only a failing test makes as many
+constexpr int most_calls = 1000;  // for a picture; only a failing test makes so many
 
-// A factor that no mass is off by: half a step of the log code, and single precision.
+// Largest factor between a mass and its code: half a quantisation step of the log code, and single precision.
 const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
 
-// What a source does besides reading, for as long as it is told to.
+// Faults of a source, which a test switches on and off.
 struct Faults {
   std::mutex mutex;
   std::condition_variable changed;
@@ -84,12 +84,12 @@ View view_from(const dvec3& eye, const dvec3& focal_point = dvec3(0.5)) {
   return make_view(camera, 256, 256).value();
 }
 
-// Sees all of the volume.
+// A view of all of the volume.
 View far_view() { return view_from({0.5, 0.5, 6}); }
 
 DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
 
-// Splats in their order, with where they are, byte for byte.
+// The bytes of splats in order, with their origins.
 std::vector<std::byte> bytes_of(const FrameSplats& frame) {
   std::vector<std::byte> bytes;
   const auto append = [&](const auto& span) { bytes.insert(bytes.end(), span.begin(), span.end()); };
@@ -117,7 +117,7 @@ double mass_of(const TestVolume& volume) {
   return mass;
 }
 
-// One for all tests; a1 has a value everywhere.
+// One volume for all tests. a1 has no missing values.
 const TestVolume& volume() {
   static const TestVolume made = test::sample_volume(20000, 31);
   return made;
@@ -128,7 +128,7 @@ const format::Bytes& volume_bytes() {
   return bytes;
 }
 
-// A mesh in the box [-2, 2] x [-2, 2] x [-1, 1], as a file with the attribute "value".
+// Builds a file of a mesh in the box [-2, 2] x [-2, 2] x [-1, 1], with the attribute "value".
 format::Bytes build_mesh(const std::string& input, std::uint32_t points_per_chunk) {
   const auto path =
       (std::filesystem::temp_directory_path() / fmt::format("splatvol_paging_{}.svol", ::getpid())).string();
@@ -146,19 +146,19 @@ format::Bytes build_mesh(const std::string& input, std::uint32_t points_per_chun
   return bytes;
 }
 
-// Many chunks, for budgets that are small.
+// A file with many chunks, for small budgets.
 const format::Bytes& large_volume_bytes() {
   static const format::Bytes bytes = build_mesh("gen:mesh:cells=2e6,pieces=1", 64);
   return bytes;
 }
 
-// What it takes decoded, as splats of the finest resolution alone; a twentieth of it is the budget of some tests.
+// Bytes of all splats of the finest resolution. The budget of some tests is a twentieth of it.
 std::uint64_t small_budget() {
   const auto file = format::Volume::open(memory_source(large_volume_bytes(), "large.svol")).value();
   return file->info().point_count() * (24 + 36 + 16 + sizeof(MomentsSplat)) / 20;
 }
 
-// Chunks as they usually are.
+// A file with chunks of the usual size.
 const format::Bytes& usual_volume_bytes() {
   static const format::Bytes bytes = build_mesh("gen:mesh:cells=8e5,pieces=1", 1024);
   return bytes;
@@ -177,7 +177,7 @@ class Paging : public testing::TestWithParam<KernelKind> {
                                     double change = 1) {
     return *streamer.advance(view, test::opaque(), percent(tolerance), seconds, change).value();
   }
-  // The frame once nothing more will come for it.
+  // Returns the frame when it is settled.
   static const FrameSplats& settle(Streamer& streamer, const View& view, double tolerance, double change = 1) {
     for (int calls = 1;; ++calls) {
       const FrameSplats& frame = advance(streamer, view, tolerance, long_enough, change);
@@ -222,7 +222,7 @@ TEST_P(Paging, AChangeFadesFromCallToCall) {
   const auto streamer = open();
   const auto synchronous = open();
   settle(*streamer, far_view(), 10);
-  settle(*streamer, far_view(), 2);  // everything is there
+  settle(*streamer, far_view(), 2);  // everything is resident
   settle(*streamer, far_view(), 10);
   std::uint64_t serial = 0;
   for (const double share : {0.25, 0.5, 0.75}) {
@@ -280,7 +280,7 @@ TEST_P(Paging, ShowsTheCoarsestWhileReadsHang) {
   EXPECT_EQ(settle(*streamer, far_view(), 0).splats, 20000u);
 }
 
-// However little is there, each part of the volume is drawn once: the masses add up.
+// However little is resident, each part of the volume is drawn once: the masses add up.
 TEST(PagingMass, IsThatOfTheVolumeInEveryFrame) {
   const double total = mass_of(volume());
   const auto faults = std::make_shared<Faults>();
@@ -321,7 +321,7 @@ TEST_P(Paging, AWalkStaysWithinItsBudget) {
   double finest = 100;
   for (int step = 0; step < 1000; ++step) {
     eye += 0.05 * dvec3(uniform(random), uniform(random), uniform(random) - 0.1);
-    eye.z = std::max(eye.z, 1.5);  // out of the mesh: splats near the eye satisfy no tolerance
+    eye.z = std::max(eye.z, 1.5);  // outside of the mesh: splats near the eye are within no tolerance
     at += 0.05 * dvec3(uniform(random), uniform(random), uniform(random));
     const auto frame = streamer->advance(view_from(eye, at), test::opaque(), percent(step % 50 == 0 ? 0.1 : 2),
                                          step % 10 == 0 ? 0.01 : 0);
@@ -403,7 +403,7 @@ TEST_P(Paging, ReadsLittleMoreThanItNeeds) {
       const FrameSplats& frame = settle(*streamer, view, tolerance);
       const auto read = static_cast<double>(streamer->statistics().bytes_read);
       EXPECT_GT(frame.splats, 1000u);
-      // Of small pictures, most of what is read is the preamble, with all resolutions' and columns' coarsest chunks.
+      // For small pictures, most of the bytes read are the preamble, with the coarsest chunks of all columns.
       const double preamble = static_cast<double>(streamer->volume().preamble_bytes());
       EXPECT_LE(read - preamble, 1.5 * static_cast<double>(frame.progress.needed_bytes));
     }
@@ -414,7 +414,7 @@ TEST_P(Paging, WhatIsNoLongerWantedIsNotRead) {
   settle(*streamer, far_view(), 10);
   const std::size_t before = faults->reads();
   faults->set_closed(true);
-  // Many chunks to read, of which each thread begins one run.
+  // Many chunks to read. Each thread begins one load run.
   advance(*streamer, far_view(), 0);
   faults->wait_for_readers(read_threads);
   EXPECT_TRUE(advance(*streamer, far_view(), 10).progress.complete) << "nothing of this is missing";
@@ -425,7 +425,7 @@ TEST_P(Paging, WhatIsNoLongerWantedIsNotRead) {
   EXPECT_GT(faults->reads(), before + 20);
 }
 
-// A camera that goes on as it did finds there what it comes to; one that looks from afar in between does not.
+// A camera that goes on as before finds its parts resident. A camera that looks from afar in between does not.
 TEST_P(Paging, ReadsAheadOfTheCamera) {
   const auto view_at = [](int step) {
     const double x = -2 + 0.08 * step;
@@ -438,7 +438,7 @@ TEST_P(Paging, ReadsAheadOfTheCamera) {
       if (advance(*streamer, view_at(step), 1).progress.complete) ++found;
       EXPECT_TRUE(settle(*streamer, view_at(step), 1).progress.complete);
       if (!goes_on) settle(*streamer, view_from({0, 0, 12}, dvec3(0)), 10);
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // for what is read ahead
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));  // to read ahead
     }
     EXPECT_LE(streamer->statistics().bytes_resident_peak, plenty);
     return found;
@@ -457,9 +457,9 @@ TEST_P(Paging, ClosesWhileReadsHang) {
   EXPECT_EQ(faults->waiting, 0);
 }
 
-// The chunks that a frame with all points needs, but for those that are read with the preamble.
-std::vector<format::ChunkPlace> chunks_to_read(const format::Volume& file, KernelKind kernel) {
-  std::vector<format::ChunkPlace> places;
+// Returns the chunks that a frame of all points needs, except those that are read with the preamble.
+std::vector<format::ChunkLocation> chunks_to_read(const format::Volume& file, KernelKind kernel) {
+  std::vector<format::ChunkLocation> locations;
   const format::RowLayout& rows = file.rows();
   for (std::uint64_t row = rows.first_row(rows.resolution_of_row(rows.row_count() - 1)); row < rows.row_count();
        ++row) {
@@ -468,20 +468,21 @@ std::vector<format::ChunkPlace> chunks_to_read(const format::Volume& file, Kerne
       const format::ColumnKind kind = file.info().columns[static_cast<std::size_t>(column)].kind;
       const bool wanted =
           kernel == KernelKind::octant ? kind == format::ColumnKind::octant : kind == format::ColumnKind::moments;
-      const format::ChunkPlace& place = file.find_chunk(page, row, column);
-      if (wanted && place.offset > volume_bytes().size() / 8) places.push_back(place);
+      const format::ChunkLocation& location = file.find_chunk(page, row, column);
+      if (wanted && location.offset > volume_bytes().size() / 8) locations.push_back(location);
     }
   }
-  return places;
+  return locations;
 }
 
 TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
   const auto file = format::Volume::open(memory_source(volume_bytes(), "sound.svol")).value();
-  const std::vector<format::ChunkPlace> places = chunks_to_read(*file, GetParam());
-  ASSERT_GT(places.size(), 100u);
+  const std::vector<format::ChunkLocation> locations = chunks_to_read(*file, GetParam());
+  ASSERT_GT(locations.size(), 100u);
   format::Bytes damaged = volume_bytes();
-  const std::vector<format::ChunkPlace> bad = {places[10], places[places.size() / 2], places.back()};
-  for (const format::ChunkPlace& place : bad) damaged[place.offset + place.entry.packed_bytes / 2] ^= std::byte{1};
+  const std::vector<format::ChunkLocation> bad = {locations[10], locations[locations.size() / 2], locations.back()};
+  for (const format::ChunkLocation& location : bad)
+    damaged[location.offset + location.entry.packed_bytes / 2] ^= std::byte{1};
 
   const auto streamer = open(plenty, damaged);
   std::vector<Error> errors;
@@ -506,11 +507,11 @@ TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
   }
   for (int i = 0; i < 5; ++i)
     EXPECT_TRUE(advance(*streamer, view_from({0.5, 0.5, 6.01 + i}), 0).progress.errors.empty());
-  for (const format::ChunkPlace& place : bad)
+  for (const format::ChunkLocation& location : bad)
     EXPECT_EQ(std::ranges::count_if(faults->ranges,
                                     [&](const auto& range) {
-                                      return range.first < place.offset + place.entry.packed_bytes &&
-                                             place.offset < range.second;
+                                      return range.first < location.offset + location.entry.packed_bytes &&
+                                             location.offset < range.second;
                                     }),
               1);
 }

@@ -1,4 +1,4 @@
-// A volume on a web server, streamed.
+// Streaming a volume from a web server.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -54,7 +54,7 @@ TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
   }
 }
 
-// What a server sends is waited for: rather more bytes than more requests.
+// Each request has to wait for the server, so more bytes are better than more requests.
 TEST(CheapGap, JoinsReads) {
   const test::TestVolume volume = test::sample_volume(20000, 2);
   const auto control_of = [](std::uint64_t gap) {

@@ -24,7 +24,8 @@ using testing::HasSubstr;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr std::uint64_t plenty = 64u << 20;
 
-// A factor that no mass and no deviation is off by: half a step of the log code, and single precision.
+// Largest factor between a mass or a deviation and its code: half a quantisation step of the log code, and single
+// precision.
 const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
 
 Result<std::unique_ptr<Streamer>> open(
@@ -59,7 +60,7 @@ struct Placed {
   }
 };
 
-// In an order that does not depend on the streamer's.
+// Sorts splats, so that their order does not depend on the streamer.
 std::vector<Placed> placed_splats(const FrameSplats& frame) {
   std::vector<Placed> placed;
   const auto* octants = std::get_if<std::span<const OctantSplat>>(&frame.data);
@@ -77,7 +78,7 @@ std::vector<Placed> placed_splats(const FrameSplats& frame) {
   return placed;
 }
 
-// The splat nearest to each of `wanted`, within `reach`; each of them is someone's.
+// Returns the splat nearest to each of `wanted`, within `reach`. Each splat must be the nearest to one of them.
 std::vector<Placed> match(const std::vector<Placed>& splats, const std::vector<dvec3>& wanted, double reach) {
   std::vector<Placed> matched;
   std::set<std::size_t> used;
@@ -137,7 +138,8 @@ TEST(Streamer, HandsOnOctantsAtEachResolution) {
   }
 }
 
-// The second moments that a splat describes: of space, of space and value. Neither depends on the axes' signs.
+// The second moments of a splat: of the position, and of position and value. They do not depend on the signs of the
+// axes.
 struct Described {
   dmat3 covariance{0};
   dvec3 with_value{0};
@@ -153,7 +155,7 @@ Described described(const dmat3& axes, const dvec3& deviations, double value_dev
 }
 
 void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, const format::SplatValue& value) {
-  // The code of the coverage is off by less than a step.
+  // The code of the coverage is off by less than a quantisation step.
   const double mass = static_cast<double>(splat.mass);
   ASSERT_LE(mass, shape.mass * std::min(1.0, value.coverage + 1.0 / 255) * log_code_error);
   ASSERT_GE(mass, shape.mass * (value.coverage - 1.0 / 255) / log_code_error);
@@ -178,8 +180,9 @@ void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, 
   const Described expected =
       described(glm::mat3_cast(shape.orientation), shape.deviations, value.deviation, value.correlation);
 
-  // A turn by less than 1/16 of shortest to longest axis, or by what 20 bits for each component of a quaternion leave
-  // (3 components off by 2^-21.5, weighted with at most 2, twice for the angle); lengths off by the log codes.
+  // The orientation is off by less than 1/16 of the shortest axis over the longest, or by rounding to 20 bits: 3
+  // components are off by 2^-21.5, weighted with at most 2, and the angle by twice this. Lengths are off by the
+  // rounding of log codes.
   const double longest = shape.deviations[0];
   const double turn = std::max(shape.deviations[2] / 16, 1e-5 * longest);
   const double scale = 2 * (log_code_error - 1) + 1e-5;
@@ -191,7 +194,7 @@ void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, 
             value.deviation * 1.01 * (bytes + scale * std::sqrt(3.0) * longest + std::sqrt(3.0) * turn));
 }
 
-// How far each mean of a resolution may be off (spec 8): by 1/64 of the smallest deviation of its chunk.
+// Returns how far the means of a resolution may be off (spec 8): 1/64 of the smallest deviation of the chunk.
 std::vector<double> mean_errors(const TestVolume& volume, std::size_t attribute, std::size_t resolution) {
   const format::RowLayout rows(volume.info);
   const auto& values = volume.signals[attribute][resolution];
@@ -217,7 +220,7 @@ TEST(Streamer, HandsOnMomentsAtEachResolution) {
       ASSERT_EQ((*frame)->splats, volume.info.resolution_counts[r]);
       EXPECT_EQ((*frame)->splats_by_resolution[r], volume.info.resolution_counts[r]);
 
-      // Nowhere worse than 1/64 of the smallest deviation of a chunk, which is no larger than the largest of all.
+      // At most 1/64 of the smallest deviation of a chunk, which is at most the largest deviation of all.
       double reach = 1e-7;
       for (const format::SplatShape& shape : volume.shapes[r]) reach = std::max(reach, shape.deviations[2] / 64);
       const auto splats = match(placed_splats(**frame), volume.centroids[r], reach);
@@ -247,7 +250,7 @@ TEST(Streamer, EveryCutHasTheSameMass) {
     double mass = 0;
     for (const MomentsSplat& splat : std::get<std::span<const MomentsSplat>>(frame.data))
       mass += static_cast<double>(splat.mass);
-    // Each is within the error of its code, so is the sum.
+    // Each mass is within the error of its code, and so is the sum.
     EXPECT_LE(mass, total * log_code_error);
     EXPECT_GE(mass, total / log_code_error);
   };
@@ -256,7 +259,7 @@ TEST(Streamer, EveryCutHasTheSameMass) {
   EXPECT_GT(numbers.size(), volume.info.resolutions() + 3);
 }
 
-// Chunks of the file, as (column, where it lies, row).
+// Returns the chunks of the file: column, begin and end, row.
 struct FileChunk {
   const format::Column* column;
   std::uint64_t begin, end, row;
@@ -267,9 +270,9 @@ std::vector<FileChunk> chunks_of(const format::Volume& volume) {
   for (std::uint64_t row = 0; row < volume.rows().row_count(); ++row) {
     const auto page = volume.read_directory_page(volume.directory_page_of_row(row)).value();
     for (const int column : volume.rows().columns_of_row(row)) {
-      const format::ChunkPlace& place = volume.find_chunk(page, row, column);
-      chunks.push_back({&volume.info().columns[static_cast<std::size_t>(column)], place.offset,
-                        place.offset + place.entry.packed_bytes, row});
+      const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+      chunks.push_back({&volume.info().columns[static_cast<std::size_t>(column)], location.offset,
+                        location.offset + location.entry.packed_bytes, row});
     }
   }
   return chunks;
@@ -301,7 +304,7 @@ TEST(Streamer, MomentsReadNothingElse) {
         EXPECT_TRUE(overlaps(chunk)) << "it is all visible";
         continue;
       }
-      // What is smaller may lie in a gap that is read because that costs less than a second read.
+      // Smaller chunks may be in a gap, which is read because this is cheaper than a second read.
       if (chunk.end - chunk.begin <= 1024) continue;
       EXPECT_FALSE(overlaps(chunk)) << format::column_kind_name(kind) << " of row " << chunk.row;
       ++large_and_left_alone[kind];
@@ -360,7 +363,7 @@ TEST(Streamer, AFileWithoutMomentsSaysWhatToDo) {
   EXPECT_THAT(lit.error().message, AllOf(HasSubstr("test.svol"), HasSubstr("gradients of 'a1'"), HasSubstr("svbuild")));
 }
 
-// What holds for every kind of splat.
+// --- Tests for every kind of splat.
 class StreamerOf : public testing::TestWithParam<KernelKind> {
  protected:
   static Result<std::unique_ptr<Streamer>> open(
@@ -369,7 +372,7 @@ class StreamerOf : public testing::TestWithParam<KernelKind> {
     return splatvol::open(volume, {memory, attribute, GetParam()}, std::move(control));
   }
 
-  // The least memory with which a view is drawn at all, from the message of a refusal.
+  // Returns the least memory that a view needs, from the message of a refusal.
   static std::uint64_t least_memory(const TestVolume& volume) {
     std::uint64_t memory = 1;
     for (int step = 0; step < 5; ++step) {
@@ -400,19 +403,19 @@ TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   view.eye += options.cube.origin;
   const auto frame = streamer->request(view, test::opaque(), percent(0));
   ASSERT_TRUE(frame) << frame.error().message;
-  // Doubles of 3e9 are 5e-7 apart; what single precision holds of a splat's place in its node is far finer.
+  // Doubles near 3e9 are 5e-7 apart. In single precision, the position of a splat in its node is far finer.
   std::vector<double> expected;
   for (std::size_t i = 0; i < 1000; ++i)
     expected.push_back((GetParam() == KernelKind::octant ? volume.positions[i] : volume.centroids.back()[i]).x);
   std::ranges::sort(expected);
   const auto actual = placed_splats(**frame);
   ASSERT_EQ(actual.size(), expected.size());
-  std::set<double> places;
+  std::set<double> positions;
   for (std::size_t i = 0; i < actual.size(); ++i) {
-    places.insert(actual[i].position.x);
+    positions.insert(actual[i].position.x);
     ASSERT_NEAR(actual[i].position.x, expected[i], 2e-6);
   }
-  EXPECT_GT(places.size(), 950u);
+  EXPECT_GT(positions.size(), 950u);
 }
 
 TEST_P(StreamerOf, BatchesAreTheFrame) {
@@ -617,10 +620,10 @@ TEST_P(StreamerOf, ADamagedChunkIsNamed) {
   const std::uint64_t row = rows.row_count() - 3;
   const auto page = opened->read_directory_page(opened->directory_page_of_row(row)).value();
   for (const int column : rows.columns_of_row(row)) {
-    const format::ChunkPlace& place = opened->find_chunk(page, row, column);
+    const format::ChunkLocation& location = opened->find_chunk(page, row, column);
     const format::Column& kind = volume.info.columns[static_cast<std::size_t>(column)];
     format::Bytes damaged = sound;
-    damaged[place.offset + place.entry.packed_bytes / 2] ^= std::byte{1};
+    damaged[location.offset + location.entry.packed_bytes / 2] ^= std::byte{1};
     const auto streamer = Streamer::open(memory_source(damaged, "damaged.svol"), {plenty, "a1", GetParam()}).value();
     const auto frame = streamer->request(front_view(), test::opaque(), percent(0));
     const bool of_moments =

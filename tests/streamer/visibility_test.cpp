@@ -20,7 +20,7 @@ format::Attribute attribute(double min, double max, double offset = 0) {
   return a;
 }
 
-// Zero in places, with steps, in a random domain.
+// Zero in parts of a random domain, with jumps.
 TransferFunction random_function(std::mt19937& random) {
   std::uniform_real_distribution<double> uniform(0, 1);
   TransferFunction function = test::opaque();
@@ -112,8 +112,8 @@ TEST(ValueVisibility, EqualityIsThatOfExtinction) {
 }
 
 TEST(ValueContrast, IsTheVarianceAmongNeighbouringValues) {
-  // Colour rises from 0 to 1 over the range, extinction 1: a uniform window of width w has the variance w^2 / 12 in
-  // each of three channels.
+  // Colour rises from 0 to 1 over the range, and extinction is 1. A uniform window of width w has the variance w^2 / 12
+  // in each of three channels.
   TransferFunction function = test::opaque();
   function.lo = 0;
   function.hi = 64;

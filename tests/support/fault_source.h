@@ -1,4 +1,4 @@
-// A source that fails, lies, waits or changes when a test says so.
+// A source that fails, lies, waits or changes when a test wants it.
 #pragma once
 
 #include <condition_variable>
@@ -14,36 +14,36 @@
 
 namespace splatvol::test {
 
-/// What happens to reads, and what has happened: the test's end of a FaultSource. Thread-safe; faults may come and go
-/// while reads are under way.
+/// The test's side of a FaultSource: sets the faults of reads, and counts reads. Thread-safe; faults may change during
+/// reads.
 class Faults {
  public:
-  /// `content` answers the reads that nothing else happens to.
+  /// `content` answers reads without a fault.
   explicit Faults(std::unique_ptr<ByteSource> content) : content_(std::move(content)) {}
 
-  /// Read number `number` (0: the first ever) fails.
+  /// Makes read `number` fail (0: the first of all).
   void fail_read(std::uint64_t number);
 
-  /// From now on, reads of any byte in [from, to) fail.
+  /// Makes reads of any byte in [from, to) fail.
   void fail_range(std::uint64_t from, std::uint64_t to);
 
-  /// From now on, the bytes in [from, to) come with all bits flipped.
+  /// Makes reads return the bytes in [from, to) with all bits flipped.
   void corrupt_range(std::uint64_t from, std::uint64_t to);
 
-  /// Takes back fail_read, fail_range and corrupt_range.
+  /// Ends the faults of fail_read, fail_range and corrupt_range.
   void clear();
 
-  /// From now on, reads wait; `release` lets them, and all after them, go on.
+  /// Makes reads wait until `release`.
   void hold();
   void release();
 
-  /// Returns when at least so many reads wait. Requires `hold`.
+  /// Waits until at least this many reads wait. Requires `hold`.
   void wait_for_held(std::size_t reads);
 
-  /// From now on, reads are answered by other content; the source's size stays what it was.
+  /// Answers reads from other content. The source keeps its size.
   void replace(std::unique_ptr<ByteSource> content);
 
-  /// Reads that have begun, failed ones too, and the bytes that they asked for.
+  /// Return the number of reads that have begun, failed reads too, and the bytes that they asked for.
   [[nodiscard]] std::uint64_t reads() const;
   [[nodiscard]] std::uint64_t bytes() const;
 
@@ -63,7 +63,7 @@ class Faults {
   std::uint64_t bytes_ = 0;
 };
 
-/// The reader's end. Has the size and the name of the content at the time it was made.
+/// The reader's side. Has the size and the name of the content at the time when it was made.
 class FaultSource final : public ByteSource {
  public:
   explicit FaultSource(std::shared_ptr<Faults> faults);

@@ -11,7 +11,7 @@
 namespace splatvol::test {
 
 Listener listen_on_loopback() {
-  ::setenv("no_proxy", "127.0.0.1", 1);  // a proxy of the environment has another loopback
+  ::setenv("no_proxy", "127.0.0.1", 1);  // a proxy has another loopback device
   const int descriptor = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address{};
   address.sin_family = AF_INET;

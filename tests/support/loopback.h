@@ -1,15 +1,15 @@
-// Sockets of this machine only.
+// Sockets on the loopback device.
 #pragma once
 
 namespace splatvol::test {
 
-/// A socket that listens on a free port of 127.0.0.1. Who connects waits until somebody accepts.
+/// A socket that listens on a free port of 127.0.0.1. A client waits until its connection is accepted.
 struct Listener {
   int descriptor;
   int port;
 };
 
-/// Throws where the system refuses.
+/// Throws if the system refuses.
 [[nodiscard]] Listener listen_on_loopback();
 
 }  // namespace splatvol::test

@@ -20,7 +20,7 @@
 namespace splatvol::test {
 namespace {
 
-// Empty: nowhere. Debian keeps it where only root looks.
+// Returns the path of nginx, or "" if there is none. Debian puts it in a folder that only root searches.
 std::string find_nginx() {
   const char* const path = std::getenv("PATH");
   std::istringstream folders(std::string(path != nullptr ? path : "") + ":/usr/sbin:/usr/local/sbin");
@@ -56,7 +56,7 @@ http {{
 std::unique_ptr<Nginx> Nginx::start(const std::string& folder) {
   const std::string program = find_nginx();
   if (program.empty()) return nullptr;
-  const std::string pid_file = folder + "/nginx.pid";  // written when it listens
+  const std::string pid_file = folder + "/nginx.pid";  // nginx writes it when it listens
   const std::string prefix = folder + "/";
   const std::string error_log = folder + "/error.log";
   for (int attempt = 0; attempt < 10; ++attempt) {
@@ -71,7 +71,7 @@ std::unique_ptr<Nginx> Nginx::start(const std::string& folder) {
         ::execl(program.c_str(), "nginx", "-p", prefix.c_str(), "-c", "nginx.conf", "-e", error_log.c_str(), nullptr);
       ::_exit(127);
     }
-    // It ends where somebody else was quicker to take the port.
+    // nginx ends if another process has taken the port.
     while (::waitpid(process, nullptr, WNOHANG) == 0) {
       if (std::filesystem::exists(pid_file)) return std::unique_ptr<Nginx>(new Nginx(process, free.port));
       std::this_thread::sleep_for(std::chrono::milliseconds(1));

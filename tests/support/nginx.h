@@ -8,17 +8,18 @@
 
 namespace splatvol::test {
 
-/// Serves the files of a folder at /, and again at /plain/ without support for ranges, until it is destroyed (or this
-/// process ends, however it does). Its log is in the folder: access.log, a line for each answer, "STATUS BYTES RANGE".
+/// Serves the files of a folder at /, and at /plain/ without support for ranges. Ends when it is destroyed, or when
+/// this process ends in any way. Writes a line for each answer, "STATUS BYTES RANGE", to access.log in the folder.
 class Nginx {
  public:
-  /// Returns when it listens; null where there is no nginx on this machine. Throws where it does not start.
+  /// Starts nginx and waits until it listens. Returns null if this machine has no nginx. Throws if nginx does not
+  /// start.
   [[nodiscard]] static std::unique_ptr<Nginx> start(const std::string& folder);
   Nginx(const Nginx&) = delete;
   Nginx& operator=(const Nginx&) = delete;
   ~Nginx();
 
-  /// Address of a file of the folder: "http://127.0.0.1:PORT/NAME".
+  /// Returns the address of a file of the folder: "http://127.0.0.1:PORT/NAME".
   [[nodiscard]] std::string url(const std::string& name) const;
 
  private:

@@ -7,6 +7,15 @@
 namespace splatvol::test {
 namespace {
 
+// Appends a node without its summaries.
+void append_node(const format::NodeArrays& nodes, std::uint32_t node, Tree& tree) {
+  const std::size_t codes = nodes.shape.size_bounds * nodes.shape.resolutions;
+  tree.child_masks.push_back(nodes.child_masks[node]);
+  tree.first_resolutions.push_back(nodes.first_resolutions[node]);
+  for (const std::uint64_t count : nodes.counts_of(node)) tree.counts.push_back(count);
+  for (std::size_t i = 0; i < codes; ++i) tree.size_codes.push_back(nodes.size_codes[node * codes + i]);
+}
+
 class TreeReader {
  public:
   TreeReader(std::span<const std::byte> section, format::NodeShape shape) : section_(section) { tree_.shape = shape; }
@@ -18,7 +27,7 @@ class TreeReader {
   }
 
  private:
-  using Pages = std::vector<format::IndexPage>;  // one for each attribute, and one where there is none
+  using Pages = std::vector<format::IndexPage>;  // one for each attribute, or one if there are no attributes
 
   Result<Pages> open(const format::IndexPageRef& ref, std::span<const std::byte> bytes, std::uint32_t top_nodes,
                      std::uint64_t links_end) const {
@@ -27,8 +36,8 @@ class TreeReader {
     for (std::size_t a = 0; a < std::max<std::size_t>(1, tree_.shape.attributes); ++a) {
       SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, tree_.shape, top_nodes, links_end, "test"));
       if (a < tree_.shape.attributes) {
-        const auto [offset, block] = find_summary_block(front, a, tree_.shape);
-        SPLATVOL_TRY(unpack_summaries(block, bytes.subspan(offset, block.packed_bytes), "test", page));
+        const auto [offset, part] = find_summary_part(front, a, tree_.shape);
+        SPLATVOL_TRY(unpack_summaries(part, bytes.subspan(offset, part.packed_bytes), "test", page));
       }
       pages.push_back(std::move(page));
     }
@@ -38,11 +47,7 @@ class TreeReader {
   Status add(const Pages& pages, std::uint32_t node) {
     const format::IndexPage& page = pages[0];
     const format::NodeArrays& nodes = page.nodes;
-    const std::size_t codes = tree_.shape.size_bounds * tree_.shape.resolutions;
-    tree_.child_masks.push_back(nodes.child_masks[node]);
-    tree_.first_resolutions.push_back(nodes.first_resolutions[node]);
-    for (const std::uint64_t count : nodes.counts_of(node)) tree_.counts.push_back(count);
-    for (std::size_t i = 0; i < codes; ++i) tree_.size_codes.push_back(nodes.size_codes[node * codes + i]);
+    append_node(nodes, node, tree_);
     for (std::size_t a = 0; a < tree_.shape.attributes; ++a) tree_.summaries.push_back(pages[a].nodes.summaries[node]);
 
     const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));
@@ -105,11 +110,7 @@ namespace {
 Status add_node(const format::Volume& volume, int attribute, const format::IndexPage& page, std::uint32_t node,
                 Tree& tree) {
   const format::NodeArrays& nodes = page.nodes;
-  const std::size_t codes = nodes.shape.size_bounds * nodes.shape.resolutions;
-  tree.child_masks.push_back(nodes.child_masks[node]);
-  tree.first_resolutions.push_back(nodes.first_resolutions[node]);
-  for (const std::uint64_t count : nodes.counts_of(node)) tree.counts.push_back(count);
-  for (std::size_t i = 0; i < codes; ++i) tree.size_codes.push_back(nodes.size_codes[node * codes + i]);
+  append_node(nodes, node, tree);
   if (attribute >= 0) tree.summaries.push_back(nodes.summaries[node]);
 
   const auto children = static_cast<std::uint32_t>(std::popcount(nodes.child_masks[node]));

@@ -13,7 +13,7 @@
 namespace splatvol::test {
 namespace {
 
-// The next request's header; empty: the client is done.
+// Returns the header of the next request; "" if the client is done.
 std::string receive_header(int connection) {
   std::string header;
   std::array<char, 1> byte{};

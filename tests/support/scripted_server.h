@@ -1,4 +1,4 @@
-// A web server that does as it is told, and misbehaves so.
+// A web server that sends the replies of a test, and so can misbehave.
 #pragma once
 
 #include <mutex>
@@ -8,16 +8,16 @@
 
 namespace splatvol::test {
 
-/// What happens to one request: `text`, header and body, is sent as it is; then the connection is kept, closed, reset
-/// or left alone until the client gives it up.
+/// The reply to one request. The server sends `text`, header and body, as it is. Then it keeps, closes or resets the
+/// connection, or waits until the client gives up.
 struct Reply {
   enum class Then { keep, close, reset, stall };
   std::string text;
   Then then = Then::keep;
 };
 
-/// Answers requests on a loopback port, one connection after another: the n-th request with the n-th reply, and those
-/// after the last with the last.
+/// Answers requests on a loopback port, one connection after another: the n-th request with the n-th reply, and later
+/// requests with the last reply.
 class ScriptedServer {
  public:
   /// Requires at least one reply.
@@ -28,10 +28,10 @@ class ScriptedServer {
 
   [[nodiscard]] int port() const { return port_; }
 
-  /// "http://127.0.0.1:PORT/NAME".
+  /// Returns "http://127.0.0.1:PORT/NAME".
   [[nodiscard]] std::string url(const std::string& name) const;
 
-  /// Headers of the requests so far.
+  /// Returns the headers of the requests so far.
   [[nodiscard]] std::vector<std::string> requests() const;
 
  private:
@@ -43,7 +43,7 @@ class ScriptedServer {
   int port_ = 0;
   mutable std::mutex mutex_;
   std::vector<std::string> requests_;
-  int connection_ = -1;  // at work
+  int connection_ = -1;  // that is being served
   bool ending_ = false;
   std::thread thread_;
 };

@@ -19,60 +19,60 @@ constexpr std::size_t key_levels = 42;
 
 using Indices = std::vector<std::uint32_t>;
 
-// Spec 7, word for word.
-CellPath path_of(const dvec3& point, const Cube& cube) {
-  std::array<std::uint64_t, 3> cell{};
+// Follows spec 7 literally.
+NodePath path_of(const dvec3& point, const Cube& cube) {
+  std::array<std::uint64_t, 3> index{};
   for (int axis = 0; axis < 3; ++axis) {
     const double scaled = std::floor((point[axis] - cube.origin[axis]) / cube.edge * 0x1p42);
-    cell[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(std::clamp(scaled, 0.0, 0x1p42 - 1));
+    index[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(std::clamp(scaled, 0.0, 0x1p42 - 1));
   }
-  CellPath path;
+  NodePath path;
   for (std::size_t level = key_levels; level-- > 0;)
-    path.push_back(static_cast<std::uint8_t>(((cell[0] >> level) & 1) | ((cell[1] >> level) & 1) << 1 |
-                                             ((cell[2] >> level) & 1) << 2));
+    path.push_back(static_cast<std::uint8_t>(((index[0] >> level) & 1) | ((index[1] >> level) & 1) << 1 |
+                                             ((index[2] >> level) & 1) << 2));
   return path;
 }
 
-bool begins_with(const CellPath& path, const CellPath& cell) {
-  return std::equal(cell.begin(), cell.end(), path.begin());
+bool begins_with(const NodePath& path, const NodePath& node) {
+  return std::equal(node.begin(), node.end(), path.begin());
 }
 
 struct Leaf {
-  CellPath cell;
+  NodePath node;
   Indices points;
 };
 
-// Leaves, in Morton order, of the octree over `points` with at most `most` points in a leaf.
-void collect_leaves(const std::vector<CellPath>& paths, const Indices& points, const CellPath& cell, std::size_t most,
+// Appends the leaves, in Morton order, of the octree over `points` with at most `most` points in a leaf.
+void collect_leaves(const std::vector<NodePath>& paths, const Indices& points, const NodePath& node, std::size_t most,
                     std::vector<Leaf>& leaves) {
   if (points.empty()) return;
-  if (points.size() <= most || cell.size() == key_levels) return leaves.push_back({cell, points});
+  if (points.size() <= most || node.size() == key_levels) return leaves.push_back({node, points});
   for (std::uint8_t octant = 0; octant < 8; ++octant) {
     Indices inside;
     std::ranges::copy_if(points, std::back_inserter(inside),
-                         [&](std::uint32_t i) { return paths[i][cell.size()] == octant; });
-    CellPath child = cell;
+                         [&](std::uint32_t i) { return paths[i][node.size()] == octant; });
+    NodePath child = node;
     child.push_back(octant);
     collect_leaves(paths, inside, child, most, leaves);
   }
 }
 
 std::uint32_t nearest_to_centre(const std::vector<dvec3>& positions, const Leaf& leaf, const Cube& root) {
-  const Cube cube = cell_cube(root, leaf.cell);
+  const Cube cube = cube_of(root, leaf.node);
   const dvec3 centre = cube.origin + 0.5 * cube.edge;
   return *std::ranges::min_element(leaf.points, {}, [&](std::uint32_t i) {
     return std::pair(glm::dot(positions[i] - centre, positions[i] - centre), i);
   });
 }
 
-// One resolution while the order of points is still the input's.
+// One resolution, while points are still in input order.
 struct Level {
   Indices points;
   Indices representatives;                   // [input point]
   std::vector<std::uint8_t> depths, counts;  // [input point], of those in `points`
 };
 
-std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector<CellPath>& paths,
+std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector<NodePath>& paths,
                           const TestVolumeOptions& options) {
   Level level;
   level.points.resize(positions.size());
@@ -90,7 +90,7 @@ std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector
       next.points.push_back(nearest_to_centre(positions, leaf, options.cube));
       for (const std::uint32_t i : leaf.points) {
         kept[i] = next.points.back();
-        level.depths[i] = static_cast<std::uint8_t>(leaf.cell.size());
+        level.depths[i] = static_cast<std::uint8_t>(leaf.node.size());
         level.counts[i] = static_cast<std::uint8_t>(std::min<std::size_t>(leaf.points.size(), 255));
       }
     }
@@ -103,8 +103,8 @@ std::vector<Level> reduce(const std::vector<dvec3>& positions, const std::vector
   }
 }
 
-// File order: by the first resolution that has the point, then along the Morton curve.
-Indices file_order(const std::vector<Level>& levels, const std::vector<CellPath>& paths) {
+// Returns the file order: by the first resolution that has the point, then in Morton order.
+Indices file_order(const std::vector<Level>& levels, const std::vector<NodePath>& paths) {
   std::vector<std::size_t> segment(paths.size());
   for (std::size_t r = levels.size(); r-- > 0;)
     for (const std::uint32_t i : levels[r].points) segment[i] = r;
@@ -148,8 +148,8 @@ void fill_gradients(TestVolume& volume) {
   }
 }
 
-// The ellipsoid is of the size of a cell that holds one point; every 7th point has flat material, every 11th all of it
-// in one place, every 13th none. Values stay in the attribute's range, and are missing where the point's is.
+// The ellipsoid is as large as a node with one point. Every 7th point has material in a plane, every 11th at one
+// position, every 13th none. Values stay in the range of the attribute, and are missing if the point's value is.
 void fill_parcels(TestVolume& volume) {
   std::mt19937 random(7);
   std::normal_distribution<double> normal;
@@ -172,7 +172,7 @@ void fill_parcels(TestVolume& volume) {
   }
 }
 
-// Eigenvalues, descending, and eigenvectors of a symmetric matrix, by Jacobi's rotations.
+// Computes the eigenvalues, descending, and eigenvectors of a symmetric matrix, by Jacobi rotations.
 std::pair<dvec3, dmat3> eigensystem(dmat3 m) {
   dmat3 vectors(1);
   for (int sweep = 0; sweep < 30; ++sweep)
@@ -198,7 +198,7 @@ std::pair<dvec3, dmat3> eigensystem(dmat3 m) {
   return {values, sorted};
 }
 
-// Mass, mean and covariance of (x, y, z, v): v of an attribute, with only what has a value, or 0.
+// Mass, mean and covariance of (x, y, z, v). v: value of an attribute, then only of material that has one; or 0.
 struct Moments {
   double mass = 0;
   std::array<double, 4> mean{};
@@ -207,7 +207,7 @@ struct Moments {
 
 struct Sample {
   double mass;
-  std::array<double, 4> place;
+  std::array<double, 4> position;
 };
 
 Moments moments_of(const std::vector<Sample>& samples) {
@@ -215,16 +215,16 @@ Moments moments_of(const std::vector<Sample>& samples) {
   for (const Sample& s : samples) moments.mass += s.mass;
   if (moments.mass == 0) return moments;
   for (const Sample& s : samples)
-    for (std::size_t i = 0; i < 4; ++i) moments.mean[i] += s.mass / moments.mass * s.place[i];
+    for (std::size_t i = 0; i < 4; ++i) moments.mean[i] += s.mass / moments.mass * s.position[i];
   for (const Sample& s : samples)
     for (std::size_t i = 0; i < 4; ++i)
       for (std::size_t j = 0; j < 4; ++j)
         moments.covariance[i][j] +=
-            s.mass / moments.mass * (s.place[i] - moments.mean[i]) * (s.place[j] - moments.mean[j]);
+            s.mass / moments.mass * (s.position[i] - moments.mean[i]) * (s.position[j] - moments.mean[j]);
   return moments;
 }
 
-// All the parcels of a cluster, places less the representative's.
+// Returns all parcels of a cluster, with positions relative to the representative.
 std::vector<Sample> samples_of(const TestVolume& volume, const Indices& cluster, const dvec3& from, int attribute) {
   std::vector<Sample> samples;
   for (const std::uint32_t i : cluster)
@@ -285,14 +285,14 @@ void fill_moments(TestVolume& volume) {
         volume.signals[a][r].push_back(value_of(moments_of(samples), shapes.back()));
         std::vector<float> taken;
         for (const Sample& s : samples)
-          if (s.mass > 0) taken.push_back(static_cast<float>(s.place[3]));
+          if (s.mass > 0) taken.push_back(static_cast<float>(s.position[3]));
         volume.materials[a][r].push_back(bins_of(volume.info.attributes[a]).summarize(taken));
       }
     }
   }
 }
 
-// The coarsest resolution from which on every cluster is wholly inside or wholly outside.
+// Returns the coarsest resolution from which on every cluster is inside or outside as a whole.
 std::size_t first_resolution(const TestVolume& volume, const std::vector<bool>& inside) {
   std::size_t first = volume.info.resolutions() - 1;
   const auto respects = [&](std::size_t r) {
@@ -304,7 +304,7 @@ std::size_t first_resolution(const TestVolume& volume, const std::vector<bool>& 
   return first;
 }
 
-void add_node(const CellPath& cell, const Indices& points, std::size_t most, TestVolume& volume) {
+void add_node(const NodePath& path, const Indices& points, std::size_t most, TestVolume& volume) {
   const std::size_t resolutions = volume.info.resolutions();
   const auto& ends = volume.info.resolution_counts;
   format::NodeArrays& tree = volume.tree;
@@ -313,8 +313,8 @@ void add_node(const CellPath& cell, const Indices& points, std::size_t most, Tes
 
   const std::size_t node = tree.size();
   const std::size_t bounds = volume.info.size_bounds.size();
-  const Cube cube = cell_cube(volume.info.cube, cell);
-  volume.cells.push_back(cell);
+  const Cube cube = cube_of(volume.info.cube, path);
+  volume.node_paths.push_back(path);
   tree.child_masks.push_back(0);
   tree.first_resolutions.push_back(static_cast<std::uint8_t>(first_resolution(volume, inside)));
   tree.counts.resize((node + 1) * resolutions);
@@ -340,20 +340,42 @@ void add_node(const CellPath& cell, const Indices& points, std::size_t most, Tes
     for (const std::uint32_t i : points) summary.include(volume.materials[a].back()[i]);
   }
 
-  if (points.size() <= most || cell.size() == key_levels) return;
+  if (points.size() <= most || path.size() == key_levels) return;
   for (std::uint8_t octant = 0; octant < 8; ++octant) {
-    CellPath child = cell;
+    NodePath child = path;
     child.push_back(octant);
     Indices part;
     std::ranges::copy_if(points, std::back_inserter(part),
-                         [&](std::uint32_t i) { return begins_with(volume.point_cells[i], child); });
+                         [&](std::uint32_t i) { return begins_with(volume.point_paths[i], child); });
     if (part.empty()) continue;
     tree.child_masks[node] = static_cast<std::uint8_t>(tree.child_masks[node] | 1u << octant);
     add_node(child, part, most, volume);
   }
 }
 
-// Spec 8: under 1/64 of the smallest deviation.
+// Returns the metadata without counts and attributes.
+format::VolumeInfo info_of(int attributes, const TestVolumeOptions& options) {
+  format::VolumeInfo info;
+  info.cube = options.cube;
+  info.points_per_chunk = options.points_per_chunk;
+  info.leaf_points = options.leaf_points;
+  info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
+  info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
+  if (options.moments) {
+    info.columns.push_back({format::ColumnKind::centroid, format::ColumnScope::resolution, -1});
+    info.columns.push_back({format::ColumnKind::moments, format::ColumnScope::resolution, -1});
+    info.size_bounds.push_back("moments");
+  }
+  for (int a = 0; a < attributes; ++a) {
+    info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, a});
+    if (options.moments)
+      info.columns.push_back({format::ColumnKind::value_moments, format::ColumnScope::resolution, a});
+    if (options.gradients) info.columns.push_back({format::ColumnKind::gradient, format::ColumnScope::segment, a});
+  }
+  return info;
+}
+
+// Returns the largest error that spec 8 advises: under 1/64 of the smallest deviation.
 double centroid_error(std::span<const format::SplatShape> shapes) {
   double smallest = std::numeric_limits<double>::infinity();
   for (const format::SplatShape& shape : shapes)
@@ -423,12 +445,12 @@ dvec3 TestVolume::moments_extent(std::size_t resolution, std::size_t point) cons
   return glm::sqrt(extent);
 }
 
-double TestVolume::moments_size(std::size_t resolution, std::size_t point, const Cube& cell) const {
+double TestVolume::moments_size(std::size_t resolution, std::size_t point, const Cube& cube) const {
   const dvec3 extent = moments_extent(resolution, point);
-  const dvec3 from_low = centroids[resolution][point] - cell.origin;
+  const dvec3 from_low = centroids[resolution][point] - cube.origin;
   double size = std::sqrt(12.0) * shapes[resolution][point].deviations[0];
   for (int axis = 0; axis < 3; ++axis)
-    size = std::max({size, 0.5 * (extent[axis] - from_low[axis]), 0.5 * (extent[axis] + from_low[axis] - cell.edge)});
+    size = std::max({size, 0.5 * (extent[axis] - from_low[axis]), 0.5 * (extent[axis] + from_low[axis] - cube.edge)});
   return size;
 }
 
@@ -438,10 +460,10 @@ double TestVolume::splat_size(std::size_t resolution, std::size_t point) const {
 }
 
 bool TestVolume::holds(std::size_t node, std::size_t point) const {
-  return begins_with(point_cells[point], cells[node]);
+  return begins_with(point_paths[point], node_paths[node]);
 }
 
-Cube cell_cube(const Cube& root, const CellPath& path) {
+Cube cube_of(const Cube& root, const NodePath& path) {
   Cube cube = root;
   for (const std::uint8_t octant : path) {
     cube.edge /= 2;
@@ -466,40 +488,24 @@ std::vector<dvec3> random_points(std::size_t count, std::uint32_t seed) {
 
 TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vector<std::vector<double>>& values,
                             const TestVolumeOptions& options) {
-  std::vector<CellPath> paths;
+  std::vector<NodePath> paths;
   for (const dvec3& p : positions) paths.push_back(path_of(p, options.cube));
   const std::vector<Level> levels = reduce(positions, paths, options);
   const Indices order = file_order(levels, paths);
-  Indices place(order.size());
-  for (std::uint32_t i = 0; i < order.size(); ++i) place[order[i]] = i;
+  Indices index_of(order.size());
+  for (std::uint32_t i = 0; i < order.size(); ++i) index_of[order[i]] = i;
 
   TestVolume volume;
   volume.position_error = options.position_error;
-  volume.info.cube = options.cube;
-  volume.info.points_per_chunk = options.points_per_chunk;
-  volume.info.leaf_points = options.leaf_points;
-  volume.info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
-  volume.info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
-  if (options.moments) {
-    volume.info.columns.push_back({format::ColumnKind::centroid, format::ColumnScope::resolution, -1});
-    volume.info.columns.push_back({format::ColumnKind::moments, format::ColumnScope::resolution, -1});
-    volume.info.size_bounds.push_back("moments");
-  }
-  for (int a = 0; a < static_cast<int>(values.size()); ++a) {
-    volume.info.columns.push_back({format::ColumnKind::value, format::ColumnScope::segment, a});
-    if (options.moments)
-      volume.info.columns.push_back({format::ColumnKind::value_moments, format::ColumnScope::resolution, a});
-    if (options.gradients)
-      volume.info.columns.push_back({format::ColumnKind::gradient, format::ColumnScope::segment, a});
-  }
+  volume.info = info_of(static_cast<int>(values.size()), options);
   for (const std::uint32_t i : order) {
     volume.positions.push_back(positions[i]);
-    volume.point_cells.push_back(paths[i]);
+    volume.point_paths.push_back(paths[i]);
   }
   for (const Level& level : levels) {
     volume.info.resolution_counts.push_back(level.points.size());
     auto& representatives = volume.representatives.emplace_back();
-    for (const std::uint32_t i : order) representatives.push_back(place[level.representatives[i]]);
+    for (const std::uint32_t i : order) representatives.push_back(index_of[level.representatives[i]]);
     auto& depths = volume.depths.emplace_back();
     auto& counts = volume.counts.emplace_back();
     for (std::size_t i = 0; i < level.points.size(); ++i) {

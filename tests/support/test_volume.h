@@ -1,4 +1,4 @@
-// A small volume made the slow and obvious way: an oracle for whatever reads or writes .svol files.
+// A small volume, made in the slow and obvious way: an oracle for readers and writers of .svol files.
 #pragma once
 
 #include <array>
@@ -16,12 +16,12 @@
 
 namespace splatvol::test {
 
-/// Octants from the root down: the first d of them name the cell of depth d that holds a point.
-using CellPath = std::vector<std::uint8_t>;
+/// Octants from the root down: the first d of them name the node of depth d that holds a point.
+using NodePath = std::vector<std::uint8_t>;
 
 struct TestVolumeOptions {
   std::uint32_t leaf_points = 8;     // N: most points in a leaf of the reduction's octree
-  std::size_t coarsest_points = 20;  // reduction stops at so few
+  std::size_t coarsest_points = 20;  // the reduction stops at this many or fewer
   std::size_t node_points = 40;      // most points in a leaf of the index
   std::uint32_t points_per_chunk = 64;
   double position_error = 0;  // world units; 0: exact
@@ -31,67 +31,70 @@ struct TestVolumeOptions {
   bool gradients = true;    // with the column gradient
 };
 
-/// A piece of a point's material, so small that it is somewhere and has one value of each attribute.
+/// A small part of a point's material, with one position and one value of each attribute.
 struct Parcel {
   dvec3 offset;               // from the point
   double mass;                // 0: none
   std::vector<float> stored;  // [attribute]; NaN: no value
 };
 
-/// Everything that a file holds, in file order, and the clusters that it only implies.
+/// Everything in a file, in file order, and the clusters, which are not in the file.
 struct TestVolume {
   format::VolumeInfo info;
   Tree tree;
-  std::vector<CellPath> cells;                              // [node]: the node's cell
-  std::vector<CellPath> point_cells;                        // [point]: 42 octants
-  std::vector<dvec3> positions;                             // [point], file order
-  std::vector<std::vector<float>> stored;                   // [attribute][point]
-  std::vector<std::vector<std::uint8_t>> depths, counts;    // [resolution][point < n_r]: the octant column
-  std::vector<std::vector<std::uint32_t>> representatives;  // [resolution][point]: which of the first n_r stands for it
+  std::vector<NodePath> node_paths;                       // [node]
+  std::vector<NodePath> point_paths;                      // [point]: 42 octants
+  std::vector<dvec3> positions;                           // [point], file order
+  std::vector<std::vector<float>> stored;                 // [attribute][point]
+  std::vector<std::vector<std::uint8_t>> depths, counts;  // [resolution][point < n_r]: the octant column
+  std::vector<std::vector<std::uint32_t>>
+      representatives;  // [resolution][point]: the one of the first n_r that stands for it
   double position_error = 0;
 
-  // Every point's own material is a handful of parcels, at random within an ellipsoid around the point; some points
-  // have a single one, some flat ones, some none. A splat's numbers are those of all the parcels of its cluster.
-  std::vector<std::vector<Parcel>> parcels;                               // [point]
-  std::vector<std::vector<dvec3>> centroids;                              // [resolution][point < n_r]
-  std::vector<std::vector<format::SplatShape>> shapes;                    // [resolution][point < n_r]
-  std::vector<std::vector<std::vector<format::SplatValue>>> signals;      // [attribute][resolution][point < n_r]
-  std::vector<std::vector<std::vector<format::ValueSummary>>> materials;  // likewise: what values the material takes
-  std::vector<std::vector<vec3>> gradients;                               // [attribute][point]: of any length, some 0
+  // The material of a point is a few parcels at random positions in an ellipsoid round the point. Some points have one
+  // parcel, some have parcels in a plane, some have none. The numbers of a splat are those of all parcels of its
+  // cluster.
+  std::vector<std::vector<Parcel>> parcels;                           // [point]
+  std::vector<std::vector<dvec3>> centroids;                          // [resolution][point < n_r]
+  std::vector<std::vector<format::SplatShape>> shapes;                // [resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::SplatValue>>> signals;  // [attribute][resolution][point < n_r]
+  std::vector<std::vector<std::vector<format::ValueSummary>>>
+      materials;                             // likewise: summary of the values of the material
+  std::vector<std::vector<vec3>> gradients;  // [attribute][point]: of any length, some 0
 
-  /// d of a splat: edge 2^-depth / cbrt(count).
+  /// Returns d of a splat: edge 2^-depth / cbrt(count).
   [[nodiscard]] double splat_size(std::size_t resolution, std::size_t point) const;
 
-  /// Size of a splat of the kernel moments in a node's cell (spec 6).
-  [[nodiscard]] double moments_size(std::size_t resolution, std::size_t point, const Cube& cell) const;
+  /// Returns the size of a splat of the kernel moments in a node with this cube (spec 6).
+  [[nodiscard]] double moments_size(std::size_t resolution, std::size_t point, const Cube& cube) const;
 
-  /// Half of the extent of a splat's ellipsoid, of half axes sqrt(12) deviations, along each axis.
+  /// Returns half of the extent along each axis of a splat's ellipsoid, whose half axes are sqrt(12) deviations.
   [[nodiscard]] dvec3 moments_extent(std::size_t resolution, std::size_t point) const;
 
-  /// Whether the node's cell holds the point.
+  /// Whether the node holds the point.
   [[nodiscard]] bool holds(std::size_t node, std::size_t point) const;
 };
 
-/// The cell that a path names.
-[[nodiscard]] Cube cell_cube(const Cube& root, const CellPath& path);
+/// Returns the cube of the node that a path names.
+[[nodiscard]] Cube cube_of(const Cube& root, const NodePath& path);
 
-/// Pseudo-random points in the unit cube: half of them uniform, half crowded into a small ball near a corner.
+/// Returns pseudo-random points in the unit cube: half of them uniform, half in a small ball near a corner.
 [[nodiscard]] std::vector<dvec3> random_points(std::size_t count, std::uint32_t seed);
 
-/// Builds a volume over points with values[attribute][point] (NaN: missing); attributes are named "a0", "a1", ...
+/// Builds a volume of points with values[attribute][point] (NaN: missing). Attributes are named "a0", "a1", ...
 /// Requires at least one point; time grows with the square of the number of points.
 [[nodiscard]] TestVolume make_test_volume(const std::vector<dvec3>& positions,
                                           const std::vector<std::vector<double>>& values,
                                           const TestVolumeOptions& options = {});
 
-/// A writer of the volume, with its index and before its first row.
+/// Makes a writer of the volume, with its index, before its first row.
 [[nodiscard]] Result<std::unique_ptr<format::VolumeWriter>> create_writer(const TestVolume& volume,
                                                                           const std::string& path);
 
 /// Writes the volume to `path` through format::VolumeWriter.
 [[nodiscard]] Status write_test_volume(const TestVolume& volume, const std::string& path);
 
-/// The bytes that write_test_volume writes; an empty vector where it fails.
+/// Returns the bytes that write_test_volume writes; none if it fails.
 [[nodiscard]] format::Bytes test_volume_bytes(const TestVolume& volume);
 
 }  // namespace splatvol::test

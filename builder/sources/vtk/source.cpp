@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/names.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/piece.h"
 #include "builder/sources/vtk/plot3d_reader.h"
@@ -22,12 +23,6 @@ tl::unexpected<Error> fail_no_point_data(const std::string& path, vtkDataSet& da
   if (names.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no point data", path);
   return fail(ErrorCode::invalid_data, "{}: the mesh has no point data, only cell data ({}), which is not supported",
               path, names);
-}
-
-std::string list_names(const std::vector<std::string>& names) {
-  std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list;
 }
 
 std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
@@ -52,7 +47,8 @@ class VtkSource final : public Source {
     const std::vector<VtkAttribute> all = attributes_of(*pending_);
     if (all.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
     available_ = names_of(all);
-    SPLATVOL_TRY(check_unique(available_));
+    if (const auto duplicate = find_duplicate(available_))
+      return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", data_sets_->path(), *duplicate);
     if (selection.empty()) attributes_ = all;
     for (const std::string& name : selection) {
       const auto attribute = std::ranges::find(all, name, &VtkAttribute::name);
@@ -83,25 +79,12 @@ class VtkSource final : public Source {
     return {};
   }
 
-  [[nodiscard]] Status check_unique(std::vector<std::string> names) const {
-    std::ranges::sort(names);
-    const auto twice = std::ranges::adjacent_find(names);
-    if (twice == names.end()) return {};
-    return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", data_sets_->path(), *twice);
-  }
-
   std::unique_ptr<VtkDataSets> data_sets_;
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   vtkSmartPointer<vtkDataSet> pending_;
 };
-
-tl::unexpected<Error> fail_missing(const std::string& path, const std::string& missing,
-                                   const std::vector<std::string>& available) {
-  return fail(ErrorCode::invalid_argument, "{}: no attribute \"{}\"; there are: {}", path, missing,
-              list_names(available));
-}
 
 }  // namespace
 
@@ -115,7 +98,7 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
   // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
   SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time));
-  return fail_missing(path, missing, all->attributes());
+  return fail_no_attribute(path, missing, all->attributes());
 }
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
@@ -124,7 +107,7 @@ Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::
   auto source = std::make_unique<VtkSource>(std::move(blocks));
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
-  if (!missing.empty()) return fail_missing(grid, missing, source->available());
+  if (!missing.empty()) return fail_no_attribute(grid, missing, source->available());
   return source;
 }
 
