@@ -20,9 +20,6 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
 /// "-" are no files.
 [[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
 
-/// For CLI11: refuses an empty text.
-[[nodiscard]] std::string check_not_empty(const std::string& text);
-
 /// A bar on stderr with the time left; prints nothing unless stderr is a terminal.
 class ProgressBar {
  public:
@@ -48,6 +45,12 @@ class ProgressBar {
 
 /// Reads a picture's size such as "640x480"; sides from 1 to 16384.
 [[nodiscard]] Result<std::array<int, 2>> parse_image_size(const std::string& text);
+
+/// Checks for CLI11's options. Each returns why it refuses the text; empty: it accepts.
+[[nodiscard]] std::string check_not_empty(const std::string& text);
+[[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
+[[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
+[[nodiscard]] std::string check_finite(const std::string& text);      // a number; text that is none counts as 0
 
 /// Seconds since an arbitrary fixed moment.
 [[nodiscard]] double seconds_now();

@@ -7,6 +7,7 @@
 #include "renderer/gl_objects.h"
 #include "viewer/events.h"
 
+struct ImDrawData;
 struct ImGuiContext;
 
 namespace splatvol {
@@ -32,6 +33,8 @@ class Gui {
  private:
   Gui() = default;
   [[nodiscard]] Status make_font(double scale);
+  [[nodiscard]] Status upload(const ImDrawData& data);
+  void set_state(const ImDrawData& data, int width, int height) const;
 
   ImGuiContext* context_ = nullptr;
   Program program_;

@@ -6,6 +6,8 @@
 #include <variant>
 #include <vector>
 
+#include "base/rotation.h"
+
 namespace splatvol {
 namespace {
 
@@ -38,10 +40,8 @@ struct Gaussian {
 constexpr double thinnest = 1e-4;  // of the largest deviation: a flat splat is still met
 
 Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin) {
-  const dvec3 q(splat.orientation);
-  const double w = std::sqrt(std::max(0.0, 1 - glm::dot(q, q)));
   const dvec3 deviations(splat.deviations);
-  return {origin + dvec3(splat.position), glm::mat3_cast(glm::dquat(w, q.x, q.y, q.z)),
+  return {origin + dvec3(splat.position), rotated_axes(splat.orientation),
           glm::max(deviations, dvec3(thinnest * deviations.x)), static_cast<double>(splat.mass),
           static_cast<double>(splat.value)};
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/http_source.h"
+#include "base/rotation.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
 
@@ -114,8 +115,8 @@ Status Session::find_bounds() {
       dvec3 center, half;
       if (const auto* moments = std::get_if<std::span<const MomentsSplat>>(&frame->data)) {
         const MomentsSplat& splat = (*moments)[i];
-        const dvec3 q(splat.orientation), d(splat.deviations);
-        const dmat3 axes = glm::mat3_cast(glm::dquat(std::sqrt(std::max(0.0, 1 - glm::dot(q, q))), q.x, q.y, q.z));
+        const dvec3 d(splat.deviations);
+        const dmat3 axes = rotated_axes(splat.orientation);
         center = dvec3(splat.position);
         for (int k = 0; k < 3; ++k) {
           const dvec3 row(axes[0][k], axes[1][k], axes[2][k]);

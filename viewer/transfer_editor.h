@@ -20,9 +20,12 @@ class TransferEditor {
 
  private:
   struct Area;
+  void draw_histogram(const Area& area, const TransferFunction& function, const format::Attribute& attribute,
+                      const std::array<std::uint64_t, 64>& histogram) const;
   void edit_densities(TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram);
   void edit_colors(TransferFunction& function);
+  void pick_color(TransferFunction& function) const;
 
   bool log_counts_ = true;
   bool log_opacity_ = false;

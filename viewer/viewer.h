@@ -37,22 +37,30 @@ class Viewer {
   [[nodiscard]] bool is_settled() const;
 
   [[nodiscard]] bool wants_to_close() const { return closing_; }
-  [[nodiscard]] const WindowResized& window() const { return window_; }
   [[nodiscard]] std::string title() const;
   [[nodiscard]] const Session* session() const { return session_.get(); }
 
  private:
+  static constexpr double panel_width = 336;  // at scale 1
+
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
   void handle(const Event& event);
   void handle_key(int code);
+  void handle_scene_key(int code);
+  void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
   void play(double seconds);
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
+  void draw_attribute_menu();
   void draw_view_section();
+  void draw_detail_controls();
+  void draw_lighting_controls();
+  void draw_camera_controls();
+  void draw_clip_box_controls();
   void draw_path_section();
   void draw_file_section();
   void draw_hud();
@@ -60,9 +68,9 @@ class Viewer {
   void draw_overlays();
   void draw_probe();
   void save(const std::string& what, const Status& status);
-  [[nodiscard]] Viewport viewport() const { return {place().width, place().height}; }
-  [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(place().left, 0); }
-  [[nodiscard]] PicturePlace place() const;
+  [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
+  [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
+  [[nodiscard]] PictureArea picture_area() const;
 
   std::unique_ptr<Gui> gui_;
   Screen screen_;

@@ -161,9 +161,7 @@ TEST(SceneToJson, ComesBackThroughParseScene) {
     EXPECT_EQ(back->background, scene.background);
     EXPECT_EQ(back->attribute, scene.attribute);
     EXPECT_EQ(back->lighting, scene.lighting);
-    EXPECT_EQ(back->transfer_function.lo, scene.transfer_function.lo);
-    EXPECT_EQ(back->transfer_function.hi, scene.transfer_function.hi);
-    EXPECT_EQ(back->transfer_function.table(64), scene.transfer_function.table(64));
+    EXPECT_EQ(back->transfer_function, scene.transfer_function);
   }
 }
 

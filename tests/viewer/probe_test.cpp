@@ -3,7 +3,6 @@
 
 #include <cmath>
 
-#include "viewer/color_maps.h"
 #include "viewer/probe.h"
 
 namespace splatvol {
@@ -85,23 +84,6 @@ TEST(Probe, SeesFlatSplatsAndOctants) {
       probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), 0, view_along_z(true), 100, 50);
   ASSERT_TRUE(round);
   EXPECT_EQ(round->value, 7);
-}
-
-TEST(ColorMaps, AreCompleteAndInRange) {
-  for (const ColorMap& map : color_maps()) {
-    EXPECT_EQ(map.colors.front().t, 0) << map.name;
-    EXPECT_EQ(map.colors.back().t, 1) << map.name;
-    for (std::size_t i = 0; i < map.colors.size(); ++i) {
-      EXPECT_TRUE(i == 0 || map.colors[i].t > map.colors[i - 1].t) << map.name;
-      for (int k = 0; k < 3; ++k) {
-        EXPECT_GE(map.colors[i].rgb[k], 0);
-        EXPECT_LE(map.colors[i].rgb[k], 1);
-      }
-    }
-    const auto twice = reversed(reversed(map.colors));
-    EXPECT_EQ(twice.front().rgb, map.colors.front().rgb);
-    EXPECT_EQ(reversed(map.colors).front().rgb, map.colors.back().rgb);
-  }
 }
 
 }  // namespace
