@@ -24,7 +24,7 @@ struct Options {
   bool json = false;
 };
 
-/// The whole input in one piece.
+/// The whole input.
 struct Mesh {
   std::vector<dvec3> points;
   std::vector<double> values;

@@ -21,7 +21,7 @@ namespace splatvol {
 
 namespace {
 
-// Names and texts in messages come from files: one line, and nothing that a terminal would obey.
+// Makes one line without control characters: names and texts in messages come from files.
 std::string one_line(std::string text) {
   std::ranges::replace_if(
       text, [](unsigned char c) { return c < 0x20 || c == 0x7f; }, '?');
@@ -43,7 +43,7 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
     return app.exit(error) == 0 ? 0 : 2;
   }
 
-  // Past a limit on file sizes, a write shall fail and be reported, not end the program in the middle of a file.
+  // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
   std::signal(SIGXFSZ, SIG_IGN);
   Status status;
   try {

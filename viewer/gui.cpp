@@ -47,7 +47,7 @@ constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImG
                                                                   {'V', ImGuiKey_V},
                                                                   {'X', ImGuiKey_X}}};
 
-// Dear ImGui takes events from 1.87 on, with these names from 1.89 on; before, there was nothing but state.
+// Dear ImGui takes events since 1.87, with these names since 1.89. Older versions have only state.
 #if IMGUI_VERSION_NUM >= 18900
 void feed(ImGuiIO& io, const PointerMoved& e) { io.AddMousePosEvent(float(e.x), float(e.y)); }
 void feed(ImGuiIO& io, const ButtonChanged& e) {
@@ -145,7 +145,7 @@ Status Gui::begin(const FrameInput& input, const WindowResized& window) {
   if (window.width > 0 && window.height > 0)
     io.DisplayFramebufferScale = ImVec2(static_cast<float>(window.pixel_width) / static_cast<float>(window.width),
                                         static_cast<float>(window.pixel_height) / static_cast<float>(window.height));
-  constexpr double shortest = 1e-4, longest = 1;  // seconds that Dear ImGui is made for
+  constexpr double shortest = 1e-4, longest = 1;  // seconds that Dear ImGui can handle
   io.DeltaTime = static_cast<float>(std::min(std::max(input.seconds, shortest), longest));
   for (const Event& event : input.events) std::visit([&](const auto& e) { feed(io, e); }, event);
   ImGui::NewFrame();

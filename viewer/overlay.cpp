@@ -19,7 +19,7 @@ struct Line {
   ImVec2 from, to;
 };
 
-// A segment's picture, cut off at the eye.
+// Projects a segment, cut off at the eye. None if it lies behind the eye.
 std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, const PictureArea& area) {
   dvec3 a = view.to_view(from), b = view.to_view(to);
   if (!view.orthographic) {
@@ -30,7 +30,7 @@ std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to
   }
   const auto at = [&](const dvec3& p) {
     const double f = view.focal / (view.orthographic ? 1 : p.z);
-    const double limit = 1e5;  // far outside of any window, and within single precision
+    const double limit = 1e5;  // outside of any window, but within single precision
     return ImVec2(static_cast<float>(area.left + area.unit_x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
                   static_cast<float>(area.unit_y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
   };

@@ -21,8 +21,8 @@ double largest_density(const TransferFunction& function) {
   return largest;
 }
 
-constexpr double decades = 4;  // that a logarithmic opacity shows
-constexpr float grip = 7;      // how near to a control point the pointer has to be, at scale 1
+constexpr double decades = 4;  // of a logarithmic opacity
+constexpr float grip = 7;      // farthest distance from the pointer to the control point that it takes, at scale 1
 
 }  // namespace
 

@@ -54,7 +54,7 @@ void Viewer::show(std::unique_ptr<Session> session) {
   playing_.reset();
 }
 
-// A scene goes with the volume that is open; anything else is taken for a volume.
+// A .json file is a scene for the volume that is open. Any other file is a volume.
 void Viewer::open(const std::string& path) {
   message_.clear();
   if (session_ && path.ends_with(".json")) {
@@ -74,7 +74,7 @@ void Viewer::open(const std::string& path) {
     message_ = session.error().message;
 }
 
-// Right of the panel; of at least one pixel.
+// Right of the panel, and at least one pixel wide.
 PictureArea Viewer::picture_area() const {
   PictureArea area;
   const double left = panel_ ? panel_width * window_.content_scale : 0;
@@ -180,7 +180,7 @@ void Viewer::handle_scene_key(int code) {
   }
 }
 
-// Keys that are held in fly mode.
+// Flies with the keys that are held.
 void Viewer::move_camera(const FrameInput& input) {
   if (!session_ || !flying_ || gui_->has_keyboard()) return;
   const auto axis = [&](int positive, int negative) {
@@ -255,7 +255,7 @@ void Viewer::draw_overlays() {
   if (probe_ && !drag_ && !gui_->has_pointer()) draw_probe();
 }
 
-// Beside the pointer. Follows the splats of the last frame.
+// Shows the probe beside the pointer, for the splats of the last frame.
 void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
   if (!frame || pointer_in_picture().x < 0) return;

@@ -1,4 +1,4 @@
-// The viewer, but for its window: events in, frames out.
+// The viewer without its window: events in, frames out.
 #pragma once
 
 #include <memory>
@@ -20,20 +20,20 @@ namespace splatvol {
 
 struct ViewerOptions {
   std::string volume;  // empty: none yet
-  std::string scene;   // empty: one that fits
+  std::string scene;   // empty: one that fits the data
   ViewSettings settings;
 };
 
-/// Needs the OpenGL 4.5 context that was current at `create`.
+/// Shows a volume and its controls. Needs the OpenGL 4.5 context that was current at `create`.
 class Viewer {
  public:
-  /// Fails where the volume or the scene that `options` name cannot be opened; later ones are told in the window.
+  /// Fails if the volume or the scene of `options` cannot be opened. Errors of later files appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
   /// Draws a frame into the framebuffer that is bound. The first input must begin with a WindowResized.
   [[nodiscard]] Status frame(const FrameInput& input);
 
-  /// Whether a frame without events would be the same; otherwise it wants another soon.
+  /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
   [[nodiscard]] bool is_settled() const;
 
   [[nodiscard]] bool wants_to_close() const { return closing_; }
@@ -77,7 +77,7 @@ class Viewer {
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
-  TransferFunction fitting_;                   // of the attribute that is shown
+  TransferFunction fitting_;                   // fits the attribute that is shown
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.
@@ -85,16 +85,16 @@ class Viewer {
   dvec2 pointer_{-1, -1};
   std::array<bool, 3> buttons_{};
   std::array<bool, key::count> keys_{};
-  std::optional<int> drag_;  // button, begun over the picture
+  std::optional<int> drag_;  // button of a drag that began over the picture
 
-  // What is shown besides the picture.
+  // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, box_ = false, scalar_bar_ = true, cut_ = false,
        probe_ = true;
   bool flying_ = false;
   bool closing_ = false;
-  int pending_frames_ = 0;  // the interface settles a frame after what changed it
+  int pending_frames_ = 0;  // the interface settles a frame after a change
   double frame_seconds_ = 0;
-  std::string message_;  // what went wrong last, or was saved
+  std::string message_;  // the last error, or the last file saved
 
   CameraPath path_;
   std::optional<double> playing_;  // seconds since its beginning

@@ -25,7 +25,7 @@ const float low_pass = 0.1;         // variance that the raster adds, squared pi
 const float faintest_depth = 3e-4;  // optical depth of the part that is cut
 const float widest_cut = 0.7;       // share of the squared radius that is cut off the faintest splat, at most
 const float least_depth = 1e-7;     // a splat that is fainter everywhere is left out
-const float nearest = 1.05;         // up to this multiple of the distance at which the eye's plane touches it, it is near
+const float nearest = 1.05;         // in distances at which the eye's plane touches it: a closer ellipsoid is near
 const float largest = 8.0;          // pictures; a larger outline makes it near too: clipping is not exact that far out
 const float most_change = 0.3;      // of |d'|^2 within the outline, for the far form
 const float smallest_float = 1e-30;
@@ -169,8 +169,8 @@ float peak_extinction(float low, float high) {
   return max(texelFetch(peak_table, first >> level, level).r, texelFetch(peak_table, end >> level, level).r);
 }
 
-// Returns the two k for which x = k z touches the ellipsoid's part in front of the eye; -1e30 or 1e30 for a side without
-// such a tangent. x, l_x and z, l_z: the centre's coordinates and rows of L.
+// Returns the two k for which x = k z touches the ellipsoid's part in front of the eye; -1e30 or 1e30 for a side
+// without such a tangent. x, l_x and z, l_z: the centre's coordinates and rows of L.
 vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
   // Roots of a k^2 - 2 b k + c.
   float a = z * z - dot(l_z, l_z);
@@ -375,8 +375,8 @@ void set_middle_form(Terms terms, inout Quad quad) {
   quad.middle_form[6] = vec4(terms.towards, terms.along.z);
 }
 
-// The middle form expanded to the second order: depth is proportional to |d| g^(-5/2). A boundary is expanded to the first
-// order; one that contains the line of sight is no sharper than a pixel.
+// The middle form expanded to the second order: depth is proportional to |d| g^(-5/2). A boundary is expanded to the
+// first order; one that contains the line of sight is no sharper than a pixel.
 void set_far_form(Terms terms, inout Quad quad) {
   Polynomial depth = scaled(product(power(terms.g_change, -2.5), power(terms.ray_change, 0.5)),
                             terms.depth * terms.ray * pow(terms.g, -2.5));

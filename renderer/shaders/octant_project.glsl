@@ -1,5 +1,5 @@
-// The paper's kernel, `octant`: a round Gaussian. Its centre is as opaque as a slab of the splat's thickness (Meredith and
-// Ma 2001, section 3.1).
+// The paper's kernel, `octant`: a round Gaussian. Its centre is as opaque as a slab of the splat's thickness (Meredith
+// and Ma 2001, section 3.1).
 
 struct OctantSplat {
   float x, y, z;  // relative to the batch's origin, world units
@@ -30,8 +30,8 @@ vec3 position_in_view(uint index) {
   return origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
 }
 
-// Sets the rectangle to the pixels whose centres lie inside a square round `centre`, of half width `cut`; false if there
-// are none. `scale`: world units that a length of 1 in the quad stands for. Next to the eye the square's bounds are
+// Sets the rectangle to the pixels whose centres lie inside a square round `centre`, of half width `cut`; false if no
+// pixel does. `scale`: world units that a length of 1 in the quad stands for. Next to the eye the square's bounds are
 // infinite until they are clamped.
 bool set_rectangle(vec3 centre, float cut, float pixel_size, float scale, inout Quad quad) {
   vec2 middle = 0.5 * frame.image_size;

@@ -1,8 +1,8 @@
 // Projects a run of splats, in the order in which they are drawn.
 layout(local_size_x = 64) in;
 
-// The last form that one of a run's quads needs draws the whole run. So commands[f] gets a count if a quad needs form f,
-// and keeps its instance only if no quad needs a later form.
+// The last form that one of a run's quads needs draws the whole run. So commands[f] gets a count if a quad needs form
+// f, and keeps its instance only if no quad needs a later form.
 struct DrawCommand {
   uint count, instances, first_index, base_vertex, base_instance;
 };

@@ -45,7 +45,7 @@ TEST(ColorMaps, TheShortOneIsCoolToWarm) {
   ASSERT_EQ(colors.size(), 5U);
   for (std::size_t i = 0; i < colors.size(); ++i) {
     EXPECT_EQ(colors[i].t, full.colors[2 * i].t);
-    EXPECT_LT(glm::distance(colors[i].rgb, full.colors[2 * i].rgb), 2e-4);  // one code of 8 bits is larger
+    EXPECT_LT(glm::distance(colors[i].rgb, full.colors[2 * i].rgb), 2e-4);  // less than one code of 8 bits
   }
 }
 

@@ -1,4 +1,4 @@
-// What lies under the pointer, against what is put there.
+// The probe under the pointer, for known splats.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -54,7 +54,7 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), 0,
                            view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
-  // Through the middle: mass over the Gaussian's area.
+  // A ray through the middle meets the mass over the Gaussian's area.
   const double depth = extinction * mass / (2 * 3.14159265358979 * deviation * deviation);
   EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-6);
 }
