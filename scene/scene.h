@@ -49,7 +49,7 @@ struct Scene {
   std::string attribute;
   TransferFunction transfer_function;
   std::optional<Lighting> lighting;
-  std::optional<Box> clip_box;  // only what lies inside is drawn
+  std::optional<Box> clip_box;  // only the inside is drawn
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

@@ -159,7 +159,8 @@ Status build(const Options& options) {
 void add_input_options(CLI::App& app, Options& options) {
   app.add_option("inputs", options.inputs,
                  "Meshes (.vtu, .pvtu, .vtk, ..., .e, .case, .foam, .cgns), voxels (.vdb), folders of them, points "
-                 "(.npy), a PLOT3D grid and its solution, or what svgen would make (gen:points:count=1e6)")
+                 "(.npy), a PLOT3D grid and its solution, or points or a mesh to generate, as svgen does "
+                 "(gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write")
@@ -208,8 +209,8 @@ void add_format_options(CLI::App& app, Options& options) {
 
 void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
-                 "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of what there is); the "
-                 "result is the same")
+                 "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
+                 "container's); the result is the same")
       ->type_name("SIZE")
       ->check(check_bytes);
   app.add_option("--temp", options.temp_folder, "Folder for temporary files (default: the folder of the output)")

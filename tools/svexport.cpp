@@ -126,7 +126,7 @@ void add_selection_options(CLI::App& app, Options& options) {
         return number > 0 && std::isfinite(number) ? std::string() : "'" + text + "' is not a size";
       });
   app.add_option("--memory", options.memory,
-                 "Bytes that the voxels may take, such as 2G (default: a quarter of what there is)")
+                 "Bytes that the voxels may take, such as 2G (default: a quarter of the machine's or container's)")
       ->type_name("SIZE")
       ->check(check_bytes);
   app.add_flag("--json", options.json, "Print the result as JSON");

@@ -91,7 +91,8 @@ void add_budget_options(CLI::App& app, RenderOptions& options) {
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();
-  app.add_option("--gpu-memory", options.gpu_memory, "Bytes that the renderer may hold on the graphics card; likewise")
+  app.add_option("--gpu-memory", options.gpu_memory,
+                 "Bytes that the renderer may hold on the graphics card, with the same effect")
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();

@@ -244,7 +244,7 @@ void add_recording_options(CLI::App& app, Options& options) {
           ->check(check_image_path);
   app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
       ->needs(replayed);
-  app.add_flag("--window", options.in_window, "Replay in a window all the same");
+  app.add_flag("--window", options.in_window, "Replay in a window");
   auto* path =
       app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
