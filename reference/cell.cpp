@@ -9,18 +9,18 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// Far above the rounding error of a projected coordinate on the screen, far below what costs time.
+/// Pixels. Far above the rounding error of a projected coordinate, and small enough to cost no time.
 constexpr double bounds_margin = 1e-6;
 
 constexpr int edges[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
-/// The vertices of the face opposite a vertex.
+/// The vertices of the face opposite each vertex.
 constexpr int faces[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 /// The edges ij, jk and ik of each face, whose vertices are i, j, k.
 constexpr int face_edges[4][3] = {{3, 5, 4}, {1, 5, 2}, {0, 4, 2}, {0, 3, 1}};
 
-/// For the signs of the six edges as bits (1: positive), the faces that the ray meets as bits.
+/// Returns the faces that the ray meets, as bits, for the signs of the six edges as bits (1: positive).
 constexpr std::array<unsigned char, 64> make_face_table() {
   std::array<unsigned char, 64> table{};
   for (int signs = 0; signs < 64; ++signs) {
@@ -37,14 +37,14 @@ constexpr std::array<unsigned char, 64> make_face_table() {
 
 constexpr std::array<unsigned char, 64> face_table = make_face_table();
 
-/// a d - b c with an error of a few units in the last place (Kahan).
+/// Returns a d - b c with an error of a few units in the last place (Kahan).
 double determinant(double a, double b, double c, double d) {
   const double p = a * d;
   const double q = b * c;
   return (p - q) + (std::fma(a, d, -p) - std::fma(b, c, -q));
 }
 
-/// What one image axis adds to the bounds: lowest and highest x / z (perspective) or x (orthographic).
+/// The bounds along one image axis: lowest and highest x / z (perspective) or x (orthographic).
 struct Extent {
   double low = infinity;
   double high = -infinity;
@@ -55,8 +55,8 @@ struct Extent {
   }
 };
 
-/// Extends the bounds for the edge from `front` (z > 0) to `back` (z <= 0): where it reaches the eye's plane, its
-/// projection runs to infinity, to the side on which it passes the eye.
+/// Extends the bounds for the edge from `front` (z > 0) to `back` (z <= 0). At the eye's plane its projection runs to
+/// infinity, to the side on which the edge passes the eye.
 void add_crossing_edge(const dvec3& front, const dvec3& back, Extent& x, Extent& y) {
   const int side_x = determinant_sign(back.x, back.z, front.x, front.z);
   const int side_y = determinant_sign(back.y, back.z, front.y, front.z);
@@ -64,7 +64,7 @@ void add_crossing_edge(const dvec3& front, const dvec3& back, Extent& x, Extent&
   if (side_y != 0) y.add(side_y * infinity);
 }
 
-/// First and last pixel whose centre lies in the extent, on an axis of `count` pixels.
+/// Returns the first and last pixel whose centre lies in the extent, on an axis of `count` pixels.
 std::array<int, 2> pixel_range(const Extent& extent, double focal, int count) {
   const double low = std::ceil(extent.low * focal + 0.5 * count - 0.5 - bounds_margin);
   const double high = std::floor(extent.high * focal + 0.5 * count - 0.5 + bounds_margin);
@@ -87,7 +87,8 @@ dvec3 gradient_direction(const CellCorners& corners, const std::array<double, 4>
   }
   if (size == 0 || rise == 0) return dvec3(0);
 
-  // The gradient times the cell's volume, so that flat cells divide by nothing; with sizes near 1 no product overflows.
+  // The gradient times the cell's volume: this needs no division, which a flat cell could not have. Sizes near 1 keep
+  // products from overflowing.
   for (int i = 0; i < 3; ++i) edges[i] /= size;
   rises /= rise;
   const dvec3 gradient = rises[0] * glm::cross(edges[1], edges[2]) + rises[1] * glm::cross(edges[2], edges[0]) +
@@ -127,7 +128,7 @@ int determinant_sign(double a, double b, double c, double d) {
   const double q = b * c;
   if (p != q) return p > q ? 1 : -1;
 
-  // The rounded products are equal; what rounding took from each is exact in one double.
+  // The rounded products are equal. The rounding error of each is one double, exactly.
   const double rest_p = std::fma(a, d, -p);
   const double rest_q = std::fma(b, c, -q);
   return (rest_p > rest_q) - (rest_p < rest_q);
@@ -140,7 +141,7 @@ bool CellCrosser::select_row(double b) {
 }
 
 int CellCrosser::edge_sign(int i, int j) const {
-  // E itself, then what changes it first when the ray turns to (a + e1, b + e2), e1 >> e2.
+  // E itself, then its largest change when the ray turns to (a + e1, b + e2), e1 >> e2.
   if (const int sign = determinant_sign(u_[i], w_[i], u_[j], w_[j])) return sign;
   if (const int sign = determinant_sign(w_[i], zeta(i), w_[j], zeta(j))) return sign;
   if (const int sign = determinant_sign(zeta(i), u_[i], zeta(j), u_[j])) return sign;
@@ -167,7 +168,7 @@ unsigned CellCrosser::faces_hit_exactly() const {
 CellCrosser::FaceHit CellCrosser::hit_face(int opposite) const {
   const auto [i, j, k] = faces[opposite];
 
-  // Barycentric weights; where the face is seen edge on, from the first turn of the ray that shows it.
+  // Barycentric weights. If the face is seen edge on, the first turn of the ray that shows it gives them.
   const auto weigh = [&](const auto& p, const auto& q) -> std::optional<FaceHit> {
     const double weight_i = determinant(p(j), q(j), p(k), q(k));
     const double weight_j = determinant(p(k), q(k), p(i), q(i));

@@ -1,4 +1,4 @@
-// One tetrahedron on the screen: where it may appear, and where a pixel's ray enters and leaves it.
+// One tetrahedron on the screen: the pixels that may show it, and the points where a pixel's ray enters and leaves it.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ struct PixelRectangle {
   [[nodiscard]] bool is_empty() const { return x0 > x1 || y0 > y1; }
 };
 
-/// A tetrahedron's vertices; in view coordinates where nothing else is said.
+/// A tetrahedron's vertices; in view coordinates unless a comment says otherwise.
 using CellCorners = std::array<dvec3, 4>;
 
 /// A pixel's ray: the points (a z, b z, z) in perspective and (a, b, z) in orthographic projection.
@@ -23,43 +23,43 @@ struct PixelRay {
   double a, b;
 };
 
-/// A ray's way through a tetrahedron; depths are view coordinates z, with the value at both ends.
+/// A ray's way through a tetrahedron: the depths (view coordinate z) and the values at both ends.
 struct Crossing {
   double enter, leave;
   double value_enter, value_leave;
 };
 
-/// The direction of the gradient of the value, which is linear in the tetrahedron, in the coordinates of `corners`:
-/// length 1; 0 where the value is constant or the corners lie in a line or a point. `values` belong to `corners`; both
-/// at most 1e100 in size.
+/// Returns the direction of the value's gradient in the tetrahedron, in the coordinates of `corners`: a vector of
+/// length 1, or 0 if the value is constant or the corners lie in a line or a point. `values` belong to `corners`; both
+/// are at most 1e100 in size.
 [[nodiscard]] dvec3 gradient_direction(const CellCorners& corners, const std::array<double, 4>& values);
 
-/// The ray through the centre of pixel (x, y).
+/// Returns the ray through the centre of pixel (x, y).
 [[nodiscard]] PixelRay pixel_ray(const View& view, int x, int y);
 
-/// The pixels whose rays may cross the part of the tetrahedron in front of the eye; empty where there is none.
-/// Never too small, also where the eye is inside, and at most a pixel too large.
+/// Returns the pixels whose rays may cross the part of the tetrahedron in front of the eye; empty if there is none.
+/// The rectangle is never too small, even with the eye inside, and at most a pixel too large.
 [[nodiscard]] PixelRectangle pixel_bounds(const View& view, const CellCorners& corners);
 
-/// The sign of a d - b c, without rounding error.
+/// Returns the sign of a d - b c, without rounding error.
 [[nodiscard]] int determinant_sign(double a, double b, double c, double d);
 
-/// The part of the ray's line inside the tetrahedron, behind the eye too.
+/// Finds the part of a ray's line inside the tetrahedron, behind the eye too.
 ///
-/// The vertices are sheared along the ray to (u, w): the ray becomes the line u = w = 0, and meets a face where the
-/// signs of E_ij = u_i w_j - u_j w_i agree around it. The signs are exact; those that are 0 are decided by an
-/// infinitely small turn of the ray, then by one of the eye. All cells see the same turn, so neighbours agree on their
-/// common face.
+/// The vertices are sheared along the ray to (u, w), so that the ray becomes the line u = w = 0. It meets a face if the
+/// signs of E_ij = u_i w_j - u_j w_i agree around the face. The signs are exact. An infinitely small turn of the ray
+/// decides those that are 0, then an infinitely small move of the eye. All cells see the same turn and move, so
+/// neighbours agree on their common face.
 class CellCrosser {
  public:
   /// `values` belong to `corners`.
   CellCrosser(bool orthographic, const CellCorners& corners, const std::array<double, 4>& values)
       : orthographic_(orthographic), corners_(corners), values_(values) {}
 
-  /// Chooses the row of pixels with this b; false where no ray of the row meets the cell.
+  /// Chooses the row of pixels with this b; false if no ray of the row meets the cell.
   [[nodiscard]] bool select_row(double b);
 
-  /// The crossing of the ray (a, b), with the row's b.
+  /// Returns the crossing of the ray (a, b), with the row's b; none if the ray misses the cell.
   [[nodiscard]] std::optional<Crossing> cross(double a);
 
  private:

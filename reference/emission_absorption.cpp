@@ -8,9 +8,9 @@ namespace splatvol {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double steps_per_domain = 512;
+constexpr double integration_steps_per_domain = 512;
 
-/// Integrals over a step of optical depth t, in u from 0 (front) to 1 (back).
+/// Integrals over an integration step of optical depth t, in u from 0 (front) to 1 (back).
 struct StepIntegrals {
   double opacity;     // t times the integral of exp(-t u)
   double ramp;        // t times the integral of u exp(-t u)
@@ -18,7 +18,7 @@ struct StepIntegrals {
 };
 
 StepIntegrals step_integrals(double t) {
-  // The closed forms cancel in thin steps; the first term left out here is below 1e-12 of the result.
+  // The closed forms cancel in thin integration steps; the first term left out here is below 1e-12 of the result.
   if (t < 0.01)
     return {t * (1 - t / 2 * (1 - t / 3 * (1 - t / 4 * (1 - t / 5)))),
             t * (1.0 / 2 - t * (1.0 / 3 - t * (1.0 / 8 - t * (1.0 / 30 - t / 144)))),
@@ -33,16 +33,14 @@ StepIntegrals step_integrals(double t) {
 vec4 RayLight::rgba() const { return vec4(color, -std::expm1(-depth)); }
 
 PiecewiseTransfer::PiecewiseTransfer(const TransferFunction& function)
-    : largest_step_((function.hi - function.lo) / steps_per_domain) {
+    : largest_step_((function.hi - function.lo) / integration_steps_per_domain) {
   const auto value_at = [&](double t) { return t == 1 ? function.hi : function.lo + t * (function.hi - function.lo); };
-  breaks_ = {function.lo, function.hi};
-  for (const auto& point : function.colors) breaks_.push_back(value_at(point.t));
-  for (const auto& point : function.densities) breaks_.push_back(value_at(point.t));
+  for (const double t : bends(function)) breaks_.push_back(value_at(t));
   std::ranges::sort(breaks_);
   const auto repeated = std::ranges::unique(breaks_);
   breaks_.erase(repeated.begin(), repeated.end());
 
-  // Two samples inside give the line of a piece, whatever the functions do at its ends.
+  // Two samples inside a piece give its line; at the ends the functions may jump.
   const auto sample = [&](double value) { return Sample{function.color(value), function.extinction(value)}; };
   const auto extend = [](const Sample& near, const Sample& far) {
     return Sample{glm::max(1.5 * near.rgb - 0.5 * far.rgb, dvec3(0)),

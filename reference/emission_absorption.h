@@ -7,12 +7,12 @@
 
 namespace splatvol {
 
-/// What a ray has gathered so far.
+/// The light that a ray has gathered so far.
 struct RayLight {
   dvec3 color{0};    // premultiplied
   double depth = 0;  // optical depth
   double transmittance = 1;
-  double lighting = 1;  // factor of the colour of what is added next
+  double lighting = 1;  // factor on the colours that are added next
 
   [[nodiscard]] vec4 rgba() const;
 };
@@ -22,9 +22,9 @@ class PiecewiseTransfer {
  public:
   explicit PiecewiseTransfer(const TransferFunction& function);
 
-  /// Adds a stretch of `length` > 0 world units behind what `light` holds; the value runs linearly from `front` to
-  /// `back` (both finite). dC = c(v) kappa(v) T ds in steps that span at most 1/512 of the domain; in each the
-  /// absorption is exact, and so is the emission where colour or extinction is constant.
+  /// Adds a stretch of `length` > 0 world units at the far end of `light`. The value runs linearly from `front` to
+  /// `back` (both finite). Integrates dC = c(v) kappa(v) T ds in integration steps that span at most 1/512 of the
+  /// domain. In each step the absorption is exact; the emission is exact if colour or extinction is constant.
   void add(double front, double back, double length, RayLight& light) const;
 
  private:

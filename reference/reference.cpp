@@ -22,13 +22,14 @@ namespace {
 
 constexpr int tile_side = 16;
 
-/// Segments that a thread holds at once; a tile with more is drawn in parts.
+/// Most segments that a thread holds at once; a tile with more is drawn in parts.
 constexpr std::size_t segment_limit = std::size_t{1} << 20;
 
-/// Segments for which a pixel's memory is kept for the next tile.
+/// Most segments for which a pixel keeps its memory for the next tile.
 constexpr std::size_t kept_capacity = 4096;
 
-/// Values beyond count as this one: far outside every scene's domain, and its products with areas do not overflow.
+/// Values beyond count as this one. It lies outside of every scene's domain, and its products with areas do not
+/// overflow.
 constexpr double largest_value = 1e100;
 
 Status check_mesh(const TetMesh& mesh) {
@@ -128,7 +129,8 @@ std::array<double, 4> CellProjection::values(std::size_t cell) const {
   return {value(a), value(b), value(c), value(d)};
 }
 
-/// The gradient's direction in view coordinates; from the world's, whose differences are exact far from the eye too.
+/// Returns the gradient's direction in view coordinates. Computed from world coordinates, whose differences are exact
+/// far from the eye too.
 dvec3 CellProjection::gradient(std::size_t cell) const {
   const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
   const CellCorners corners{mesh_.points[a], mesh_.points[b], mesh_.points[c], mesh_.points[d]};
@@ -136,7 +138,7 @@ dvec3 CellProjection::gradient(std::size_t cell) const {
   return {glm::dot(world, view_.right), glm::dot(world, view_.up), glm::dot(world, view_.forward)};
 }
 
-/// Length 1, in view coordinates.
+/// Returns the ray's direction in view coordinates, with length 1.
 dvec3 CellProjection::direction(const PixelRay& ray) const {
   return view_.orthographic ? dvec3(0, 0, 1) : glm::normalize(dvec3(ray.a, ray.b, 1));
 }
@@ -199,7 +201,7 @@ void CellProjection::draw_area(std::span<const std::uint32_t> cells, const Pixel
     gather_cell(cell, area, scratch);
     if (scratch.count <= segment_limit || width * height == 1) continue;
 
-    // Too much for one pass: halve the longer side and begin again.
+    // Too many segments for one pass: halve the longer side and begin again.
     PixelRectangle first = area;
     PixelRectangle second = area;
     if (width > height)
@@ -242,7 +244,7 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   }
 }
 
-/// The depths between which a ray is in front of the eye and in the clip box.
+/// Returns the depths between which a ray is in front of the eye and in the clip box.
 std::array<double, 2> CellProjection::visible_depths(const PixelRay& ray) const {
   double from = 0, to = std::numeric_limits<double>::infinity();
   if (!view_.clip_box) return {from, to};
@@ -270,7 +272,7 @@ vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segmen
   const auto [from, to] = visible_depths(ray);
   RayLight light;
   for (const Segment& segment : segments) {
-    // What is not visible is cut off here and not before, so that the order is that of the whole cells.
+    // The invisible part is cut off only here: the order above is the order of whole cells.
     const double enter = std::max(segment.enter, from), leave = std::min(segment.leave, to);
     if (!(enter < leave)) continue;
     const auto value_at = [&](double depth) {

@@ -35,16 +35,17 @@ struct ReferencePicture {
 /// Draws the exact picture of `scene` (its camera, image size and transfer function) through `mesh`.
 ///
 /// Every pixel's centre has one ray. It crosses each tetrahedron on at most one segment, along which the value is
-/// linear; dC = c(v) kappa(v) T ds is integrated along the segments in the order of their entry depths, in steps that
-/// span at most 1/512 of the transfer function's domain and no bend of it. Only what lies in front of the eye counts,
-/// in orthographic projection too. In a lit scene the colour on each segment is multiplied by the factor for the ray
-/// and the tetrahedron's gradient. Which tetrahedra a ray crosses is decided by exact arithmetic, so a ray inside a
-/// face, through an edge or a vertex counts once. Where tetrahedra overlap, all of them count.
+/// linear. dC = c(v) kappa(v) T ds is integrated along the segments in the order of their entry depths. An integration
+/// step spans at most 1/512 of the transfer function's domain and no bend of it. Only the part in front of the eye
+/// counts, in orthographic projection too. In a lit scene the colour on each segment is multiplied by the factor for
+/// the ray and the tetrahedron's gradient. Exact arithmetic decides which tetrahedra a ray crosses, so a ray inside a
+/// face, through an edge or a vertex counts once. All tetrahedra that overlap count.
 ///
-/// A tetrahedron with a vertex whose value or position is missing (not finite) contributes nothing. Coordinates
-/// relative to the eye are to be 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count as 1e100. The result
-/// does not depend on threads. Fails for an index out of range, arrays of unequal length, a degenerate camera, or too
-/// little memory: 24 bytes for each point, 20 to 30 for each tetrahedron, and about 100 MiB for each thread.
+/// A tetrahedron with a vertex whose value or position is missing (not finite) contributes nothing. Requires
+/// coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count as 1e100.
+/// The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each tetrahedron, and about 100
+/// MiB for each thread. Fails if memory is too small, an index is out of range, arrays differ in length, or the camera
+/// is degenerate.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});
 

@@ -18,7 +18,7 @@ struct Candidate {
   EGLDisplay display;
 };
 
-/// What EGL complains about, in its own words.
+/// Returns the name of EGL's last error.
 std::string egl_error() {
   switch (const EGLint code = eglGetError()) {
     case EGL_SUCCESS:
@@ -40,7 +40,7 @@ std::string egl_error() {
   }
 }
 
-/// Displays of the devices that are hardware. Mesa lists its software rasteriser as one more.
+/// Adds the displays of the devices that are hardware. Mesa lists its software rasteriser as one more device.
 void add_hardware(std::vector<Candidate>& candidates) {
   if (!epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_device") ||
       !epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_device_enumeration") ||
@@ -58,12 +58,12 @@ void add_hardware(std::vector<Candidate>& candidates) {
   }
 }
 
-/// The displays to try, best first: where a graphics card and Mesa's software are both there, the card draws.
+/// Returns the displays to try, best first: a graphics card comes before Mesa's software.
 std::vector<Candidate> candidate_displays() {
   std::vector<Candidate> candidates;
   add_hardware(candidates);
 
-  // The EXT entry point: through epoxy, the core one aborts where the client library is EGL 1.4.
+  // The EXT entry point: through epoxy, the core one aborts if the client library is EGL 1.4.
   if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
     candidates.push_back({"Mesa's surfaceless platform",
                           eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr)});
@@ -71,13 +71,13 @@ std::vector<Candidate> candidate_displays() {
   return candidates;
 }
 
-/// A current OpenGL 4.5 core context on an initialised display, or EGL's reason why there is none.
+/// Makes a current OpenGL 4.5 core context on an initialised display, or returns EGL's reason why there is none.
 tl::expected<EGLContext, std::string> make_context(EGLDisplay display) {
   if (!epoxy_has_egl_extension(display, "EGL_KHR_surfaceless_context"))
     return tl::unexpected<std::string>("no EGL_KHR_surfaceless_context");
   if (!eglBindAPI(EGL_OPENGL_API)) return tl::unexpected(egl_error());
 
-  // Surface type 0: a config that needs no surface at all; the default asks for windows.
+  // Surface type 0: a config that needs no surface. The default asks for windows.
   constexpr std::array<EGLint, 5> config_attributes{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
   EGLConfig config = nullptr;
   EGLint config_count = 0;
@@ -127,7 +127,7 @@ HeadlessContext::HeadlessContext(void* display, void* context)
       description_(fmt::format("{}, OpenGL {}", gl_text(GL_RENDERER), gl_text(GL_VERSION))) {}
 
 HeadlessContext::~HeadlessContext() {
-  // The display stays open: EGL has one for the whole process, which other contexts may be using.
+  // The display stays open: EGL shares it with the other contexts of the process.
   if (eglGetCurrentContext() == context_) eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   eglDestroyContext(display_, context_);
 }

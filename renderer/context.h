@@ -14,18 +14,18 @@ namespace splatvol {
 /// EGL's default display. The context is current in the thread that created it, and that thread must also destroy it.
 class HeadlessContext {
  public:
-  /// Creates a context and makes it current. Fails with ErrorCode::device where no platform gives one; the message
-  /// names what each of them answered.
+  /// Creates a context and makes it current. Fails with ErrorCode::device if no platform gives one; the message holds
+  /// the answer of each.
   [[nodiscard]] static Result<std::unique_ptr<HeadlessContext>> create();
   HeadlessContext(const HeadlessContext&) = delete;
   HeadlessContext& operator=(const HeadlessContext&) = delete;
   ~HeadlessContext();
 
-  /// What draws, for provenance: "GL_RENDERER, OpenGL GL_VERSION".
+  /// Returns the device and version for provenance: "GL_RENDERER, OpenGL GL_VERSION".
   [[nodiscard]] const std::string& description() const { return description_; }
 
  private:
-  // EGL's own handles, void pointers in its interface: its headers bring X11's macros, so they stay out of this one.
+  // EGLDisplay and EGLContext are void pointers. EGL's headers bring X11's macros, so they stay out of this header.
   HeadlessContext(void* display, void* context);
 
   void* display_;

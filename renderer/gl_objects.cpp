@@ -110,13 +110,13 @@ Result<Program> build_program(std::string_view name, std::initializer_list<Shade
   return fail(ErrorCode::device, "program of {} does not link: {}", name, first_line(std::move(log)));
 }
 
-Status check_gl(std::string_view place) {
-  // Only the first error matters; the rest is drained, so that the next check starts clean. A lost context could report
-  // errors forever: hence the bound.
+Status check_gl(std::string_view action) {
+  // Only the first error matters. The rest is drained, so that the next check starts clean. The bound is for a lost
+  // context, which could report errors forever.
   const GLenum first = glGetError();
   if (first == GL_NO_ERROR) return {};
   for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) continue;
-  return fail(ErrorCode::device, "{}: OpenGL reports {}", place, error_text(first));
+  return fail(ErrorCode::device, "{}: OpenGL reports {}", action, error_text(first));
 }
 
 }  // namespace splatvol

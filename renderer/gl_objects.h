@@ -14,7 +14,7 @@
 
 namespace splatvol {
 
-/// Owns one OpenGL name; needs the context that made it to be current when destroyed.
+/// Owns one OpenGL name. The context that made it must be current when it is destroyed.
 template <void (*Delete)(GLuint)>
 class GlObject {
  public:
@@ -46,24 +46,24 @@ using Framebuffer = GlObject<delete_framebuffer>;
 using VertexArray = GlObject<delete_vertex_array>;
 using Program = GlObject<delete_program>;
 
-/// Bytes of a buffer that the device's shaders can see.
+/// Returns the most bytes of one buffer that the device's shaders can see.
 [[nodiscard]] std::uint64_t largest_buffer();
 
-/// A buffer that grows when more is asked of it, and forgets its contents when it does.
+/// A buffer that grows on demand, and forgets its contents when it grows.
 class Buffer {
  public:
   /// `name` appears in messages.
   explicit Buffer(std::string name) : name_(std::move(name)) {}
 
-  /// Makes room for at least `bytes`; exactly as many where it must grow. Fails with ErrorCode::device where a shader
-  /// could not see that much of one buffer, or the device has no memory left.
+  /// Makes room for at least `bytes`; exactly as many if the buffer must grow. Fails with ErrorCode::device if a shader
+  /// could not see that many bytes of one buffer, or the device has no memory left.
   [[nodiscard]] Status reserve(std::size_t bytes);
 
   /// Replaces the first `bytes` bytes. Requires reserve(bytes) before.
   void write(const void* data, std::size_t bytes);
 
-  /// Lets the CPU write, or read, the first `bytes` > 0 bytes until unmap. What `map_to_write` gives is undefined until
-  /// written. Null where the device refuses.
+  /// Lets the CPU write, or read, the first `bytes` > 0 bytes until unmap. `map_to_write` returns undefined bytes:
+  /// write each of them. Null if the device refuses.
   [[nodiscard]] void* map_to_write(std::size_t bytes);
   [[nodiscard]] const void* map_to_read(std::size_t bytes);
   void unmap();
@@ -78,16 +78,16 @@ class Buffer {
   std::size_t bytes_ = 0;
 };
 
-/// One stage of a program: its kind, and the pieces of source that follow each other in it.
+/// One stage of a program: its kind, and its source in parts that follow each other.
 struct ShaderStage {
   GLenum kind;
   std::initializer_list<std::string_view> sources;
 };
 
-/// Compiles and links; a failure carries the first line of the driver's log and `name`.
+/// Compiles and links. An error carries the first line of the driver's log and `name`.
 [[nodiscard]] Result<Program> build_program(std::string_view name, std::initializer_list<ShaderStage> stages);
 
-/// ErrorCode::device where OpenGL has recorded an error since the last call; `place` says what was being done.
-[[nodiscard]] Status check_gl(std::string_view place);
+/// Fails with ErrorCode::device if OpenGL has recorded an error since the last call. `action` names the work at hand.
+[[nodiscard]] Status check_gl(std::string_view action);
 
 }  // namespace splatvol

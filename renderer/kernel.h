@@ -8,11 +8,11 @@
 
 namespace splatvol {
 
-/// How a kind of splat gets onto the screen: `project` turns splats into quads in drawing order, once for each splat
-/// and not for each corner; one of `forms` rasterises a run of them; `key` gives sorting what it needs.
+/// The programs that draw one kind of splat. `project` turns splats into quads in drawing order, once for each splat
+/// and not for each corner; one of `forms` rasterises a run of quads; `key` computes the keys for sorting.
 ///
-/// A kernel is, in GLSL, a struct Quad with empty_quad() and form_of(), functions project() and place(), a vertex and a
-/// fragment shader; and the layouts below.
+/// In GLSL a kernel consists of a struct Quad with empty_quad() and form_of(), of functions project() and
+/// position_in_view(), and of a vertex and a fragment shader. The layouts below belong to it too.
 struct Kernel {
   KernelKind kind;
   Program key;
@@ -26,7 +26,7 @@ struct Kernel {
 
 inline constexpr std::size_t most_forms = 3;
 
-/// Where each buffer is bound, as the shaders have it.
+/// The binding points of the buffers, as in the shaders.
 enum class Binding : GLuint { splats = 0, origins = 1, order = 2, keys = 3, quads = 4, runs = 5 };
 
 /// Locations of the uniforms of `key` and `project`.
@@ -39,7 +39,7 @@ inline constexpr GLint last = 3;
 inline constexpr GLint run = 4;
 }  // namespace location
 
-/// Invocations of a group of `key` and `project`.
+/// Invocations in a work group of `key` and `project`.
 inline constexpr std::size_t group_size = 64;
 
 /// A splat as the shaders read it.
@@ -50,7 +50,7 @@ struct Record {
 };
 static_assert(sizeof(Record<OctantSplat>) == 28 && sizeof(Record<MomentsSplat>) == 60);
 
-/// Needs a current context.
+/// Compiles the programs. Needs a current context.
 [[nodiscard]] Result<Kernel> make_kernel(KernelKind kind);
 
 }  // namespace splatvol

@@ -14,7 +14,7 @@ namespace splatvol {
 
 namespace {
 
-constexpr std::size_t peak_steps = 1024;
+constexpr std::size_t peak_entries = 1024;
 constexpr std::size_t quads_per_run = std::size_t{1} << 12;  // projected and drawn at a time
 
 /// FrameBlock of frame.glsl, laid out by std140.
@@ -29,14 +29,14 @@ struct alignas(16) FrameBlock {
 };
 static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
-/// As project.comp has them.
+/// DrawCommand of project.comp.
 struct DrawCommand {
   GLuint count = 0, instances = 1, first_index = 0, base_vertex = 0, base_instance = 0;
 };
 using Run = std::array<DrawCommand, most_forms>;
 static_assert(sizeof(Run) == 60);
 
-/// Seconds since the last call, or since its making.
+/// Measures the seconds between calls of `lap`; the first call counts from construction.
 class Stopwatch {
  public:
   double lap() {
@@ -52,7 +52,7 @@ void bind(const Buffer& buffer, Binding binding) {
   buffer.bind(GL_SHADER_STORAGE_BUFFER, static_cast<GLuint>(binding));
 }
 
-/// Runs a compute program over `count` elements from `first` on.
+/// Runs a compute program for `count` elements from `first` on.
 void dispatch(const Program& program, std::size_t first, std::size_t count) {
   glUseProgram(program.name());
   glUniform1ui(location::first, static_cast<GLuint>(first));
@@ -95,8 +95,8 @@ Result<std::unique_ptr<Renderer>> Renderer::create(KernelKind kind) {
 Renderer::Renderer(Kernel kernel, Upsampler upsampler) : kernel_(std::move(kernel)), upsampler_(std::move(upsampler)) {}
 
 Status Renderer::prepare_quads() {
-  // The same two triangles for every quad. Indices, so that each corner is computed once; and no instances, which
-  // rasterisers in software and hardware alike handle badly when they are this small.
+  // The same two triangles for every quad. With indices each corner is computed once. Instances would be slower: they
+  // are too small here, for rasterisers in software and in hardware.
   std::vector<std::uint32_t> indices;
   indices.reserve(6 * quads_per_run);
   for (std::uint32_t quad = 0; quad < quads_per_run; ++quad)
@@ -133,12 +133,12 @@ Status Renderer::set_transfer_function(const TransferFunction& function, double 
     glTextureStorage2D(name, 1, GL_RGBA32F, columns, rows);
     glCreateTextures(GL_TEXTURE_1D, 1, &name);
     peak_table_ = Texture(name);
-    glTextureStorage1D(name, std::bit_width(peak_steps), GL_R32F, peak_steps);
+    glTextureStorage1D(name, std::bit_width(peak_entries), GL_R32F, peak_entries);
   }
   glTextureSubImage2D(transfer_table_.name(), 0, 0, 0, columns, rows, GL_RGBA, GL_FLOAT, table.entries.data());
 
   GLint level = 0;
-  for (const std::vector<float>& peaks : make_peak_levels(function, peak_steps))
+  for (const std::vector<float>& peaks : make_peak_levels(function, peak_entries))
     glTextureSubImage1D(peak_table_.name(), level++, 0, static_cast<GLsizei>(peaks.size()), GL_RED, GL_FLOAT,
                         peaks.data());
   return check_gl("setting the transfer function");
@@ -152,12 +152,12 @@ std::uint64_t Renderer::max_splats() const {
 }
 
 std::uint64_t Renderer::max_splats(int width, int height, std::uint64_t gpu_bytes) const {
-  // The picture, the samples that it is made of where they are apart, and rows between the two.
+  // The picture; as much again for the samples and the rows between them, if samples are farther apart than pixels.
   const std::uint64_t picture = sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   const std::uint64_t table =
-      kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
+      kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
   const std::uint64_t fixed = 2 * picture + table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes();
-  // Its record, its key, its place in the order; a batch of its own at worst. And a run of quads for many.
+  // Its record, its key and its index in the order; at worst an origin of its own. And a share of a run of quads.
   const std::uint64_t each = kernel_.record_bytes + 2 * sizeof(std::uint32_t) + sizeof(vec4) + 1;
   return gpu_bytes > fixed ? std::min(max_splats(), (gpu_bytes - fixed) / each) : 0;
 }
@@ -205,7 +205,7 @@ Status Renderer::set_weights(std::span<const SplatBatch> batches) {
     return fail(ErrorCode::invalid_argument, "weights of {} batches for {}", batches.size(), batch_weights_.size());
   if (std::ranges::equal(batches, batch_weights_, {}, &SplatBatch::weight)) return {};
   std::ranges::transform(batches, batch_weights_.begin(), &SplatBatch::weight);
-  ordered_view_.reset();  // what is too faint to be drawn is not in the order
+  ordered_view_.reset();  // the order leaves out splats that are too faint to be drawn
   return {};
 }
 
@@ -302,7 +302,7 @@ Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort,
 Result<Renderer::Order> Renderer::order_along(int axis, const View& view, FrameTimes& times) {
   std::optional<Buffer>& order = axis_orders_[axis];
   if (!order) {
-    // As an eye in the middle of the batches would see them.
+    // The view of an eye in the middle of the batches.
     View along_axis{};
     along_axis.orthographic = true;
     for (const dvec3& origin : batch_origins_) along_axis.eye += origin / static_cast<double>(batch_origins_.size());
@@ -328,14 +328,14 @@ Result<std::size_t> Renderer::sort_keys(bool by_depth, Buffer& order, FrameTimes
   glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
   const auto* keys = static_cast<const std::uint32_t*>(keys_.map_to_read(bytes));
   if (!keys) return fail(ErrorCode::device, "sort keys: {} bytes of the GPU's memory cannot be mapped", bytes);
-  const std::span<const std::uint32_t> places = sorter_.sort({keys, splat_count_});
+  const std::span<const std::uint32_t> sorted = sorter_.sort({keys, splat_count_});
   keys_.unmap();
   times.sort += stopwatch.lap();
 
-  order.write(places.data(), places.size_bytes());
+  order.write(sorted.data(), sorted.size_bytes());
   SPLATVOL_TRY(check_gl("sorting"));
   times.upload += stopwatch.lap();
-  return places.size();
+  return sorted.size();
 }
 
 Status Renderer::prepare_runs(std::size_t count) {
@@ -352,15 +352,15 @@ void Renderer::draw_quads(const Order& order) const {
   glBlendEquation(GL_FUNC_ADD);
   glBlendFunc(GL_ONE, GL_ONE_MINUS_SRC_ALPHA);  // premultiplied over
   glBindVertexArray(vertex_array_.name());
-  if (order.places) bind(*order.places, Binding::order);
+  if (order.indices) bind(*order.indices, Binding::order);
   bind(quads_, Binding::quads);
   bind(runs_, Binding::runs);
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, runs_.object());
   const GLuint project = kernel_.project.name();
-  glProgramUniform1i(project, location::ordering, !order.places ? 0 : order.from_end ? -1 : 1);
+  glProgramUniform1i(project, location::ordering, !order.indices ? 0 : order.from_end ? -1 : 1);
   glProgramUniform1ui(project, location::last, static_cast<GLuint>(order.count - 1));
 
-  // Run by run through the same small buffer of quads: its size does not grow with the splats, and it stays in caches.
+  // Run by run through the same small buffer of quads: it stays in caches, and does not grow with the splats.
   for_each_run(order.count, [&](std::size_t first, std::size_t count) {
     const std::size_t run = first / quads_per_run;
     glProgramUniform1ui(project, location::run, static_cast<GLuint>(run));
@@ -396,7 +396,7 @@ Result<Image> Renderer::read_image() const {
 std::uint64_t Renderer::gpu_bytes() const {
   std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes();
   if (transfer_table_.name() != 0)
-    bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_steps * sizeof(float);
+    bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
   for (const std::optional<Buffer>& order : axis_orders_)
     if (order) bytes += order->bytes();
   for (const Buffer* buffer : {&splats_, &frame_, &origins_, &keys_, &order_, &runs_, &quads_, &quad_indices_})

@@ -1,4 +1,4 @@
-// How far samples of a picture may lie apart.
+// The distance between samples of a picture.
 #pragma once
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 
 namespace splatvol {
 
-/// Pixels between samples, for Renderer::draw: a twelfth of what a splat may cover loses next to nothing
-/// (docs/accuracy.md).
+/// Returns the pixels from one sample to the next, for Renderer::draw. A twelfth of the pixels that a splat may cover
+/// loses next to nothing (docs/accuracy.md).
 [[nodiscard]] inline int automatic_sample_spacing(const View& view, const DetailOptions& detail) {
   if (detail.resolution || detail.goal) return 1;
   const double covered = detail.tolerance_percent / 100 * std::min(view.width, view.height);

@@ -1,4 +1,4 @@
-// Sorting of what the GPU measured, on the CPU.
+// Sorting of keys on the CPU, which the GPU computed.
 #pragma once
 
 #include <cstdint>
@@ -7,14 +7,14 @@
 
 namespace splatvol {
 
-/// The key of an element that the order leaves out.
+/// The key of elements that the order leaves out.
 inline constexpr std::uint32_t hidden_key = 0xffffffff;
 
-/// Orders indices by rising key; equal keys keep their places. Keeps its memory between calls. Not thread-safe.
+/// Orders indices by rising key; equal keys keep their order. Keeps its memory between calls. Not thread-safe.
 class KeySorter {
  public:
-  /// Indices of the keys other than hidden_key, sorted; valid until the next call. At most 2^32 - 1 keys. Works in
-  /// parallel where that pays; the result does not depend on it.
+  /// Returns the indices of the keys other than hidden_key, sorted; valid until the next call. Takes at most 2^32 - 1
+  /// keys. Works in parallel for many keys; the result does not depend on threads.
   [[nodiscard]] std::span<const std::uint32_t> sort(std::span<const std::uint32_t> keys);
 
  private:

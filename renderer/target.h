@@ -1,4 +1,4 @@
-// What is drawn into. Internal to the renderer.
+// The framebuffer that splats are drawn into. Internal to the renderer.
 #pragma once
 
 #include <cstdint>
@@ -10,14 +10,14 @@ namespace splatvol {
 /// A picture in linear premultiplied RGBA, 32-bit float, with a framebuffer.
 class Target {
  public:
-  /// Makes it so large, in pixels, unless it is already. Fails where the device does not draw so large a picture; there
-  /// is none then.
+  /// Gives the picture this size in pixels, unless it has it already. Fails if the device does not draw pictures of
+  /// this size; then there is no picture.
   [[nodiscard]] Status resize(int width, int height);
 
   /// Sets every pixel to 0.
   void clear() const;
 
-  /// Makes it what is drawn into, all of it, without depth, stencil, culling or blending.
+  /// Directs drawing into the whole picture, without depth, stencil, culling or blending.
   void use() const;
 
   [[nodiscard]] GLuint texture() const { return color_.name(); }

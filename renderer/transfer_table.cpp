@@ -13,47 +13,6 @@ namespace {
 
 using glm::dvec4;
 
-/// A stretch of t = (value - lo) / (hi - lo) without control points inside: all is linear there.
-struct Piece {
-  double begin, end;
-  dvec4 at_begin, at_end;  // colour, extinction
-};
-
-/// The piecewise-linear function through `points` just before t: where two points share a t, the earlier one holds.
-template <class Point, class Value>
-Value before(const std::vector<Point>& points, Value Point::*value, double t) {
-  const auto next = std::ranges::lower_bound(points, t, {}, &Point::t);
-  if (next == points.begin()) return points.front().*value;
-  const Point& left = *(next - 1);
-  if (next == points.end()) return left.*value;
-  const double share = (t - left.t) / (next->t - left.t);
-  return left.*value * (1 - share) + (*next).*value * share;
-}
-
-/// The pieces of [0, 1] in order. Control points closer together than 1e-9 are a jump.
-std::vector<Piece> pieces(TransferFunction function) {
-  using Color = TransferFunction::Color;
-  using Density = TransferFunction::Density;
-  function.lo = 0;
-  function.hi = 1;
-  std::vector<double> bends{0, 1};
-  for (const Color& point : function.colors) bends.push_back(std::clamp(point.t, 0.0, 1.0));
-  for (const Density& point : function.densities) bends.push_back(std::clamp(point.t, 0.0, 1.0));
-  std::ranges::sort(bends);
-
-  std::vector<Piece> result;
-  double begin = 0;
-  for (std::size_t i = 1; i < bends.size(); ++i) {
-    if (bends[i] - begin < 1e-9) continue;
-    const double after = bends[i - 1];
-    result.push_back({begin, bends[i], dvec4(function.color(after), function.extinction(after)),
-                      dvec4(before(function.colors, &Color::rgb, bends[i]),
-                            before(function.densities, &Density::extinction, bends[i]))});
-    begin = bends[i];
-  }
-  return result;
-}
-
 /// Colour times extinction, and extinction, as a polynomial of t.
 struct Polynomial {
   dvec4 constant, linear, square;
@@ -61,20 +20,20 @@ struct Polynomial {
 
 class Averager {
  public:
-  explicit Averager(const TransferFunction& function) : pieces_(pieces(function)) {
+  explicit Averager(const TransferFunction& function) : pieces_(linear_pieces(function)) {
     double largest = 0;
-    for (const Piece& piece : pieces_) largest = std::max({largest, piece.at_begin.a, piece.at_end.a});
-    // Where nothing is opaque, the colour is that of something a billionth as opaque as the most opaque.
+    for (const LinearPiece& piece : pieces_) largest = std::max({largest, piece.at_begin.a, piece.at_end.a});
+    // Added to the extinction where colours are weighted, so that clear values have a colour too.
     least_ = largest > 0 ? 1e-9 * largest : 1;
 
-    const Piece& first = pieces_.front();
-    const Piece& last = pieces_.back();
+    const LinearPiece& first = pieces_.front();
+    const LinearPiece& last = pieces_.back();
     polynomials_.push_back(product({0, 1, first.at_begin, first.at_begin}));
-    for (const Piece& piece : pieces_) polynomials_.push_back(product(piece));
+    for (const LinearPiece& piece : pieces_) polynomials_.push_back(product(piece));
     polynomials_.push_back(product({0, 1, last.at_end, last.at_end}));
   }
 
-  /// Over values of this mean and spread, in t.
+  /// Returns the average over values of this mean and spread, in t.
   [[nodiscard]] vec4 operator()(double mean, double spread) const {
     dvec4 sum(0);
     Edge below{};
@@ -103,12 +62,12 @@ class Averager {
   }
 
  private:
-  /// Of the normal distribution at z: what lies below, its density, and z times this.
+  /// The normal distribution at z: its integral below z, its density, and z times the density.
   struct Edge {
     double below, density, slope;
   };
 
-  static Edge edge(const std::vector<Piece>& pieces, std::size_t i, double mean, double spread) {
+  static Edge edge(const std::vector<LinearPiece>& pieces, std::size_t i, double mean, double spread) {
     const double z = ((i < pieces.size() ? pieces[i].begin : pieces.back().end) - mean) / spread;
     if (z < -9) return {0, 0, 0};
     if (z > 9) return {1, 0, 0};
@@ -116,7 +75,7 @@ class Averager {
     return {0.5 * std::erfc(-z / std::numbers::sqrt2), density, z * density};
   }
 
-  [[nodiscard]] Polynomial product(const Piece& piece) const {
+  [[nodiscard]] Polynomial product(const LinearPiece& piece) const {
     const dvec4 slope = (piece.at_end - piece.at_begin) / (piece.end - piece.begin);
     const dvec4 start = piece.at_begin - slope * piece.begin;
     const dvec4 factor(start.a + least_, start.a + least_, start.a + least_, 1);
@@ -129,9 +88,9 @@ class Averager {
     return vec4(dvec4(glm::dvec3(sum) / (sum.a + least_), sum.a));
   }
 
-  std::vector<Piece> pieces_;
-  std::vector<Polynomial> polynomials_;  // before all pieces, of each, after all
-  double least_ = 0;                     // extinction
+  std::vector<LinearPiece> pieces_;
+  std::vector<Polynomial> polynomials_;  // one before the pieces, one for each, one after them
+  double least_ = 0;                     // extinction: a billionth of the largest
 };
 
 }  // namespace
@@ -157,16 +116,17 @@ TransferTable make_transfer_table(const TransferFunction& function, std::size_t 
   return table;
 }
 
-std::vector<std::vector<float>> make_peak_levels(const TransferFunction& function, std::size_t steps) {
-  std::vector<std::vector<float>> levels{std::vector<float>(steps)};
-  const auto count = static_cast<double>(steps);
-  for (const Piece& piece : pieces(function)) {
+std::vector<std::vector<float>> make_peak_levels(const TransferFunction& function, std::size_t entries) {
+  std::vector<std::vector<float>> levels{std::vector<float>(entries)};
+  const auto count = static_cast<double>(entries);
+  for (const LinearPiece& piece : linear_pieces(function)) {
     const double slope = (piece.at_end.a - piece.at_begin.a) / (piece.end - piece.begin);
     const auto at = [&](double t) { return static_cast<float>(piece.at_begin.a + slope * (t - piece.begin)); };
-    for (auto step = static_cast<std::size_t>(piece.begin * count); step < steps && step < piece.end * count; ++step) {
-      float& peak = levels[0][step];
-      peak = std::max({peak, at(std::max(piece.begin, static_cast<double>(step) / count)),
-                       at(std::min(piece.end, static_cast<double>(step + 1) / count))});
+    for (auto entry = static_cast<std::size_t>(piece.begin * count); entry < entries && entry < piece.end * count;
+         ++entry) {
+      float& peak = levels[0][entry];
+      peak = std::max({peak, at(std::max(piece.begin, static_cast<double>(entry) / count)),
+                       at(std::min(piece.end, static_cast<double>(entry + 1) / count))});
     }
   }
   while (levels.back().size() > 1) {

@@ -1,4 +1,4 @@
-// The transfer function as the kernels look it up. Internal to the renderer.
+// The tables in which the kernels look up the transfer function. Internal to the renderer.
 #pragma once
 
 #include <cstddef>
@@ -8,25 +8,25 @@
 
 namespace splatvol {
 
-/// A transfer function averaged over normally distributed values. Row j is for the spread (standard deviation)
-/// d (513^(j / (rows - 1)) - 1) / 64, d the domain's width: from 0 to 8 d, finely near 0. Column i is for the mean
+/// A transfer function averaged over normally distributed values. d is the domain's width. Row j is for the spread
+/// (standard deviation) d (513^(j / (rows - 1)) - 1) / 64: from 0 to 8 d, finely near 0. Column i is for the mean
 /// lo + d/2 + (d + 8 spread) (i / (columns - 1) - 1/2). A single row is the function itself.
 struct TransferTable {
   std::size_t columns;
   std::size_t rows;
-  std::vector<vec4> entries;  // row by row: colour, weighted with extinction, and extinction
+  std::vector<vec4> entries;  // row by row: colour (averaged with extinction as the weight), extinction
 
-  /// In units of the domain.
+  /// Return the spread and the mean of an entry, in units of the domain.
   [[nodiscard]] double spread(std::size_t row) const;
   [[nodiscard]] double mean(std::size_t row, std::size_t column) const;
 };
 
-/// Requires columns >= 2, rows >= 1, a function with control points and lo < hi. Exact to double precision.
+/// Averages the function. Requires columns >= 2, rows >= 1, control points and lo < hi. Exact to double precision.
 [[nodiscard]] TransferTable make_transfer_table(const TransferFunction& function, std::size_t columns,
                                                 std::size_t rows);
 
-/// The largest extinction in each of `steps` equal parts of the domain, `steps` a power of two; then in each pair of
-/// these, and so on, to one for all of it.
-[[nodiscard]] std::vector<std::vector<float>> make_peak_levels(const TransferFunction& function, std::size_t steps);
+/// Level 0: the largest extinction in each of `entries` equal parts of the domain, `entries` a power of two. Each
+/// further level merges pairs of the one before; the last has one entry.
+[[nodiscard]] std::vector<std::vector<float>> make_peak_levels(const TransferFunction& function, std::size_t entries);
 
 }  // namespace splatvol

@@ -7,10 +7,11 @@
 
 namespace splatvol {
 
-/// How many samples it takes for `pixels` along an axis: up to one beyond each end, so that all lie between samples.
+/// Returns how many samples `pixels` along an axis need: one beyond each end at most, so that all lie between samples.
 [[nodiscard]] constexpr int sample_count(int pixels, int spacing) { return (pixels + spacing - 1) / spacing + 2; }
 
-/// `view` with a sample instead of every `spacing` x `spacing` pixels; both have their middle in the same place.
+/// Returns `view` with one sample for every `spacing` x `spacing` pixels. The middle of the picture stays the same
+/// point.
 [[nodiscard]] View sampled_view(View view, int spacing);
 
 /// Interpolates a picture by cubics, one axis after the other.
@@ -19,10 +20,10 @@ class Upsampler {
   /// Needs a current context.
   [[nodiscard]] static Result<Upsampler> create();
 
-  /// Fills `picture` from samples of its sampled_view.
+  /// Fills `picture` from `samples`, a picture of its sampled_view.
   [[nodiscard]] Status run(const Target& samples, int spacing, const Target& picture);
 
-  /// Bytes of GPU memory held.
+  /// Returns the bytes of GPU memory held.
   [[nodiscard]] std::uint64_t bytes() const { return rows_.bytes(); }
 
  private:
@@ -31,7 +32,7 @@ class Upsampler {
   void pass(const Target& from, int axis, int spacing, const Target& to) const;
 
   Program program_;
-  VertexArray no_attributes_;  // drawing takes one, be it empty
+  VertexArray no_attributes_;  // empty, but OpenGL does not draw without one
   Target rows_;                // as wide as the samples, as high as the picture
 };
 

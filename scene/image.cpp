@@ -18,7 +18,7 @@ std::string lower_extension(const std::string& path) {
   return extension;
 }
 
-/// Like std::max, but a NaN wins and stays.
+/// Like std::max, but NaN counts as the largest.
 double max_or_nan(double a, double b) { return std::isnan(b) || b > a ? b : a; }
 
 }  // namespace
@@ -35,7 +35,7 @@ Status write_image(const std::string& path, const Image& image, dvec3 background
     return fail(ErrorCode::invalid_argument, "{}: {} x {} with {} pixels is no picture", path, image.width,
                 image.height, image.pixels.size());
 
-  // The whole file is made in memory: the codecs would hide a disk that is full.
+  // The file is made in memory first: the codecs would hide that a disk is full.
   const bool is_exr = lower_extension(path) == ".exr";
   const Result<std::string> bytes = is_exr ? encode_exr(image, provenance) : encode_png(image, background, provenance);
   if (!bytes) return fail_in(path, bytes.error());

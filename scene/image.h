@@ -22,25 +22,26 @@ struct Image {
 /// Written into the header of an EXR file (string attributes) or a PNG file (text chunks).
 using Provenance = std::map<std::string, std::string>;
 
-/// Writes .exr (channels R, G, B, A; 32-bit float) or .png (8 bits, the image over `background`, sRGB curve applied),
-/// by the extension of `path`. The file appears whole or not at all.
+/// Writes an .exr file (channels R, G, B, A; 32-bit float) or a .png file (8 bits, the image over `background`, with
+/// the sRGB curve); the extension of `path` says which. The file appears whole or not at all.
 [[nodiscard]] Status write_image(const std::string& path, const Image& image, dvec3 background,
                                  const Provenance& provenance);
 
-/// Whether write_image knows the extension of `path`: ask before work of minutes.
+/// Returns whether write_image knows the extension of `path`. Lets a program refuse before it works for minutes.
 [[nodiscard]] bool is_image_path(const std::string& path);
 
-/// Reads an EXR file with channels R, G, B and optionally A (1 where absent).
+/// Reads an EXR file with channels R, G, B and optionally A (1 if absent). Safe on untrusted files as far as OpenEXR
+/// is.
 [[nodiscard]] Result<Image> read_exr(const std::string& path);
 
 struct ImageDifference {
   double rmse;            // of linear premultiplied RGB, over all pixels and the three channels
-  double psnr;            // -20 log10(rmse), dB for a peak of 1; infinity where the pictures are equal
+  double psnr;            // -20 log10(rmse), dB for a peak of 1; infinity if the pictures are equal
   double max;             // largest absolute difference of a channel, alpha left out
   double mean_a, mean_b;  // mean of RGB
 };
 
-/// Fails where the sizes differ.
+/// Compares two pictures. Fails if their sizes differ or they are empty.
 [[nodiscard]] Result<ImageDifference> compare_images(const Image& a, const Image& b);
 
 }  // namespace splatvol

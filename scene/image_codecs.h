@@ -7,15 +7,15 @@
 
 namespace splatvol {
 
-/// An EXR file: scan lines, ZIP, 32-bit float R, G, B, A; provenance as string attributes.
+/// Encodes an EXR file: scan lines, ZIP, 32-bit float R, G, B, A; provenance as string attributes.
 /// Requires image.pixels.size() == width * height > 0.
 [[nodiscard]] Result<std::string> encode_exr(const Image& image, const Provenance& provenance);
 
-/// The inverse, for any EXR file that has R, G and B in full resolution. Safe on untrusted bytes as far as OpenEXR is;
-/// sides above 16384 are refused.
+/// Decodes any EXR file that has R, G and B in full resolution. Refuses sides above 16384. Safe on untrusted bytes as
+/// far as OpenEXR is.
 [[nodiscard]] Result<Image> decode_exr(const std::string& bytes);
 
-/// A PNG file: 8-bit RGB, sRGB; provenance as text chunks. Requires image.pixels.size() == width * height > 0.
+/// Encodes a PNG file: 8-bit RGB, sRGB; provenance as text chunks. Requires image.pixels.size() == width * height > 0.
 [[nodiscard]] Result<std::string> encode_png(const Image& image, dvec3 background, const Provenance& provenance);
 
 }  // namespace splatvol

@@ -39,7 +39,7 @@ class MemoryStream final : public Imf::IStream {
   std::uint64_t position_ = 0;
 };
 
-/// The slices of `image`, whose row 0 is the file's row `top` and whose column 0 is the file's column `left`.
+/// Describes `pixels` to OpenEXR. Their row 0 is the file's row `top`, their column 0 the file's column `left`.
 Imf::FrameBuffer frame_buffer(vec4* pixels, int width, int left, int top) {
   Imf::FrameBuffer buffer;
   constexpr std::size_t pixel_bytes = sizeof(vec4);

@@ -6,16 +6,14 @@
 #include <vector>
 
 #include "scene/image_codecs.h"
+#include "scene/srgb.h"
 
 namespace splatvol {
 namespace {
 
-/// The sRGB curve (IEC 61966-2-1) and rounding to 8 bits; NaN gives 0.
+/// Encodes a linear share of light in 8 bits; NaN gives 0.
 png_byte to_srgb8(double linear) {
-  if (!(linear > 0)) return 0;
-  if (linear >= 1) return 255;
-  const double curved = linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
-  return static_cast<png_byte>(std::lround(curved * 255));
+  return std::isnan(linear) ? png_byte{0} : static_cast<png_byte>(std::lround(srgb_of(linear) * 255));
 }
 
 std::vector<png_byte> to_rgb8(const Image& image, dvec3 background) {
@@ -40,7 +38,7 @@ std::vector<png_text> text_chunks(const Provenance& provenance) {
   return chunks;
 }
 
-/// What the encoder leaves behind: the file, or why there is none.
+/// The result of the encoder: the file, or the reason why there is none.
 struct PngOutput {
   std::string bytes;
   char message[128] = "";
@@ -67,7 +65,7 @@ void append_bytes(png_structp png, png_bytep data, std::size_t count) {
 
 void flush_nothing(png_structp) {}
 
-/// Runs the encoder; false after an error. Holds no object with a destructor, since libpng leaves it by longjmp.
+/// Runs the encoder; false after an error. libpng leaves this function by longjmp, so no local object has a destructor.
 bool run_encoder(png_structp png, png_infop info, const Image& image, const png_byte* rgb,
                  std::vector<png_text>& texts) {
   if (setjmp(png_jmpbuf(png))) return false;

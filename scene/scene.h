@@ -1,4 +1,4 @@
-// What to draw and from where: camera, image, attribute, transfer function; read from a scene file.
+// Scenes: camera, image, attribute and transfer function; read from a scene file.
 #pragma once
 
 #include <array>
@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "scene/transfer_function.h"
 
 namespace splatvol {
 
@@ -26,43 +27,13 @@ struct Camera {
   [[nodiscard]] bool operator==(const Camera&) const = default;
 };
 
-/// Colour and extinction as functions of the value, piecewise linear in t = (value - lo) / (hi - lo), clamped outside.
-/// A missing value (NaN) has extinction 0.
-struct TransferFunction {
-  struct Color {
-    double t;
-    dvec3 rgb;  // linear
-
-    [[nodiscard]] bool operator==(const Color&) const = default;
-  };
-  struct Density {
-    double t;
-    double extinction;  // per world length unit, >= 0
-
-    [[nodiscard]] bool operator==(const Density&) const = default;
-  };
-
-  double lo = 0;
-  double hi = 1;
-  std::vector<Color> colors;       // at least one, t not decreasing
-  std::vector<Density> densities;  // at least one, t not decreasing
-
-  [[nodiscard]] dvec3 color(double value) const;
-  [[nodiscard]] double extinction(double value) const;
-
-  /// (r, g, b, extinction) at `count` >= 2 equally spaced values from lo to hi, both included.
-  [[nodiscard]] std::vector<vec4> table(std::size_t count) const;
-
-  [[nodiscard]] bool operator==(const TransferFunction&) const = default;
-};
-
-/// A light at the eye: colours are multiplied by ambient + diffuse |cos a|, a between the ray and the value's gradient;
-/// by ambient + diffuse where there is no gradient.
+/// A light at the eye. It multiplies colours by ambient + diffuse |cos a|, where a is the angle between the ray and the
+/// value's gradient, and by ambient + diffuse where there is no gradient.
 struct Lighting {
   double ambient = 0.3;
   double diffuse = 0.7;
 
-  /// The factor, for vectors of length 1 along the ray and the gradient (0: none).
+  /// Returns the factor, for vectors of length 1 along the ray and the gradient (0: none).
   [[nodiscard]] double factor(dvec3 ray, dvec3 gradient) const {
     return ambient + diffuse * (gradient == dvec3(0) ? 1 : std::abs(glm::dot(ray, gradient)));
   }
@@ -78,23 +49,23 @@ struct Scene {
   std::string attribute;
   TransferFunction transfer_function;
   std::optional<Lighting> lighting;
-  std::optional<Box> clip_box;  // nothing outside of it is drawn
+  std::optional<Box> clip_box;  // only the inside is drawn
 };
 
-/// Reads a scene from JSON text; the error names the field that is missing or out of range.
+/// Reads a scene from JSON text. The error names the field that is missing or out of range.
 [[nodiscard]] Result<Scene> parse_scene(const std::string& json);
 
-/// Reads a scene file; the error begins with the path.
+/// Reads a scene file. The error begins with the path.
 [[nodiscard]] Result<Scene> load_scene(const std::string& path);
 
-/// The text of a scene file that parse_scene reads back as `scene`.
+/// Returns the text of a scene file that parse_scene reads back as `scene`.
 [[nodiscard]] std::string scene_to_json(const Scene& scene);
 
-/// A scene file's `camera` alone, of which make_view has a view.
+/// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would.
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
 
-/// The camera as a frame: view coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
+/// The camera as axes. View coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
 ///
 /// A view point (x, y, z) appears at pixels (f x / z + W / 2, f y / z + H / 2) in perspective and (f x + W / 2,
 /// f y + H / 2) in orthographic projection, counted from the lower left corner; pixel centres lie at halves.
@@ -105,7 +76,7 @@ struct View {
   bool orthographic = false;
   int width = 0;
   int height = 0;
-  std::optional<Box> clip_box;  // Scene's; make_view leaves it out
+  std::optional<Box> clip_box;  // of the scene; make_view(Camera) sets none
 
   [[nodiscard]] dvec3 to_view(dvec3 world) const {
     const dvec3 d = world - eye;
@@ -115,14 +86,14 @@ struct View {
   [[nodiscard]] bool operator==(const View&) const = default;
 };
 
-/// The octant (x + 2 y + 4 z) of a cell that is in front. Descending in i, the octants i ^ nearest_octant are back to
-/// front: whatever differs from the nearest on more axes is behind.
-[[nodiscard]] unsigned nearest_octant(const View& view, const Cube& cell);
+/// Returns the octant (x + 2 y + 4 z) of a node that is in front. Descending in i, the octants i ^ nearest_octant are
+/// back to front: an octant that differs from the nearest on more axes is farther away.
+[[nodiscard]] unsigned nearest_octant(const View& view, const Cube& node);
 
-/// Fails where the camera's axes are degenerate (position equals focal point, up along the line of sight).
+/// Fails if the camera's axes are degenerate: the position equals the focal point, or up lies along the line of sight.
 [[nodiscard]] Result<View> make_view(const Camera& camera, int width, int height);
 
-/// What a scene's camera sees of it.
+/// Returns the view of the scene's camera, with the scene's clip box.
 [[nodiscard]] Result<View> make_view(const Scene& scene);
 
 }  // namespace splatvol

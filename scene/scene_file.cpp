@@ -12,7 +12,7 @@ using nlohmann::json;
 constexpr int largest_image_side = 16384;
 constexpr double largest_number = 1e37;  // pictures are drawn in single precision
 
-/// A value of the file together with its place, so that every complaint names the field.
+/// A value of the file together with its path, so that every error names the field.
 class Field {
  public:
   Field(const json& value, std::string path) : value_(value), path_(std::move(path)) {}
@@ -142,7 +142,7 @@ Status read_size(const Field& scene, int& width, int& height) {
   return {};
 }
 
-/// The control points of one curve: rows of t and `channels` values that are not negative.
+/// Reads the control points of one curve: rows of t and `channels` values that are not negative.
 Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const char* name, std::size_t channels) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
   if (field.size() == 0) return field.wrong("not a list of control points");
@@ -237,7 +237,7 @@ std::string text_of(const nlohmann::ordered_json& document) {
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
-// What `read` makes of JSON text.
+// Parses JSON text and calls `read` with the document. Turns exceptions into errors.
 template <class Read>
 auto parse(const std::string& text, const Read& read) -> decltype(read(json())) try {
   return read(json::parse(text));

@@ -6,15 +6,15 @@
 namespace splatvol {
 namespace {
 
-/// Sine of the smallest angle between up and the line of sight that still gives a frame.
+/// Sine of the smallest angle between up and the line of sight that still gives axes.
 constexpr double smallest_tilt = 1e-9;
 
 bool is_finite(dvec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 }  // namespace
 
-unsigned nearest_octant(const View& view, const Cube& cell) {
-  const dvec3 towards_eye = view.orthographic ? -view.forward : view.eye - (cell.origin + 0.5 * cell.edge);
+unsigned nearest_octant(const View& view, const Cube& node) {
+  const dvec3 towards_eye = view.orthographic ? -view.forward : view.eye - (node.origin + 0.5 * node.edge);
   return (towards_eye.x > 0 ? 1u : 0u) | (towards_eye.y > 0 ? 2u : 0u) | (towards_eye.z > 0 ? 4u : 0u);
 }
 

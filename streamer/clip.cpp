@@ -6,6 +6,8 @@
 #include <limits>
 #include <numbers>
 
+#include "base/rotation.h"
+
 namespace splatvol {
 namespace {
 
@@ -27,10 +29,9 @@ struct Material {
 int signed_byte(std::uint32_t packed, int k) { return static_cast<std::int8_t>(packed >> 8 * k & 255); }
 
 Material unpack(const MomentsSplat& splat, const dvec3& origin) {
-  const dvec3 q(splat.orientation);
   Material m;
   m.center = origin + dvec3(splat.position);
-  m.axes = glm::mat3_cast(glm::dquat(std::sqrt(std::max(0.0, 1 - glm::dot(q, q))), q.x, q.y, q.z));
+  m.axes = rotated_axes(splat.orientation);
   m.deviations = dvec3(splat.deviations);
   m.mass = static_cast<double>(splat.mass);
   m.value = static_cast<double>(splat.value);

@@ -7,6 +7,8 @@
 #include <numeric>
 #include <tuple>
 
+#include "scene/color_maps.h"
+
 namespace splatvol {
 namespace {
 
@@ -16,13 +18,6 @@ constexpr double share_of_densest = 0.05;  // of the largest extinction; above i
 constexpr std::size_t fewest_visible = 50;
 constexpr double margin = 0.92;  // share of the image that the data may fill
 const dvec3 from_data_to_eye = glm::normalize(dvec3(0.5, 0.4, 0.8));
-
-// Moreland's diverging map, in linear RGB.
-const std::vector<TransferFunction::Color> cool_to_warm = {{0.00, {0.0437, 0.0723, 0.5271}},
-                                                           {0.25, {0.2664, 0.4342, 0.9911}},
-                                                           {0.50, {0.7230, 0.7230, 0.7230}},
-                                                           {0.75, {0.9047, 0.3231, 0.1981}},
-                                                           {1.00, {0.4564, 0.0012, 0.0194}}};
 
 // Optical depth of a ray through all of the data, at the value that is farthest from the most frequent one.
 constexpr double largest_optical_depth = 6;
@@ -172,7 +167,7 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   scene.attribute = chosen.name;
   TransferFunction& function = scene.transfer_function;
   std::tie(function.lo, function.hi) = choose_domain(chosen, histograms, a);
-  function.colors = cool_to_warm;
+  function.colors = short_cool_to_warm();
   function.densities = choose_densities(chosen, histograms, a, function);
 
   const std::vector<dvec3> points = find_visible(samples, function, chosen.offset);

@@ -9,7 +9,7 @@ BisectionMesh::BisectionMesh(dvec3 low, dvec3 high) {
   for (std::uint32_t corner = 0; corner < 8; ++corner)
     points_.emplace_back(corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y, corner & 4 ? high.z : low.z);
 
-  // From the lowest corner to the highest along three edges, in each order of the axes.
+  // Each tetrahedron follows three edges from the lowest corner to the highest, in one order of the axes.
   std::array<std::uint32_t, 3> axes = {1, 2, 4};
   do {
     elements_.push_back({{0, axes[0], axes[0] | axes[1], 7}, 3});

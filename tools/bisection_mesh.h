@@ -1,4 +1,4 @@
-// A box of tetrahedra that is refined where it is asked to, and stays conforming.
+// A box of tetrahedra that can be refined locally and stays conforming.
 #pragma once
 
 #include <array>
@@ -10,9 +10,9 @@
 
 namespace splatvol {
 
-/// Six Kuhn tetrahedra of a box, refined by Maubach's bisection (SIAM J. Sci. Comput. 16, 1995): every tetrahedron
-/// knows the edge to cut next, shapes fall into a few classes however deep it goes, and cutting on until no edge has a
-/// vertex in its middle always ends. Not thread-safe.
+/// Six Kuhn tetrahedra of a box, refined by Maubach's bisection (SIAM J. Sci. Comput. 16, 1995). Every tetrahedron
+/// knows the edge to cut next. Shapes fall into a few classes at any depth. Cutting on until no edge has a vertex in
+/// its middle always ends. Not thread-safe.
 class BisectionMesh {
  public:
   BisectionMesh(dvec3 low, dvec3 high);
@@ -20,11 +20,11 @@ class BisectionMesh {
   [[nodiscard]] const std::vector<dvec3>& points() const { return points_; }
   [[nodiscard]] std::size_t size() const { return elements_.size(); }
 
-  /// Vertices of a tetrahedron, in positive order.
+  /// Returns the vertices of a tetrahedron, in positive order.
   [[nodiscard]] std::array<std::uint32_t, 4> tetrahedron(std::size_t index) const;
 
-  /// Cuts every tetrahedron with marked[index] != 0 in two, and others as far as conformity asks for it. Indices
-  /// change; points keep theirs. Requires marked.size() == size().
+  /// Cuts every tetrahedron with marked[index] != 0 in two, and others as conformity requires. Indices of tetrahedra
+  /// change, indices of points stay. Requires marked.size() == size().
   void refine(const std::vector<char>& marked);
 
  private:
@@ -41,9 +41,9 @@ class BisectionMesh {
   std::vector<dvec3> points_;
   std::vector<Element> elements_;
 
-  // Of the refinement at hand: afterwards no tetrahedron has an edge that was cut.
-  std::unordered_map<std::uint64_t, std::uint32_t> middles_;  // of the edges that were cut
-  std::vector<char> on_cut_edge_;                             // of each point
+  // Edges that the present call of `refine` has cut. After the call no tetrahedron has such an edge.
+  std::unordered_map<std::uint64_t, std::uint32_t> middles_;  // by edge_key
+  std::vector<char> on_cut_edge_;                             // for each point
 };
 
 }  // namespace splatvol

@@ -19,10 +19,10 @@ dvec3 trefoil(double s) {
 }  // namespace
 
 DemoFlow::DemoFlow() {
-  const double step = 2 * std::numbers::pi / segment_count;
+  const double spacing = 2 * std::numbers::pi / segment_count;
   for (int i = 0; i < segment_count; ++i) {
-    const double s = (i + 0.5) * step;
-    knot_.push_back({trefoil(s), trefoil(s + step / 2) - trefoil(s - step / 2), 0.5 + 0.5 * std::sin(s)});
+    const double s = (i + 0.5) * spacing;
+    knot_.push_back({trefoil(s), trefoil(s + spacing / 2) - trefoil(s - spacing / 2), 0.5 + 0.5 * std::sin(s)});
   }
 }
 

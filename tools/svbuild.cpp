@@ -45,7 +45,7 @@ Reduction reduction_of(const std::string& name) {
   return Reduction::octree;
 }
 
-// One bar at a time: a new stage replaces the last one's.
+// The bar of the present stage.
 class StageBar {
  public:
   explicit StageBar(std::uint64_t points) : points_(points) {}
@@ -109,14 +109,7 @@ void print_text(const Options& options, const Source& source, const BuildReport&
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
-Status build(const Options& options) {
-  const double start = seconds_now();
-  std::unique_ptr<tbb::global_control> limit;
-  if (options.threads > 0)
-    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
-
-  SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
+Result<BuildOptions> build_options_of(const Options& options) {
   BuildOptions build_options;
   build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
@@ -128,18 +121,33 @@ Status build(const Options& options) {
     build_options.memory = memory;
   }
   build_options.temp_folder = options.temp_folder;
-  // The allocator keeps what was freed for the next who asks; this makes it give back what is more.
-  scalable_allocation_mode(TBBMALLOC_SET_SOFT_HEAP_LIMIT, static_cast<std::intptr_t>(build_options.memory / 2));
-  scalable_allocation_mode(TBBMALLOC_USE_HUGE_PAGES, 1);  // where the system has them: a twentieth faster
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
+  return build_options;
+}
 
+// The allocator keeps freed memory for later. Above this limit it gives the memory back to the system.
+void limit_allocator(std::uint64_t memory) {
+  scalable_allocation_mode(TBBMALLOC_SET_SOFT_HEAP_LIMIT, static_cast<std::intptr_t>(memory / 2));
+  scalable_allocation_mode(TBBMALLOC_USE_HUGE_PAGES, 1);  // where the system has them: a twentieth faster
+}
+
+Status build(const Options& options) {
+  const double start = seconds_now();
+  std::unique_ptr<tbb::global_control> limit;
+  if (options.threads > 0)
+    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
+
+  SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
+  SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
+  limit_allocator(build_options.memory);
   StageBar bar(source->point_count().value_or(0));
   auto report = build_volume(*source, options.output, build_options,
                              [&](const char* stage, double fraction) { bar.update(stage, fraction); });
   bar.clear();
   if (!report) {
-    // Errors of the output name it; those of the data need the input's name.
+    // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(options.output) ||
                        report.error().message.find(options.inputs[0]) != std::string::npos;
     return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
@@ -149,39 +157,35 @@ Status build(const Options& options) {
   return {};
 }
 
-}  // namespace
-}  // namespace splatvol
-
-int main(int argc, char** argv) {
-  splatvol::Options options;
-  CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
+void add_input_options(CLI::App& app, Options& options) {
   app.add_option("inputs", options.inputs,
                  "Meshes (.vtu, .pvtu, .vtk, ..., .e, .case, .foam, .cgns), voxels (.vdb), folders of them, points "
-                 "(.npy), a PLOT3D grid and "
-                 "its solution, or what "
-                 "svgen would make (gen:points:count=1e6)")
+                 "(.npy), a PLOT3D grid and its solution, or points or a mesh to generate, as svgen does "
+                 "(gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write")
       ->required()
       ->type_name("OUT.svol")
-      ->check(splatvol::check_not_empty);
+      ->check(check_not_empty);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")
-      ->check(splatvol::check_not_empty)
+      ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
-  app.add_option(
-         "--reduction", options.reduction,
-         "How coarser resolutions are chosen: octree (a point of each leaf, about a third), mis (an independent "
-         "set of the points' Delaunay triangulations, about a sixth; slow), kdtree (a point of each part of "
-         "halves of halves, about a sixth)")
+}
+
+void add_reduction_options(CLI::App& app, Options& options) {
+  app.add_option("--reduction", options.reduction,
+                 "How coarser resolutions are chosen: octree (a point of each leaf, about a third), mis (an "
+                 "independent set of the points' Delaunay triangulations, about a sixth; slow), kdtree (a point of "
+                 "each bucket of a k-d tree, about a sixth)")
       ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree or k-d tree, at least 8")
       ->check(CLI::Range(1u, 65536u))
       ->check([](const std::string& text) {
         const bool enough = std::strtoul(text.c_str(), nullptr, 0) >= 8;
-        return enough ? "" : "with fewer than 8, a split cell could keep a point in each octant and lose none";
+        return enough ? "" : "with fewer than 8, a split node could keep a point in each octant and lose none";
       })
       ->capture_default_str();
   app.add_option("--connectivity", options.connectivity,
@@ -190,27 +194,43 @@ int main(int argc, char** argv) {
                  "points alone)")
       ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none"}))
       ->capture_default_str();
+}
+
+void add_format_options(CLI::App& app, Options& options) {
   app.add_option("--columns", options.columns,
                  "Names of the columns of .npy files, commas between: x, y and z are the position, _ is left out "
                  "(default: x,y,z,value)")
       ->delimiter(',')
       ->type_name("NAME,...");
   app.add_option("--time", options.time,
-                 "Of an input with time steps (Exodus, EnSight, OpenFOAM, CGNS) the one nearest to this time (default: "
-                 "the last)")
+                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS): take the step nearest to this time "
+                 "(default: the last)")
       ->type_name("T");
+}
+
+void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
-                 "Bytes to hold, such as 2G, beside a piece of the input (default: a quarter of what there is); the "
-                 "result is the same")
+                 "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
+                 "container's); the result is the same")
       ->type_name("SIZE")
-      ->check([](const std::string& text) {
-        const auto bytes = splatvol::parse_bytes(text);
-        return bytes ? std::string() : bytes.error().message;
-      });
-  app.add_option("--temp", options.temp_folder, "Folder for what does not fit (default: where the output goes)")
+      ->check(check_bytes);
+  app.add_option("--temp", options.temp_folder, "Folder for temporary files (default: the folder of the output)")
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
   app.add_flag("--json", options.json, "Print the result as JSON");
-  return splatvol::run_tool(app, argc, argv, [&] { return splatvol::build(options); });
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  Options options;
+  CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
+  add_input_options(app, options);
+  add_reduction_options(app, options);
+  add_format_options(app, options);
+  add_machine_options(app, options);
+  return run_tool(app, argc, argv, [&] { return build(options); });
 }

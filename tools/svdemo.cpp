@@ -1,4 +1,4 @@
-// svdemo: the demo's input, a knotted vortex on a mesh that is fine where the flow varies, and a scene to see it by.
+// svdemo: the demo's input: a knotted vortex on a mesh that is fine where the flow varies, and a scene that shows it.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -18,15 +18,15 @@ namespace {
 struct Demo {
   BisectionMesh mesh{DemoFlow::low, DemoFlow::high};
   DemoFlow flow;
-  std::vector<FlowSample> samples;  // of each point
+  std::vector<FlowSample> samples;  // one for each point
 
   void sample_new_points() {
     for (std::size_t i = samples.size(); i < mesh.points().size(); ++i) samples.push_back(flow.at(mesh.points()[i]));
   }
 };
 
-/// How badly a tetrahedron wants refinement: what vorticity and temperature vary within it, times its size, so that
-/// the largest cells go first where the flow varies alike.
+/// Returns how urgently each tetrahedron needs refinement: the variation of vorticity and temperature within it, times
+/// its size. So of cells with the same variation, the largest go first.
 std::vector<float> indicators(const Demo& demo) {
   double strongest = 0;
   for (const FlowSample& sample : demo.samples) strongest = std::max(strongest, sample.vorticity);
@@ -49,7 +49,7 @@ std::vector<float> indicators(const Demo& demo) {
   return result;
 }
 
-/// Marks the `count` tetrahedra that want it most.
+/// Marks the `count` tetrahedra with the largest indicators.
 std::vector<char> mark_worst(const std::vector<float>& indicator, std::size_t count) {
   std::vector<std::uint32_t> order(indicator.size());
   for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
@@ -73,7 +73,7 @@ Demo make_demo(std::size_t points) {
   ProgressBar progress("refining");
   while (demo.mesh.points().size() < points) {
     progress.update(static_cast<double>(demo.mesh.points().size()) / static_cast<double>(points));
-    // About six tetrahedra share a new point; small steps near the end keep close to the number that was asked for.
+    // About six tetrahedra share a new point. Near the end few are cut at a time, to end close to the wanted number.
     const std::size_t missing = points - demo.mesh.points().size();
     const std::size_t count = std::clamp<std::size_t>(2 * missing, 1, std::max<std::size_t>(1, demo.mesh.size() / 5));
     demo.mesh.refine(mark_worst(indicators(demo), count));
@@ -132,7 +132,7 @@ int main(int argc, char** argv) {
   std::string scene_path;
   std::size_t points = 100000;
   auto* mesh_option = app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)");
-  app.add_option("--points", points, "About how many points it gets")
+  app.add_option("--points", points, "Approximate number of points")
       ->check(CLI::Range(1000, 100'000'000))
       ->capture_default_str();
   auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)");

@@ -1,4 +1,4 @@
-// svdiff: how far two pictures are apart.
+// svdiff: the difference between two pictures.
 #include <nlohmann/json.hpp>
 
 #include "scene/image.h"

@@ -26,7 +26,7 @@ struct Options {
   [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
 };
 
-// What CLI11 cannot tell from one option alone.
+// Checks the options against each other: CLI11 sees only one option at a time.
 void check_usage(const Options& options) {
   if (!options.is_vdb() && !options.output.ends_with(".vtu"))
     throw CLI::ValidationError("--output", "must end in .vdb or .vtu");
@@ -91,25 +91,24 @@ Status run_export(const Options& options) {
   return {};
 }
 
-}  // namespace
-}  // namespace splatvol
-
-int main(int argc, char** argv) {
-  splatvol::Options options;
-  CLI::App app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
+void add_file_options(CLI::App& app, Options& options) {
   app.add_option("file", options.file, "The file, or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
-  app.add_option("-o,--output", options.output,
-                 "The file to write: .vdb: grids of the attributes and of the share of each voxel that is material; "
-                 ".vtu: points with values and what each of them stands for: mass, centroid, covariance; for each "
-                 "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
-                 "\"A gradient direction\", the file's own, at the point")
+  app.add_option(
+         "-o,--output", options.output,
+         "The file to write. .vdb: a grid of each attribute, and one of the share of each voxel that is material. "
+         ".vtu: points with their values, and the mass, centroid and covariance of their material; for each "
+         "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
+         "the gradient direction that the file stores for the point, \"A gradient direction\"")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu")
-      ->check(splatvol::check_not_empty);
+      ->check(check_not_empty);
+}
+
+void add_selection_options(CLI::App& app, Options& options) {
   app.add_option("--attribute", options.attributes, "An attribute to export; repeatable (default: all)")
-      ->check(splatvol::check_not_empty)
+      ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")
@@ -119,10 +118,7 @@ int main(int argc, char** argv) {
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")
       ->delimiter(',')
       ->expected(6)
-      ->check([](const std::string& text) {
-        const double number = std::strtod(text.c_str(), nullptr);
-        return std::isfinite(number) ? std::string() : "'" + text + "' is not a number";
-      });
+      ->check(check_finite);
   app.add_option("--voxel", options.voxel, "Edge of a voxel, in the data's units; for .vdb")
       ->type_name("SIZE")
       ->check([](const std::string& text) {
@@ -130,13 +126,21 @@ int main(int argc, char** argv) {
         return number > 0 && std::isfinite(number) ? std::string() : "'" + text + "' is not a size";
       });
   app.add_option("--memory", options.memory,
-                 "Bytes that the voxels may take, such as 2G (default: a quarter of what there is)")
+                 "Bytes that the voxels may take, such as 2G (default: a quarter of the machine's or container's)")
       ->type_name("SIZE")
-      ->check([](const std::string& text) {
-        const auto bytes = splatvol::parse_bytes(text);
-        return bytes ? std::string() : bytes.error().message;
-      });
+      ->check(check_bytes);
   app.add_flag("--json", options.json, "Print the result as JSON");
-  app.callback([&] { splatvol::check_usage(options); });
-  return splatvol::run_tool(app, argc, argv, [&] { return splatvol::run_export(options); });
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  using namespace splatvol;
+  Options options;
+  CLI::App app("Exports a .svol file to voxels (.vdb, for OpenVDB) or points (.vtu, for VTK)", "svexport");
+  add_file_options(app, options);
+  add_selection_options(app, options);
+  app.callback([&] { check_usage(options); });
+  return run_tool(app, argc, argv, [&] { return run_export(options); });
 }

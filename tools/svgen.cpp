@@ -1,4 +1,4 @@
-// svgen: point sets and meshes of any size, made up, to try splatvol and other programs on.
+// svgen: makes point sets and meshes of any size, to test splatvol and other programs.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -45,7 +45,7 @@ Status for_each_piece(Source& source, const std::function<Status(const Piece&, s
   }
 }
 
-/// The header of an array of rows of x, y, z and a value, in .npy version 1.0; padded, so that the numbers are aligned.
+/// Returns the .npy header (version 1.0) of an array with rows of x, y, z and a value. Padding aligns the numbers.
 std::string npy_header(std::uint64_t rows, bool float32) {
   std::string text =
       fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}, 4), }}", float32 ? "<f4" : "<f8", rows);
@@ -84,10 +84,10 @@ Status write_points(const Options& options) {
   return file.commit();
 }
 
-/// A folder that gets its name only when it is complete; without commit, it goes as it came.
+/// A folder that gets its name only when it is complete. Without commit, it is removed.
 class AtomicFolder {
  public:
-  /// Fails where there is something of that name other than an empty folder, or it cannot be made.
+  /// Fails if `path` is there and no empty folder, or if it cannot be made.
   static Result<AtomicFolder> create(const std::string& path) {
     std::error_code error;
     if (fs::exists(path, error) && !(fs::is_directory(path, error) && fs::is_empty(path, error)))
@@ -106,7 +106,7 @@ class AtomicFolder {
     if (!temporary_.empty()) fs::remove_all(temporary_, error);
   }
 
-  /// Where a file of it is until commit.
+  /// Returns the path of a file in the folder, valid until commit.
   [[nodiscard]] std::string file(const std::string& name) const { return (temporary_ / name).string(); }
 
   Status commit() {
@@ -124,10 +124,10 @@ class AtomicFolder {
   fs::path temporary_;
 };
 
-/// The values of one attribute, as a .vtu file of ours holds them.
+/// Returns values in the type that our .vtu files have.
 std::vector<float> to_floats(const std::vector<double>& values) { return {values.begin(), values.end()}; }
 
-/// The pieces of a mesh as files of a folder, with a .pvtu that names them.
+/// Writes the pieces of a mesh into files of a folder, with a .pvtu file that names them.
 Status write_pieces(Source& source, const std::string& output) {
   SPLATVOL_TRY_ASSIGN(folder, AtomicFolder::create(output));
   std::string index =
@@ -190,22 +190,26 @@ int main(int argc, char** argv) {
 
   auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
   points->add_option("-o,--output", options.output, "The file to write (.npy)")->required()->check(check_not_empty);
-  points->add_option("--count", options.count, "How many, such as 1e8")->required()->check(check_count);
-  points->add_option("--distribution", options.distribution, "Where they are; vortex is fine where the field varies")
+  points->add_option("--count", options.count, "Number of points, such as 1e8")->required()->check(check_count);
+  points
+      ->add_option("--distribution", options.distribution,
+                   "Distribution; vortex has more points where the field varies")
       ->check(CLI::IsMember(distribution_names()))
       ->capture_default_str();
-  points->add_option("--seed", options.seed, "Another gives other points")->capture_default_str();
+  points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
   points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
 
   auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
   mesh->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
-  mesh->add_option("--cells", options.cells, "About how many tetrahedra, such as 1e8")->required()->check(check_count);
-  mesh->add_option("--pieces", options.pieces, "In how many files (default: some 1.5 million tetrahedra in each)")
+  mesh->add_option("--cells", options.cells, "Approximate number of tetrahedra, such as 1e8")
+      ->required()
+      ->check(check_count);
+  mesh->add_option("--pieces", options.pieces, "Number of files (default: some 1.5 million tetrahedra in each)")
       ->check(check_count);
 
   auto* refined =
-      app.add_subcommand("refine", "A mesh in more tetrahedra of the same shape and field, in pieces likewise");
-  refined->add_option("MESH", options.meshes, "What svbuild takes, with cells")->required();
+      app.add_subcommand("refine", "The same shape and field as a given mesh in more tetrahedra, in pieces too");
+  refined->add_option("MESH", options.meshes, "Any input of svbuild that has cells")->required();
   refined->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
   refined->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
       ->check(CLI::Range(1, most_refinements))

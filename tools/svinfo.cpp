@@ -1,4 +1,4 @@
-// svinfo: what is in a .svol file.
+// svinfo: shows the contents of a .svol file.
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
@@ -21,7 +21,7 @@ struct Options {
   bool verify = false;
 };
 
-// What the chunks of one column take.
+// The chunks of one column, and their bytes.
 struct ColumnBytes {
   std::uint64_t chunks = 0;
   std::uint64_t packed = 0;
@@ -123,6 +123,35 @@ std::string readable_bytes(std::uint64_t bytes) {
   return fmt::format(fmt::runtime(unit == 0 ? "{:.0f} {}" : "{:.1f} {}"), number, units[unit]);
 }
 
+json attributes_json(const format::VolumeInfo& info, const Survey& survey) {
+  json list = json::array();
+  for (std::size_t a = 0; a < info.attributes.size(); ++a) {
+    const format::Attribute& attribute = info.attributes[a];
+    json entry = {{"name", attribute.name}, {"unit", attribute.unit}, {"offset", attribute.offset},
+                  {"min", attribute.min},   {"max", attribute.max},   {"missing", attribute.missing}};
+    if (!survey.histograms.empty()) entry["histogram"] = survey.histograms[a];
+    list.push_back(std::move(entry));
+  }
+  return list;
+}
+
+json columns_json(const format::VolumeInfo& info, const Survey& survey) {
+  json list = json::array();
+  for (std::size_t c = 0; c < info.columns.size(); ++c) {
+    const format::Column& column = info.columns[c];
+    const ColumnBytes& bytes = survey.columns[c];
+    json entry = {{"kind", format::column_kind_name(column.kind)},
+                  {"scope", column.scope == format::ColumnScope::segment ? "segment" : "resolution"}};
+    if (column.attribute >= 0) entry["attribute"] = info.attributes[static_cast<std::size_t>(column.attribute)].name;
+    entry.update({{"chunks", bytes.chunks},
+                  {"packed_bytes", bytes.packed},
+                  {"unpacked_bytes", bytes.unpacked},
+                  {"bytes_per_point", per(bytes.packed, info.point_count())}});
+    list.push_back(std::move(entry));
+  }
+  return list;
+}
+
 json to_json(const Volume& volume, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   json document;
@@ -136,27 +165,8 @@ json to_json(const Volume& volume, const Survey& survey) {
                       {"edge", info.cube.edge}};
   document["points_per_chunk"] = info.points_per_chunk;
   document["reduction"] = {{"method", info.reduction_method}, {"leaf_points", info.leaf_points}};
-  document["attributes"] = json::array();
-  for (std::size_t a = 0; a < info.attributes.size(); ++a) {
-    const format::Attribute& attribute = info.attributes[a];
-    json node = {{"name", attribute.name}, {"unit", attribute.unit}, {"offset", attribute.offset},
-                 {"min", attribute.min},   {"max", attribute.max},   {"missing", attribute.missing}};
-    if (!survey.histograms.empty()) node["histogram"] = survey.histograms[a];
-    document["attributes"].push_back(std::move(node));
-  }
-  document["columns"] = json::array();
-  for (std::size_t c = 0; c < info.columns.size(); ++c) {
-    const format::Column& column = info.columns[c];
-    const ColumnBytes& bytes = survey.columns[c];
-    json node = {{"kind", format::column_kind_name(column.kind)},
-                 {"scope", column.scope == format::ColumnScope::segment ? "segment" : "resolution"}};
-    if (column.attribute >= 0) node["attribute"] = info.attributes[static_cast<std::size_t>(column.attribute)].name;
-    node.update({{"chunks", bytes.chunks},
-                 {"packed_bytes", bytes.packed},
-                 {"unpacked_bytes", bytes.unpacked},
-                 {"bytes_per_point", per(bytes.packed, info.point_count())}});
-    document["columns"].push_back(std::move(node));
-  }
+  document["attributes"] = attributes_json(info, survey);
+  document["columns"] = columns_json(info, survey);
   document["index"] = {
       {"nodes", survey.index.nodes}, {"bytes", survey.index.bytes}, {"structure_bytes", survey.index.structure_bytes}};
   document["sections"] = json::array();
@@ -181,7 +191,7 @@ void print_attributes(const Volume& volume, const Survey& survey) {
   }
 }
 
-// Kinds of columns that belong to no attribute by name, values of all attributes together.
+// Prints the bytes of each kind of column, of all attributes together, and of the index and the directory.
 void print_bytes(const Volume& volume, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   std::vector<std::pair<std::string, std::uint64_t>> kinds;
@@ -200,15 +210,15 @@ void print_bytes(const Volume& volume, const Survey& survey) {
     fmt::print("{:<24} {:>13} {:>13.2f}\n", name, bytes, per(bytes, info.point_count()));
 }
 
-// "census.types.tetrahedron 1200", a line for each entry that says something.
-void print_provenance(const json& node, const std::string& path) {
-  if (node.is_structured()) {
-    for (const auto& [key, child] : node.items())
-      print_provenance(child, node.is_array() || path.empty() ? path + (path.empty() ? key : "") : path + "." + key);
+// Prints a line such as "census.types.tetrahedron 1200" for each entry that is neither zero nor null.
+void print_provenance(const json& value, const std::string& path) {
+  if (value.is_structured()) {
+    for (const auto& [key, child] : value.items())
+      print_provenance(child, value.is_array() || path.empty() ? path + (path.empty() ? key : "") : path + "." + key);
     return;
   }
-  if (node == 0 || node.is_null()) return;
-  fmt::print("{:<24} {}\n", path, node.is_string() ? node.get<std::string>() : node.dump());
+  if (value == 0 || value.is_null()) return;
+  fmt::print("{:<24} {}\n", path, value.is_string() ? value.get<std::string>() : value.dump());
 }
 
 void print_text(const Volume& volume, const Survey& survey) {
@@ -265,7 +275,7 @@ Status show(const Options& options) {
 
 int main(int argc, char** argv) {
   splatvol::Options options;
-  CLI::App app("Shows what is in a .svol file", "svinfo");
+  CLI::App app("Shows the contents of a .svol file", "svinfo");
   app.add_option("file", options.file, "The file, or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");

@@ -8,6 +8,7 @@
 #include "reference/reference.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -23,7 +24,7 @@ struct Options {
   bool json = false;
 };
 
-/// The whole input in one piece.
+/// The whole input.
 struct Mesh {
   std::vector<dvec3> points;
   std::vector<double> values;
@@ -85,12 +86,7 @@ Status draw(const Options& options) {
   std::vector<std::string> inputs = options.meshes;
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
-  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene));
-  if (!options.size.empty()) {
-    SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
-    scene.width = size[0];
-    scene.height = size[1];
-  }
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute));
 
   const double start = seconds_now();
@@ -117,18 +113,12 @@ int main(int argc, char** argv) {
   Options options;
   app.add_option(
          "MESH", options.meshes,
-         "What svbuild takes, with cells: .vtu, .pvtu, .vtk, a folder of pieces, a PLOT3D grid and its solution, or "
-         "gen:mesh:cells=1e7")
+         "Any input of svbuild that has cells: .vtu, .pvtu, .vtk, a folder of pieces, a PLOT3D grid and its solution, "
+         "or gen:mesh:cells=1e7")
       ->required();
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
-  app.add_option("-o,--output", options.output, "Picture to write")->required()->check([](const std::string& path) {
-    return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .exr nor .png";
-  });
-  app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")
-      ->check([](const std::string& size) {
-        const auto parsed = parse_image_size(size);
-        return parsed ? std::string() : parsed.error().message;
-      });
+  app.add_option("-o,--output", options.output, "Picture to write")->required()->check(check_image_path);
+  app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")->check(check_image_size);
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });

@@ -9,6 +9,7 @@
 #include "renderer/context.h"
 #include "renderer/target.h"
 #include "scene/image.h"
+#include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 #include "viewer/viewer.h"
@@ -77,7 +78,7 @@ Status look(const Options& options) {
   return recording ? recording->commit() : Status{};
 }
 
-// Where a recording is drawn: a window, or a picture in its place.
+// A recording is drawn onto a stage: a window, or a picture instead.
 class Stage {
  public:
   static Result<std::unique_ptr<Stage>> create(bool in_window, const WindowResized& size) {
@@ -93,7 +94,7 @@ class Stage {
     return stage;
   }
 
-  // For a frame of that size.
+  // Prepares for a frame of this size.
   Status begin(const WindowResized& size) {
     if (!target_) return {};
     SPLATVOL_TRY(target_->resize(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
@@ -103,7 +104,7 @@ class Stage {
   void end() {
     if (!window_) return;
     window_->swap();
-    static_cast<void>(window_->take_input(0));  // the recording's events are the ones that count
+    static_cast<void>(window_->take_input(0));  // dropped: only the recording's events count
   }
 
  private:
@@ -119,9 +120,14 @@ const WindowResized* last_size(const FrameInput& input) {
   return size;
 }
 
-// What a recording leads to, once everything has come to rest.
-Status replay(const Options& options) {
-  const double start = seconds_now();
+struct ReplayTimes {
+  double first_picture = 0;  // seconds from the program's start
+  std::vector<double> frames;
+  double rest = 0;  // from the last event to the finest picture
+};
+
+// Returns the recording's frames. The first one has the window's size.
+Result<std::vector<FrameInput>> load_inputs(const Options& options) {
   std::vector<FrameInput> inputs;
   if (!options.replay.empty()) {
     SPLATVOL_TRY_ASSIGN(recorded, load_recording(options.replay));
@@ -131,36 +137,49 @@ Status replay(const Options& options) {
     SPLATVOL_TRY_ASSIGN(size, window_size(options));
     inputs.insert(inputs.begin(), {frame_seconds, {size}});
   }
-  SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
-  SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
+  return inputs;
+}
+
+// Draws the recording's frames, then frames without events until nothing changes any more. Returns the last size.
+Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double start, Stage& stage, Viewer& viewer,
+                                  ReplayTimes& times) {
   WindowResized size{};
   const auto draw = [&](const FrameInput& input) -> Status {
     if (const WindowResized* resized = last_size(input)) size = *resized;
-    SPLATVOL_TRY(stage->begin(size));
-    return viewer->frame(input);
+    SPLATVOL_TRY(stage.begin(size));
+    return viewer.frame(input);
   };
-  std::vector<double> frames;
-  double first_picture = 0;
   for (const FrameInput& input : inputs) {
     const double frame_start = seconds_now();
     SPLATVOL_TRY(draw(input));
     glFinish();
-    frames.push_back(seconds_now() - frame_start);
-    if (first_picture == 0) first_picture = seconds_now() - start;
-    stage->end();
+    times.frames.push_back(seconds_now() - frame_start);
+    if (times.first_picture == 0) times.first_picture = seconds_now() - start;
+    stage.end();
   }
-  // Longer steps than any change lasts.
+  const FrameInput idle{1, {}};  // seconds: longer than any change takes
   const double rest_start = seconds_now();
-  SPLATVOL_TRY(draw({1, {}}));
-  while (!viewer->is_settled()) {
-    stage->end();
-    SPLATVOL_TRY(draw({1, {}}));
+  SPLATVOL_TRY(draw(idle));
+  while (!viewer.is_settled()) {
+    stage.end();
+    SPLATVOL_TRY(draw(idle));
   }
+  times.rest = seconds_now() - rest_start;
+  return size;
+}
+
+// Draws a recording and writes the statistics and the last picture.
+Status replay(const Options& options) {
+  const double start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(inputs, load_inputs(options));
+  SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
+  SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
+  ReplayTimes times;
+  SPLATVOL_TRY_ASSIGN(size, draw_inputs(inputs, start, *stage, *viewer, times));
   if (!options.stats.empty()) {
-    const nlohmann::ordered_json statistics = {{"first_picture_seconds", first_picture},
-                                               {"frame_seconds", frames},
-                                               {"rest_seconds", seconds_now() - rest_start}};
+    const nlohmann::ordered_json statistics = {
+        {"first_picture_seconds", times.first_picture}, {"frame_seconds", times.frames}, {"rest_seconds", times.rest}};
     SPLATVOL_TRY(write_text_file(options.stats, statistics.dump(1) + "\n"));
   }
   if (options.screenshot.empty()) return {};
@@ -168,7 +187,7 @@ Status replay(const Options& options) {
   return write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}});
 }
 
-// The frames of a camera path, each complete.
+// Writes the frames of a camera path, each with its finest picture.
 Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(path, load_camera_path(options.play));
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
@@ -198,6 +217,43 @@ Status run(const Options& options) {
   return look(options);
 }
 
+void add_view_options(CLI::App& app, Options& options) {
+  app.add_option("volume", options.volume, "The .svol file, or its address (https://...)");
+  app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
+      ->needs("volume");
+  app.add_option("--size", options.size, "Size of the window")
+      ->type_name("WxH")
+      ->capture_default_str()
+      ->check(check_image_size);
+  for (const auto& [name, value, what] :
+       {std::tuple{"--memory", &options.memory, "Memory for the parts of the file that are read"},
+        std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
+    app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
+  app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
+}
+
+void add_recording_options(CLI::App& app, Options& options) {
+  auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
+  auto* replayed = app.add_option("--replay", options.replay, "Draw a recording without a window, then end");
+  auto* screenshot =
+      app.add_option("--screenshot", options.screenshot,
+                     "Write the last picture, after --replay, into this file (.png, .exr); no window is opened")
+          ->check(check_image_path);
+  app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
+      ->needs(replayed);
+  app.add_flag("--window", options.in_window, "Replay in a window");
+  auto* path =
+      app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
+  path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
+  app.add_option("--fps", options.fps, "Frames for each second of the path")
+      ->check(CLI::Range(0.01, 1000.0))
+      ->capture_default_str();
+  record->excludes(replayed)->excludes(screenshot)->excludes(path);
+}
+
 }  // namespace
 }  // namespace splatvol
 
@@ -205,44 +261,7 @@ int main(int argc, char** argv) {
   using namespace splatvol;
   CLI::App app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.");
   Options options;
-  app.add_option("volume", options.volume, "The .svol file, or its address (https://...)");
-  app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
-      ->needs("volume");
-  app.add_option("--size", options.size, "Size of the window")
-      ->type_name("WxH")
-      ->capture_default_str()
-      ->check([](const std::string& text) {
-        const auto size = parse_image_size(text);
-        return size ? std::string() : size.error().message;
-      });
-  for (const auto& [name, value, what] :
-       {std::tuple{"--memory", &options.memory, "Memory for what is read of the file"},
-        std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
-    app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check([](const std::string& text) {
-      const auto bytes = parse_bytes(text);
-      return bytes ? std::string() : bytes.error().message;
-    });
-  app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
-  auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
-  auto* replayed = app.add_option("--replay", options.replay, "Do what a recording says, without a window; then end");
-  auto* screenshot =
-      app.add_option("--screenshot", options.screenshot,
-                     "Write what the window shows, after --replay, into this file (.png, .exr); no window is opened")
-          ->check([](const std::string& path) {
-            return is_image_path(path) ? std::string() : "'" + path + "' ends in neither .png nor .exr";
-          });
-  app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
-      ->needs(replayed);
-  app.add_flag("--window", options.in_window, "Replay in a window all the same");
-  auto* path =
-      app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
-  path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
-  app.add_option("--fps", options.fps, "Frames of each of its seconds")
-      ->check(CLI::Range(0.01, 1000.0))
-      ->capture_default_str();
-  record->excludes(replayed)->excludes(screenshot)->excludes(path);
+  add_view_options(app, options);
+  add_recording_options(app, options);
   return run_tool(app, argc, argv, [&] { return run(options); });
 }

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <new>
@@ -20,11 +21,16 @@ namespace splatvol {
 
 namespace {
 
-// Names and texts in messages come from files: one line, and nothing that a terminal would obey.
+// Makes one line without control characters: names and texts in messages come from files.
 std::string one_line(std::string text) {
   std::ranges::replace_if(
       text, [](unsigned char c) { return c < 0x20 || c == 0x7f; }, '?');
   return text;
+}
+
+template <class T>
+std::string reason(const Result<T>& result) {
+  return result ? "" : result.error().message;
 }
 
 }  // namespace
@@ -37,7 +43,7 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
     return app.exit(error) == 0 ? 0 : 2;
   }
 
-  // Past a limit on file sizes, a write shall fail and be reported, not end the program in the middle of a file.
+  // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
   std::signal(SIGXFSZ, SIG_IGN);
   Status status;
   try {
@@ -66,8 +72,6 @@ Status check_outputs(const std::vector<std::string>& outputs, const std::vector<
   }
   return {};
 }
-
-std::string check_not_empty(const std::string& text) { return text.empty() ? "is empty" : ""; }
 
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -121,6 +125,16 @@ Result<std::array<int, 2>> parse_image_size(const std::string& text) {
   if (!complete || width < 1 || height < 1 || width > 16384 || height > 16384)
     return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 640x480", text);
   return std::array{width, height};
+}
+
+std::string check_not_empty(const std::string& text) { return text.empty() ? "is empty" : ""; }
+
+std::string check_bytes(const std::string& text) { return reason(parse_bytes(text)); }
+
+std::string check_image_size(const std::string& text) { return reason(parse_image_size(text)); }
+
+std::string check_finite(const std::string& text) {
+  return std::isfinite(std::strtod(text.c_str(), nullptr)) ? "" : "'" + text + "' is not a number";
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// What every program shares: exit codes, one line for an error, a progress bar, sizes such as "2G".
+// Shared by all programs: exit codes, one line for an error, a progress bar, sizes such as "2G".
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -12,21 +12,18 @@
 
 namespace splatvol {
 
-/// Parses the command line and runs `body`. Returns the process's exit code: 0 done, 1 the data or a file is bad (one
-/// line on stderr, "tool: reason"), 2 wrong usage. --help and --version print and return 0.
+/// Parses the command line and runs `body`. Returns the exit code of the process: 0 for success, 1 for bad data or a
+/// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
 
-/// Fails where an output is the same file as an input, by whatever name, or two outputs have one name. Empty names and
-/// "-" are no files.
+/// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Empty
+/// names and "-" are no files.
 [[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
 
-/// For CLI11: refuses an empty text.
-[[nodiscard]] std::string check_not_empty(const std::string& text);
-
-/// A bar on stderr with the time left; prints nothing unless stderr is a terminal.
+/// Shows a bar and the time left on stderr. Prints nothing unless stderr is a terminal.
 class ProgressBar {
  public:
-  /// `points`: how many the stage has before it, for a rate; 0: not known.
+  /// `points`: the points of the whole stage, to print a rate; 0: not known.
   explicit ProgressBar(std::string stage, std::uint64_t points = 0);
   ~ProgressBar();
   ProgressBar(const ProgressBar&) = delete;
@@ -48,6 +45,13 @@ class ProgressBar {
 
 /// Reads a picture's size such as "640x480"; sides from 1 to 16384.
 [[nodiscard]] Result<std::array<int, 2>> parse_image_size(const std::string& text);
+
+/// Checks for CLI11's options. Each returns why it refuses the text; empty: it accepts.
+[[nodiscard]] std::string check_not_empty(const std::string& text);
+[[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
+[[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
+[[nodiscard]] std::string check_finite(
+    const std::string& text);  // neither infinite nor NaN; CLI11 itself refuses words
 
 /// Seconds since an arbitrary fixed moment.
 [[nodiscard]] double seconds_now();

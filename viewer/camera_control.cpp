@@ -71,10 +71,10 @@ void zoom(Camera& camera, const Viewport& viewport, const dvec2& pointer, double
 
 void fly(Camera& camera, const dvec3& move, double yaw, double pitch) {
   const CameraAxes axes = axes_of(camera);
-  const dvec3 step = move.x * axes.right + move.y * axes.up + move.z * axes.forward;
+  const dvec3 moved = move.x * axes.right + move.y * axes.up + move.z * axes.forward;
   const glm::dquat turn = glm::angleAxis(-yaw, axes.up) * glm::angleAxis(pitch, axes.right);
   const double length = distance(camera);
-  camera.position += step;
+  camera.position += moved;
   camera.focal_point = camera.position + length * (turn * axes.forward);
   camera.up = glm::normalize(turn * axes.up);
 }

@@ -1,4 +1,4 @@
-// What a hand does to a camera. Pure geometry: no window, no time.
+// Moves a camera as a hand asks for it. Pure geometry: no window, no time.
 #pragma once
 
 #include "base/math.h"
@@ -6,47 +6,47 @@
 
 namespace splatvol {
 
-/// The size of the picture that the pointer moves over, in the units of its coordinates (from the upper left corner, y
-/// downwards).
+/// The size of the picture under the pointer, in the units of the pointer's coordinates. They count from the upper left
+/// corner, y downwards.
 struct Viewport {
   double width = 1;
   double height = 1;
 };
 
-/// The camera's axes; `up` is perpendicular to the line of sight. Requires a camera that make_view takes.
+/// The camera's axes; `up` is perpendicular to the line of sight. axes_of requires a camera that make_view takes.
 struct CameraAxes {
   dvec3 right, up, forward;
 };
 [[nodiscard]] CameraAxes axes_of(const Camera& camera);
 
-/// World units that a unit of the viewport covers at the focal point.
+/// Returns the world units that a unit of the viewport covers at the focal point.
 [[nodiscard]] double world_per_pixel(const Camera& camera, const Viewport& viewport);
 
-/// The point under the pointer on the plane through the focal point that faces the camera.
+/// Returns the point under the pointer on the focal plane: the plane through the focal point that faces the camera.
 [[nodiscard]] dvec3 focal_plane_point(const Camera& camera, const Viewport& viewport, const dvec2& pointer);
 
 /// Turns the camera about the focal point, as if the pointer dragged a ball there: half a turn over the shorter side.
-/// Has no poles: up turns along.
+/// Up turns along, so there are no poles.
 void orbit(Camera& camera, const Viewport& viewport, const dvec2& drag);
 
 /// Turns the picture about the line of sight; radians, counterclockwise.
 void roll(Camera& camera, double angle);
 
-/// Moves the camera so that the focal point's plane follows the pointer.
+/// Moves the camera so that the focal plane follows the pointer.
 void pan(Camera& camera, const Viewport& viewport, const dvec2& drag);
 
-/// Shrinks distances by `factor` towards the point under the pointer on the focal plane, which stays where it is seen.
-/// The focal point keeps a distance of at least `least_distance` (orthographic: the image that height).
+/// Scales distances by `factor` towards the point under the pointer on the focal plane, which keeps its position on the
+/// screen. The distance of the focal point (orthographic: the image's height) does not shrink below `least_distance`.
 void zoom(Camera& camera, const Viewport& viewport, const dvec2& pointer, double factor, double least_distance);
 
-/// Moves eye and focal point by `move` along right, up and forward, in world units, and turns the line of sight about
-/// the eye; radians to the right and upwards.
+/// Moves eye and focal point by `move` along right, up and forward, in world units. Turns the line of sight about the
+/// eye by `yaw` to the right and `pitch` upwards, in radians.
 void fly(Camera& camera, const dvec3& move, double yaw, double pitch);
 
-/// Looks along `direction` at the focal point, from the distance that it has; `up` must not be parallel to it.
+/// Looks along `direction` at the focal point, from an unchanged distance. `up` must not be parallel to `direction`.
 void look_along(Camera& camera, const dvec3& direction, const dvec3& up);
 
-/// Changes the projection; what lies at the focal point keeps its size.
+/// Changes the projection. Things at the focal point keep their size.
 void set_projection(Camera& camera, Camera::Projection projection);
 
 }  // namespace splatvol

@@ -22,11 +22,11 @@ double geometric(double a, double b, double part) { return a * std::pow(b / a, p
 }  // namespace
 
 Camera camera_at(const CameraPath& path, double part) {
-  const double place = std::clamp(part, 0.0, 1.0) * static_cast<double>(path.cameras.size() - 1);
-  const auto first = std::min(static_cast<std::size_t>(place), path.cameras.size() - 1);
+  const double position = std::clamp(part, 0.0, 1.0) * static_cast<double>(path.cameras.size() - 1);
+  const auto first = std::min(static_cast<std::size_t>(position), path.cameras.size() - 1);
   if (first + 1 >= path.cameras.size()) return path.cameras.back();
   const Camera &a = path.cameras[first], &b = path.cameras[first + 1];
-  const double share = place - static_cast<double>(first);
+  const double share = position - static_cast<double>(first);
   if (share == 0) return a;
   Camera camera = a;
   const glm::dquat turn = glm::slerp(orientation_of(a), orientation_of(b), share);

@@ -1,4 +1,4 @@
-// Cameras that follow each other, and those in between.
+// Cameras that follow each other, and the cameras between them.
 #pragma once
 
 #include <span>
@@ -10,17 +10,17 @@
 
 namespace splatvol {
 
-/// From one to the next in equal times, all of one projection.
+/// Cameras at equal intervals of time, all of one projection.
 struct CameraPath {
   double seconds = 5;  // in all, > 0
   std::vector<Camera> cameras;
 };
 
-/// At `part` of the time, [0, 1]: focal points along a straight line, distances (orthographic: heights) by a factor,
-/// directions by the shortest turn. Requires at least one camera.
+/// Returns the camera at `part` of the time, [0, 1]. Focal points move along a straight line, distances (orthographic:
+/// heights) change by a constant factor, directions take the shortest turn. Requires at least one camera.
 [[nodiscard]] Camera camera_at(const CameraPath& path, double part);
 
-/// JSON; cameras as in a scene file.
+/// Write and read JSON, with cameras as in a scene file. Errors name the file.
 [[nodiscard]] std::string path_to_json(const CameraPath& path);
 [[nodiscard]] Result<CameraPath> load_camera_path(const std::string& file);
 

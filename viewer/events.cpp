@@ -21,7 +21,7 @@ json to_json(const FilesDropped& e) { return {"drop", e.paths}; }
 
 constexpr int largest_side = 16384;
 
-// Throws json::exception for what is of another form.
+// Throws json::exception if `e` has another form.
 Result<Event> event_of(const json& e) {
   const std::string kind = e.at(0);
   const auto number = [&](std::size_t i) { return e.at(i).get<double>(); };

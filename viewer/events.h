@@ -1,4 +1,4 @@
-// What a user does to a window; recorded and replayed.
+// A user's events in a window; recorded and replayed.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,7 @@ struct ButtonChanged {
   bool down;
 };
 struct Scrolled {
-  double x, y;  // steps; up is positive
+  double x, y;  // notches of the wheel; up is positive
 };
 struct KeyChanged {
   int code;
@@ -41,20 +41,20 @@ struct TextTyped {
 struct WindowResized {
   int width, height;              // window units
   int pixel_width, pixel_height;  // of the framebuffer; 0 while minimised
-  double content_scale;           // how large text should be, 1 for a plain screen
+  double content_scale;           // scale of text, 1 for a plain screen
 };
 struct FilesDropped {
   std::vector<std::string> paths;
 };
 using Event = std::variant<PointerMoved, ButtonChanged, Scrolled, KeyChanged, TextTyped, WindowResized, FilesDropped>;
 
-/// All that came before a frame, and the time since the frame before.
+/// All events before a frame, and the time since the frame before.
 struct FrameInput {
   double seconds = 0;
   std::vector<Event> events;
 };
 
-/// A line of JSON, with its end.
+/// Returns a line of JSON, with its end.
 [[nodiscard]] std::string to_line(const FrameInput& input);
 
 /// Reads a recording: a line for each frame. Errors name the file and the line.

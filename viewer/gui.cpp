@@ -11,13 +11,13 @@ namespace {
 
 constexpr std::string_view vertex_source = R"(#version 450 core
 layout(location = 0) in vec2 position;
-layout(location = 1) in vec2 place;
+layout(location = 1) in vec2 font_position;
 layout(location = 2) in vec4 tint;
 layout(location = 0) uniform vec2 display;
 out vec2 at;
 out vec4 color;
 void main() {
-  at = place;
+  at = font_position;
   color = tint;
   gl_Position = vec4(2 * position.x / display.x - 1, 1 - 2 * position.y / display.y, 0, 1);
 }
@@ -47,7 +47,7 @@ constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImG
                                                                   {'V', ImGuiKey_V},
                                                                   {'X', ImGuiKey_X}}};
 
-// Dear ImGui takes events from 1.87 on, with these names from 1.89 on; before, there was nothing but state.
+// Dear ImGui takes events since 1.87, with these names since 1.89. Older versions have only state.
 #if IMGUI_VERSION_NUM >= 18900
 void feed(ImGuiIO& io, const PointerMoved& e) { io.AddMousePosEvent(float(e.x), float(e.y)); }
 void feed(ImGuiIO& io, const ButtonChanged& e) {
@@ -145,7 +145,7 @@ Status Gui::begin(const FrameInput& input, const WindowResized& window) {
   if (window.width > 0 && window.height > 0)
     io.DisplayFramebufferScale = ImVec2(static_cast<float>(window.pixel_width) / static_cast<float>(window.width),
                                         static_cast<float>(window.pixel_height) / static_cast<float>(window.height));
-  constexpr double shortest = 1e-4, longest = 1;  // seconds that Dear ImGui is made for
+  constexpr double shortest = 1e-4, longest = 1;  // seconds that Dear ImGui can handle
   io.DeltaTime = static_cast<float>(std::min(std::max(input.seconds, shortest), longest));
   for (const Event& event : input.events) std::visit([&](const auto& e) { feed(io, e); }, event);
   ImGui::NewFrame();
@@ -156,16 +156,9 @@ bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
 
 bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
 
-Status Gui::draw() {
-  ImGui::Render();
-  const ImDrawData& data = *ImGui::GetDrawData();
-  const int width = static_cast<int>(data.DisplaySize.x * data.FramebufferScale.x);
-  const int height = static_cast<int>(data.DisplaySize.y * data.FramebufferScale.y);
-  if (width <= 0 || height <= 0 || data.TotalVtxCount == 0) return {};
-  const std::size_t vertex_bytes = static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert);
-  const std::size_t index_bytes = static_cast<std::size_t>(data.TotalIdxCount) * sizeof(ImDrawIdx);
-  SPLATVOL_TRY(vertices_.reserve(vertex_bytes));
-  SPLATVOL_TRY(indices_.reserve(index_bytes));
+Status Gui::upload(const ImDrawData& data) {
+  SPLATVOL_TRY(vertices_.reserve(static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert)));
+  SPLATVOL_TRY(indices_.reserve(static_cast<std::size_t>(data.TotalIdxCount) * sizeof(ImDrawIdx)));
   std::size_t vertex = 0, index = 0;
   for (int l = 0; l < data.CmdListsCount; ++l) {
     const ImDrawList& list = *data.CmdLists[l];
@@ -176,7 +169,10 @@ Status Gui::draw() {
     vertex += static_cast<std::size_t>(list.VtxBuffer.Size);
     index += static_cast<std::size_t>(list.IdxBuffer.Size);
   }
+  return {};
+}
 
+void Gui::set_state(const ImDrawData& data, int width, int height) const {
   glViewport(0, 0, width, height);
   glEnable(GL_BLEND);
   glBlendEquation(GL_FUNC_ADD);
@@ -188,7 +184,18 @@ Status Gui::draw() {
   glVertexArrayVertexBuffer(vertex_array_.name(), 0, vertices_.object(), 0, sizeof(ImDrawVert));
   glVertexArrayElementBuffer(vertex_array_.name(), indices_.object());
   glBindVertexArray(vertex_array_.name());
-  vertex = index = 0;
+}
+
+Status Gui::draw() {
+  ImGui::Render();
+  const ImDrawData& data = *ImGui::GetDrawData();
+  const int width = static_cast<int>(data.DisplaySize.x * data.FramebufferScale.x);
+  const int height = static_cast<int>(data.DisplaySize.y * data.FramebufferScale.y);
+  if (width <= 0 || height <= 0 || data.TotalVtxCount == 0) return {};
+  SPLATVOL_TRY(upload(data));
+
+  set_state(data, width, height);
+  std::size_t vertex = 0, index = 0;
   for (int l = 0; l < data.CmdListsCount; ++l) {
     const ImDrawList& list = *data.CmdLists[l];
     for (const ImDrawCmd& command : list.CmdBuffer) {

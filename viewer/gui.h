@@ -7,11 +7,12 @@
 #include "renderer/gl_objects.h"
 #include "viewer/events.h"
 
+struct ImDrawData;
 struct ImGuiContext;
 
 namespace splatvol {
 
-/// The interface's state and how it is drawn. One at a time; needs the context that was current at `create`.
+/// Holds the interface's state and draws it. One at a time; needs the context that was current at `create`.
 class Gui {
  public:
   [[nodiscard]] static Result<std::unique_ptr<Gui>> create();
@@ -19,19 +20,21 @@ class Gui {
   Gui& operator=(const Gui&) = delete;
   ~Gui();
 
-  /// Begins a frame of a window of that size. Between `begin` and `draw` Dear ImGui's functions may be called.
+  /// Begins a frame of this window. Between `begin` and `draw` Dear ImGui's functions may be called.
   [[nodiscard]] Status begin(const FrameInput& input, const WindowResized& window);
 
-  /// Draws the frame over the framebuffer that is bound, whose size in pixels is the window's.
+  /// Draws the frame over the framebuffer that is bound, which has the window's size in pixels.
   [[nodiscard]] Status draw();
 
-  /// Whether the pointer's or the keyboard's events are meant for the interface and not for what is under it.
+  /// Return whether the pointer's or the keyboard's events are meant for the interface and not for the picture.
   [[nodiscard]] bool has_pointer() const;
   [[nodiscard]] bool has_keyboard() const;
 
  private:
   Gui() = default;
   [[nodiscard]] Status make_font(double scale);
+  [[nodiscard]] Status upload(const ImDrawData& data);
+  void set_state(const ImDrawData& data, int width, int height) const;
 
   ImGuiContext* context_ = nullptr;
   Program program_;

@@ -8,21 +8,19 @@
 #include <optional>
 #include <utility>
 
-#include "viewer/srgb.h"
+#include "viewer/gui_units.h"
 
 namespace splatvol {
 namespace {
 
 ImDrawList& canvas() { return *ImGui::GetBackgroundDrawList(); }
 
-float unit() { return ImGui::GetFontSize() / 13; }
-
 struct Line {
   ImVec2 from, to;
 };
 
-// A segment's picture, cut off at the eye.
-std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, const PicturePlace& place) {
+// Projects a segment, cut off at the eye. None if it lies behind the eye.
+std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to, const PictureArea& area) {
   dvec3 a = view.to_view(from), b = view.to_view(to);
   if (!view.orthographic) {
     const double nearest = 1e-6 * std::max({glm::length(a), glm::length(b), 1e-300});
@@ -32,49 +30,44 @@ std::optional<Line> project(const View& view, const dvec3& from, const dvec3& to
   }
   const auto at = [&](const dvec3& p) {
     const double f = view.focal / (view.orthographic ? 1 : p.z);
-    const double limit = 1e5;  // far outside of any window, and within single precision
-    return ImVec2(static_cast<float>(place.left + place.unit_x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
-                  static_cast<float>(place.unit_y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
+    const double limit = 1e5;  // outside of any window, but within single precision
+    return ImVec2(static_cast<float>(area.left + area.unit_x * std::clamp(0.5 * view.width + f * p.x, -limit, limit)),
+                  static_cast<float>(area.unit_y * std::clamp(0.5 * view.height - f * p.y, -limit, limit)));
   };
   return Line{at(a), at(b)};
 }
 
-void draw_edges(const View& view, const Box& box, ImU32 color, const PicturePlace& place) {
+void draw_edges(const View& view, const Box& box, ImU32 color, const PictureArea& area) {
   const auto corner = [&](int c) {
     return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
   };
   for (int c = 0; c < 8; ++c)
     for (const int axis : {1, 2, 4})
       if (!(c & axis))
-        if (const auto line = project(view, corner(c), corner(c | axis), place))
-          canvas().AddLine(line->from, line->to, color, unit());
-}
-
-ImU32 srgb(const dvec3& rgb) {
-  const auto encode = [](double c) { return static_cast<float>(srgb_of(c)); };
-  return ImGui::ColorConvertFloat4ToU32(ImVec4(encode(rgb.r), encode(rgb.g), encode(rgb.b), 1));
+        if (const auto line = project(view, corner(c), corner(c | axis), area))
+          canvas().AddLine(line->from, line->to, color, gui_unit());
 }
 
 }  // namespace
 
-void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PicturePlace& place) {
-  draw_edges(view, box, IM_COL32(color[0], color[1], color[2], 160), place);
+void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PictureArea& area) {
+  draw_edges(view, box, IM_COL32(color[0], color[1], color[2], 160), area);
 }
 
-void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PicturePlace& place) {
+void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PictureArea& area) {
   for (const DrawnNode& node : nodes) {
     float r, g, b;
     const auto part =
         static_cast<float>(node.resolution) / static_cast<float>(std::max<std::size_t>(resolutions - 1, 1));
     ImGui::ColorConvertHSVtoRGB(0.66f * (1 - part), 0.8f, 1, r, g, b);
     draw_edges(view, {node.cube.origin, node.cube.origin + node.cube.edge},
-               ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), place);
+               ImGui::ColorConvertFloat4ToU32(ImVec4(r, g, b, 0.45f)), area);
   }
 }
 
-void draw_axes(const View& view, const PicturePlace& place) {
-  const float length = 38 * unit();
-  const ImVec2 center(static_cast<float>(place.left) + 1.5f * length, static_cast<float>(place.height) - 1.5f * length);
+void draw_axes(const View& view, const PictureArea& area) {
+  const float length = 38 * gui_unit();
+  const ImVec2 center(static_cast<float>(area.left) + 1.5f * length, static_cast<float>(area.height) - 1.5f * length);
   struct Axis {
     dvec3 seen;
     ImU32 color;
@@ -93,21 +86,21 @@ void draw_axes(const View& view, const PicturePlace& place) {
   for (const Axis& axis : axes) {
     const ImVec2 tip(center.x + length * static_cast<float>(axis.seen.x),
                      center.y - length * static_cast<float>(axis.seen.y));
-    canvas().AddLine(center, tip, axis.color, 2 * unit());
-    canvas().AddText({tip.x + 3 * unit(), tip.y - 7 * unit()}, axis.color, axis.name);
+    canvas().AddLine(center, tip, axis.color, 2 * gui_unit());
+    canvas().AddText({tip.x + 3 * gui_unit(), tip.y - 7 * gui_unit()}, axis.color, axis.name);
   }
 }
 
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PicturePlace& place) {
-  const float u = unit();
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PictureArea& area) {
+  const float u = gui_unit();
   const float height = 180 * u, width = 14 * u;
-  const auto right = static_cast<float>(place.left + place.width);
-  const ImVec2 low(right - 90 * u, static_cast<float>(place.height) - height - 20 * u);
-  constexpr int steps = 64;
+  const auto right = static_cast<float>(area.left + area.width);
+  const ImVec2 low(right - 90 * u, static_cast<float>(area.height) - height - 20 * u);
+  constexpr int stripes = 64;
   const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
-  for (int i = 0; i < steps; ++i)
-    canvas().AddRectFilled({low.x, y((i + 1.0) / steps)}, {low.x + width, y(double(i) / steps)},
-                           srgb(function.color(function.lo + (i + 0.5) / steps * (function.hi - function.lo))));
+  for (int i = 0; i < stripes; ++i)
+    canvas().AddRectFilled({low.x, y((i + 1.0) / stripes)}, {low.x + width, y(double(i) / stripes)},
+                           gui_color(function.color(function.lo + (i + 0.5) / stripes * (function.hi - function.lo))));
   canvas().AddRect(low, {low.x + width, low.y + height}, IM_COL32(255, 255, 255, 160));
   const auto write = [&](const ImVec2& at, const std::string& text) {
     canvas().AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
@@ -123,13 +116,13 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
   write({std::min(low.x, right - text_width - 8 * u), low.y - 20 * u}, title);
 }
 
-void draw_message(const std::string& text, const PicturePlace& place) {
+void draw_message(const std::string& text, const PictureArea& area) {
   const ImVec2 size = ImGui::CalcTextSize(text.c_str());
-  const ImVec2 at(static_cast<float>(place.left + place.width / 2) - size.x / 2,
-                  static_cast<float>(place.height / 2) - size.y / 2);
-  const float border = 10 * unit();
+  const ImVec2 at(static_cast<float>(area.left + area.width / 2) - size.x / 2,
+                  static_cast<float>(area.height / 2) - size.y / 2);
+  const float border = 10 * gui_unit();
   canvas().AddRectFilled({at.x - border, at.y - border}, {at.x + size.x + border, at.y + size.y + border},
-                         IM_COL32(0, 0, 0, 200), 4 * unit());
+                         IM_COL32(0, 0, 0, 200), 4 * gui_unit());
   canvas().AddText(at, IM_COL32(255, 230, 150, 255), text.c_str());
 }
 

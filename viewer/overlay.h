@@ -11,26 +11,26 @@
 
 namespace splatvol {
 
-/// Where the picture is in the window, and how many window units a pixel of it takes.
-struct PicturePlace {
+/// The picture's area in the window, in window units, and the window units that a pixel of the picture takes.
+struct PictureArea {
   double left = 0;
   double width = 1, height = 1;
   double unit_x = 1, unit_y = 1;
 };
 
-/// The box's twelve edges.
-void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PicturePlace& place);
+/// Draws the box's twelve edges.
+void draw_box(const View& view, const Box& box, const std::array<unsigned char, 3>& color, const PictureArea& area);
 
-/// The octree's nodes that are drawn, coloured by resolution.
-void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PicturePlace& place);
+/// Draws the nodes of the cut, coloured by resolution.
+void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t resolutions, const PictureArea& area);
 
-/// The world's axes as the camera sees them, in the picture's lower left corner.
-void draw_axes(const View& view, const PicturePlace& place);
+/// Draws the world's axes as the camera sees them, in the picture's lower left corner.
+void draw_axes(const View& view, const PictureArea& area);
 
-/// Colours and values of a transfer function, at the right edge.
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PicturePlace& place);
+/// Draws colours and values of a transfer function, at the right edge.
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PictureArea& area);
 
-/// Words in the middle of the picture.
-void draw_message(const std::string& text, const PicturePlace& place);
+/// Draws a text in the middle of the picture.
+void draw_message(const std::string& text, const PictureArea& area);
 
 }  // namespace splatvol

@@ -6,10 +6,12 @@
 #include <variant>
 #include <vector>
 
+#include "base/rotation.h"
+
 namespace splatvol {
 namespace {
 
-constexpr double reach = 4;  // deviations, beyond which a splat's share is not looked at
+constexpr double reach = 4;  // deviations; a splat farther from the ray is left out
 
 struct Ray {
   dvec3 origin, direction;  // of length 1
@@ -21,7 +23,7 @@ Ray ray_through(const View& view, double x, double y) {
   return {view.eye, glm::normalize(view.forward + aside)};
 }
 
-// What a ray loses in a Gaussian of so much extinction times volume, and where, as a distance along it.
+// The optical depth of one Gaussian on a ray, at the distance along the ray where it is densest.
 struct Crossing {
   double distance;
   double optical_depth;
@@ -35,18 +37,16 @@ struct Gaussian {
   double mass, value;
 };
 
-constexpr double thinnest = 1e-4;  // of the largest deviation: a flat splat is still met
+constexpr double thinnest = 1e-4;  // share of the largest deviation: a ray still meets a flat splat
 
 Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin) {
-  const dvec3 q(splat.orientation);
-  const double w = std::sqrt(std::max(0.0, 1 - glm::dot(q, q)));
   const dvec3 deviations(splat.deviations);
-  return {origin + dvec3(splat.position), glm::mat3_cast(glm::dquat(w, q.x, q.y, q.z)),
+  return {origin + dvec3(splat.position), rotated_axes(splat.orientation),
           glm::max(deviations, dvec3(thinnest * deviations.x)), static_cast<double>(splat.mass),
           static_cast<double>(splat.value)};
 }
 
-// A ball as thick as the splat in its middle.
+// A ball whose centre is as opaque as the splat's.
 Gaussian gaussian_of(const OctantSplat& splat, const dvec3& origin) {
   const double size = static_cast<double>(splat.size), deviation = 0.4 * size;
   return {origin + dvec3(splat.position), dmat3(1), dvec3(deviation),

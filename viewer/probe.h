@@ -1,4 +1,4 @@
-// What lies under the pointer.
+// The value, position and opacity under the pointer.
 #pragma once
 
 #include <optional>
@@ -11,14 +11,14 @@
 namespace splatvol {
 
 struct Probe {
-  double value;    // mean, where the ray has lost half of the light that it loses in all
-  dvec3 position;  // there
+  double value;    // mean value at `position`
+  dvec3 position;  // the ray has lost half of the light there that it loses in all
   double opacity;  // of the whole ray, [0, 1]
 };
 
-/// Follows the ray through (x, y), pixels from the upper left corner, through a frame's splats: each is an ellipsoid's
-/// Gaussian (octant: a ball's), of the extinction of its mean value. None where the ray meets nothing visible.
-/// `value_offset`: what the splats' values have to be added to.
+/// Follows the ray through (x, y), pixels from the upper left corner, through a frame's splats. Each splat is an
+/// ellipsoidal Gaussian (octant: a round one) with the extinction of its mean value. None if the ray meets nothing
+/// visible. The true values are `value_offset` plus those of the splats.
 [[nodiscard]] std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
                                          const TransferFunction& function, double value_offset, const View& view,
                                          double x, double y);

@@ -2,12 +2,14 @@
 
 #include <vector>
 
-#include "viewer/srgb.h"
+#include "scene/srgb.h"
 
 namespace splatvol {
 namespace {
 
-constexpr std::string_view vertex_source = R"(#version 450 core
+constexpr std::string_view version = "#version 450 core\n";
+
+constexpr std::string_view vertex_source = R"(
 out vec2 at;
 void main() {
   at = vec2(2 * (gl_VertexID & 1), gl_VertexID & 2);
@@ -15,15 +17,14 @@ void main() {
 }
 )";
 
-constexpr std::string_view fragment_source = R"(#version 450 core
+constexpr std::string_view fragment_source = R"(
 in vec2 at;
 layout(binding = 0) uniform sampler2D picture;
 layout(location = 0) uniform vec3 background;
 layout(location = 0) out vec4 result;
 void main() {
   vec4 color = texture(picture, at);
-  vec3 c = clamp(color.rgb + (1 - color.a) * background, 0, 1);
-  result = vec4(mix(12.92 * c, 1.055 * pow(c, vec3(1 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308))), 1);
+  result = vec4(srgb_of(color.rgb + (1 - color.a) * background), 1);
 }
 )";
 
@@ -31,8 +32,8 @@ void main() {
 
 Result<Screen> Screen::create() {
   Screen screen;
-  SPLATVOL_TRY_ASSIGN(
-      program, build_program("screen", {{GL_VERTEX_SHADER, {vertex_source}}, {GL_FRAGMENT_SHADER, {fragment_source}}}));
+  SPLATVOL_TRY_ASSIGN(program, build_program("screen", {{GL_VERTEX_SHADER, {version, vertex_source}},
+                                                        {GL_FRAGMENT_SHADER, {version, srgb_glsl, fragment_source}}}));
   screen.program_ = std::move(program);
   GLuint name = 0;
   glCreateVertexArrays(1, &name);
@@ -60,7 +61,7 @@ Result<Image> read_framebuffer(int width, int height) {
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
   glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, bytes.data());
   SPLATVOL_TRY(check_gl("reading the window"));
-  const auto linear = [](std::uint8_t byte) { return static_cast<float>(linear_of(byte / 255.0)); };
+  const auto linear = [](std::uint8_t byte) { return static_cast<float>(linear_of_byte(byte)); };
   Image image{width, height, std::vector<vec4>(bytes.size() / 4)};
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {

@@ -1,4 +1,4 @@
-// The renderer's picture, shown: over a background, with the sRGB curve.
+// Shows the renderer's picture over a background, with the sRGB curve.
 #pragma once
 
 #include "base/error.h"
@@ -8,13 +8,13 @@
 
 namespace splatvol {
 
-/// Needs the context that was current at `create`.
+/// Draws a picture into the window's framebuffer. Needs the context that was current at `create`.
 class Screen {
  public:
   [[nodiscard]] static Result<Screen> create();
 
   /// Fills width x height pixels of the framebuffer that is bound, from pixel (left, 0) on, with a picture in linear
-  /// premultiplied RGBA, stretched where it has another size. As a PNG file of the picture looks.
+  /// premultiplied RGBA. Stretches a picture of another size. The result looks like a PNG file of the picture.
   [[nodiscard]] Status show(GLuint texture, dvec3 background, int left, int width, int height) const;
 
  private:
@@ -22,7 +22,7 @@ class Screen {
   VertexArray vertex_array_;
 };
 
-/// What the bound framebuffer shows, sRGB, as a linear picture that write_image gives its bytes back.
+/// Reads the bound framebuffer, which holds sRGB bytes, as a linear picture. write_image turns it into the same bytes.
 [[nodiscard]] Result<Image> read_framebuffer(int width, int height);
 
 }  // namespace splatvol

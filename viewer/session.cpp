@@ -5,27 +5,28 @@
 #include <cmath>
 
 #include "base/http_source.h"
+#include "base/rotation.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
 
 namespace splatvol {
 namespace {
 
-// Without a change for so long, the picture becomes finer.
+// After this time without a change, the picture becomes finer.
 constexpr double pause_seconds = 0.15;
 
-// How long a change of resolution takes.
+// Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
 
-// Where sharpening begins.
+// The first tolerance at rest.
 constexpr double first_percent_at_rest = 4;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// For splats of which so many fill the picture. Three times as wide as what loses nothing: many small splats are a
-// better picture than few sharp ones in the same time.
+// Returns the sample spacing while something moves, for a picture of this many splats. It is three times as wide as one
+// that loses nothing: in the same time, many small splats make a better picture than a few sharp ones.
 int moving_sample_spacing(const View& view, std::uint64_t splats) {
   const double covered =
       std::min(view.width, view.height) / std::cbrt(static_cast<double>(std::max<std::uint64_t>(splats, 1)));
@@ -33,7 +34,7 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
 }
 
 bool is_in_sight(const View& view, const Box& box) {
-  // Any corner inside each of the five planes; a box that passes is taken to be seen.
+  // A box is in sight if each of the five planes has a corner inside. Some boxes beside the view pass too.
   for (int plane = 0; plane < 5; ++plane) {
     bool inside = false;
     for (int corner = 0; corner < 8; ++corner) {
@@ -74,7 +75,7 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
 
 Status Session::open_streamer() {
   frame_ = nullptr;
-  streamer_.reset();  // its memory before the next one's
+  streamer_.reset();  // frees its memory before the next one takes some
   SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path_));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {settings.memory, scene.attribute, settings.kernel,
                                                                    scene.lighting.has_value()}));
@@ -96,7 +97,7 @@ Status Session::open_streamer() {
   return bounds_.low.x <= bounds_.high.x ? Status{} : find_bounds();
 }
 
-// Half as wide again as a uniform box's deviations, which for boxes is exact.
+// Finds a box round the coarsest splats. sqrt(3) deviations each way are exact for a splat that is a uniform box.
 Status Session::find_bounds() {
   Camera camera = scene.camera;
   camera.position = info().cube.origin + 4 * info().cube.edge;
@@ -114,8 +115,8 @@ Status Session::find_bounds() {
       dvec3 center, half;
       if (const auto* moments = std::get_if<std::span<const MomentsSplat>>(&frame->data)) {
         const MomentsSplat& splat = (*moments)[i];
-        const dvec3 q(splat.orientation), d(splat.deviations);
-        const dmat3 axes = glm::mat3_cast(glm::dquat(std::sqrt(std::max(0.0, 1 - glm::dot(q, q))), q.x, q.y, q.z));
+        const dvec3 d(splat.deviations);
+        const dmat3 axes = rotated_axes(splat.orientation);
         center = dvec3(splat.position);
         for (int k = 0; k < 3; ++k) {
           const dvec3 row(axes[0][k], axes[1][k], axes[2][k]);
@@ -141,7 +142,7 @@ Status Session::show_attribute(const std::string& name) {
   return {};
 }
 
-// Sets up what has changed; a change of the picture's own begins a coarse one.
+// Passes changes on to streamer and renderer. A change of the picture starts again from a coarse one.
 Status Session::apply(const View& view) {
   const bool other_file = settings.memory != used_settings_.memory || settings.kernel != used_settings_.kernel ||
                           scene.attribute != used_scene_.attribute ||
@@ -151,7 +152,7 @@ Status Session::apply(const View& view) {
     const Scene scene_before = used_scene_;
     Status opened = open_streamer();
     if (!opened) {
-      // Too little memory, perhaps: go on as it was.
+      // Perhaps memory is too small: go on with the settings of before.
       settings = before;
       scene = scene_before;
       SPLATVOL_TRY(open_streamer());
@@ -183,7 +184,7 @@ Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY(apply(view));
   if (settled_) return {};
 
-  // At rest in steps: whoever moves again does not wait for the finest picture.
+  // At rest the tolerance halves again and again: a user who moves again need not wait for the finest picture.
   const bool moves = still_seconds_ < pause_seconds;
   if (moves || shown_tolerance_ == 0)
     shown_tolerance_ = std::max(first_percent_at_rest, settings.tolerance);
@@ -208,7 +209,7 @@ Status Session::draw(int width, int height, double seconds) {
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
   draw_seconds_ = seconds_since(start);
-  // By what was allowed: the next finer cut may have many times the splats of this one.
+  // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
   settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
   return {};

@@ -1,4 +1,4 @@
-// A file that is looked at: streamer, renderer and scene, and how fine a picture of them there is time for.
+// A file that is shown: its streamer, renderer and scene. Decides how fine a picture there is time for.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 
 namespace splatvol {
 
-/// How the file is to be shown, with the names that svrender's options have.
+/// How the file is to be shown, named like svrender's options.
 struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;
@@ -26,24 +26,25 @@ struct ViewSettings {
   SortMode sort = SortMode::exact;
 };
 
-/// Renders only when something has changed. Needs the context that was current at `open`.
+/// Draws one file. Draws only after a change. Needs the context that was current at `open`.
 class Session {
  public:
-  /// `scene_path` empty: a scene that fits the data. Errors name the file or the scene.
+  /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
+  /// scene.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
                                                              const ViewSettings& settings);
 
-  /// Brings the picture up to date with `scene` and `settings`, as far as a frame has time for it: coarse while they
-  /// change, finer from call to call at rest. `seconds`: since the last call.
+  /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
+  /// from call to call at rest. `seconds`: since the last call.
   [[nodiscard]] Status draw(int width, int height, double seconds);
 
-  /// Whether another call with nothing changed would draw the same.
+  /// Returns whether another call without a change would draw the same.
   [[nodiscard]] bool is_settled() const { return settled_; }
 
-  /// Asks for another attribute: its own transfer function comes with it, the camera stays.
+  /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
 
-  /// Why there is nothing to be seen, or nothing but one colour; empty: there is.
+  /// Returns why the picture shows nothing, or only one colour; empty if it does show something.
   [[nodiscard]] std::string explain() const;
 
   [[nodiscard]] const format::VolumeInfo& info() const { return streamer_->info(); }
@@ -53,10 +54,10 @@ class Session {
   [[nodiscard]] std::uint64_t file_bytes() const { return streamer_->volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
 
-  /// Round the material of the coarsest splats.
+  /// Returns a box round the material of the coarsest splats.
   [[nodiscard]] const Box& bounds() const { return bounds_; }
 
-  /// Of the last draw. Null before the first.
+  /// Returns the splats of the last draw. Null before the first.
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const { return streamer_->drawn_nodes(); }
   [[nodiscard]] const View& view() const { return view_; }
@@ -68,10 +69,10 @@ class Session {
   [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->gpu_bytes(); }
   [[nodiscard]] double value_offset() const { return streamer_->value_offset(); }
 
-  /// Errors of parts that could not be read, the newest last.
+  /// Returns the errors of parts that could not be read, the newest last.
   [[nodiscard]] const std::vector<std::string>& troubles() const { return troubles_; }
 
-  Scene scene;  // what is to be seen; width and height are those of the last draw
+  Scene scene;  // the scene to draw; width and height are those of the last draw
   ViewSettings settings;
 
  private:
@@ -87,7 +88,7 @@ class Session {
   std::array<std::uint64_t, 64> histogram_{};
   Box bounds_;
 
-  // What the streamer and the renderer were set up for.
+  // The settings and scene of the last draw.
   ViewSettings used_settings_;
   Scene used_scene_;
 
@@ -96,7 +97,8 @@ class Session {
   std::uint64_t uploaded_serial_ = 0;
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
-  FramePacer pacer_{0.030};   // while something moves: 20 frames a second and more, the window's own share left out
+  FramePacer pacer_{
+      0.030};  // seconds of a frame while something moves: at least 20 frames a second with the window's share
   double shown_tolerance_ = 0;
   double draw_seconds_ = 0;
   std::vector<std::string> troubles_;

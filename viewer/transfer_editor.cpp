@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "viewer/color_maps.h"
-#include "viewer/srgb.h"
+#include "scene/color_maps.h"
+#include "viewer/gui_units.h"
 
 namespace splatvol {
 namespace {
@@ -15,37 +15,72 @@ float srgb(double linear) { return static_cast<float>(srgb_of(linear)); }
 
 double linear(float srgb) { return linear_of(static_cast<double>(srgb)); }
 
-ImU32 color_of(const dvec3& rgb) {
-  return ImGui::ColorConvertFloat4ToU32(ImVec4(srgb(rgb.r), srgb(rgb.g), srgb(rgb.b), 1));
-}
-
 double largest_density(const TransferFunction& function) {
   double largest = 0;
   for (const auto& density : function.densities) largest = std::max(largest, density.extinction);
   return largest;
 }
 
-constexpr double decades = 4;  // that a logarithmic opacity shows
-constexpr float grip = 7;      // how near to a control point the pointer has to be, at scale 1
+constexpr double decades = 4;  // of a logarithmic opacity
+constexpr float grip = 7;      // farthest distance from the pointer to the control point that it takes, at scale 1
 
 }  // namespace
 
-// Where values and densities lie on the screen.
+// A part of the panel that shows control points: where t and densities lie in it, and the pointer over it.
 struct TransferEditor::Area {
   ImVec2 low, high;  // upper left and lower right corner
-  double top;        // density
-  bool logarithmic;
+  float height;
+  ImVec2 pointer;
+  bool hovered, active;
+  double top = 1;  // density
+  bool logarithmic = false;
+
+  // Takes the space for an area of this height at the interface's present position.
+  static Area make(const char* name, float height_wanted) {
+    const ImVec2 corner = ImGui::GetCursorScreenPos();
+    const ImVec2 size(ImGui::GetContentRegionAvail().x, height_wanted);
+    ImGui::InvisibleButton(name, size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
+    return {corner,
+            {corner.x + size.x, corner.y + size.y},
+            size.y,
+            ImGui::GetIO().MousePos,
+            ImGui::IsItemHovered(),
+            ImGui::IsItemActive()};
+  }
 
   float x(double t) const { return low.x + static_cast<float>(t) * (high.x - low.x); }
   float y(double density) const {
     const double part = logarithmic ? 1 + std::log10(std::max(density / top, 1e-30)) / decades : density / top;
     return high.y - static_cast<float>(std::clamp(part, 0.0, 1.0)) * (high.y - low.y);
   }
-  double t(float x) const { return std::clamp(static_cast<double>((x - low.x) / (high.x - low.x)), 0.0, 1.0); }
-  double density(float y) const {
-    const double part = std::clamp(static_cast<double>((high.y - y) / (high.y - low.y)), 0.0, 1.0);
+  double pointer_t() const { return std::clamp(static_cast<double>((pointer.x - low.x) / (high.x - low.x)), 0.0, 1.0); }
+  double pointer_density() const {
+    const double part = std::clamp(static_cast<double>((high.y - pointer.y) / (high.y - low.y)), 0.0, 1.0);
     if (!logarithmic) return part * top;
     return part > 0 ? top * std::pow(10, decades * (part - 1)) : 0;
+  }
+
+  bool is_clicked(ImGuiMouseButton button) const { return hovered && ImGui::IsMouseClicked(button); }
+
+  // A right click removes the point under the pointer. A left click holds it, or adds and holds `added`.
+  template <class Point>
+  void click(std::vector<Point>& points, std::optional<std::size_t> nearest, const Point& added,
+             std::optional<std::size_t>& held) const {
+    if (is_clicked(ImGuiMouseButton_Right) && nearest && points.size() > 1)
+      points.erase(points.begin() + static_cast<std::ptrdiff_t>(*nearest));
+    if (!is_clicked(ImGuiMouseButton_Left)) return;
+    held = nearest;
+    if (nearest) return;
+    const auto next = std::ranges::upper_bound(points, added.t, {}, &Point::t);
+    held = static_cast<std::size_t>(next - points.begin());
+    points.insert(next, added);
+  }
+
+  // Returns the held point's new t: the pointer's, between the neighbours'.
+  template <class Point>
+  double dragged_t(const std::vector<Point>& points, std::size_t held) const {
+    const double from = held > 0 ? points[held - 1].t : 0, to = held + 1 < points.size() ? points[held + 1].t : 1;
+    return std::clamp(pointer_t(), from, std::max(from, to));
   }
 };
 
@@ -90,124 +125,96 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   }
 }
 
+void TransferEditor::draw_histogram(const Area& area, const TransferFunction& function,
+                                    const format::Attribute& attribute,
+                                    const std::array<std::uint64_t, 64>& histogram) const {
+  const auto tallest = static_cast<double>(*std::ranges::max_element(histogram));
+  const auto x_of_bin = [&](std::size_t bin) {
+    const double value = attribute.min + (attribute.max - attribute.min) * static_cast<double>(bin) / 64;
+    return area.x(std::clamp((value - function.lo) / (function.hi - function.lo), -1.0, 2.0));
+  };
+  for (std::size_t bin = 0; tallest > 0 && bin < histogram.size(); ++bin) {
+    const auto count = static_cast<double>(histogram[bin]);
+    const double part = log_counts_ ? std::log1p(count) / std::log1p(tallest) : count / tallest;
+    const float bar = static_cast<float>(part) * area.height;
+    ImGui::GetWindowDrawList()->AddRectFilled({x_of_bin(bin), area.high.y - bar}, {x_of_bin(bin + 1), area.high.y},
+                                              IM_COL32(90, 95, 110, 255));
+  }
+}
+
 void TransferEditor::edit_densities(TransferFunction& function, const format::Attribute& attribute,
                                     const std::array<std::uint64_t, 64>& histogram) {
-  const float scale = ImGui::GetFontSize() / 13;
-  const ImVec2 corner = ImGui::GetCursorScreenPos();
-  const ImVec2 size(ImGui::GetContentRegionAvail().x, 110 * scale);
-  ImGui::InvisibleButton("##densities", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
-  const bool hovered = ImGui::IsItemHovered(), active = ImGui::IsItemActive();
   // A dragged point must not move the axis that it is dragged along.
   if (!density_) top_ = std::max(1.25 * largest_density(function), 1e-30);
-  const Area area{corner, {corner.x + size.x, corner.y + size.y}, top_, log_opacity_};
+  Area area = Area::make("##densities", 110 * gui_unit());
+  area.top = top_;
+  area.logarithmic = log_opacity_;
+  auto& points = function.densities;
 
   ImDrawList& list = *ImGui::GetWindowDrawList();
   list.AddRectFilled(area.low, area.high, IM_COL32(20, 20, 24, 255));
   list.PushClipRect(area.low, area.high, true);
-  const auto tallest = static_cast<double>(*std::ranges::max_element(histogram));
-  for (std::size_t b = 0; tallest > 0 && b < histogram.size(); ++b) {
-    const auto value_at = [&](std::size_t edge) {
-      return attribute.min + (attribute.max - attribute.min) * static_cast<double>(edge) / 64;
-    };
-    const auto t_of = [&](double value) { return (value - function.lo) / (function.hi - function.lo); };
-    const auto count = static_cast<double>(histogram[b]);
-    const double part = log_counts_ ? std::log1p(count) / std::log1p(tallest) : count / tallest;
-    const double left = std::clamp(t_of(value_at(b)), -1.0, 2.0), right = std::clamp(t_of(value_at(b + 1)), -1.0, 2.0);
-    list.AddRectFilled({area.x(left), area.high.y - static_cast<float>(part) * size.y}, {area.x(right), area.high.y},
-                       IM_COL32(90, 95, 110, 255));
-  }
-  std::vector<ImVec2> line = {{area.low.x, area.y(function.densities.front().extinction)}};
-  for (const auto& point : function.densities) line.emplace_back(area.x(point.t), area.y(point.extinction));
-  line.emplace_back(area.high.x, area.y(function.densities.back().extinction));
-  list.AddPolyline(line.data(), static_cast<int>(line.size()), IM_COL32(255, 255, 255, 255), 0, 1.5f * scale);
+  draw_histogram(area, function, attribute, histogram);
+  std::vector<ImVec2> line = {{area.low.x, area.y(points.front().extinction)}};
+  for (const auto& point : points) line.emplace_back(area.x(point.t), area.y(point.extinction));
+  line.emplace_back(area.high.x, area.y(points.back().extinction));
+  list.AddPolyline(line.data(), static_cast<int>(line.size()), IM_COL32(255, 255, 255, 255), 0, 1.5f * gui_unit());
   list.PopClipRect();
 
-  const ImVec2 pointer = ImGui::GetIO().MousePos;
   std::optional<std::size_t> nearest;
-  float least = grip * scale;
-  for (std::size_t i = 0; i < function.densities.size(); ++i) {
-    const ImVec2 at(area.x(function.densities[i].t), area.y(function.densities[i].extinction));
-    const float distance = std::hypot(at.x - pointer.x, at.y - pointer.y);
-    list.AddCircleFilled(at, 4 * scale, IM_COL32(255, 210, 80, 255));
+  float least = grip * gui_unit();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const ImVec2 at(area.x(points[i].t), area.y(points[i].extinction));
+    const float distance = std::hypot(at.x - area.pointer.x, at.y - area.pointer.y);
+    list.AddCircleFilled(at, 4 * gui_unit(), IM_COL32(255, 210, 80, 255));
     if (distance < least) nearest = i, least = distance;
   }
-  if (hovered && ImGui::IsMouseClicked(ImGuiMouseButton_Right) && nearest && function.densities.size() > 1)
-    function.densities.erase(function.densities.begin() + static_cast<std::ptrdiff_t>(*nearest));
-  if (hovered && ImGui::IsMouseClicked(ImGuiMouseButton_Left)) {
-    density_ = nearest;
-    if (!nearest) {
-      const TransferFunction::Density point{area.t(pointer.x), area.density(pointer.y)};
-      const auto place = std::ranges::upper_bound(function.densities, point.t, {}, &TransferFunction::Density::t);
-      density_ = static_cast<std::size_t>(place - function.densities.begin());
-      function.densities.insert(place, point);
-    }
-  }
-  if (!active) density_.reset();
-  if (density_ && *density_ < function.densities.size()) {
-    const std::size_t i = *density_;
-    auto& points = function.densities;
-    const double from = i > 0 ? points[i - 1].t : 0, to = i + 1 < points.size() ? points[i + 1].t : 1;
-    points[i] = {std::clamp(area.t(pointer.x), from, std::max(from, to)), area.density(pointer.y)};
-  }
-  if (hovered && !active)
+  area.click(points, nearest, {area.pointer_t(), area.pointer_density()}, density_);
+  if (!area.active) density_.reset();
+  if (density_ && *density_ < points.size())
+    points[*density_] = {area.dragged_t(points, *density_), area.pointer_density()};
+  if (area.hovered && !area.active)
     ImGui::SetTooltip("%.5g\nclick: add or drag, right click: remove",
-                      function.lo + (function.hi - function.lo) * area.t(pointer.x));
+                      function.lo + (function.hi - function.lo) * area.pointer_t());
+}
+
+void TransferEditor::pick_color(TransferFunction& function) const {
+  if (!ImGui::BeginPopup("colour")) return;
+  if (picked_color_ < function.colors.size()) {
+    dvec3& rgb = function.colors[picked_color_].rgb;
+    float shown[3] = {srgb(rgb.r), srgb(rgb.g), srgb(rgb.b)};
+    if (ImGui::ColorPicker3("colour", shown)) rgb = {linear(shown[0]), linear(shown[1]), linear(shown[2])};
+  }
+  ImGui::EndPopup();
 }
 
 void TransferEditor::edit_colors(TransferFunction& function) {
-  const float scale = ImGui::GetFontSize() / 13;
-  const ImVec2 corner = ImGui::GetCursorScreenPos();
-  const ImVec2 size(ImGui::GetContentRegionAvail().x, 22 * scale);
-  ImGui::InvisibleButton("##colours", size, ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight);
-  const bool hovered = ImGui::IsItemHovered(), active = ImGui::IsItemActive();
-  const Area area{corner, {corner.x + size.x, corner.y + size.y}, 1, false};
+  const Area area = Area::make("##colours", 22 * gui_unit());
+  const auto color_at = [&](double t) { return function.color(function.lo + t * (function.hi - function.lo)); };
+  auto& points = function.colors;
   ImDrawList& list = *ImGui::GetWindowDrawList();
-  constexpr int steps = 64;
-  for (int i = 0; i < steps; ++i) {
-    const double t = (i + 0.5) / steps;
-    list.AddRectFilled({area.x(double(i) / steps), area.low.y}, {area.x(double(i + 1) / steps), area.high.y},
-                       color_of(function.color(function.lo + t * (function.hi - function.lo))));
-  }
-  const ImVec2 pointer = ImGui::GetIO().MousePos;
+  constexpr int stripes = 64;
+  for (int i = 0; i < stripes; ++i)
+    list.AddRectFilled({area.x(double(i) / stripes), area.low.y}, {area.x(double(i + 1) / stripes), area.high.y},
+                       gui_color(color_at((i + 0.5) / stripes)));
+
   std::optional<std::size_t> nearest;
-  float least = grip * scale;
-  for (std::size_t i = 0; i < function.colors.size(); ++i) {
-    const ImVec2 at(area.x(function.colors[i].t), area.high.y - 6 * scale);
-    list.AddCircleFilled(at, 5 * scale, IM_COL32(0, 0, 0, 255));
-    list.AddCircleFilled(at, 4 * scale, color_of(function.colors[i].rgb));
-    if (std::abs(at.x - pointer.x) < least) nearest = i, least = std::abs(at.x - pointer.x);
+  float least = grip * gui_unit();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const ImVec2 at(area.x(points[i].t), area.high.y - 6 * gui_unit());
+    list.AddCircleFilled(at, 5 * gui_unit(), IM_COL32(0, 0, 0, 255));
+    list.AddCircleFilled(at, 4 * gui_unit(), gui_color(points[i].rgb));
+    if (std::abs(at.x - area.pointer.x) < least) nearest = i, least = std::abs(at.x - area.pointer.x);
   }
-  if (hovered && ImGui::IsMouseClicked(ImGuiMouseButton_Right) && nearest && function.colors.size() > 1)
-    function.colors.erase(function.colors.begin() + static_cast<std::ptrdiff_t>(*nearest));
-  if (hovered && ImGui::IsMouseClicked(ImGuiMouseButton_Left)) {
-    color_ = nearest;
-    if (!nearest) {
-      const double t = area.t(pointer.x);
-      const auto place = std::ranges::upper_bound(function.colors, t, {}, &TransferFunction::Color::t);
-      color_ = static_cast<std::size_t>(place - function.colors.begin());
-      function.colors.insert(place, {t, function.color(function.lo + t * (function.hi - function.lo))});
-    }
-  }
-  if (hovered && color_ && ImGui::IsMouseDoubleClicked(ImGuiMouseButton_Left)) {
+  area.click(points, nearest, {area.pointer_t(), color_at(area.pointer_t())}, color_);
+  if (area.hovered && color_ && ImGui::IsMouseDoubleClicked(ImGuiMouseButton_Left)) {
     picked_color_ = *color_;
     ImGui::OpenPopup("colour");
   }
-  if (!active) color_.reset();
-  if (color_ && *color_ < function.colors.size()) {
-    auto& points = function.colors;
-    const std::size_t i = *color_;
-    const double from = i > 0 ? points[i - 1].t : 0, to = i + 1 < points.size() ? points[i + 1].t : 1;
-    points[i].t = std::clamp(area.t(pointer.x), from, std::max(from, to));
-  }
-  if (ImGui::BeginPopup("colour")) {
-    if (picked_color_ < function.colors.size()) {
-      dvec3& rgb = function.colors[picked_color_].rgb;
-      float shown[3] = {srgb(rgb.r), srgb(rgb.g), srgb(rgb.b)};
-      if (ImGui::ColorPicker3("colour", shown)) rgb = {linear(shown[0]), linear(shown[1]), linear(shown[2])};
-    }
-    ImGui::EndPopup();
-  }
-  if (hovered && !active) ImGui::SetTooltip("click: add or drag, double click: pick, right click: remove");
+  if (!area.active) color_.reset();
+  if (color_ && *color_ < points.size()) points[*color_].t = area.dragged_t(points, *color_);
+  pick_color(function);
+  if (area.hovered && !area.active) ImGui::SetTooltip("click: add or drag, double click: pick, right click: remove");
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// Colour and opacity by hand, over the values' histogram.
+// Editor of colours and opacities, over the values' histogram.
 #pragma once
 
 #include <array>
@@ -11,18 +11,21 @@
 
 namespace splatvol {
 
-/// The editor's own state between frames. Draws with Dear ImGui, into the window that is open.
+/// Holds the editor's state between frames. Draws with Dear ImGui, into the window that is open.
 class TransferEditor {
  public:
-  /// `fitting`: what "Fit" returns to, and what an opacity of 1 means. Changes `function`.
+  /// Draws the editor and changes `function`. The button "fit" sets `fitting`, whose opacity counts as 1.
   void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
             const std::array<std::uint64_t, 64>& histogram);
 
  private:
   struct Area;
+  void draw_histogram(const Area& area, const TransferFunction& function, const format::Attribute& attribute,
+                      const std::array<std::uint64_t, 64>& histogram) const;
   void edit_densities(TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram);
   void edit_colors(TransferFunction& function);
+  void pick_color(TransferFunction& function) const;
 
   bool log_counts_ = true;
   bool log_opacity_ = false;

@@ -1,4 +1,4 @@
-// The viewer, but for its window: events in, frames out.
+// The viewer without its window: events in, frames out.
 #pragma once
 
 #include <memory>
@@ -20,39 +20,47 @@ namespace splatvol {
 
 struct ViewerOptions {
   std::string volume;  // empty: none yet
-  std::string scene;   // empty: one that fits
+  std::string scene;   // empty: one that fits the data
   ViewSettings settings;
 };
 
-/// Needs the OpenGL 4.5 context that was current at `create`.
+/// Shows a volume and its controls. Needs the OpenGL 4.5 context that was current at `create`.
 class Viewer {
  public:
-  /// Fails where the volume or the scene that `options` name cannot be opened; later ones are told in the window.
+  /// Fails if the volume or the scene of `options` cannot be opened. Errors of later files appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
   /// Draws a frame into the framebuffer that is bound. The first input must begin with a WindowResized.
   [[nodiscard]] Status frame(const FrameInput& input);
 
-  /// Whether a frame without events would be the same; otherwise it wants another soon.
+  /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
   [[nodiscard]] bool is_settled() const;
 
   [[nodiscard]] bool wants_to_close() const { return closing_; }
-  [[nodiscard]] const WindowResized& window() const { return window_; }
   [[nodiscard]] std::string title() const;
   [[nodiscard]] const Session* session() const { return session_.get(); }
 
  private:
+  static constexpr double panel_width = 336;  // at scale 1
+
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
   void handle(const Event& event);
   void handle_key(int code);
+  void handle_scene_key(int code);
+  void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
   void play(double seconds);
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
+  void draw_attribute_menu();
   void draw_view_section();
+  void draw_detail_controls();
+  void draw_lighting_controls();
+  void draw_camera_controls();
+  void draw_clip_box_controls();
   void draw_path_section();
   void draw_file_section();
   void draw_hud();
@@ -60,16 +68,16 @@ class Viewer {
   void draw_overlays();
   void draw_probe();
   void save(const std::string& what, const Status& status);
-  [[nodiscard]] Viewport viewport() const { return {place().width, place().height}; }
-  [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(place().left, 0); }
-  [[nodiscard]] PicturePlace place() const;
+  [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
+  [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
+  [[nodiscard]] PictureArea picture_area() const;
 
   std::unique_ptr<Gui> gui_;
   Screen screen_;
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
-  TransferFunction fitting_;                   // of the attribute that is shown
+  TransferFunction fitting_;                   // fits the attribute that is shown
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.
@@ -77,16 +85,16 @@ class Viewer {
   dvec2 pointer_{-1, -1};
   std::array<bool, 3> buttons_{};
   std::array<bool, key::count> keys_{};
-  std::optional<int> drag_;  // button, begun over the picture
+  std::optional<int> drag_;  // button of a drag that began over the picture
 
-  // What is shown besides the picture.
+  // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, box_ = false, scalar_bar_ = true, cut_ = false,
        probe_ = true;
   bool flying_ = false;
   bool closing_ = false;
-  int pending_frames_ = 0;  // the interface settles a frame after what changed it
+  int pending_frames_ = 0;  // the interface settles a frame after a change
   double frame_seconds_ = 0;
-  std::string message_;  // what went wrong last, or was saved
+  std::string message_;  // the last error, or the last file saved
 
   CameraPath path_;
   std::optional<double> playing_;  // seconds since its beginning

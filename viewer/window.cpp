@@ -22,7 +22,7 @@ WindowResized size_of(GLFWwindow* window) {
   ::glfwGetWindowSize(window, &size.width, &size.height);
   ::glfwGetFramebufferSize(window, &size.pixel_width, &size.pixel_height);
   ::glfwGetWindowContentScale(window, &scale, &scale_y);
-  // Where window units are larger than pixels the system scales by itself.
+  // The system itself scales windows whose units are larger than pixels.
   const double by_system = size.width > 0 ? static_cast<double>(size.pixel_width) / size.width : 1;
   size.content_scale = by_system > 0 ? static_cast<double>(scale) / by_system : 1;
   if (size.pixel_width == 0 || ::glfwGetWindowAttrib(window, GLFW_ICONIFIED)) size.pixel_width = size.pixel_height = 0;

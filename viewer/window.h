@@ -11,17 +11,17 @@ struct GLFWwindow;
 
 namespace splatvol {
 
-/// Its OpenGL 4.5 core context is current in the thread that made it. One at a time.
+/// A window with an OpenGL 4.5 core context, which is current in the thread that made it. One at a time.
 class Window {
  public:
-  /// Fails with ErrorCode::device where there is no display or no such context.
+  /// Fails with ErrorCode::device if there is no display or no such context.
   [[nodiscard]] static Result<std::unique_ptr<Window>> open(int width, int height, const std::string& title);
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
   ~Window();
 
-  /// Waits for events up to `seconds`, 0: not at all. Gives what came since the last call; the first begins with the
-  /// window's size.
+  /// Waits up to `seconds` for events; 0: not at all. Returns the events since the last call. The first call's begin
+  /// with the window's size.
   [[nodiscard]] FrameInput take_input(double seconds);
 
   void swap();

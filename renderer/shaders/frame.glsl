@@ -1,4 +1,4 @@
-// What every program knows of a frame. Comes first in each shader.
+// The frame's constants, for every program. Comes first in each shader.
 #version 450 core
 
 // View coordinates: x to the right, y up, z forwards, in world units, the eye at the origin. Pixels count from the
@@ -8,9 +8,9 @@ layout(std140, binding = 0) uniform FrameBlock {
   vec2 image_size;       // pixels
   float focal;           // pixels (perspective), or pixels per world unit (orthographic)
   float orthographic;    // 1 or 0
-  float value_low;       // where the transfer function's domain begins
+  float value_low;       // the beginning of the transfer function's domain
   float inverse_domain;  // 1 / (high - low)
-  float ambient;         // what lighting leaves of a colour, and adds for the cosine: 1 and 0 without a light
+  float ambient;         // factor on colours: ambient + diffuse * cosine; 1 and 0 without a light
   float diffuse;
 } frame;
 

@@ -1,4 +1,4 @@
-// Corner gl_VertexID % 4 of quad gl_VertexID / 4. FORM and FORM_COUNT: of which form the fragments are.
+// Corner gl_VertexID % 4 of quad gl_VertexID / 4. FORM and FORM_COUNT name the form of the fragments.
 noperspective out vec2 s;
 flat out vec4 form[FORM_COUNT];
 
@@ -6,6 +6,6 @@ void main() {
   uint index = gl_VertexID >> 2;
   form = quads[index].FORM;
   s = quads[index].reach * vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
-  vec2 place = quads[index].centre + s.x * quads[index].axes.xy + s.y * quads[index].axes.zw;
-  gl_Position = vec4(2.0 * place / frame.image_size - 1.0, 0.0, 1.0);
+  vec2 corner = quads[index].centre + s.x * quads[index].axes.xy + s.y * quads[index].axes.zw;
+  gl_Position = vec4(2.0 * corner / frame.image_size - 1.0, 0.0, 1.0);
 }

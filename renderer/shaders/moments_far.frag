@@ -1,4 +1,4 @@
-// The ellipsoid is so far away, or the projection orthographic, that polynomials of s will do.
+// The far form: for an ellipsoid that is far away, or in orthographic projection, polynomials of s are exact enough.
 noperspective in vec2 s;
 flat in vec4 form[far_form_count];
 layout(location = 0) out vec4 pixel;

@@ -1,12 +1,12 @@
-// Any ellipsoid, the eye beside or in it.
+// The near form: any ellipsoid, with the eye beside or inside it.
 noperspective in vec2 s;
 flat in vec4 form[near_form_count];
 layout(location = 0) out vec4 pixel;
 
 const float pi = 3.14159265;
 
-// The integrals of (1 - u^2)^(3/2) and of u times that from u to 1. Near 1, where the difference would cancel, a
-// series.
+// Returns the integrals of (1 - u^2)^(3/2) and of u (1 - u^2)^(3/2) from u to 1. Near 1, where the difference would
+// cancel, it uses a series.
 vec2 rest_of_chord(float u) {
   float x = 1.0 - u;
   float w = max(x * (1.0 + u), 0.0);
@@ -19,13 +19,13 @@ void main() {
   vec4 d = form[0] + form[1] * s.x + form[2] * s.y;  // d', o' . d'
   vec3 n = form[3].xyz + form[4].xyz * s.x + form[5].xyz * s.y;
   vec3 gradient = form[6].xyz;
-  vec3 normal = form[7].xyz;  // of the boundary, outwards; 0: there is none
+  vec3 normal = form[7].xyz;  // of the boundary, outwards; 0: no boundary
   float r = 1.0 / dot(d.xyz, d.xyz);
   float root = sqrt(r);
   float q = max(1.0 - dot(n, n) * r, 0.0);
   vec3 middle = cross(d.xyz, n) * r;
 
-  // The chord runs from -1 to 1 in u; what is behind the eye or the boundary does not count.
+  // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
   float half_chord = sqrt(q);
   float begin = clamp(d.w * root / max(half_chord, 1e-20), -1.0, 1.0);
   float end = 1.0;
@@ -46,7 +46,7 @@ void main() {
 
   float along = dot(gradient, d.xyz);
   float mean = form[5].w + dot(gradient, middle) + along * root * half_chord * clamp(part.y, begin, end);
-  float stretch = form[7].w * dot(normal, d.xyz);  // of the ellipsoid, beyond what the covariance has
+  float stretch = form[7].w * dot(normal, d.xyz);  // of the ellipsoid, beyond the covariance's extent
   float spread = sqrt(form[4].w + along * along / ((half_axis * half_axis) * (1.0 / r + stretch * stretch)));
   float columns;
   float row = transfer_row(spread, columns);

@@ -1,7 +1,7 @@
-// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2); where
-// the material ends at a plane, half of a larger one (docs/design.md). x' = L^-1 x is the frame in which the ellipsoid
-// is the unit ball round the origin. A ray o' + s d' passes its centre at the squared distance b^2 = |o' x d'|^2 /
-// |d'|^2 and has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
+// The kernel `moments`: an ellipsoid with the material's covariance, whose density falls as (1 - rho^2)^(3/2). Material
+// that ends at a boundary plane is half of a larger ellipsoid (docs/design.md). In the coordinates x' = L^-1 x the
+// ellipsoid is the unit ball round the origin. A ray o' + s d' passes the centre at the squared distance b^2 =
+// |o' x d'|^2 / |d'|^2 and has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
 
 struct Splat {
   float x, y, z;  // relative to the batch's origin, world units
@@ -18,54 +18,54 @@ struct Splat {
 layout(std430, binding = 0) restrict readonly buffer SplatBlock { Splat splats[]; };
 layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates;
                                                                                        // w: their weight
-layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extinction of 2^k steps
+layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extinction of 2^k entries of level 0
 
 const float pi = 3.14159265;
 const float low_pass = 0.1;         // variance that the raster adds, squared pixels
-const float faintest_depth = 3e-4;  // optical depth of what is cut
-const float widest_cut = 0.7;       // of the squared radius: so much is drawn of the faintest splat
-const float least_depth = 1e-7;     // what is fainter everywhere is left out
-const float nearest = 1.05;         // near is what the eye's plane almost cuts: in distances at which it touches
-const float largest = 8.0;          // and what reaches farther than so many pictures: clipping is not that exact
+const float faintest_depth = 3e-4;  // optical depth of the part that is cut
+const float widest_cut = 0.7;       // share of the squared radius that is cut off the faintest splat, at most
+const float least_depth = 1e-7;     // a splat that is fainter everywhere is left out
+const float nearest = 1.05;         // in distances at which the eye's plane touches it: a closer ellipsoid is near
+const float largest = 8.0;          // pictures; a larger outline makes it near too: clipping is not exact that far out
 const float most_change = 0.3;      // of |d'|^2 within the outline, for the far form
 const float smallest_float = 1e-30;
 
-// The ellipsoid; lengths in pixels, as large as they are in the middle of what the eye can see of it.
+// The ellipsoid. Lengths are in pixels, of the size that they have in the middle of its visible part.
 struct Body {
   float pixel_size;    // world units
   vec3 centre;         // view coordinates
   vec3 l_x, l_y, l_z;  // rows of L
   vec3 u, v, w;        // columns of L^-1
   float volume;        // determinant of L
-  float longest;       // half axis, at least
-  bool near;           // the eye's plane cuts it, or almost
-  vec3 normal;         // of the boundary in the ball's frame, outwards; 0: there is none
-  float stretch;       // of the ball along the normal: sqrt(1 + stretch^2) as long as without a boundary
+  float longest;       // bound on the half axes
+  bool near;           // the eye's plane cuts it or almost touches it
+  vec3 normal;         // of the boundary in the ball's coordinates, outwards; 0: no boundary
+  float stretch;       // along the normal the ball is sqrt(1 + stretch^2) times as long as without a boundary
 };
 
-// The value in the ball's frame, in units of the domain.
+// The value in the ball's coordinates, in units of the domain.
 struct Value {
-  float mean;  // in the centre
+  float mean;  // at the centre
   vec3 gradient;
   float residual;  // variance that the linear field leaves
   float slope;     // length of the gradient in view coordinates
 };
 
-// Where it is on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
+// The outline on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
 struct Outline {
   vec2 middle, e_1, e_2;
   vec2 anchor;       // k of a point of the ellipsoid
   float anchor_z;    // its depth
-  vec3 from_centre;  // its place in the ball
+  vec3 from_centre;  // its position in the ball
 };
 
-// On the ray to s: d' = scale L^-1 d, n = o' x d' and o' . d', all linear in s.
+// The rays as linear functions of s: d' = scale L^-1 d, n = o' x d' and o' . d'.
 struct Rays {
   float scale;
   vec3 d_0, d_1, d_2;
   vec3 n_0, n_1, n_2;
   vec3 along;
-  float kappa;  // 1 - b^2 = (1 - s^2) kappa / |d'|^2, where not near
+  float kappa;  // 1 - b^2 = (1 - s^2) kappa / |d'|^2, unless near
 };
 
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7f800000u) != 0x7f800000u; }
@@ -73,12 +73,12 @@ bool is_finite(vec3 x) { return is_finite(x.x) && is_finite(x.y) && is_finite(x.
 
 bool is_orthographic() { return frame.orthographic != 0.0; }
 
-vec3 place(uint index) {
+vec3 position_in_view(uint index) {
   return origins[splats[index].batch_index].xyz +
          rotate_to_view(vec3(splats[index].x, splats[index].y, splats[index].z));
 }
 
-// The view's axes as columns, in the principal frame.
+// Returns the view's axes as columns, in coordinates along the principal axes.
 mat3 view_axes(Splat splat) {
   vec3 q = vec3(splat.orientation[0], splat.orientation[1], splat.orientation[2]);
   float w = sqrt(max(1.0 - dot(q, q), 0.0));
@@ -87,14 +87,45 @@ mat3 view_axes(Splat splat) {
   return transpose(mat3(rotate_to_view(x), rotate_to_view(y), rotate_to_view(cross(x, y))));
 }
 
-// Foot of the perpendicular from the centroid on the boundary, in deviations along the principal axes.
+// Returns the foot of the perpendicular from the centroid to the boundary, in deviations along the principal axes.
 vec3 boundary_foot(Splat splat) {
   return vec3(bitfieldExtract(splat.boundary, 0, 10), bitfieldExtract(splat.boundary, 10, 10),
               bitfieldExtract(splat.boundary, 20, 10)) /
          128.0;
 }
 
-// False where none of it is in front of the eye.
+// Sets the boundary of a splat that has one, and moves `foot` from the centroid's perpendicular to the centre of the
+// ellipsoid. The material is half of this ellipsoid, which holds the material and its reflection at the boundary: it is
+// stretched along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter, which keeps
+// `kept` of the deviations, does not move the plane.
+void set_boundary(vec3 kept, inout vec3 foot, inout Body body) {
+  vec3 across = foot / max(kept, 1e-3);
+  foot = across * (dot(foot, foot) / dot(across, across));
+  body.stretch = length(foot);
+  body.normal = foot / max(body.stretch, 1e-10);
+}
+
+// Sets L, its inverse and the sizes. `half_axes`: before the stretch along the boundary's normal by `stretch`.
+void set_axes(mat3 axes, vec3 half_axes, float stretch, inout Body body) {
+  body.l_x = axes[0] * half_axes;
+  body.l_y = axes[1] * half_axes;
+  body.l_z = axes[2] * half_axes;
+  body.u = axes[0] / half_axes;
+  body.v = axes[1] / half_axes;
+  body.w = axes[2] / half_axes;
+  vec3 stretched = (stretch - 1.0) * body.normal;
+  body.l_x += dot(body.normal, body.l_x) * stretched;
+  body.l_y += dot(body.normal, body.l_y) * stretched;
+  body.l_z += dot(body.normal, body.l_z) * stretched;
+  vec3 shrunk = (1.0 / stretch - 1.0) * body.normal;
+  body.u += dot(body.normal, body.u) * shrunk;
+  body.v += dot(body.normal, body.v) * shrunk;
+  body.w += dot(body.normal, body.w) * shrunk;
+  body.volume = half_axes.x * half_axes.y * half_axes.z * stretch;
+  body.longest = max(max(half_axes.x, half_axes.y), half_axes.z) * stretch;
+}
+
+// Makes the ellipsoid and its values; false if no part of it is in front of the eye.
 bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
   mat3 axes = view_axes(splat);
   vec3 deviations = vec3(splat.deviations[0], splat.deviations[1], splat.deviations[2]);
@@ -115,73 +146,48 @@ bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
       value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
   value.slope = length(gradient / (half_axis * widened));
 
-  // At a boundary the material is half of the ellipsoid round the foot that has the material and its reflection:
-  // stretched along the foot, so that its covariance is 1 + foot foot^T in deviations. The low-pass filter does not
-  // move the plane.
   body.normal = vec3(0.0);
   body.stretch = 0.0;
-  if (splat.boundary != 0) {
-    vec3 across = foot / max(kept, 1e-3);
-    foot = across * (dot(foot, foot) / dot(across, across));
-    body.stretch = length(foot);
-    body.normal = foot / max(body.stretch, 1e-10);
-  }
+  if (splat.boundary != 0) set_boundary(kept, foot, body);
   float stretch = sqrt(1.0 + body.stretch * body.stretch);
-  vec3 half_axes = half_axis * widened;
   body.centre = centre / body.pixel_size + transpose(axes) * (widened * foot);
   value.mean = (splat.value - frame.value_low) * frame.inverse_domain + dot(gradient, foot) / half_axis;
   value.gradient = gradient + (stretch - 1.0) * dot(body.normal, gradient) * body.normal;
 
-  body.l_x = axes[0] * half_axes;
-  body.l_y = axes[1] * half_axes;
-  body.l_z = axes[2] * half_axes;
-  body.u = axes[0] / half_axes;
-  body.v = axes[1] / half_axes;
-  body.w = axes[2] / half_axes;
-  vec3 stretched = (stretch - 1.0) * body.normal;
-  body.l_x += dot(body.normal, body.l_x) * stretched;
-  body.l_y += dot(body.normal, body.l_y) * stretched;
-  body.l_z += dot(body.normal, body.l_z) * stretched;
-  vec3 shrunk = (1.0 / stretch - 1.0) * body.normal;
-  body.u += dot(body.normal, body.u) * shrunk;
-  body.v += dot(body.normal, body.v) * shrunk;
-  body.w += dot(body.normal, body.w) * shrunk;
-  body.volume = half_axes.x * half_axes.y * half_axes.z * stretch;
-  body.longest = max(max(half_axes.x, half_axes.y), half_axes.z) * stretch;
-
+  set_axes(axes, half_axis * widened, stretch, body);
   reach_z = length(body.l_z);
   body.near = body.centre.z < nearest * reach_z;
   return body.centre.z + reach_z > 0.0;
 }
 
-// Largest extinction of the values in [low, high], in units of the domain.
+// Returns the largest extinction of the values in [low, high], which are in units of the domain.
 float peak_extinction(float low, float high) {
-  int steps = textureSize(peak_table, 0);
-  int first = min(int(clamp(low, 0.0, 1.0) * float(steps)), steps - 1);
-  int end = min(int(clamp(high, 0.0, 1.0) * float(steps)), steps - 1);
-  int level = findMSB(end - first) + 1;  // two entries there hold it all
+  int entries = textureSize(peak_table, 0);
+  int first = min(int(clamp(low, 0.0, 1.0) * float(entries)), entries - 1);
+  int end = min(int(clamp(high, 0.0, 1.0) * float(entries)), entries - 1);
+  int level = findMSB(end - first) + 1;  // two of its entries hold the whole range
   return max(texelFetch(peak_table, first >> level, level).r, texelFetch(peak_table, end >> level, level).r);
 }
 
-// The tangents k of x = k z to the part in front of the eye of an ellipsoid; -1e30 or 1e30 where it has none on that
-// side. x: its centre and the row of L; likewise z.
+// Returns the two k for which x = k z touches the ellipsoid's part in front of the eye; -1e30 or 1e30 for a side
+// without such a tangent. x, l_x and z, l_z: the centre's coordinates and rows of L.
 vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
   // Roots of a k^2 - 2 b k + c.
   float a = z * z - dot(l_z, l_z);
   float b = x * z - dot(l_x, l_z);
   float c = x * x - dot(l_x, l_x);
   float discriminant = b * b - a * c;
-  if (!(discriminant > 0.0)) return vec2(-1e30, 1e30);  // the eye is inside of the shadow
+  if (!(discriminant > 0.0)) return vec2(-1e30, 1e30);  // the eye is inside the projection along the other axis
   float root = sqrt(discriminant);
   float sum = b < 0.0 ? b - root : b + root;
   vec2 k = vec2(sum / a, c / sum);
   k = vec2(min(k.x, k.y), max(k.x, k.y));
   if (a > 0.0) return k;
-  // The eye's plane cuts it: on the side where its section lies there is no tangent in front.
+  // The eye's plane cuts it: there is no tangent in front on the side of the section.
   return x * dot(l_z, l_z) > dot(l_x, l_z) * z ? vec2(k.y, 1e30) : vec2(-1e30, k.x);
 }
 
-// The bounding box, as far as it is in the picture.
+// Makes an outline of the bounding box, cut off at the picture's edges.
 void make_box(Body body, vec2 half_image, out Outline outline) {
   vec2 x, y;
   if (is_orthographic()) {
@@ -206,9 +212,9 @@ void make_box(Body body, vec2 half_image, out Outline outline) {
   outline.e_2 = vec2(0.0, 0.5 * (high.y - low.y));
 }
 
-// The ellipse. With x and y sheared so that the centre lies straight ahead, L L^T = (Q, q; q^T, r^2), its matrix is
-// (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of conjugate half axes bounds the
-// same area. Determinants come from cross products, which do not cancel.
+// Makes an outline of the ellipse. x and y are sheared so that the centre lies straight ahead. With L L^T = (Q, q; q^T,
+// r^2), the ellipse's matrix is (Q + q q^T / (z^2 - r^2)) / (z^2 - r^2) and its centre -q / (z^2 - r^2). Any pair of
+// conjugate half axes bounds the same area. Determinants come from cross products, which do not cancel.
 void make_ellipse(Body body, out Outline outline) {
   bool orthographic = is_orthographic();
   outline.anchor = orthographic ? body.centre.xy : body.centre.xy / body.centre.z;
@@ -228,7 +234,7 @@ void make_ellipse(Body body, out Outline outline) {
   outline.middle = outline.anchor - q / a;
 }
 
-// In terms of the anchor, from which the rays differ by little: o' x (the direction to it) does not cancel then.
+// Computes the rays relative to the anchor, from which they differ little: this way o' x (direction) does not cancel.
 Rays make_rays(Body body, Outline outline) {
   Rays rays;
   vec2 shift = outline.middle - outline.anchor;
@@ -262,7 +268,7 @@ Rays make_rays(Body body, Outline outline) {
   return rays;
 }
 
-// strength: the optical depth where extinction, |d|, |d'| and 1 - b^2 are 1.
+// `strength`: the optical depth at an extinction, |d|, |d'| and 1 - b^2 of 1.
 void set_near_form(Body body, Value value, Rays rays, float strength, inout Quad quad) {
   quad.near_form[0] = vec4(rays.d_0, rays.along.x);
   quad.near_form[1] = vec4(rays.d_1, rays.along.y);
@@ -274,7 +280,7 @@ void set_near_form(Body body, Value value, Rays rays, float strength, inout Quad
   quad.near_form[7] = vec4(body.normal, body.stretch);
 }
 
-// Coefficients of a polynomial of s: of 1; of x and y; of x^2, x y and y^2.
+// A polynomial of s: the coefficients of 1; of x and y; of x^2, x y and y^2.
 struct Polynomial {
   float constant;
   vec2 slope;
@@ -285,22 +291,22 @@ Polynomial scaled(Polynomial p, float factor) {
   return Polynomial(p.constant * factor, p.slope * factor, p.bend * factor);
 }
 
-// Of the product of two linear forms without constants.
+// Returns the second-order coefficients of the product of two linear forms without constants.
 vec3 product(vec2 a, vec2 b) { return vec3(a.x * b.x, a.x * b.y + a.y * b.x, a.y * b.y); }
 
-// Up to the second order.
+// Returns the product up to the second order.
 Polynomial product(Polynomial a, Polynomial b) {
   return Polynomial(a.constant * b.constant, a.constant * b.slope + b.constant * a.slope,
                     a.constant * b.bend + b.constant * a.bend + product(a.slope, b.slope));
 }
 
-// (1 + p)^exponent up to the second order, p without constant.
+// Returns (1 + p)^exponent up to the second order, for p without a constant.
 Polynomial power(Polynomial p, float exponent) {
   return Polynomial(1.0, exponent * p.slope,
                     exponent * p.bend + 0.5 * exponent * (exponent - 1.0) * product(p.slope, p.slope));
 }
 
-// axis . (d' x n) = n . (axis x d')
+// Returns axis . (d' x n) = n . (axis x d').
 Polynomial chord_middle(vec3 axis, Rays rays) {
   vec3 a_0 = cross(axis, rays.d_0), a_1 = cross(axis, rays.d_1), a_2 = cross(axis, rays.d_2);
   return Polynomial(dot(rays.n_0, a_0),
@@ -308,16 +314,16 @@ Polynomial chord_middle(vec3 axis, Rays rays) {
                     vec3(dot(rays.n_1, a_1), dot(rays.n_1, a_2) + dot(rays.n_2, a_1), dot(rays.n_2, a_2)));
 }
 
-// What the forms for an ellipse are made of. g = |d'|^2 / kappa: 1 - b^2 = (1 - s^2) / g.
+// The terms of the forms for an ellipse. With g = |d'|^2 / kappa, 1 - b^2 = (1 - s^2) / g.
 struct Terms {
   float g, ray;                     // g and |d| in the middle
-  Polynomial g_change, ray_change;  // of g and |d|^2, about and in terms of their values in the middle
-  float depth;                      // optical depth where extinction, |d|, g and 1 - s^2 are 1
-  float light, row, column;         // factor on the colour; where the transfer function is looked up for the mean
+  Polynomial g_change, ray_change;  // relative change of g and |d|^2 from the middle
+  float depth;                      // optical depth at an extinction, |d|, g and 1 - s^2 of 1
+  float light, row, column;         // factor on the colour; the mean's row and column in the transfer function's table
   Polynomial shift;                 // times 1 / g: from `column` to the middle of the chord
-  vec3 along;                       // linear in s; times sqrt(1 - s^2) / g: from there to the end of the chord
-  Polynomial cutting;  // the boundary is at cutting / (sqrt(1 - s^2) |towards|), in half chords from its middle
-  vec3 towards;        // linear in s; positive where the chord ends at the boundary
+  vec3 along;                       // linear in s; times sqrt(1 - s^2) / g: from the middle of the chord to its end
+  Polynomial cutting;  // the boundary is at cutting / (sqrt(1 - s^2) |towards|), in half chords from the middle
+  vec3 towards;        // linear in s; positive if the chord ends at the boundary
 };
 
 Terms make_terms(Body body, Value value, Outline outline, Rays rays, float strength) {
@@ -339,7 +345,7 @@ Terms make_terms(Body body, Value value, Outline outline, Rays rays, float stren
   }
   terms.depth = strength / root_kappa;
 
-  // Spread and light as in the middle.
+  // Spread and light are those of the middle.
   terms.along = vec3(dot(value.gradient, rays.d_0), dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2));
   float along = terms.along.x;
   float stretched = body.stretch * dot(body.normal, rays.d_0);
@@ -352,7 +358,7 @@ Terms make_terms(Body body, Value value, Outline outline, Rays rays, float stren
   terms.shift = scaled(chord_middle(value.gradient, rays), columns / rays.kappa);
   terms.along *= columns / root_kappa;
 
-  // No boundary: one far beyond the end.
+  // Without a boundary: a boundary far beyond the chord's end.
   terms.cutting = Polynomial(1e18, vec2(0.0), vec3(0.0));
   if (body.stretch > 0.0) terms.cutting = scaled(chord_middle(body.normal, rays), -1.0 / root_kappa);
   terms.towards = vec3(dot(body.normal, rays.d_0), dot(body.normal, rays.d_1), dot(body.normal, rays.d_2));
@@ -369,8 +375,8 @@ void set_middle_form(Terms terms, inout Quad quad) {
   quad.middle_form[6] = vec4(terms.towards, terms.along.z);
 }
 
-// The same expanded to the second order: depth goes with |d| g^(-5/2). A boundary, to the first, and no sharper than a
-// pixel where it is in the line of sight.
+// The middle form expanded to the second order: depth is proportional to |d| g^(-5/2). A boundary is expanded to the
+// first order; one that contains the line of sight is no sharper than a pixel.
 void set_far_form(Terms terms, inout Quad quad) {
   Polynomial depth = scaled(product(power(terms.g_change, -2.5), power(terms.ray_change, 0.5)),
                             terms.depth * terms.ray * pow(terms.g, -2.5));
@@ -388,15 +394,16 @@ void set_far_form(Terms terms, inout Quad quad) {
                           terms.along.x / terms.g * (terms.towards.x < 0.0 ? -1.0 : 1.0));
 }
 
-// The largest change within the outline, about.
+// Returns about the largest change within the outline.
 float size(Polynomial change) { return length(change.slope) + change.bend.x + change.bend.z; }
 
-// The forms for an ellipse; false where it is too faint. `peak`: the largest extinction in it.
+// Sets the forms for an ellipse; false if it is too faint. `peak`: the largest extinction in it.
 bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float strength, float peak,
                        inout Quad quad) {
   Terms terms = make_terms(body, value, outline, rays, strength);
 
-  // Where it is too faint it is cut, and what is left takes over the light: of (1 - s^2)^2 the square keeps so much.
+  // The faint rim is cut, and the rest takes over its light: the divisor is the share of the integral of (1 - s^2)^2
+  // that lies in the remaining square.
   float least_g = terms.g * max(1.0 - size(terms.g_change), 0.1);
   float brightest = peak * min(strength / rays.scale * body.longest, terms.depth * terms.ray * pow(least_g, -2.5));
   if (!(brightest > least_depth)) return false;
@@ -416,11 +423,29 @@ bool is_finite(Quad quad) {
   return is_finite(sum);
 }
 
-// Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
+// Makes the outline: an ellipse, or a bounding box if the eye's plane cuts the ellipsoid or the ellipse is too large.
+// False if the outline lies outside of the picture.
+bool make_outline(vec2 half_image, inout Body body, out Outline outline) {
+  vec2 reach;
+  if (!body.near) {
+    make_ellipse(body, outline);
+    reach = vec2(outline.e_1.x, abs(outline.e_1.y) + outline.e_2.y);
+    body.near = any(greaterThan(reach, 2.0 * largest * half_image));
+  }
+  if (body.near) {
+    make_box(body, half_image, outline);
+    reach = vec2(outline.e_1.x, outline.e_2.y);  // not positive if the box is empty
+  }
+  if (!(all(lessThan(outline.middle - reach, half_image)) && all(greaterThan(outline.middle + reach, -half_image))))
+    return false;
+  return all(greaterThan(reach, vec2(0.0)));
+}
+
+// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
   Splat splat = splats[index];
   splat.mass *= origins[splat.batch_index].w;
-  vec3 centre = place(index);
+  vec3 centre = position_in_view(index);
   distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
   if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(splat.value)) return false;
 
@@ -434,19 +459,7 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   float focal = is_orthographic() ? 1.0 : frame.focal;
   vec2 half_image = 0.5 * frame.image_size / focal;
   Outline outline;
-  vec2 reach;
-  if (!body.near) {
-    make_ellipse(body, outline);
-    reach = vec2(outline.e_1.x, abs(outline.e_1.y) + outline.e_2.y);
-    body.near = any(greaterThan(reach, 2.0 * largest * half_image));
-  }
-  if (body.near) {
-    make_box(body, half_image, outline);
-    reach = vec2(outline.e_1.x, outline.e_2.y);  // not positive where it is empty
-  }
-  if (!(all(lessThan(outline.middle - reach, half_image)) && all(greaterThan(outline.middle + reach, -half_image))))
-    return false;
-  if (!all(greaterThan(reach, vec2(0.0)))) return false;
+  if (!make_outline(half_image, body, outline)) return false;
 
   Rays rays = make_rays(body, outline);
   float share = body.stretch > 0.0 ? 2.0 : 1.0;

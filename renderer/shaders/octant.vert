@@ -7,10 +7,10 @@ void main() {
   Quad quad = quads[gl_VertexID >> 2];
   uvec2 first = uvec2(quad.columns, quad.rows) & 0xffffu;
   uvec2 end = uvec2(quad.columns, quad.rows) >> 16;
-  uvec2 place = uvec2((gl_VertexID & 1) == 0 ? first.x : end.x, (gl_VertexID & 2) == 0 ? first.y : end.y);
+  uvec2 corner = uvec2((gl_VertexID & 1) == 0 ? first.x : end.x, (gl_VertexID & 2) == 0 ? first.y : end.y);
 
   color = quad.color;
   weight = quad.weight;
-  offset = quad.corner + vec2(place - first) * quad.pixel;
-  gl_Position = vec4(2.0 * vec2(place) / frame.image_size - 1.0, 0.0, 1.0);
+  offset = quad.corner + vec2(corner - first) * quad.pixel;
+  gl_Position = vec4(2.0 * vec2(corner) / frame.image_size - 1.0, 0.0, 1.0);
 }

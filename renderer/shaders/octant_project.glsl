@@ -1,5 +1,5 @@
-// The paper's kernel, `octant`: a round Gaussian, at its centre as opaque as a slab of the splat's thickness.
-// (Meredith and Ma 2001, section 3.1.)
+// The paper's kernel, `octant`: a round Gaussian. Its centre is as opaque as a slab of the splat's thickness (Meredith
+// and Ma 2001, section 3.1).
 
 struct OctantSplat {
   float x, y, z;  // relative to the batch's origin, world units
@@ -16,27 +16,54 @@ layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[
 const float sigma_per_size = 0.4;
 const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
 const float largest_cut = 3.0;                  // sigmas; a square of this half width holds 99.5 % of a Gaussian
-const float faintest_alpha = 1e-5;              // what is fainter is cut: a thousand of them hide 1 %
+const float faintest_alpha = 1e-5;              // a fainter part is cut: a thousand of them hide 1 %
 const float smallest_sigma = 0.5;               // pixels; a narrower Gaussian slips between the centres of pixels
 const float smallest_float = 1.17549435e-38;
 
 bool is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; }
 
-// 1 - exp(-depth), by its series where the subtraction would cancel.
+// Returns 1 - exp(-depth); by its series where the subtraction would cancel.
 float opacity(float depth) { return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth); }
 
-vec3 place(uint index) {
+vec3 position_in_view(uint index) {
   OctantSplat splat = splats[index];
   return origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
 }
 
-// Projects a splat; false where it draws nothing. `distance_to_eye` is what exact sorting goes by.
+// Sets the rectangle to the pixels whose centres lie inside a square round `centre`, of half width `cut`; false if no
+// pixel does. `scale`: world units that a length of 1 in the quad stands for. Next to the eye the square's bounds are
+// infinite until they are clamped.
+bool set_rectangle(vec3 centre, float cut, float pixel_size, float scale, inout Quad quad) {
+  vec2 middle = 0.5 * frame.image_size;
+  vec2 low = (centre.xy - cut) / pixel_size + middle;
+  vec2 high = (centre.xy + cut) / pixel_size + middle;
+  if (!(all(lessThan(low, frame.image_size)) && all(greaterThan(high, vec2(0.0))))) return false;
+  uvec2 first = uvec2(ceil(clamp(low, vec2(0.0), frame.image_size) - 0.5));
+  uvec2 end = uvec2(ceil(clamp(high, vec2(0.0), frame.image_size) - 0.5));
+  if (any(greaterThanEqual(first, end))) return false;
+  quad.pixel = pixel_size / scale;
+  quad.corner = (vec2(first) - middle) * quad.pixel - centre.xy / scale;
+  quad.columns = first.x | end.x << 16;
+  quad.rows = first.y | end.y << 16;
+  return true;
+}
+
+// The factor on the colour; the light is at the eye.
+float light_on(vec3 gradient, vec3 centre, float distance_to_eye) {
+  bool orthographic = frame.orthographic != 0.0;
+  float length_product = length(gradient) * (orthographic ? 1.0 : distance_to_eye);
+  float along = abs(orthographic ? gradient.z : dot(gradient, centre));
+  float cosine = length_product > 0.0 ? min(along / length_product, 1.0) : 1.0;
+  return frame.ambient + frame.diffuse * cosine;
+}
+
+// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
 bool project(uint index, out Quad quad, out float distance_to_eye) {
   OctantSplat splat = splats[index];
   float weight = origins[splat.batch_index].w;
   if (is_nan(splat.value) || !(splat.size > 0.0) || !(weight > 0.0)) return false;
 
-  vec3 centre = place(index);
+  vec3 centre = position_in_view(index);
   bool orthographic = frame.orthographic != 0.0;
   distance_to_eye = orthographic ? centre.z : max(length(centre), centre.z);  // the length may underflow
   if (!(centre.z > 0.0)) return false;
@@ -51,29 +78,10 @@ bool project(uint index, out Quad quad, out float distance_to_eye) {
   alpha *= (true_sigma / sigma) * (true_sigma / sigma);
   if (!(alpha > faintest_alpha)) return false;
 
-  // The pixels whose centres lie inside the square. Next to the eye its bounds are infinite, until they are clamped.
-  vec2 middle = 0.5 * frame.image_size;
   float cut = sigma * min(largest_cut, sqrt(2.0 * log(alpha / faintest_alpha)));
-  vec2 low = (centre.xy - cut) / pixel_size + middle;
-  vec2 high = (centre.xy + cut) / pixel_size + middle;
-  if (!(all(lessThan(low, frame.image_size)) && all(greaterThan(high, vec2(0.0))))) return false;
-  uvec2 first = uvec2(ceil(clamp(low, vec2(0.0), frame.image_size) - 0.5));
-  uvec2 end = uvec2(ceil(clamp(high, vec2(0.0), frame.image_size) - 0.5));
-  if (any(greaterThanEqual(first, end))) return false;
-
-  // The light is at the eye.
-  vec3 gradient = rotate_to_view(unpackSnorm4x8(splat.gradient).xyz);
-  float length_product = length(gradient) * (orthographic ? 1.0 : distance_to_eye);
-  float along = abs(orthographic ? gradient.z : dot(gradient, centre));
-  float cosine = length_product > 0.0 ? min(along / length_product, 1.0) : 1.0;
-  float light = frame.ambient + frame.diffuse * cosine;
-
-  float half_width = half_width_per_sigma * sigma;
+  if (!set_rectangle(centre, cut, pixel_size, half_width_per_sigma * sigma, quad)) return false;
+  float light = light_on(rotate_to_view(unpackSnorm4x8(splat.gradient).xyz), centre, distance_to_eye);
   quad.color = vec4(material.rgb * (alpha * light), alpha);
-  quad.pixel = pixel_size / half_width;
-  quad.corner = (vec2(first) - middle) * quad.pixel - centre.xy / half_width;
-  quad.columns = first.x | end.x << 16;
-  quad.rows = first.y | end.y << 16;
   quad.weight = weight;
   return true;
 }

@@ -1,10 +1,10 @@
-// A splat of the kernel `octant` on the screen: a rectangle of whole pixels, and where it lies on the Gaussian.
-// Lengths are in half widths at half maximum, so that alpha falls as 2^-(distance^2).
+// A splat of the kernel `octant` on the screen: a rectangle of whole pixels, and its position on the Gaussian. Lengths
+// are in half widths at half maximum, so that alpha falls as 2^-(distance^2).
 struct Quad {
   vec4 color;    // premultiplied, at the centre
   vec2 corner;   // from the splat's centre to the rectangle's lower left corner
   float pixel;   // size of a pixel
-  uint columns;  // the first | one past the last << 16
+  uint columns;  // the first | the one after the last << 16
   uint rows;
   float weight;  // of the splat's optical depth, in each pixel
 };

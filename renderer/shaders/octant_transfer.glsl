@@ -1,10 +1,11 @@
 layout(binding = 0) uniform sampler1DArray transfer_table;  // one row: r, g, b, extinction
 
-// Interpolated here: a texture unit's own weights have eight bits only, and its coordinate misses the entries a little.
+// Interpolates in the shader: a texture unit's weights have only eight bits, and its coordinate misses the entries a
+// little.
 vec4 transfer(float value) {
   int last = textureSize(transfer_table, 0).x - 1;
-  float place = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0) * float(last);
-  int left = min(int(place), last - 1);
+  float column = clamp((value - frame.value_low) * frame.inverse_domain, 0.0, 1.0) * float(last);
+  int left = min(int(column), last - 1);
   return mix(texelFetch(transfer_table, ivec2(left, 0), 0), texelFetch(transfer_table, ivec2(left + 1, 0), 0),
-             place - float(left));
+             column - float(left));
 }

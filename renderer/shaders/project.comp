@@ -1,8 +1,8 @@
 // Projects a run of splats, in the order in which they are drawn.
 layout(local_size_x = 64) in;
 
-// A run of quads is drawn by the last form that one of them needs: commands[f] is to have a count where a quad needs f,
-// and an instance where none needs a later one.
+// The last form that one of a run's quads needs draws the whole run. So commands[f] gets a count if a quad needs form
+// f, and keeps its instance only if no quad needs a later form.
 struct DrawCommand {
   uint count, instances, first_index, base_vertex, base_instance;
 };
@@ -15,7 +15,7 @@ layout(std430, binding = 5) restrict writeonly buffer RunBlock { Run runs[]; };
 layout(location = 0) uniform uint first;
 layout(location = 1) uniform uint count;
 layout(location = 2) uniform int ordering;  // 0: as the splats lie, 1: by `order`, -1: by `order` from its end
-layout(location = 3) uniform uint last;     // place in `order`
+layout(location = 3) uniform uint last;     // index in `order`
 layout(location = 4) uniform uint run;
 
 void main() {

@@ -1,14 +1,14 @@
-// Pixels between samples, along one axis, by the cubics of Catmull and Rom.
+// Interpolates pixels between samples along one axis, by the cubics of Catmull and Rom.
 #version 450 core
 
 layout(binding = 2) uniform sampler2D samples;
 layout(location = 0) uniform int axis;
-layout(location = 1) uniform float spacing;      // of the samples along it, pixels
-layout(location = 2) uniform float half_extent;  // of the picture along it, pixels
+layout(location = 1) uniform float spacing;      // of the samples along the axis, pixels
+layout(location = 2) uniform float half_extent;  // of the picture along the axis, pixels
 layout(location = 0) out vec4 pixel;
 
 void main() {
-  ivec2 place = ivec2(gl_FragCoord.xy);
+  ivec2 texel = ivec2(gl_FragCoord.xy);
   ivec2 extent = textureSize(samples, 0);
   float at = (gl_FragCoord[axis] - half_extent) / spacing + 0.5 * float(extent[axis]) - 0.5;
   float floor_at = floor(at);
@@ -17,8 +17,8 @@ void main() {
                             f * (1.0 + f * (4.0 - 3.0 * f)), f * f * (f - 1.0));
   vec4 sum = vec4(0.0);
   for (int k = 0; k < 4; ++k) {
-    place[axis] = clamp(int(floor_at) + k - 1, 0, extent[axis] - 1);
-    sum += weights[k] * texelFetch(samples, place, 0);
+    texel[axis] = clamp(int(floor_at) + k - 1, 0, extent[axis] - 1);
+    sum += weights[k] * texelFetch(samples, texel, 0);
   }
   float alpha = clamp(sum.a, 0.0, 1.0);
   pixel = vec4(clamp(sum.rgb, vec3(0.0), vec3(alpha)), alpha);

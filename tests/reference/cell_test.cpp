@@ -24,7 +24,7 @@ TEST(DeterminantSign, SeesWhatRoundingHides) {
   EXPECT_EQ(determinant_sign(1, 2, 3, 6), 0);
   EXPECT_EQ(determinant_sign(2, 1, 1, 1), 1);
   EXPECT_EQ(determinant_sign(1, 1, 2, 1), -1);
-  // (1 + e)(1 - e) = 1 - e^2 and (1 + e)^2 = 1 + 2 e + e^2 round to what they are compared with.
+  // (1 + e)(1 - e) = 1 - e^2 and (1 + e)^2 = 1 + 2 e + e^2 round to the numbers that they are compared with.
   EXPECT_EQ(determinant_sign(1 + e, 1, 1, 1 - e), -1);
   EXPECT_EQ(determinant_sign(1, 1 + e, 1 - e, 1), 1);
   EXPECT_EQ(determinant_sign(1 + e, 1 + 2 * e, 1, 1 + e), 1);
@@ -49,7 +49,7 @@ TEST(DeterminantSign, IsAntisymmetric) {
   }
 }
 
-/// What stands for a ray that misses the cell.
+/// Stands for a ray that misses the cell.
 constexpr Crossing missed{0, 0, 0, 0};
 
 Crossing cross(bool orthographic, const CellCorners& corners, const std::array<double, 4>& values, PixelRay ray) {
@@ -57,7 +57,7 @@ Crossing cross(bool orthographic, const CellCorners& corners, const std::array<d
   return crosser.select_row(ray.b) ? crosser.cross(ray.a).value_or(missed) : missed;
 }
 
-/// The cell's crossing by clipping the ray with the planes of its faces, from barycentric coordinates.
+/// Finds the cell's crossing by clipping the ray with the planes of its faces, from barycentric coordinates.
 Crossing clip(const View& view, const CellCorners& corners, const std::array<double, 4>& values, PixelRay ray) {
   const dvec3 origin = view.orthographic ? dvec3(ray.a, ray.b, 0) : dvec3(0);
   const dvec3 direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(ray.a, ray.b, 1);
@@ -109,8 +109,9 @@ TEST(CellCrosser, MatchesClippingForRandomCells) {
   EXPECT_GT(crossings, 10000);
 }
 
-/// Random cells with small whole coordinates and rays through them: ties of every kind. Two cells on either side of a
-/// common face, and the fan that fills a tetrahedron from a point inside, must count every ray as often as the whole.
+/// Random cells with small whole coordinates, and rays through them: ties of every kind. Two cells on both sides of a
+/// common face must count every ray as often as their union; so must the four cells round a point inside a
+/// tetrahedron.
 TEST(CellCrosser, SplittingACellChangesNoRay) {
   std::mt19937 random(11);
   std::uniform_int_distribution<int> whole(-2, 2);

@@ -14,7 +14,7 @@ constexpr double slab_extinction = 3;
 
 double constant(dvec3) { return 0.5; }
 
-/// All six directions along the axes, and an up for each.
+/// The six directions along the axes, with an up for each.
 struct Axis {
   dvec3 direction, up;
 };
@@ -33,7 +33,7 @@ TEST(Slab, RaysInsideFacesEdgesAndVerticesCountOnce) {
   }
 }
 
-// Transmittances of what is in and beyond a face multiply to that of the whole, whatever the direction of the rays.
+// Two clip boxes cut the mesh in two parts, whose transmittances multiply to that of the whole.
 TEST(Slab, AClipBoxCutsRaysWhereItsFacesAre) {
   const Mesh mesh = make_box(4, constant);
   Scene scene = make_scene(slab_extinction, 40, 30);
@@ -120,14 +120,14 @@ TEST(Box, EyeOnVertexEdgeAndFace) {
       for_each_ray(scene, render(mesh, scene).image, [&](const WorldRay& ray, const vec4& pixel) {
         SCOPED_TRACE(testing::Message() << "eye " << eye.x << " " << eye.y << " " << eye.z << ", direction "
                                         << direction.x);
-        // A ray that stays within the box's surface may count or not: a box a little smaller would lose it.
+        // A ray inside the box's surface may count or not: a slightly smaller box would lose it.
         const double smaller = box_length({(ray.origin - 0.5) * (1 + 1e-9) + 0.5, ray.direction});
         if (std::abs(smaller - box_length(ray)) < 1e-6) expect_alpha(pixel.a, 2, box_length(ray), exact);
       });
     }
 }
 
-/// The value is the coordinate along the ray: optical depth 4 (z1 - z0)^2 / 2 and so on, whatever the cells.
+/// The value is the coordinate along the ray: optical depth 4 (z1 - z0)^2 / 2 and so on, for any cells.
 TEST(Ramp, AlongTheRay) {
   Scene scene = make_scene(0, 15, 15);
   scene.transfer_function.densities = {{0, 0}, {1, 4}};
@@ -210,7 +210,7 @@ TEST(Jump, ValuesExactlyOnItTakeTheLaterSide) {
   for (const vec4& pixel : render(make_box(2, constant), scene).image.pixels) expect_alpha(pixel.a, 1, 1, exact);
 }
 
-/// The distance that a ray runs inside the convex hull of the ball's outer triangles.
+/// Returns the length of a ray inside the convex hull of the ball's outer triangles.
 double polyhedron_length(const Mesh& ball, const WorldRay& ray) {
   double enter = 0;
   double leave = std::numeric_limits<double>::infinity();
@@ -227,7 +227,7 @@ double polyhedron_length(const Mesh& ball, const WorldRay& ray) {
   return std::max(leave - enter, 0.0);
 }
 
-/// Eye outside, inside, and at the centre, where all cells meet.
+/// The eye outside, inside, and at the centre, where all cells meet.
 TEST(Ball, MatchesItsPolyhedron) {
   const Mesh ball = make_ball(3);
   ASSERT_EQ(ball.tetrahedra.size(), 1280U);
@@ -241,7 +241,7 @@ TEST(Ball, MatchesItsPolyhedron) {
   }
 }
 
-/// Refined, the polyhedron nears the ball: a chord of 2 sqrt(1 - b^2).
+/// Refinement brings the polyhedron closer to the ball, whose chord is 2 sqrt(1 - b^2).
 TEST(Ball, NearsTheRoundBall) {
   const Mesh ball = make_ball(5);
   Scene scene = make_scene(1.5, 21, 21);

@@ -16,14 +16,14 @@ TransferFunction bent_function() {
   return function;
 }
 
-/// The same integral by a million midpoint steps.
+/// Returns the same integral by a million midpoint samples.
 dvec3 by_brute_force(const TransferFunction& function, double front, double back, double length, double& depth) {
-  constexpr int steps = 1000000;
+  constexpr int samples = 1000000;
   dvec3 color(0);
   depth = 0;
-  for (int step = 0; step < steps; ++step) {
-    const double value = front + (back - front) * (step + 0.5) / steps;
-    const double t = function.extinction(value) * length / steps;
+  for (int i = 0; i < samples; ++i) {
+    const double value = front + (back - front) * (i + 0.5) / samples;
+    const double t = function.extinction(value) * length / samples;
     color += std::exp(-depth) * -std::expm1(-t) * function.color(value);
     depth += t;
   }
@@ -77,7 +77,7 @@ TEST(EmissionAbsorption, ConstantValuesAreExact) {
   }
 }
 
-/// Thin and thick steps are computed by different formulas; where they meet, so must the results.
+/// Thin and thick integration steps have different formulas. At the limit between them the results must agree.
 TEST(EmissionAbsorption, LinearColorInConstantExtinctionIsExactAtEveryDepth) {
   TransferFunction function;
   function.colors = {{0, dvec3(0)}, {1, dvec3(1)}};

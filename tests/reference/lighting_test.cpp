@@ -1,4 +1,4 @@
-// Lit pictures against closed forms: the factor of each ray, and what must not change.
+// Lit pictures against closed forms: the factor of each ray, and the parts that must not change.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -21,7 +21,7 @@ Scene lit_scene(dvec3 eye = {2.3, 1.9, 3.1}) {
   return scene;
 }
 
-/// The colour is white and the factor everywhere the same along a ray: red = factor times alpha.
+/// The colour is white and the factor is the same all along a ray: red = factor times alpha.
 void expect_factor(const WorldRay& ray, dvec3 gradient, const vec4& pixel) {
   const double cosine = glm::dot(ray.direction, gradient) / glm::length(gradient);
   EXPECT_NEAR(pixel.r, (light.ambient + light.diffuse * std::abs(cosine)) * pixel.a, exact);
@@ -53,7 +53,7 @@ TEST(Lighting, WithoutGradientIsAmbientAndDiffuse) {
     EXPECT_NEAR(pixel.r, (light.ambient + light.diffuse) * pixel.a, exact);
 }
 
-/// Halving is exact in binary, so that the pictures must agree in every bit; other factors in all but rounding.
+/// Halving is exact in binary, so the pictures must agree in every bit. With other factors they agree up to rounding.
 TEST(Lighting, AmbientAloneDimsTheUnlitPicture) {
   const Mesh mesh = make_box(4, curved);
   Scene scene = lit_scene();
@@ -89,7 +89,7 @@ TEST(Lighting, LeavesAlphaAsItIs) {
   }
 }
 
-/// In front a box whose gradient lies along the rays, behind it one whose gradient lies across them.
+/// The box in front has its gradient along the rays, the box behind it has its gradient across them.
 TEST(Lighting, EachCellHasItsOwn) {
   Mesh mesh = make_box(3, [](dvec3 p) { return p.z; });
   const Mesh behind = make_box(3, [](dvec3 p) { return p.x; });
@@ -110,7 +110,7 @@ TEST(Lighting, EachCellHasItsOwn) {
 }
 
 TEST(Lighting, FarFromTheOrigin) {
-  // Values and vertices are exact in binary there too, so that only the arithmetic can lose.
+  // Values and vertices are exact in binary there too, so that only the arithmetic can lose digits.
   const dvec3 gradient(0.25, -0.5, 1);
   Mesh mesh = make_box(4, [&](dvec3 p) { return glm::dot(gradient, p); });
   const dvec3 shift(1e7, -3e7, 5e7);
@@ -121,7 +121,7 @@ TEST(Lighting, FarFromTheOrigin) {
                [&](const WorldRay& ray, const vec4& pixel) { expect_factor(ray, gradient, pixel); });
 }
 
-/// An eye that stands 1e6 sizes away: view coordinates have lost ten digits of the cells' shape, the world's have not.
+/// The eye is 1e6 sizes away: view coordinates have lost ten digits of the cells' shape, world coordinates none.
 TEST(Lighting, FarFromTheEye) {
   const dvec3 gradient(0.25, -0.5, 1);
   const Mesh mesh = make_box(2, [&](dvec3 p) { return 1e-3 * glm::dot(gradient, p); });
@@ -176,8 +176,8 @@ TEST(Lighting, TheSameBitsForEveryThreadCount) {
   for (const int threads : {2, 7}) EXPECT_EQ(one.pixels, render(mesh, scene, threads).image.pixels);
 }
 
-/// Corners in a box of these edges, values of a linear field; the bound is the rounding of the corners and values
-/// (1e-16), magnified by the cell's flatness.
+/// Corners in a box of these edges, values of a linear field. The bound is the rounding of corners and values (1e-16)
+/// times the flatness of the cell.
 TEST(GradientDirection, OfALinearField) {
   struct Case {
     dvec3 box;

@@ -84,7 +84,7 @@ inline Mesh make_ball(int refinements) {
   return mesh;
 }
 
-/// White, of constant extinction, domain [0, 1].
+/// White, with constant extinction; domain [0, 1].
 inline Scene make_scene(double extinction, int width, int height) {
   Scene scene;
   scene.width = width;
@@ -117,7 +117,7 @@ struct WorldRay {
   dvec3 origin, direction;
 };
 
-/// The ray through the centre of the pixel in image column x and image row y (0 at the top).
+/// Returns the ray through the centre of the pixel in image column x and image row y (0 at the top).
 inline WorldRay world_ray(const View& view, int x, int y) {
   const auto [a, b] = pixel_ray(view, x, view.height - 1 - y);
   const dvec3 offset = a * view.right + b * view.up;
@@ -138,7 +138,7 @@ void for_each_ray(const Scene& scene, const Image& image, const Check& check) {
     }
 }
 
-/// Where a ray is inside the box [0, 1]^3, in front of the eye: from .x to .y; empty where .x >= .y.
+/// Returns the part of a ray inside the box [0, 1]^3, in front of the eye: from .x to .y; empty if .x >= .y.
 inline dvec2 box_interval(const WorldRay& ray) {
   dvec2 interval(0, std::numeric_limits<double>::infinity());
   for (int axis = 0; axis < 3; ++axis) {
@@ -165,7 +165,7 @@ inline void expect_alpha(double alpha, double extinction, double length, double 
   EXPECT_NEAR(alpha, expected, tolerance * expected + 1e-12);
 }
 
-/// Adds cells without volume to a mesh of make_box(2, ...): in its face x = 0, and with corners given twice.
+/// Adds cells without volume to a mesh of make_box(2, ...): some in its face x = 0, some with a corner twice.
 inline void add_flat_cells(Mesh& mesh) {
   std::mt19937 random(3);
   std::uniform_int_distribution<std::uint32_t> plane(0, 8);

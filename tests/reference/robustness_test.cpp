@@ -1,4 +1,4 @@
-// Data as it comes: missing values, broken cells, far origins, bad arguments; and the same bits for every thread count.
+// Imperfect data: missing values, broken cells, far origins, bad arguments. And the same bits for every thread count.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -28,7 +28,7 @@ void expect_box(const Mesh& mesh, const Scene& scene, double extinction) {
 }
 
 TEST(Reference, MissingValuesEmptyTheirCells) {
-  // All values above z = 1/2 are missing: the cells of that half are empty, those of the other are whole.
+  // All values above z = 1/2 are missing: the cells of the upper half are empty, those of the lower half whole.
   const Mesh mesh = make_box(4, [](dvec3 p) { return p.z > 0.5 ? nan : 0.5; });
   Scene scene = make_scene(3, 9, 9);
   make_orthographic(scene, 0.8);
@@ -74,7 +74,7 @@ TEST(Reference, FarFromTheOrigin) {
   Scene scene = box_scene(2);
   const Image near = render(mesh, scene).image;
 
-  // The shift is exact in binary for the eye and the vertices, so that only the arithmetic can lose.
+  // The shift is exact in binary for the eye and the vertices, so that only the arithmetic can lose digits.
   const dvec3 shift(1e7, -3e7, 5e7);
   scene.camera.position = dvec3(2.25, 1.875, 3.125) + shift;
   scene.camera.focal_point = dvec3(0.5) + shift;
@@ -99,7 +99,7 @@ TEST(Reference, AnySizeOfWorld) {
   }
 }
 
-/// The largest doubles stand for missing values in many files: above the domain's end, and nothing worse.
+/// Many files mark missing values with the largest double. It counts as a value above the domain, and breaks nothing.
 TEST(Reference, AnySizeOfValue) {
   const double largest = std::numeric_limits<double>::max();
   const Field fields[] = {[&](dvec3) { return largest; }, [&](dvec3 p) { return p.x > 0.5 ? largest : -largest; },
@@ -118,7 +118,7 @@ TEST(Reference, AnySizeOfValue) {
     }
 }
 
-/// Cells of every shape: a box whose inner vertices are thrown about by less than what would fold a cell.
+/// Cells of every shape: a box whose inner vertices are moved at random, but too little to fold a cell.
 TEST(Reference, IrregularCellsFillTheBox) {
   Mesh mesh = make_box(6, constant);
   std::mt19937 random(5);
@@ -156,12 +156,12 @@ TEST(Reference, CountsSegmentsAndReportsProgress) {
                                                              }});
   ASSERT_TRUE(picture);
   EXPECT_EQ(last, 1);
-  // Each layer of cubes shows every ray at least one cell and at most three.
+  // Every ray meets one to three cells in each layer of cubes.
   EXPECT_GE(picture->segments, 4U * 40 * 24);
   EXPECT_LE(picture->segments, 12U * 40 * 24);
 }
 
-/// More segments in one tile than a thread may hold: drawn in parts, with the same result.
+/// A tile with more segments than a thread may hold is drawn in parts, with the same result.
 TEST(Reference, CrowdedTilesAreDrawnInParts) {
   Mesh mesh = make_box(1, constant);
   Scene scene = make_scene(1.0 / 3000, 16, 16);

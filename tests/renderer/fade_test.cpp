@@ -17,14 +17,15 @@ namespace splatvol {
 namespace {
 
 constexpr std::uint64_t plenty = 256u << 20;
-constexpr double long_enough = 60;  // seconds; only a failing test waits so long
+constexpr double long_enough = 60;  // seconds; only a failing test waits this long
 
 struct Path {
   double largest = 0, mean = 0;  // RMSE from frame to frame
   std::uint64_t fading = 0;
 };
 
-// Towards a volume and round it, with everything there that a frame asks for; half way, less detail will do.
+// Draws frames of a camera that moves towards a volume and round it. Each frame waits for all of its chunks. Half way,
+// the tolerance becomes coarser.
 Path fly(const std::string& file, DetailOptions detail, double change) {
   constexpr int frames = 40;
   const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
@@ -48,9 +49,9 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
     EXPECT_TRUE(renderer->draw(view, SortMode::exact));
     Image image = renderer->read_image().value();
     if (i > 0) {
-      const double step = compare_images(last, image).value().rmse;
-      path.largest = std::max(path.largest, step);
-      path.mean += step / (frames - 1);
+      const double jump = compare_images(last, image).value().rmse;
+      path.largest = std::max(path.largest, jump);
+      path.mean += jump / (frames - 1);
     }
     path.fading += frame.progress.fading;
     last = std::move(image);

@@ -10,6 +10,7 @@
 #include <numeric>
 #include <random>
 
+#include "base/rotation.h"
 #include "base/splat_kernel.h"
 #include "renderer/renderer.h"
 #include "shared_context.h"
@@ -23,7 +24,7 @@ using glm::dvec4;
 using std::numbers::pi;
 using ::testing::HasSubstr;
 
-/// A cluster's moments, as they are before they are packed.
+/// A cluster's moments before packing.
 struct Cluster {
   dvec3 position{0};
   double mass = 1;
@@ -37,7 +38,7 @@ struct Cluster {
 };
 
 MomentsSplat pack(const Cluster& cluster, dvec3 origin = dvec3(0)) {
-  // The same axes, turned round so that w is the largest component.
+  // The same axes in another order and direction, so that w is the largest component.
   dquat q = cluster.orientation;
   for (const dquat turn : {dquat(0, 1, 0, 0), dquat(0, 0, 1, 0), dquat(0, 0, 0, 1)})
     if (const dquat turned = cluster.orientation * turn; std::abs(turned.w) > std::abs(q.w)) q = turned;
@@ -64,7 +65,7 @@ MomentsSplat pack(const Cluster& cluster, dvec3 origin = dvec3(0)) {
           wide_code(boundary.x) | wide_code(boundary.y) << 10 | wide_code(boundary.z) << 20};
 }
 
-/// White, extinction `slope` times the value from 0 to 1000.
+/// White, with extinction `slope` times the value from 0 to 1000.
 TransferFunction ramp(double slope) {
   TransferFunction function;
   function.lo = 0;
@@ -74,14 +75,14 @@ TransferFunction ramp(double slope) {
   return function;
 }
 
-/// White, the same extinction everywhere.
+/// White, with the same extinction everywhere.
 TransferFunction uniform(double extinction) {
   TransferFunction function = ramp(0);
   function.densities = {{0, extinction}};
   return function;
 }
 
-/// Colours and bends between 0 and 1.
+/// A function with colours and bends between 0 and 1.
 TransferFunction lively(double extinction) {
   TransferFunction function;
   function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
@@ -110,88 +111,113 @@ View orthographic_view(double world_height, int width = 65, int height = 65, dve
   return look(camera, width, height);
 }
 
-/// The definition of a splat (docs/design.md) for one pixel ray, its integrals by quadrature in double precision.
-dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, double pixel_y,
-               const TransferFunction& function, const std::optional<Lighting>& lighting) {
-  constexpr double half_axis = moments_half_width;  // the shaders repeat it
-  const dvec3 centre = view.to_view(dvec3(splat.position));
-  const dvec3 q(splat.orientation);
-  const dmat3 to_view = glm::transpose(dmat3(view.right, view.up, view.forward));
-  const dmat3 axes = to_view * glm::mat3_cast(dquat(std::sqrt(1 - glm::dot(q, q)), q.x, q.y, q.z));
-  const dvec3 deviations(splat.deviations);
-  const dvec3 depth_axis(axes[0].z, axes[1].z, axes[2].z);
-  const auto wide_code = [&](int k) {
-    return (static_cast<std::int32_t>(splat.boundary << (22 - 10 * k)) >> 22) / 128.0;
-  };
-  dvec3 foot(wide_code(0), wide_code(1), wide_code(2));
-  const double reach = half_axis * glm::length(depth_axis * deviations) * (1 + 1.1 * glm::length(foot));
-  if (centre.z + reach <= 0) return dvec4(0);
-  const double pixel = (view.orthographic ? 1 : std::max(centre.z, (centre.z + reach) / 2)) / view.focal;
-  const dvec3 widened = glm::sqrt(deviations * deviations + 0.1 * pixel * pixel);
-  const dvec3 half_axes = half_axis * widened;
-  const dvec3 kept = deviations / widened;
+constexpr double half_axis = moments_half_width;  // the shaders repeat it
 
-  // At a boundary, half of the ellipsoid that has the material and its reflection, round the foot in the plane.
-  const bool bounded = foot != dvec3(0);
-  if (bounded) {
-    const dvec3 across = foot / glm::max(kept, 1e-3);
-    foot = across * (glm::dot(foot, foot) / glm::dot(across, across));
+/// A splat's ellipsoid in view coordinates, by its definition (docs/design.md), in double precision.
+struct Ellipsoid {
+  dvec3 centroid;
+  dmat3 axes;  // columns
+  dvec3 half_axes;
+  dvec3 kept;     // of the deviations, by the low-pass filter
+  dvec3 foot{0};  // of the perpendicular from the centroid to the boundary, in deviations; 0: no boundary
+
+  [[nodiscard]] bool is_bounded() const { return foot != dvec3(0); }
+  [[nodiscard]] double stretch() const { return std::sqrt(1 + glm::dot(foot, foot)); }
+
+  /// Turns a vector in units of the half axes into the coordinates in which the ellipsoid is the unit ball. At a
+  /// boundary this is the ellipsoid that has the material and its reflection, round the foot in the plane.
+  [[nodiscard]] dvec3 to_ball(dvec3 x) const {
+    return is_bounded() ? x + (1 / stretch() - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x;
   }
-  const double stretch = std::sqrt(1 + glm::dot(foot, foot));
-  const auto to_ball = [&](dvec3 x) {
-    return bounded ? x + (1 / stretch - 1) * glm::dot(foot, x) / glm::dot(foot, foot) * foot : x;
-  };
+};
 
+/// None if the splat is behind the eye.
+std::optional<Ellipsoid> ellipsoid_of(const MomentsSplat& splat, const View& view) {
+  Ellipsoid result;
+  result.centroid = view.to_view(dvec3(splat.position));
+  const dmat3 to_view = glm::transpose(dmat3(view.right, view.up, view.forward));
+  result.axes = to_view * rotated_axes(splat.orientation);
+  const dvec3 deviations(splat.deviations);
+  const dvec3 depth_axis(result.axes[0].z, result.axes[1].z, result.axes[2].z);
+  for (int k = 0; k < 3; ++k)
+    result.foot[k] = (static_cast<std::int32_t>(splat.boundary << (22 - 10 * k)) >> 22) / 128.0;
+  const double reach = half_axis * glm::length(depth_axis * deviations) * (1 + 1.1 * glm::length(result.foot));
+  if (result.centroid.z + reach <= 0) return {};
+  const double pixel =
+      (view.orthographic ? 1 : std::max(result.centroid.z, (result.centroid.z + reach) / 2)) / view.focal;
+  const dvec3 widened = glm::sqrt(deviations * deviations + 0.1 * pixel * pixel);
+  result.half_axes = half_axis * widened;
+  result.kept = deviations / widened;
+  if (result.is_bounded()) {
+    const dvec3 across = result.foot / glm::max(result.kept, 1e-3);
+    result.foot = across * (glm::dot(result.foot, result.foot) / glm::dot(across, across));
+  }
+  return result;
+}
+
+/// The visible part of a ray in the ellipsoid, from s = begin to s = end.
+struct Chord {
+  dvec3 direction;                 // of the ray, view coordinates
+  dvec3 from_centroid, along_ray;  // of the ray, in units of the half axes
+  double inside;                   // 1 - b^2
+  double middle, half;             // of the whole chord
+  double begin, end;
+};
+
+/// None if the ray misses the material.
+std::optional<Chord> chord_of(const Ellipsoid& body, const View& view, double pixel_x, double pixel_y) {
+  Chord chord;
   const double x = (pixel_x - 0.5 * view.width) / view.focal;
   const double y = (pixel_y - 0.5 * view.height) / view.focal;
   const dvec3 eye = view.orthographic ? dvec3(x, y, 0) : dvec3(0);
-  const dvec3 direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(x, y, 1);
-  const dvec3 from_centroid = glm::transpose(axes) * (eye - centre) / half_axes;
-  const dvec3 along_ray = glm::transpose(axes) * direction / half_axes;
-  const dvec3 o = to_ball(from_centroid - foot / half_axis);
-  const dvec3 d = to_ball(along_ray);
+  chord.direction = view.orthographic ? dvec3(0, 0, 1) : dvec3(x, y, 1);
+  chord.from_centroid = glm::transpose(body.axes) * (eye - body.centroid) / body.half_axes;
+  chord.along_ray = glm::transpose(body.axes) * chord.direction / body.half_axes;
+  const dvec3 o = body.to_ball(chord.from_centroid - body.foot / half_axis);
+  const dvec3 d = body.to_ball(chord.along_ray);
   const double dd = glm::dot(d, d);
   const dvec3 n = glm::cross(o, d);
-  const double inside = 1 - glm::dot(n, n) / dd;
-  if (inside <= 0) return dvec4(0);
-  const double middle = -glm::dot(o, d) / dd;
-  const double half = std::sqrt(inside / dd);
-  double begin = std::max(middle - half, 0.0);
-  double end = middle + half;
-  if (const double towards = glm::dot(foot, along_ray); bounded) {
-    const double cut = (glm::dot(foot, foot) / half_axis - glm::dot(foot, from_centroid)) / towards;
-    (towards < 0 ? begin : end) = towards < 0 ? std::max(begin, cut) : std::min(end, cut);
+  chord.inside = 1 - glm::dot(n, n) / dd;
+  if (chord.inside <= 0) return {};
+  chord.middle = -glm::dot(o, d) / dd;
+  chord.half = std::sqrt(chord.inside / dd);
+  chord.begin = std::max(chord.middle - chord.half, 0.0);
+  chord.end = chord.middle + chord.half;
+  if (const double towards = glm::dot(body.foot, chord.along_ray); body.is_bounded()) {
+    const double cut =
+        (glm::dot(body.foot, body.foot) / half_axis - glm::dot(body.foot, chord.from_centroid)) / towards;
+    (towards < 0 ? chord.begin : chord.end) = towards < 0 ? std::max(chord.begin, cut) : std::min(chord.end, cut);
   }
-  if (end <= begin) return dvec4(0);
+  if (chord.end <= chord.begin) return {};
+  return chord;
+}
 
-  // Substituted so that the ends, where the density has a root of the distance, do not spoil the sum.
+/// The integral of the density along a chord, and the mean of s there, by quadrature.
+struct DensityIntegral {
+  double mass;
+  double mean_s;
+};
+
+DensityIntegral integrate_density(const Chord& chord) {
+  // s is substituted by t: at the ends the density has a root of the distance, which would spoil the sum.
   double integral = 0;
   double moment = 0;
-  constexpr int steps = 500;
-  for (int i = 0; i < steps; ++i) {
-    const double t = (i + 0.5) / steps;
-    const double s = begin + (end - begin) * t * t * (3 - 2 * t);
-    const double u = (s - middle) / half;
+  constexpr int samples = 500;
+  for (int i = 0; i < samples; ++i) {
+    const double t = (i + 0.5) / samples;
+    const double s = chord.begin + (chord.end - chord.begin) * t * t * (3 - 2 * t);
+    const double u = (s - chord.middle) / chord.half;
     const double density = std::pow(std::max(1 - u * u, 0.0), 1.5) * 6 * t * (1 - t);
     integral += density;
     moment += density * s;
   }
-  integral *= std::pow(inside, 1.5) * (end - begin) / steps * glm::length(direction);
-  const double mass = (bounded ? 2 : 1) * static_cast<double>(splat.mass);
-  const double depth = mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z / stretch * integral;
-  const double at =
-      integral > 0 ? moment * (end - begin) / steps * std::pow(inside, 1.5) * glm::length(direction) / integral : begin;
+  const double scale = std::pow(chord.inside, 1.5) * (chord.end - chord.begin) / samples * glm::length(chord.direction);
+  integral *= scale;
+  return {integral, integral > 0 ? moment * scale / integral : chord.begin};
+}
 
-  const auto code = [&](int k) { return static_cast<std::int8_t>(splat.correlations >> (8 * k)) / 127.0; };
-  const dvec3 correlation(code(0), code(1), code(2));
-  const dvec3 gradient = half_axis * static_cast<double>(splat.value_deviation) * correlation * kept;
-  const dvec3 smoothed = correlation * correlation * (1.0 - kept * kept);
-  const double along = glm::dot(gradient, along_ray) / glm::length(along_ray) / half_axis;
-  const double spread =
-      std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) +
-                along * along);
-  const double mean = splat.value + glm::dot(gradient, from_centroid + at * along_ray);
-
+/// Averages the transfer function over normally distributed values: colour, weighted with extinction; extinction.
+dvec4 average_transfer(const TransferFunction& function, double mean, double spread) {
   dvec4 sum(0);
   double weight = 0;
   constexpr int values = 151;
@@ -203,13 +229,38 @@ dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, doub
     weight += density;
     if (spread == 0) break;
   }
-  if (sum.a <= 0) return dvec4(0);
-  const dvec3 world_gradient = gradient / half_axes;
-  const double slope = glm::length(world_gradient);
-  const double cosine = slope > 0 ? std::abs(glm::dot(gradient, along_ray)) / slope / glm::length(direction) : 1;
+  return sum.a > 0 ? dvec4(dvec3(sum) / sum.a, sum.a / weight) : dvec4(0);
+}
+
+/// Draws one splat on one pixel's ray by its definition: integrals by quadrature, in double precision.
+dvec4 evaluate(const MomentsSplat& splat, const View& view, double pixel_x, double pixel_y,
+               const TransferFunction& function, const std::optional<Lighting>& lighting) {
+  const auto body = ellipsoid_of(splat, view);
+  if (!body) return dvec4(0);
+  const auto chord = chord_of(*body, view, pixel_x, pixel_y);
+  if (!chord) return dvec4(0);
+  const DensityIntegral density = integrate_density(*chord);
+  const double mass = (body->is_bounded() ? 2 : 1) * static_cast<double>(splat.mass);
+  const dvec3& half_axes = body->half_axes;
+  const double depth = mass * 8 / (pi * pi) / half_axes.x / half_axes.y / half_axes.z / body->stretch() * density.mass;
+
+  const auto code = [&](int k) { return static_cast<std::int8_t>(splat.correlations >> (8 * k)) / 127.0; };
+  const dvec3 correlation(code(0), code(1), code(2));
+  const dvec3 gradient = half_axis * static_cast<double>(splat.value_deviation) * correlation * body->kept;
+  const dvec3 smoothed = correlation * correlation * (1.0 - body->kept * body->kept);
+  const double along = glm::dot(gradient, chord->along_ray) / glm::length(chord->along_ray) / half_axis;
+  const double spread =
+      std::sqrt(std::pow(splat.value_deviation, 2.0) * (code(3) * code(3) + smoothed.x + smoothed.y + smoothed.z) +
+                along * along);
+  const double mean = splat.value + glm::dot(gradient, chord->from_centroid + density.mean_s * chord->along_ray);
+  const dvec4 material = average_transfer(function, mean, spread);
+
+  const double slope = glm::length(gradient / half_axes);
+  const double cosine =
+      slope > 0 ? std::abs(glm::dot(gradient, chord->along_ray)) / slope / glm::length(chord->direction) : 1;
   const double light = lighting ? lighting->ambient + lighting->diffuse * cosine : 1;
-  const double alpha = -std::expm1(-depth * sum.a / weight);
-  return {light * alpha * dvec3(sum) / sum.a, alpha};
+  const double alpha = -std::expm1(-depth * material.a);
+  return {light * alpha * dvec3(material), alpha};
 }
 
 Image evaluate(const Cluster& cluster, const View& view, const TransferFunction& function,
@@ -237,7 +288,7 @@ void expect_sane(const Image& image) {
 
 double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
-/// Largest difference of any channel, alpha too.
+/// Returns the largest difference of any channel, alpha included.
 double largest_difference(const Image& a, const Image& b) {
   double largest = 0;
   for (std::size_t i = 0; i < a.pixels.size(); ++i)
@@ -246,10 +297,10 @@ double largest_difference(const Image& a, const Image& b) {
   return largest;
 }
 
-/// Turns x, y, z onto three axes in general position.
+/// Turns x, y and z into three oblique axes.
 const dquat oblique = glm::normalize(dquat(0.8, 0.3, -0.5, 0.2));
 
-/// Cubes of edge `h` round the points of a lattice in [-reach, reach]^3 that `keep` holds of, seen as clusters.
+/// Returns clusters that are cubes of edge `h`, round the points of a lattice in [-reach, reach]^3 that `keep` accepts.
 template <class Keep>
 std::vector<Cluster> cubes(double h, int reach, const Keep& keep) {
   std::vector<Cluster> clusters;
@@ -261,7 +312,7 @@ std::vector<Cluster> cubes(double h, int reach, const Keep& keep) {
   return clusters;
 }
 
-/// A few hundred overlapping splats of all shapes around the origin.
+/// Returns overlapping splats of all shapes around the origin.
 std::vector<Cluster> cloud(int count) {
   std::mt19937 generator(5);
   std::uniform_real_distribution<double> coordinate(-1, 1);
@@ -282,6 +333,8 @@ std::vector<Cluster> cloud(int count) {
   }
   return clusters;
 }
+
+struct Case;
 
 class MomentsTest : public ::testing::Test {
  protected:
@@ -315,11 +368,13 @@ class MomentsTest : public ::testing::Test {
     return std::move(*image);
   }
 
+  void expect_agreement(const Case& c);
+
   std::unique_ptr<Renderer> renderer_;
 };
 
 TEST_F(MomentsTest, RoundSplatHasItsClosedForm) {
-  // Orthographic, world units are pixels: depth = K m 3 / (pi a^2) (1 - r^2 / a^2)^2.
+  // Orthographic, with a pixel for a world unit: depth = K m 3 / (pi a^2) (1 - r^2 / a^2)^2.
   const double deviation = 7;
   const double a = 0.95 * std::sqrt(12.0) * std::sqrt(deviation * deviation + 0.1);
   const double mass = 12345;
@@ -329,23 +384,25 @@ TEST_F(MomentsTest, RoundSplatHasItsClosedForm) {
     for (int x = 0; x < 65; ++x) {
       const double square = (x - 32) * (x - 32) / (a * a);
       const double depth = square < 1 ? extinction * mass * 3 / (pi * a * a) * (1 - square) * (1 - square) : 0;
-      // What is fainter than 3e-4 is cut, and its light given to the rest.
+      // The part fainter than 3e-4 is cut, and its light given to the rest.
       EXPECT_NEAR(image.at(x, 32).a, -std::expm1(-depth), 3.2e-4 + 2e-4 * depth) << x;
       EXPECT_NEAR(image.at(32, x).g, -std::expm1(-depth), 3.2e-4 + 2e-4 * depth) << x;
     }
     if (extinction < 0.01) {
-      EXPECT_NEAR(total_alpha(image) / (extinction * mass), 1, 0.04);  // a cut falls between pixels
+      EXPECT_NEAR(total_alpha(image) / (extinction * mass), 1, 0.04);  // the cut lies between pixels
     }
   }
 }
 
-TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
-  struct Case {
-    const char* name;
-    Cluster cluster;
-  };
+struct Case {
+  const char* name;
+  Cluster cluster;
+};
+
+/// Splats of every shape, and at every distance from the eye.
+std::vector<Case> unbounded_cases() {
   const dquat edge_on = glm::angleAxis(pi / 2, dvec3(1, 0, 0));  // the thin axis upwards
-  const std::vector<Case> cases{
+  return {
       {"round", {.position = {0.3, -0.2, -5}, .deviations = dvec3(0.3)}},
       {"oblique", {.position = {-0.5, 0.4, -4}, .deviations = {0.5, 0.2, 0.1}, .orientation = oblique}},
       {"off centre", {.position = {2.2, 2.1, -6}, .deviations = {0.5, 0.2, 0.1}, .orientation = oblique}},
@@ -370,6 +427,13 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
        {.position = {3, 2, -1}, .deviations = {20, 15, 0.01}, .orientation = glm::angleAxis(0.2, dvec3(1, 0, 0))}},
       {"wall beside the eye",
        {.position = {0.1, 0, 0}, .deviations = {5, 5, 0.001}, .orientation = glm::angleAxis(pi / 2, dvec3(0, 1, 0))}},
+      {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
+  };
+}
+
+/// The same with a boundary.
+std::vector<Case> bounded_cases() {
+  return {
       {"bounded",
        {.position = {0.1, -0.2, -5},
         .deviations = {0.4, 0.3, 0.2},
@@ -393,22 +457,30 @@ TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
        {.position = {0.1, 0.1, 0.1}, .deviations = {0.3, 0.2, 0.2}, .orientation = oblique, .boundary = {0.3, 1, 0.4}}},
       {"bounded, the eye beyond",
        {.position = {0.1, 0.1, -0.5}, .deviations = {0.3, 0.2, 0.2}, .boundary = {0, 0, 1.5}}},
-      {"point", {.position = {0.01, 0.02, -4}, .mass = 1e-4, .deviations = dvec3(0)}},
   };
-  for (const Case& c : cases) {
-    for (const View& view : {perspective_view(), orthographic_view(3)}) {
-      // Half opaque at its brightest, where that is not cut by the eye.
-      Cluster cluster = c.cluster;
-      const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
-      const Image expected = evaluate(cluster, view, uniform(0.7 * thick / cluster.mass));
-      const Image image = picture({cluster}, view, uniform(0.7 * thick / cluster.mass));
-      expect_sane(image);
-      // Single precision, at an outline that may be steep over a pixel.
-      EXPECT_LT(largest_difference(image, expected), 1e-3) << c.name << (view.orthographic ? " orthographic" : "");
-      EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05)
-          << c.name << (view.orthographic ? " orthographic" : "");
-    }
+}
+
+void MomentsTest::expect_agreement(const Case& c) {
+  for (const View& view : {perspective_view(), orthographic_view(3)}) {
+    // Half opaque at its brightest, unless the eye cuts that part.
+    const Cluster& cluster = c.cluster;
+    const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
+    const Image expected = evaluate(cluster, view, uniform(0.7 * thick / cluster.mass));
+    const Image image = picture({cluster}, view, uniform(0.7 * thick / cluster.mass));
+    expect_sane(image);
+    // Single precision, at an outline that may be steep over a pixel.
+    EXPECT_LT(largest_difference(image, expected), 1e-3) << c.name << (view.orthographic ? " orthographic" : "");
+    EXPECT_NEAR(total_alpha(image), total_alpha(expected), 1e-3 * total_alpha(expected) + 0.05)
+        << c.name << (view.orthographic ? " orthographic" : "");
   }
+}
+
+TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
+  for (const Case& c : unbounded_cases()) expect_agreement(c);
+}
+
+TEST_F(MomentsTest, BoundedSplatsAgreeWithTheirDefinition) {
+  for (const Case& c : bounded_cases()) expect_agreement(c);
 }
 
 TEST_F(MomentsTest, ValuesVaryWithinASplat) {
@@ -428,8 +500,8 @@ TEST_F(MomentsTest, ValuesVaryWithinASplat) {
           renderer_->set_lighting(lighting);
           const Image image = picture({cluster}, view, lively(2));
           expect_sane(image);
-          // The table's rows are 5 % apart. Light and spread are the same all over a splat that the eye's plane does
-          // not cut, though one at depth 2 reaches through two thirds of the way to the eye.
+          // The table's rows are 5 % apart. The renderer takes light and spread as the same all over a splat that the
+          // eye's plane does not cut, even at depth 2, where it reaches two thirds of the way to the eye.
           const double bound = !view.orthographic && position.z == -2 ? 4e-2 : 4e-3;
           EXPECT_LT(rmse(image, evaluate(cluster, view, lively(2), lighting)), bound)
               << position.z << " " << value_deviation << " " << view.orthographic << " " << lighting.has_value();
@@ -440,8 +512,8 @@ TEST_F(MomentsTest, ValuesVaryWithinASplat) {
 }
 
 TEST_F(MomentsTest, CubesMakeASlab) {
-  // 33 x 33 x 5 cubes; rays through the middle cross five layers. Seen along its rows, a lattice's ripple is the
-  // worst: a seventh of the depth; it averages out.
+  // 33 x 33 x 5 cubes; rays through the middle cross five layers. A lattice has its largest ripple along its rows: a
+  // seventh of the depth. It averages out.
   const double extinction = 0.3;
   const std::vector<Cluster> slab = cubes(1, 16, [](dvec3 p) { return std::abs(p.z) <= 2; });
   const double alpha = -std::expm1(-extinction * 5);
@@ -470,7 +542,7 @@ TEST_F(MomentsTest, CubesMakeABall) {
       const double chord = distance < radius ? 2 * std::sqrt(radius * radius - distance * distance) : 0;
       const double error = image.at(x, y).a - -std::expm1(-extinction * chord);
       squares += error * error;
-      // Away from the staircase of the outer cubes.
+      // Only pixels away from the staircase of the outer cubes.
       if (distance < radius - 2) {
         ASSERT_NEAR(error, 0, 0.05) << x << " " << y;
       }
@@ -480,7 +552,7 @@ TEST_F(MomentsTest, CubesMakeABall) {
 }
 
 TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
-  // Extinction falls as a Gaussian of standard deviation 5 cubes; the line integral is one, too.
+  // Extinction falls as a Gaussian of standard deviation 5 cubes; so does the line integral.
   const double sigma = 5;
   const double extinction = 0.15;
   std::vector<Cluster> blob = cubes(1, 17, [](dvec3 p) { return glm::length(p) < 17; });
@@ -503,8 +575,8 @@ TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
 }
 
 TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
-  // Faint points at random places, some with a boundary; what they hide together is extinction times mass times pixels
-  // for a world area.
+  // Faint points at random positions, some with a boundary. The sum of alpha is extinction times mass times the pixels
+  // of a world area.
   std::mt19937 generator(8);
   std::uniform_real_distribution<double> coordinate(-1, 1);
   for (const double deviation : {0.0, 1e-6, 0.03, 0.1, 0.3, -0.001, -0.1, -0.3}) {
@@ -520,15 +592,15 @@ TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
              .deviations = dvec3(std::abs(deviation) / scale),
              .boundary = deviation < 0 ? dvec3(0.5, -0.8, 0.4) : dvec3(0)});
       const Image image = picture(points, view, uniform(1));
-      // Overlaps and the curve of 1 - exp(-t) take 1 %; off the axis, the ray is longer than its depth by 1 %, as is
-      // the distance, whose square counts.
+      // Overlaps and the curve of 1 - exp(-t) take 1 %. Off the axis, ray and distance are 1 % longer than the depth,
+      // and the square of the distance counts.
       EXPECT_NEAR(total_alpha(image) / (4000 * 0.05), 1, 0.04) << deviation << " " << view.orthographic;
     }
   }
 }
 
 TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
-  // The material on the left, seen from the front: a sharp edge through the middle of the picture, and no less light.
+  // Material on the left, seen from the front: a sharp edge through the middle of the picture, and as much light.
   const View view = orthographic_view(65);
   const Cluster half{.position = {-6, 0, -100}, .mass = 1000, .deviations = dvec3(8), .boundary = {0.75, 0, 0}};
   const Image image = picture({half}, view, uniform(1e-3));
@@ -537,10 +609,10 @@ TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
     for (int x = 33; x < 65; ++x) right += image.at(x, y).a;
   EXPECT_EQ(right, 0);
   EXPECT_GT(image.at(31, 32).a, 0.5 * image.at(24, 32).a);
-  // The pixels whose centres lie on the edge are bright or dark as a whole.
+  // A pixel whose centre lies on the edge is bright or dark as a whole.
   EXPECT_NEAR(total_alpha(image), 1, 0.03);
 
-  // With its reflection it makes the whole: symmetric, and again with nothing lost.
+  // With its reflection it makes the whole splat: symmetric, and with all of the light.
   Cluster other = half;
   other.position.x = 6;
   other.boundary.x = -0.75;
@@ -548,7 +620,7 @@ TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
   for (int y = 0; y < 65; ++y)
     for (int x = 0; x < 32; ++x) ASSERT_NEAR(whole.at(x, y).a, whole.at(64 - x, y).a, 1e-5);
   EXPECT_NEAR(total_alpha(whole), 2, 0.02);
-  // Face on it is thinner towards the edge, but as much in all.
+  // Seen face on it is thinner towards the edge, but its light is the same.
   const Cluster facing{.position = {0, 0, -100}, .mass = 1000, .deviations = dvec3(8), .boundary = {0, 0, 0.75}};
   EXPECT_NEAR(total_alpha(picture({facing}, view, uniform(1e-3))), 1, 0.01);
 }
@@ -578,17 +650,17 @@ TEST_F(MomentsTest, NoSortingKeepsTheGivenOrder) {
 }
 
 TEST_F(MomentsTest, AxisOrderIsExactAlongTheAxis) {
-  // Splats behind each other along each axis, seen from both ends; dealt out to two batches.
-  std::vector<int> places(40);
-  std::iota(places.begin(), places.end(), -20);
+  // Splats behind each other along each axis, in two batches, seen from both ends.
+  std::vector<int> positions(40);
+  std::iota(positions.begin(), positions.end(), -20);
   std::mt19937 generator(3);
-  std::ranges::shuffle(places, generator);
+  std::ranges::shuffle(positions, generator);
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<MomentsSplat> splats;
     const dvec3 origin(1e6, -2e6, 3e6);
-    for (const int place : places) {
-      Cluster cluster{.mass = 10, .deviations = dvec3(1), .value = 0.02 * (place + 25)};
-      cluster.position[axis] = place;
+    for (const int position : positions) {
+      Cluster cluster{.mass = 10, .deviations = dvec3(1), .value = 0.02 * (position + 25)};
+      cluster.position[axis] = position;
       splats.push_back(pack(cluster));
     }
     const std::array<SplatBatch, 2> batches{SplatBatch{origin, 0, 15}, SplatBatch{origin, 15, 25}};
@@ -608,7 +680,7 @@ TEST_F(MomentsTest, AxisOrderIsExactAlongTheAxis) {
       EXPECT_LT(rmse(redraw(view, SortMode::axis), exact), 1e-6) << axis << " " << side;
       EXPECT_GT(rmse(redraw(view, SortMode::none), exact), 1e-3) << axis << " " << side;
 
-      // Sorted once.
+      // The splats were sorted only once.
       EXPECT_EQ(renderer_->draw(view, SortMode::axis)->sort, 0);
     }
   }
@@ -644,7 +716,7 @@ TEST_F(MomentsTest, PictureMovesWithTheScene) {
 }
 
 TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
-  // Through a flat oblique splat, near its centre, from 3 before it to 1 behind: other forms take over on the way.
+  // The eye moves through a flat oblique splat, near its centre, from 3 before it to 1 behind: other forms take over.
   const Cluster cluster{.deviations = {0.5, 0.3, 0.1},
                         .orientation = oblique,
                         .value = 0.5,
@@ -652,11 +724,11 @@ TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
                         .correlation = {0.6, 0.5, -0.4},
                         .residual = 0.4};
   Image last;
-  for (int step = 0; step <= 400; ++step) {
-    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * step}), lively(0.1));
+  for (int frame = 0; frame <= 400; ++frame) {
+    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * frame}), lively(0.1));
     expect_sane(image);
-    if (step > 0) {
-      ASSERT_LT(largest_difference(image, last), 0.01) << step;
+    if (frame > 0) {
+      ASSERT_LT(largest_difference(image, last), 0.01) << frame;
     }
     last = image;
   }
@@ -664,7 +736,7 @@ TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
 }
 
 TEST_F(MomentsTest, LightFollowsTheGradient) {
-  // The gradient along an axis that is turned in the plane of sight.
+  // The gradient turns in a plane that contains the line of sight.
   const View view = orthographic_view(9, 9, 9);
   const TransferFunction function = uniform(10);
   for (const double angle : {0.0, 0.4, 1.0, 1.5}) {
@@ -680,7 +752,7 @@ TEST_F(MomentsTest, LightFollowsTheGradient) {
     EXPECT_NEAR(lit.at(4, 4).r, 0.25 + 0.5 * std::cos(angle), 1e-3);
     EXPECT_NEAR(lit.at(4, 4).a, 1, 1e-4);
 
-    // No gradient: full light. No lighting: the colour as it is.
+    // Without a gradient: full light. Without lighting: the colour itself.
     Cluster flat = cluster;
     flat.value_deviation = 0;
     EXPECT_NEAR(picture({flat}, view, function).at(4, 4).r, 0.75, 1e-3);
@@ -690,7 +762,7 @@ TEST_F(MomentsTest, LightFollowsTheGradient) {
 }
 
 TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
-  // Half of the values lie below the domain, where nothing is opaque, half above.
+  // Half of the values lie below the domain, where the extinction is 0, half above.
   TransferFunction function;
   function.lo = 1000;
   function.hi = 1000.001;
@@ -704,11 +776,12 @@ TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
   const Image image = redraw(orthographic_view(9, 9, 9));
   const double a = 0.95 * std::sqrt(12.0) * std::sqrt(9.1);
   EXPECT_NEAR(image.at(4, 4).a, -std::expm1(-0.5 * 50 * 3 / (pi * a * a)), 2e-3);
-  // A spread counts as eight domains at most: an eighth times 0.4 times a third of the light comes from inside.
+  // A spread counts as eight domains at most: an eighth times 0.4 times a third of the light comes from the domain.
   EXPECT_NEAR(image.at(4, 4).g / image.at(4, 4).a, 1, 0.02);
 }
 
-TEST_F(MomentsTest, HardCasesStaySane) {
+/// Splats with zeros, extreme numbers and numbers that are not finite, in many combinations.
+std::vector<Cluster> hard_cases() {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   constexpr double infinity = std::numeric_limits<double>::infinity();
   const std::vector<double> numbers{0, 1e-40, 1e-30, 1e-10, 1, 1e10, 1e30, 3e38, infinity, nan, -1};
@@ -736,9 +809,14 @@ TEST_F(MomentsTest, HardCasesStaySane) {
                             .value_deviation = value_deviation,
                             .correlation = {1, 1, 1},
                             .residual = 1});
+  return clusters;
+}
+
+TEST_F(MomentsTest, HardCasesStaySane) {
+  const std::vector<Cluster> clusters = hard_cases();
   for (const double extinction : {1e-30, 1.0, 1e30}) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
-      // All of them, then each alone: one that is opaque would hide another's fault.
+      // All of them, then each alone: an opaque splat could hide an error of another.
       expect_sane(picture(clusters, view, lively(extinction)));
       std::vector<MomentsSplat> splats;
       for (const Cluster& cluster : clusters) splats.push_back(pack(cluster));
@@ -790,7 +868,7 @@ TEST_F(MomentsTest, AWeightIsAFactorOnTheMass) {
       ASSERT_TRUE(renderer_->set_splats(splats, std::span(parts).first(1)));
       EXPECT_EQ(largest_difference(redraw(view), expected), 0);
 
-      // Of a fainter splat more is cut, and what is left takes over its light.
+      // A fainter splat loses more of its rim; the rest takes over the light.
       ASSERT_TRUE(renderer_->set_splats(splats, parts));
       EXPECT_LT(rmse(redraw(view), whole), 1e-4) << "weight " << weight;
     }

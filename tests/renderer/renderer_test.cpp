@@ -21,7 +21,7 @@ using ::testing::HasSubstr;
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
-/// An OctantSplat, without a gradient where none is given.
+/// An OctantSplat; without a gradient by default.
 struct Splat {
   vec3 position;
   float value;
@@ -66,7 +66,7 @@ double total_alpha(const Image& image) {
                          [](double sum, const vec4& pixel) { return sum + pixel.a; });
 }
 
-/// Every channel finite, alpha at most 1, no colour brighter than its alpha.
+/// Expects every channel finite, alpha at most 1, and no colour brighter than its alpha.
 void expect_sane(const Image& image) {
   for (const vec4& pixel : image.pixels) {
     ASSERT_GE(pixel.a, 0);
@@ -80,17 +80,17 @@ void expect_sane(const Image& image) {
 
 double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
-/// The picture by its definition, in double precision: every splat over every pixel of its square.
+/// Draws the picture by its definition, in double precision: every splat over every pixel of its square.
 Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const TransferFunction& function) {
-  const auto place = [&](const Splat& splat) { return view.to_view(origin + dvec3(splat.position)); };
+  const auto position = [&](const Splat& splat) { return view.to_view(origin + dvec3(splat.position)); };
   const auto distance = [&](const Splat& splat) {
-    return view.orthographic ? place(splat).z : glm::length(place(splat));
+    return view.orthographic ? position(splat).z : glm::length(position(splat));
   };
   std::ranges::stable_sort(splats, std::ranges::greater{}, distance);
 
   Image image{view.width, view.height, std::vector<vec4>(static_cast<std::size_t>(view.width) * view.height)};
   for (const Splat& splat : splats) {
-    const dvec3 centre = place(splat);
+    const dvec3 centre = position(splat);
     const double alpha = 1 - std::exp(-function.extinction(splat.value) * splat.size);
     if (!(centre.z > 0) || !(alpha > 0)) continue;
     const double scale = view.focal / (view.orthographic ? 1 : centre.z);
@@ -133,7 +133,7 @@ class RendererTest : public ::testing::Test {
     return renderer_->set_splats(converted, batches);
   }
 
-  /// Draws what is resident.
+  /// Draws the resident splats.
   Image redraw(const View& view, SortMode sort = SortMode::exact, int sample_spacing = 1) {
     const auto times = renderer_->draw(view, sort, sample_spacing);
     EXPECT_TRUE(times) << times.error().message;
@@ -197,7 +197,7 @@ TEST_F(RendererTest, ControlPointsKeepTheirColors) {
   EXPECT_LT(glm::distance(color(1.25), vec3(0, 0.75, 0.25)), 1e-6);
   EXPECT_LT(glm::distance(color(1.23456), vec3(0, 0.76544, 0.23456)), 1e-5);
 
-  // Clamped outside.
+  // Values outside of the domain are clamped.
   EXPECT_LT(glm::distance(color(3), vec3(1)), 1e-6);
   EXPECT_LT(glm::distance(color(1e9), vec3(1)), 1e-6);
   EXPECT_LT(glm::distance(color(infinity), vec3(1)), 1e-6);
@@ -255,7 +255,7 @@ TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
 }
 
 TEST_F(RendererTest, BatchesShareOneOrder) {
-  // Splats side by side in depth, dealt out to batches with origins of their own.
+  // Splats behind each other, in batches with origins of their own.
   std::vector<Splat> all;
   std::array<std::vector<Splat>, 3> parts;
   const std::array<dvec3, 3> origins{dvec3(5, 0, 0), dvec3(0, -3, 2), dvec3(1, 1, -30)};
@@ -269,7 +269,7 @@ TEST_F(RendererTest, BatchesShareOneOrder) {
   const View view = perspective_view(64, 64);
   const Image expected = picture(all, view, function);
 
-  // In another order than the splats lie in, and with an empty one between.
+  // Batches in another order than their splats, with an empty one between.
   std::vector<Splat> joined;
   for (const auto& part : parts) joined.insert(joined.end(), part.begin(), part.end());
   ASSERT_TRUE(set_splats(joined, {{origins[2], 40, 20}, {dvec3(7), 60, 0}, {origins[0], 0, 20}, {origins[1], 20, 20}}));
@@ -290,7 +290,7 @@ TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
   EXPECT_GT(redraw(back).at(32, 32).r, 0.6);
   EXPECT_GT(redraw(front).at(32, 32).b, 0.6);
 
-  // A splat hidden by the colours comes back with others.
+  // A splat that was clear comes back with other colours.
   TransferFunction no_red = function;
   no_red.densities = {{0, 0}, {0.25, 0}, {0.5, 0.1}, {1, 0.1}};
   ASSERT_TRUE(renderer_->set_transfer_function(no_red));
@@ -318,7 +318,7 @@ TEST_F(RendererTest, WhatDrawsNothing) {
   const std::vector<Splat> nothing{
       {{0, 0, -5}, nan_value, 1},  // missing
       {{0, 0, -5}, -1, 1},         // extinction 0
-      {{0, 0, 5}, 0, 100},         // behind the eye, though it would reach before it
+      {{0, 0, 5}, 0, 100},         // behind the eye, but reaching before it
       {{0, 0, 0}, 0, 100},         // the eye at its centre
       {{3, 0, 0}, 0, 100},         // beside the eye
       {{0, 0, -5}, 0, 0},          // no size
@@ -336,7 +336,7 @@ TEST_F(RendererTest, WhatDrawsNothing) {
     const Image image = picture(nothing, view, four_colors(1), sort);
     for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
 
-    // Nor do they disturb one that draws.
+    // They do not disturb a splat that draws.
     std::vector<Splat> with_one = nothing;
     with_one.insert(with_one.begin() + 7, {{0, 0, -5}, 0, 1});
     EXPECT_EQ(
@@ -362,7 +362,7 @@ TEST_F(RendererTest, SplatAtTheEyeCoversThePicture) {
     expect_sane(image);
     for (const vec4& pixel : image.pixels) ASSERT_NEAR(pixel.a, opacity, 1e-4) << depth;
 
-    // Beside the axis it covers all the same, as faint as its Gaussian is that far out.
+    // Beside the axis it still covers the pixel, as faint as its Gaussian is there.
     const Image aside = picture({{{0.4F, 0, -depth}, 0, 1}}, view, four_colors(1));
     expect_sane(aside);
     EXPECT_NEAR(aside.at(16, 16).a, opacity * std::exp(-0.5), 1e-3) << depth;
@@ -421,7 +421,7 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLight) {
   std::mt19937 generator(8);
   std::uniform_real_distribution<double> fraction(0, 1);
   for (const double sigma : {0.01, 0.1, 0.3, 0.5, 0.8, 2.0}) {
-    // A grid of splats at random places between the pixels' centres, too far apart to overlap.
+    // A grid of splats at random positions between the pixels' centres, too far apart to overlap.
     std::vector<Splat> splats;
     for (int y = 0; y < 32; ++y)
       for (int x = 0; x < 32; ++x)
@@ -463,7 +463,7 @@ TEST_F(RendererTest, ThinSplatsAddUp) {
 }
 
 TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
-  // Values round 101325 that differ by less than single precision resolves there.
+  // Values near 101325 that single precision could not tell apart.
   TransferFunction function = four_colors(1);
   const double offset = 101325;
   const View view = orthographic_view(20, 10);
@@ -479,7 +479,7 @@ TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
 }
 
 TEST_F(RendererTest, LightFollowsTheGradient) {
-  // Gradients at angles to the line of sight, along which the light comes.
+  // Gradients at angles to the line of sight, which is the direction of the light.
   const auto packed = [](double angle) {
     const auto x = static_cast<std::uint32_t>(std::lround(127 * std::sin(angle))) & 0xffU;
     const auto z = static_cast<std::uint32_t>(std::lround(127 * std::cos(angle))) & 0xffU;
@@ -491,7 +491,7 @@ TEST_F(RendererTest, LightFollowsTheGradient) {
       const std::vector<Splat> splats{{{0, 0, -1}, 0, 20, packed(angle)}};
       EXPECT_NEAR(picture(splats, view, four_colors(1)).at(4, 4).r, 0.25 + 0.5 * std::abs(std::cos(angle)), 5e-3);
       EXPECT_NEAR(redraw(view).at(4, 4).a, 1, 1e-4);
-      // No gradient: full light. No lighting: the colour as it is.
+      // Without a gradient: full light. Without lighting: the colour itself.
       EXPECT_NEAR(picture({{{0, 0, -1}, 0, 20}}, view, four_colors(1)).at(4, 4).r, 0.75, 1e-4);
       renderer_->set_lighting({});
       EXPECT_NEAR(picture(splats, view, four_colors(1)).at(4, 4).r, 1, 1e-4);
@@ -523,7 +523,7 @@ TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
     for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
   }
 
-  // Those of before are gone, too.
+  // The earlier splats are gone, too.
   ASSERT_GT(total_alpha(picture({{{0, 0, -1}, 0, 5}}, orthographic_view(20, 10), four_colors(1))), 1);
   ASSERT_TRUE(set_splats({}, {}));
   EXPECT_EQ(total_alpha(redraw(orthographic_view(20, 10))), 0);
@@ -542,7 +542,7 @@ TEST_F(RendererTest, AMillionSplats) {
   EXPECT_GT(total_alpha(exact), 256 * 256 * 0.2);
   EXPECT_EQ(renderer_->splat_count(), splats.size());
 
-  // Array order, sorted by the test, is the same picture: the runs in which splats are drawn leave no seam.
+  // Splats that the test has sorted give the same picture in array order: there is no seam between runs.
   std::ranges::sort(splats, std::ranges::greater{},
                     [&](const Splat& splat) { return glm::length(view.to_view(dvec3(splat.position))); });
   EXPECT_LT(rmse(picture(splats, view, four_colors(5), SortMode::none), exact), 1e-4);
@@ -559,7 +559,7 @@ TEST_F(RendererTest, SizesChangeBetweenDraws) {
   EXPECT_EQ(redraw(orthographic_view(1, 1)).pixels.size(), 1U);
 }
 
-// A Gaussian whose deviation is 5 samples is smooth to them, but for the step of 1/90 where it is cut.
+// A Gaussian whose deviation is 5 samples is smooth between samples, except for the jump of 1/90 at its cut.
 TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
   for (const int spacing : {2, 3, 4, 8}) {
     const auto size = static_cast<float>(12.5 * spacing);
@@ -582,7 +582,7 @@ TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
 
 TEST_F(RendererTest, SamplesOfNothing) {
   (void)picture({}, orthographic_view(64, 64), four_colors(1));
-  glBindVertexArray(0);  // as before the first splat of all
+  glBindVertexArray(0);  // as before the very first splat
   const Image image = redraw(orthographic_view(64, 64), SortMode::exact, 4);
   for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
 }
@@ -601,7 +601,7 @@ TEST_F(RendererTest, SamplesHaveTheMiddleOfThePicture) {
 }
 
 TEST_F(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
-  // From faint to as good as opaque, one over the other.
+  // From faint to almost opaque, one over the other.
   std::vector<Splat> splats;
   for (int i = 0; i < 12; ++i)
     splats.push_back({{5.0F * static_cast<float>(i - 6), 3, -20.0F - static_cast<float>(i)},
@@ -611,7 +611,7 @@ TEST_F(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
   const std::uint64_t count = splats.size();
   const Image whole = picture(splats, view, four_colors(0.05));
   for (const float weight : {0.5F, 0.1F, 0.999F}) {
-    // A splat's two parts are as far away, and follow each other.
+    // A splat's two parts have the same distance, and follow each other.
     ASSERT_TRUE(set_splats(splats, {{dvec3(0), 0, count, weight}, {dvec3(0), 0, count, 1 - weight}}));
     const Image parts = redraw(view);
     expect_sane(parts);
@@ -671,7 +671,7 @@ TEST_F(RendererTest, RefusesMoreThanTheDeviceHolds) {
   glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);
   if (limit > (1 << 28)) GTEST_SKIP() << "this device's limit of " << limit << " bytes is too far to reach in a test";
 
-  // The same splats again and again, to one more than fit.
+  // The same splats again and again, until one more than fits.
   const std::vector<Splat> splats(100'000, {{0, 0, -1}, 0, 1});
   const auto batches = static_cast<std::size_t>(limit) / (splats.size() * sizeof(Record<OctantSplat>)) + 1;
   const auto status = set_splats(splats, std::vector<SplatBatch>(batches, {dvec3(0), 0, splats.size()}));

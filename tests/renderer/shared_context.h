@@ -7,7 +7,8 @@
 
 namespace splatvol {
 
-/// Made current at the first call, in the main thread; null where this machine gives none, which fails the test.
+/// Returns the context, made and made current at the first call, in the main thread. Null if this machine has none;
+/// then the test fails.
 const HeadlessContext* shared_context();
 
 }  // namespace splatvol

@@ -11,7 +11,7 @@ namespace {
 
 using ::testing::ElementsAreArray;
 
-/// What KeySorter promises, by the standard library.
+/// Sorts like KeySorter, with the standard library.
 std::vector<std::uint32_t> expected_order(const std::vector<std::uint32_t>& keys) {
   std::vector<std::uint32_t> order;
   for (std::uint32_t i = 0; i < keys.size(); ++i)
@@ -24,7 +24,7 @@ TEST(KeySorter, AgreesWithStableSort) {
   std::mt19937 generator(7);
   KeySorter sorter;
 
-  // Large and small by turns: leftovers of an earlier call must not show. 300,000 keys are sorted in parallel.
+  // Large and small arrays in turn: nothing may be left over from an earlier call. 300,000 keys are sorted in parallel.
   for (const std::size_t count : {300'000, 0, 1, 2, 2049, 300'001, 17}) {
     for (const std::uint32_t mask : {0xffffffffU, 0x7U, 0xff000000U, 0x003ff800U, 0U}) {
       std::vector<std::uint32_t> keys(count);

@@ -18,13 +18,13 @@ TransferFunction lively() {
   return function;
 }
 
-/// By its definition: the average over 200,000 values between -9 and 9 spreads.
+/// Returns an entry by its definition: the average over 200,000 values between -9 and 9 spreads.
 glm::dvec4 average(const TransferFunction& function, double mean, double spread) {
   glm::dvec4 sum(0);
   double weight = 0;
-  constexpr int steps = 200'000;
-  for (int i = 0; i < steps; ++i) {
-    const double z = -9 + 18 * (i + 0.5) / steps;
+  constexpr int samples = 200'000;
+  for (int i = 0; i < samples; ++i) {
+    const double z = -9 + 18 * (i + 0.5) / samples;
     const double value = function.lo + (function.hi - function.lo) * (mean + spread * z);
     const double density = std::exp(-0.5 * z * z);
     const double extinction = function.extinction(value);
@@ -42,7 +42,7 @@ TEST(TransferTable, AveragesOverANormalDistribution) {
     for (std::size_t column = 0; column < table.columns; column += 4) {
       const glm::dvec4 expected = average(function, table.mean(row, column), table.spread(row));
       const vec4 entry = table.entries[row * table.columns + column];
-      // The quadrature misses the jumps by a step of 18 / 200,000 spreads.
+      // The quadrature misses the jumps by an interval of 18 / 200,000 spreads.
       EXPECT_NEAR(entry.a, expected.a, 1e-3) << row << " " << column;
       if (expected.a > 1e-3) {
         EXPECT_LT(glm::distance(glm::dvec3(entry), glm::dvec3(expected)), 1e-3);
@@ -54,15 +54,15 @@ TEST(TransferTable, AveragesOverANormalDistribution) {
 TEST(TransferTable, TheFirstRowIsTheFunction) {
   const TransferFunction function = lively();
   const TransferTable table = make_transfer_table(function, 1025, 2);
-  const std::vector<vec4> expected = function.table(1025);
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_NEAR(table.entries[i].a, expected[i].a, 1e-5) << i;
-    EXPECT_LT(glm::distance(vec3(table.entries[i]), vec3(expected[i])), 1e-5) << i;
+  for (std::size_t i = 0; i < 1025; ++i) {
+    const double value = function.lo + static_cast<double>(i) / 1024 * (function.hi - function.lo);
+    EXPECT_NEAR(table.entries[i].a, function.extinction(value), 1e-5) << i;
+    EXPECT_LT(glm::distance(dvec3(table.entries[i]), function.color(value)), 1e-5) << i;
   }
 }
 
 TEST(TransferTable, FarOutsideTheEndsHold) {
-  // A mean 4 spreads beyond the domain: all but 3e-5 of the values see the end alone.
+  // At a mean 4 spreads beyond the domain, all but 3e-5 of the values lie beyond the end.
   const TransferFunction function = lively();
   const TransferTable table = make_transfer_table(function, 33, 64);
   for (std::size_t row = 0; row < table.rows; ++row) {
@@ -103,12 +103,14 @@ TEST(PeakLevels, BoundTheFunction) {
     ASSERT_EQ(levels[level].size(), 256U >> level);
     for (std::size_t i = 0; i < levels[level].size(); ++i) {
       double peak = 0;
-      constexpr int steps = 1000;
-      for (int step = 0; step <= steps; ++step) {
-        const double t = (static_cast<double>(i) + step / double{steps}) / static_cast<double>(levels[level].size());
+      constexpr int samples = 1000;
+      for (int sample = 0; sample <= samples; ++sample) {
+        const double t =
+            (static_cast<double>(i) + sample / double{samples}) / static_cast<double>(levels[level].size());
         peak = std::max(peak, function.extinction(function.lo + (function.hi - function.lo) * t));
       }
-      // Never less, but for rounding; not much more: the steepest side is 450 and the steps are 1/256000 or more.
+      // Never less, except for rounding, and not much more: the steepest slope is 450, samples are 1/256000 apart or
+      // more.
       EXPECT_GE(levels[level][i], peak - 1e-5) << level << " " << i;
       if (level < 4) {
         EXPECT_LE(levels[level][i], peak + 0.05) << level << " " << i;

@@ -30,7 +30,7 @@ Image ramp(int width, int height) {
   return image;
 }
 
-/// A folder of its own that vanishes with the test.
+/// A folder for one test, removed afterwards.
 class ImageFile : public testing::Test {
  protected:
   void SetUp() override {
@@ -130,7 +130,7 @@ TEST_F(ImageFile, ReadingNamesTheMissingChannel) {
   EXPECT_THAT(read_exr(path("rb.exr")).error().message, HasSubstr("no channel G"));
 }
 
-/// The pixels of an 8-bit RGB file, read by libpng's simplified interface.
+/// Reads the pixels of an 8-bit RGB file with libpng's simplified interface.
 std::vector<png_byte> read_png(const std::string& path, unsigned& width, unsigned& height) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;

@@ -24,7 +24,7 @@ json valid_scene() {
                           "density": [[0, 0], [0.5, 1], [0.5, 4], [1, 2]]}})");
 }
 
-/// The valid scene with the value at a JSON pointer replaced, or removed where there is no value.
+/// Returns the valid scene with another value at a JSON pointer; without `value`, with the old one removed.
 std::string changed(const std::string& pointer, const json& value = json::value_t::discarded) {
   json scene = valid_scene();
   if (value.is_discarded())

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <limits>
 
-#include "scene/scene.h"
+#include "scene/transfer_function.h"
 
 namespace splatvol {
 namespace {
@@ -59,13 +59,19 @@ TEST(TransferFunction, OnePointIsAConstant) {
   }
 }
 
-TEST(TransferFunction, TableHoldsBothEnds) {
-  const auto table = with_jump().table(5);
-  ASSERT_EQ(table.size(), 5U);
-  EXPECT_EQ(table.front(), vec4(1, 0, 0, 1));
-  EXPECT_FLOAT_EQ(table[1].a, 2);
-  EXPECT_FLOAT_EQ(table[2].a, 8);
-  EXPECT_EQ(table.back(), vec4(0, 1, 2, 4));
+TEST(TransferFunction, PiecesEndAtBendsAndJumps) {
+  const TransferFunction function = with_jump();
+  EXPECT_EQ(bends(function), (std::vector<double>{0, 0.2, 0.5, 0.6, 1}));
+  const std::vector<LinearPiece> pieces = linear_pieces(function);
+  ASSERT_EQ(pieces.size(), 4U);
+  EXPECT_EQ(pieces[0].begin, 0);
+  EXPECT_EQ(pieces[0].at_begin, glm::dvec4(1, 0, 0, 1));
+  EXPECT_EQ(pieces[1].end, 0.5);
+  EXPECT_LT(glm::distance(pieces[1].at_end, glm::dvec4(0.25, 0.75, 1.5, 3)), 1e-14);
+  EXPECT_EQ(pieces[2].begin, 0.5);
+  EXPECT_LT(glm::distance(pieces[2].at_begin, glm::dvec4(0.25, 0.75, 1.5, 8)), 1e-14);
+  EXPECT_EQ(pieces[3].end, 1);
+  EXPECT_EQ(pieces[3].at_end, glm::dvec4(0, 1, 2, 4));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What a process takes to draw a file much larger than its budget.
+// The memory of a process that draws a file much larger than its budget.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -23,23 +23,23 @@ using nlohmann::json;
 constexpr std::uint64_t mebibyte = 1u << 20;
 constexpr std::uint64_t budget = 4 * mebibyte;
 
-// Besides the budget: code, stacks, what the allocator keeps, and what the renderer holds of the splats, which with a
-// software rasterizer is memory of the process as well.
+// Allowed besides the budget: code, stacks, memory that the allocator keeps, and the renderer's copy of the splats,
+// which with a software rasterizer is memory of the process too.
 constexpr std::uint64_t overhead = 64 * mebibyte;
 
 struct Outcome {
-  int code;  // -1 where a signal ended it
+  int code;  // -1 if a signal ended the process
   std::uint64_t peak_rss;
 };
 
-// Runs a program of this project; `address_space`: the most it may have, 0 for any.
+// Runs a program of this project. `address_space`: its limit in bytes; 0: none.
 Outcome run(std::vector<std::string> words, std::uint64_t address_space = 0) {
   words[0] = SPLATVOL_BIN "/" + words[0];
   const pid_t child = ::fork();
   if (child == 0) {
     const int null = ::open("/dev/null", O_RDWR);
     for (const int stream : {0, 1, 2}) ::dup2(null, stream);
-    // One arena: address space is then what is used, and not what each thread reserves.
+    // With one arena, address space counts used memory, not the reserves of each thread.
     ::setenv("MALLOC_ARENA_MAX", "1", 1);
     const rlimit limit{address_space, address_space};
     if (address_space > 0) ::setrlimit(RLIMIT_AS, &limit);
@@ -80,7 +80,7 @@ class MemoryBounds : public testing::Test {
   }
   static json statistics(const std::string& output) { return json::parse(*read_text_file(path(output + ".json"))); }
 
-  // What the program takes by itself, with OpenGL's libraries, to draw next to nothing. To 4 MiB.
+  // The address space that the program and OpenGL's libraries take to draw next to nothing, to 4 MiB.
   static std::uint64_t least_address_space() {
     std::uint64_t refused = 0, enough = 64u << 10;
     for (enough *= mebibyte; enough - refused > 4 * mebibyte;) {
@@ -118,7 +118,7 @@ TEST_F(MemoryBounds, DrawsWhereTheProcessMayHaveNoMore) {
   EXPECT_EQ(read_exr(path("limited.exr"))->pixels, read_exr(path("free.exr"))->pixels);
   EXPECT_EQ(render("large", "walk", {"--memory", "4M", "--tolerance", "2", "--progress-frames", folder}, limit).code,
             0);
-  // The limit is one: what holds all of the file does not pass.
+  // The limit works: a program that holds the whole file does not pass.
   EXPECT_NE(render("large", "whole", {"--memory", "2G", "--tolerance", "0"}, limit).code, 0);
 }
 

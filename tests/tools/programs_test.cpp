@@ -22,7 +22,7 @@ using ::testing::HasSubstr;
 
 const fs::path shared_folder = SPLATVOL_SHARED;
 
-// A folder for one test, gone afterwards.
+// A folder for one test, removed afterwards.
 class Programs : public testing::Test {
  protected:
   Programs() {
@@ -46,7 +46,7 @@ class Programs : public testing::Test {
 
   void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
 
-  // Exit code 1, one line that says where and why, and nothing at `output`.
+  // Expects exit code 1, one line that names the file and the reason, and no file at `output`.
   void expect_refused(const std::string& command, const std::string& reason, const std::string& output) const {
     const Outcome outcome = run(command);
     EXPECT_EQ(outcome.code, 1) << command << "\n" << outcome.err;
@@ -66,7 +66,7 @@ class Programs : public testing::Test {
   fs::path folder_;
 };
 
-// A tetrahedron with a linear field, as text; `attribute` and `version` as asked for.
+// Returns the text of a .vtu file: a tetrahedron with a linear field.
 std::string small_mesh(const std::string& point_data, const std::string& version = "0.1") {
   return R"(<VTKFile type="UnstructuredGrid" version=")" + version + R"(" byte_order="LittleEndian"><UnstructuredGrid>
 <Piece NumberOfPoints="4" NumberOfCells="1">)" +
@@ -214,7 +214,7 @@ TEST_F(Programs, DamagedVolumesAreRefused) {
   write("scene.json", small_scene.dump());
   expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
   const std::string whole = *read_text_file(path("mesh.svol"));
-  // Every byte is tried in the tests of the format; here a few through the programs.
+  // The tests of the format try every byte; this one tries a few through the programs.
   for (std::size_t at = 0; at < whole.size(); at += whole.size() / 7) {
     write("damaged.svol", whole.substr(0, at));
     expect_refused("svinfo --verify " + path("damaged.svol"), "damaged.svol", "out");
@@ -255,7 +255,7 @@ TEST_F(Programs, DemoEndsInAPicture) {
   }
 }
 
-// Made up as it is read, or refined in pieces of a folder: what svbuild takes, and linear in the same places.
+// The programs take a generated mesh directly, or refined into a folder of pieces. Both have the same field.
 TEST_F(Programs, TheTruthOfARefinedMeshIsThatOfTheMesh) {
   json view = small_scene;
   view["camera"]["position"] = {3, -5, 4};
@@ -273,7 +273,7 @@ TEST_F(Programs, TheTruthOfARefinedMeshIsThatOfTheMesh) {
   EXPECT_LT(difference.rmse, 1e-7);
 }
 
-// The views of the real data, with the exact pictures beside them.
+// The scenes of the real data, with their exact pictures.
 class RealData : public Programs {
  protected:
   void SetUp() override {
@@ -310,8 +310,9 @@ TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   }
 }
 
-// With all points, at most 1.1 times the error of the prototype that the design was made from, and on post half of
-// VTK's projected tetrahedra; with about a quarter and a tenth of them at most 1.15 times (docs/accuracy.md).
+// With all points, the error is at most 1.1 times that of the design's prototype, and on post half of that of VTK's
+// projected tetrahedra. With about a quarter and a tenth of the points it is at most 1.15 times the prototype's
+// (docs/accuracy.md).
 TEST_F(RealData, MomentsAreAsExactAsTheirPrototype) {
   struct Bound {
     std::string view;
@@ -382,7 +383,7 @@ TEST_F(RealData, Plot3dGivesThePointsOfItsMesh) {
   expect_success("svbuild " + mesh("bluntfin") + " --attribute Density -o " + path("mesh.svol"));
   expect_success("svbuild " + data + "/bluntfinxyz.bin " + data + "/bluntfinq.bin --attribute Density -o " +
                  path("grid.svol"));
-  // The mesh's hexahedra are split in another way, which the moments see and the points do not.
+  // The mesh's hexahedra are split in another way: the moments differ, the points do not.
   for (const auto& [kernel, error] : {std::pair{"octant", 1e-3}, std::pair{"moments", 5e-3}}) {
     const std::string options = std::string("--tolerance 0 --kernel ") + kernel;
     (void)render(path("mesh.svol"), "bluntfin", options);

@@ -1,4 +1,4 @@
-// The programs on a file that a web server has.
+// The programs on a file of a web server.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -37,7 +37,7 @@ class ProgramsOnUrl : public testing::Test {
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string content(const std::string& name) const { return read_text_file(path(name)).value(); }
 
-  // Runs a program in the folder; its words are in out.txt and err.txt.
+  // Runs a program in the folder. Its output is in out.txt and err.txt.
   bool run(const std::string& command) const {
     return std::system(
                fmt::format("cd '{}' && '{}'/{} >out.txt 2>err.txt", folder_.string(), SPLATVOL_BIN, command).c_str()) ==

@@ -1,4 +1,4 @@
-// svexport: exit codes, messages, and what it prints.
+// svexport: exit codes, messages and output.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -30,7 +30,7 @@ class Svexport : public testing::Test {
 
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
-  /// The exit code; what was printed is in message_.
+  /// Runs svexport and returns the exit code. The output is in message_.
   int run(const std::string& output, const std::string& arguments) {
     const std::string command = SPLATVOL_BIN "/svexport " + path("in.svol") + " -o " + path(output) + " " + arguments;
     const int status = std::system((command + " > " + path("message") + " 2>&1").c_str());
@@ -81,7 +81,7 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
   }
 }
 
-// Past a limit on file sizes, of 4 blocks of 512 or 1024 bytes, as on a full disk.
+// A limit on file sizes, of 4 units of 512 or 1024 bytes, acts like a full disk.
 TEST_F(Svexport, WhatCannotBeWrittenIsNotThere) {
   for (const std::string output : {"out.vdb --voxel 0.01", "out.vtu"}) {
     const std::string command = "ulimit -f 4; " SPLATVOL_BIN "/svexport " + path("in.svol") + " -o " + path(output);

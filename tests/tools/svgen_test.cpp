@@ -1,4 +1,4 @@
-// svgen: what it writes is what its library makes, whole or not at all.
+// svgen writes the points and meshes that its library makes, whole or not at all.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -30,7 +30,7 @@ class Svgen : public testing::Test {
 
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
-  /// The exit code; what was printed is in message_.
+  /// Runs svgen and returns the exit code. The output is in message_.
   int run(const std::string& arguments, const std::string& before = "") {
     const std::string out = path("message");
     const int status = std::system((before + SPLATVOL_BIN "/svgen " + arguments + " > " + out + " 2>&1").c_str());
@@ -51,7 +51,7 @@ class Svgen : public testing::Test {
   std::string message_;
 };
 
-/// The same pieces in the same order.
+/// Expects the same pieces in the same order.
 void expect_same(Source& a, Source& b) {
   EXPECT_EQ(a.attributes(), b.attributes());
   for (;;) {

@@ -46,7 +46,7 @@ Scene scene_of(const test::TestVolume& volume, const std::string& attribute = ""
   return scene.value_or(Scene{});
 }
 
-// Largest distance of a point from the image's centre, in halves of the image.
+// Returns the largest distance of a point from the image's centre, in halves of the image.
 double largest_reach(const Scene& scene, const std::vector<dvec3>& points) {
   const View view = make_view(scene.camera, scene.width, scene.height).value();
   double reach = 0;
@@ -65,7 +65,7 @@ TEST(DefaultScene, ThePointsFillTheImage) {
     for (dvec3& p : points) p *= extent;
     const Scene scene = scene_of(test::make_test_volume(points, random_values(1, 800)));
     const double reach = largest_reach(scene, points);
-    EXPECT_LE(reach, 1.05);  // those in the clear bin may lie beyond
+    EXPECT_LE(reach, 1.05);  // points in the clear bin may lie beyond
     EXPECT_GE(reach, 0.8);
   }
 }
@@ -104,7 +104,7 @@ TEST(DefaultScene, TheMostFrequentValueIsClear) {
 }
 
 TEST(DefaultScene, LooksAtWhatIsNotClear) {
-  // A small part that differs, in wide surroundings that do not.
+  // A small part with other values, in wide surroundings with one value.
   auto points = test::random_points(1000, 4);
   Values values(1, std::vector<double>(1000, 1.0));
   std::vector<dvec3> part;
@@ -161,9 +161,7 @@ TEST(SceneToJson, ComesBackThroughParseScene) {
     EXPECT_EQ(back->background, scene.background);
     EXPECT_EQ(back->attribute, scene.attribute);
     EXPECT_EQ(back->lighting, scene.lighting);
-    EXPECT_EQ(back->transfer_function.lo, scene.transfer_function.lo);
-    EXPECT_EQ(back->transfer_function.hi, scene.transfer_function.hi);
-    EXPECT_EQ(back->transfer_function.table(64), scene.transfer_function.table(64));
+    EXPECT_EQ(back->transfer_function, scene.transfer_function);
   }
 }
 

@@ -63,7 +63,7 @@ class Svrender : public testing::Test {
     return outcome;
   }
 
-  // One line, exit code 1, nothing written.
+  // Expects one line, exit code 1, and no file.
   void expect_refusal(const std::string& arguments, const std::string& reason) const {
     const Outcome outcome = run(arguments);
     EXPECT_EQ(outcome.code, 1) << outcome.text;
@@ -146,7 +146,7 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("").at("kernel"), "moments");
   EXPECT_EQ(statistics("--kernel octant").at("kernel"), "octant");
 
-  // A third of what a picture of all points held.
+  // A third of the bytes that a picture of all points held.
   const std::uint64_t all = statistics("--tolerance 0").at("bytes_resident_peak");
   const auto small = statistics(fmt::format("--tolerance 0 --memory {}", all / 3));
   EXPECT_GT(small.at("effective_tolerance"), 0);
@@ -167,7 +167,7 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
     const Image unlit = picture(false);
     EXPECT_GT(unlit.at(32, 24).r, 0.1f) << kernel;
 
-    // A light that adds nothing to a half: colours halve, and nothing else changes.
+    // Ambient light of a half, and no diffuse light: colours halve, and nothing else changes.
     const nlohmann::json half = {{"ambient", 0.5}, {"diffuse", 0}};
     const Image lit = picture(half);
     EXPECT_EQ(nlohmann::json::parse(std::ifstream(path("stats.json"))).at("lighting"), half);
@@ -177,7 +177,7 @@ TEST_F(Svrender, BothKernelsDrawAndAreLit) {
         EXPECT_NEAR(lit.at(x, y).a, unlit.at(x, y).a, 1e-6f) << kernel;
       }
 
-    // One that shines on surfaces seen face on darkens others.
+    // Diffuse light on surfaces that are seen face on leaves other surfaces darker.
     const Image diffuse = picture({{"ambient", 0}, {"diffuse", 1}});
     EXPECT_LT(diffuse.at(32, 24).r, unlit.at(32, 24).r) << kernel;
   }

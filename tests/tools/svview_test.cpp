@@ -1,4 +1,4 @@
-// svview as a user starts it: recordings, screenshots, camera paths, a real window.
+// svview, started like a user starts it: recordings, screenshots, camera paths, a real window.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ class Svview : public testing::Test {
     std::vector<double> values;
     for (const dvec3& p : points) values.push_back(p.x);
     ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
-    // Turns, zooms, hides the numbers, which tell times.
+    // Turns, zooms, and hides the numbers: some of them are times.
     write("r.jsonl", R"({"seconds":0.1,"events":[["size",640,480,640,480,1],["pointer",500,200]]})"
                      "\n"
                      R"({"seconds":0.1,"events":[["button",0,true],["pointer",540,230],["button",0,false]]})"
@@ -68,8 +68,8 @@ TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
   const Image a = *read_exr(path("a.exr"));
   EXPECT_EQ(a.width, 640);
   EXPECT_EQ(a.height, 480);
-  EXPECT_EQ(compare_images(a, *read_exr(path("b.exr")))->max, 0);       // the same again
-  EXPECT_GT(compare_images(a, *read_exr(path("c.exr")))->rmse, 0.005);  // and not what it began with
+  EXPECT_EQ(compare_images(a, *read_exr(path("b.exr")))->max, 0);       // the same replay
+  EXPECT_GT(compare_images(a, *read_exr(path("c.exr")))->rmse, 0.005);  // the picture before it
 }
 
 TEST_F(Svview, DrawsACameraPath) {
@@ -100,7 +100,7 @@ TEST_F(Svview, SaysWhatIsWrong) {
   EXPECT_FALSE(fs::exists(path("a.png")));
 }
 
-// A display server without a screen, for as long as it lives.
+// Runs a display server without a screen during its lifetime.
 class Xvfb {
  public:
   Xvfb() {
@@ -129,7 +129,7 @@ class Xvfb {
   Xvfb(const Xvfb&) = delete;
   Xvfb& operator=(const Xvfb&) = delete;
 
-  [[nodiscard]] const std::string& display() const { return display_; }  // empty: there is none
+  [[nodiscard]] const std::string& display() const { return display_; }  // empty: no server
 
  private:
   pid_t process_ = -1;

@@ -50,7 +50,7 @@ struct Outcome {
   std::string out, err;
 };
 
-/// Runs a tool with one required option, --in, whose work is `body`.
+/// Runs a tool with one required option, --in, and the work `body`.
 Outcome run(std::vector<std::string> arguments, const std::function<Status()>& body) {
   CLI::App app("Tests programs", "svtest");
   std::string input;

@@ -1,4 +1,4 @@
-// What a hand does to a camera, and cameras along a path.
+// Moving a camera by hand, and cameras along a path.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -18,7 +18,7 @@ using testing::HasSubstr;
 
 constexpr Viewport viewport{800, 600};
 
-// At 1e7 from the origin, where single precision would be lost.
+// At 1e7 from the origin, where single precision would not do.
 Camera far_camera(Camera::Projection projection) {
   Camera camera;
   camera.projection = projection;
@@ -29,7 +29,7 @@ Camera far_camera(Camera::Projection projection) {
   return camera;
 }
 
-// Where a point is seen, in units of the viewport.
+// Returns a point's position on the screen, in units of the viewport.
 dvec2 seen_at(const Camera& camera, const dvec3& point) {
   const View view = make_view(camera, 800, 600).value();
   const dvec3 p = view.to_view(point);
@@ -92,14 +92,14 @@ TEST_P(Hand, OrbitKeepsDistanceAndComesBack) {
     ASSERT_NEAR(distance(camera), far, 1e-6);
   }
   camera = before;
-  // A whole turn to the right: twice the shorter side.
+  // Twice the shorter side is a whole turn to the right.
   for (int i = 0; i < 100; ++i) orbit(camera, viewport, {2 * 600 / 100.0, 0});
   EXPECT_LT(glm::length(camera.position - before.position), 1e-6);
   EXPECT_EQ(camera.focal_point, before.focal_point);
 }
 
 TEST_P(Hand, OrbitTurnsWithThePointer) {
-  // What is nearer than the focal point goes where the pointer goes.
+  // Things nearer than the focal point move with the pointer.
   const dvec3 nearer = camera.focal_point + 0.1 * (camera.position - camera.focal_point);
   orbit(camera, viewport, {30, 20});
   const dvec2 seen = seen_at(camera, nearer);

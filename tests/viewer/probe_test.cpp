@@ -1,9 +1,8 @@
-// What lies under the pointer, against what is put there.
+// The probe under the pointer, for known splats.
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "viewer/color_maps.h"
 #include "viewer/probe.h"
 
 namespace splatvol {
@@ -55,7 +54,7 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), 0,
                            view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
-  // Through the middle: mass over the Gaussian's area.
+  // A ray through the middle meets the mass over the Gaussian's area.
   const double depth = extinction * mass / (2 * 3.14159265358979 * deviation * deviation);
   EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-6);
 }
@@ -85,23 +84,6 @@ TEST(Probe, SeesFlatSplatsAndOctants) {
       probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), 0, view_along_z(true), 100, 50);
   ASSERT_TRUE(round);
   EXPECT_EQ(round->value, 7);
-}
-
-TEST(ColorMaps, AreCompleteAndInRange) {
-  for (const ColorMap& map : color_maps()) {
-    EXPECT_EQ(map.colors.front().t, 0) << map.name;
-    EXPECT_EQ(map.colors.back().t, 1) << map.name;
-    for (std::size_t i = 0; i < map.colors.size(); ++i) {
-      EXPECT_TRUE(i == 0 || map.colors[i].t > map.colors[i - 1].t) << map.name;
-      for (int k = 0; k < 3; ++k) {
-        EXPECT_GE(map.colors[i].rgb[k], 0);
-        EXPECT_LE(map.colors[i].rgb[k], 1);
-      }
-    }
-    const auto twice = reversed(reversed(map.colors));
-    EXPECT_EQ(twice.front().rgb, map.colors.front().rgb);
-    EXPECT_EQ(reversed(map.colors).front().rgb, map.colors.back().rgb);
-  }
 }
 
 }  // namespace

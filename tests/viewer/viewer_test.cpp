@@ -69,7 +69,7 @@ class ViewerTest : public testing::Test {
   }
   void click(double x, double y) {
     frame({PointerMoved{x, y}});
-    frame({});  // the interface finds out what is under it a frame later
+    frame({});  // the interface knows a frame later which control is under the pointer
     frame({ButtonChanged{0, true}});
     frame({ButtonChanged{0, false}});
   }
@@ -79,7 +79,7 @@ class ViewerTest : public testing::Test {
   }
   const Scene& scene() const { return viewer->session()->scene; }
 
-  // Of the picture alone.
+  // The area of the picture, without the panel.
   static double brightness(const Image& image) {
     double sum = 0;
     for (const vec4& pixel : image.pixels) sum += static_cast<double>(pixel.r + pixel.g + pixel.b);
@@ -98,7 +98,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   EXPECT_EQ(viewer->session()->tolerance_shown(), viewer->session()->settings.tolerance);
   EXPECT_TRUE(viewer->session()->frame()->progress.complete);
 
-  // The saved scene, drawn by request as svrender does.
+  // Draws the saved scene with Streamer::request, like svrender.
   std::ofstream(path("scene.json")) << scene_to_json(scene());
   const Scene saved = load_scene(path("scene.json")).value();
   const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
@@ -132,7 +132,7 @@ TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
   frame({ButtonChanged{0, false}});
   EXPECT_NE(scene().camera.position, before.position);
   const Camera turned = scene().camera;
-  // Over the panel the same drag is not the camera's.
+  // The same drag over the panel does not move the camera.
   frame({PointerMoved{100, 500}});
   frame({});
   frame({ButtonChanged{0, true}});
@@ -170,7 +170,7 @@ TEST_F(ViewerTest, KeysChangeWhatTheySay) {
   const Image with_panel = screen();
   press(key::tab);
   settle();
-  EXPECT_EQ(scene().width, width);  // the picture has all of the window now
+  EXPECT_EQ(scene().width, width);  // the picture fills the window now
   EXPECT_GT(compare_images(with_panel, screen())->max, 0);
   EXPECT_FALSE(viewer->wants_to_close());
   frame({KeyChanged{key::left_control, true}});
@@ -188,7 +188,7 @@ TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   fs::copy_file(path("v.svol"), path("w.svol"));
   frame({FilesDropped{{path("w.svol")}}});
   EXPECT_EQ(viewer->session()->path(), path("w.svol"));
-  // What is no volume changes nothing.
+  // A file that is no volume changes nothing.
   std::ofstream(path("text.svol")) << "text";
   frame({FilesDropped{{path("text.svol")}}});
   EXPECT_EQ(viewer->session()->path(), path("w.svol"));
@@ -221,7 +221,7 @@ TEST_F(ViewerTest, ExplainsEmptyPictures) {
 TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
   settle();
   const TransferFunction before = scene().transfer_function;
-  // Adds a control point in the editor's area and draws it up.
+  // Adds a control point in the editor's area and drags it up.
   frame({PointerMoved{170, 120}});
   frame({});
   frame({ButtonChanged{0, true}});
@@ -251,7 +251,7 @@ TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
   EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
   EXPECT_EQ(session->scene.camera.position, camera.position);
   EXPECT_GT(compare_images(heat, wind)->rmse, 0.01);
-  // Too little memory for any picture: told, and all goes on as it was.
+  // Too little memory for any picture: an error, and the viewer goes on with the old settings.
   session->settings.memory = 1000;
   EXPECT_EQ(compare_images(settled(), wind)->max, 0);
   EXPECT_EQ(session->troubles().size(), 1U);

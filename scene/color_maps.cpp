@@ -1,21 +1,22 @@
-#include "viewer/color_maps.h"
+#include "scene/color_maps.h"
 
 #include <array>
 #include <cstdint>
 
-#include "viewer/srgb.h"
+#include "scene/srgb.h"
 
 namespace splatvol {
 namespace {
 
-double linear(std::uint32_t byte) { return linear_of(byte / 255.0); }
-
-// From sRGB, equally spaced.
+/// Returns equally spaced control points, from sRGB codes 0xRRGGBB.
 std::vector<TransferFunction::Color> spread(std::initializer_list<std::uint32_t> codes) {
+  const auto linear = [](std::uint32_t code, int shift) {
+    return linear_of_byte(static_cast<std::uint8_t>(code >> shift));
+  };
   std::vector<TransferFunction::Color> colors;
   for (const std::uint32_t code : codes)
     colors.push_back({static_cast<double>(colors.size()) / static_cast<double>(codes.size() - 1),
-                      {linear(code >> 16), linear(code >> 8 & 255), linear(code & 255)}});
+                      {linear(code, 16), linear(code, 8), linear(code, 0)}});
   return colors;
 }
 
@@ -30,6 +31,14 @@ std::span<const ColorMap> color_maps() {
       {"grey", spread({0x000000, 0x404040, 0x808080, 0xBFBFBF, 0xFFFFFF})},
   }};
   return maps;
+}
+
+std::vector<TransferFunction::Color> short_cool_to_warm() {
+  return {{0.00, {0.0437, 0.0723, 0.5271}},
+          {0.25, {0.2664, 0.4342, 0.9911}},
+          {0.50, {0.7230, 0.7230, 0.7230}},
+          {0.75, {0.9047, 0.3231, 0.1981}},
+          {1.00, {0.4564, 0.0012, 0.0194}}};
 }
 
 std::vector<TransferFunction::Color> reversed(std::span<const TransferFunction::Color> colors) {

@@ -17,7 +17,10 @@ struct ColorMap {
 /// Viridis and inferno (van der Walt and Smith, 2015), Moreland's cool to warm (2009), grey.
 [[nodiscard]] std::span<const ColorMap> color_maps();
 
-/// The same colours from the other end.
+/// Cool to warm with five control points of four digits each: short enough for a scene file that a person edits.
+[[nodiscard]] std::vector<TransferFunction::Color> short_cool_to_warm();
+
+/// Returns the same colours from the other end.
 [[nodiscard]] std::vector<TransferFunction::Color> reversed(std::span<const TransferFunction::Color> colors);
 
 }  // namespace splatvol

@@ -1,0 +1,27 @@
+// Options of the programs that draw a scene.
+#pragma once
+
+#include <string>
+
+#include "scene/image.h"
+#include "scene/scene.h"
+#include "tools/tool.h"
+
+namespace splatvol {
+
+/// For CLI11: refuses the path of a picture that write_image could not write.
+[[nodiscard]] inline std::string check_image_path(const std::string& path) {
+  return is_image_path(path) ? "" : "'" + path + "' ends in neither .exr nor .png";
+}
+
+/// Reads a scene file. `size`, such as "640x480", replaces the scene's own size unless it is empty.
+[[nodiscard]] inline Result<Scene> load_scene(const std::string& path, const std::string& size) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(path));
+  if (size.empty()) return scene;
+  SPLATVOL_TRY_ASSIGN(sides, parse_image_size(size));
+  scene.width = sides[0];
+  scene.height = sides[1];
+  return scene;
+}
+
+}  // namespace splatvol

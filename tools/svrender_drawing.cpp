@@ -1,0 +1,236 @@
+#include "tools/svrender_drawing.h"
+
+#include <cmath>
+#include <cstdlib>
+#include <glm/gtc/quaternion.hpp>
+#include <limits>
+
+#include "base/http_source.h"
+#include "renderer/sampling.h"
+#include "streamer/frame_pacer.h"
+#include "tools/tool.h"
+#include "tools/version.h"
+
+namespace splatvol {
+namespace {
+
+KernelKind kernel_of(const RenderOptions& options) {
+  return options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+}
+
+SortMode sort_of(const RenderOptions& options) {
+  if (options.sort == "none") return SortMode::none;
+  return options.sort == "axis" ? SortMode::axis : SortMode::exact;
+}
+
+int sample_spacing(const RenderOptions& options, const View& view, const FrameSplats& frame) {
+  if (options.sampling != "auto") return std::atoi(options.sampling.c_str());
+  return automatic_sample_spacing(view, frame.detail);
+}
+
+// Returns the splats of the next frame. Alone with --progress-frames, only those that are there already.
+Result<const FrameSplats*> next_splats(const RenderOptions& options, const Scene& scene, const View& view,
+                                       const Drawing& drawing) {
+  if (options.path.empty() && options.progress_frames.empty())
+    return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
+  const double wait_seconds = options.path.empty() ? 0 : 1e6;
+  return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, wait_seconds, 1.0 / options.fade);
+}
+
+// Gets the view's splats, uploads them unless the GPU has them, and draws.
+Status draw_frame(const RenderOptions& options, const Scene& scene, const View& view, Drawing& drawing,
+                  Timings& timings) {
+  const double start = seconds_now();
+  SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
+  drawing.frame = frame;
+  const double upload_start = seconds_now();
+  if (frame->serial != drawing.uploaded_serial)
+    SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
+  else
+    SPLATVOL_TRY(drawing.renderer->set_weights(frame->batches));
+  drawing.uploaded_serial = frame->serial;
+  const double draw_start = seconds_now();
+  drawing.sample_spacing = sample_spacing(options, view, *frame);
+  SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
+
+  timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
+  timings.sort.push_back(times.sort);
+  timings.draw.push_back(times.draw);
+  timings.frame.push_back(seconds_now() - start);
+  if (timings.first_image > 0) return {};
+  timings.fetch = drawing.streamer->statistics().fetch_seconds;
+  timings.upload = draw_start - upload_start + times.upload;
+  return {};
+}
+
+// A movement too small to see. Without one, the renderer would keep the order of the splats.
+dvec3 tiny_move(const Scene& scene, const View& view) {
+  return 1e-9 * glm::length(scene.camera.focal_point - scene.camera.position) * view.right;
+}
+
+// Measures the time of a frame whose splats are resident.
+Result<double> time_frame(const RenderOptions& options, const Scene& scene, View view, Drawing& drawing) {
+  Timings timings;
+  view.eye += tiny_move(scene, view);
+  SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+  return timings.frame.back();
+}
+
+// Finds out how many splats can be drawn in --milliseconds, in a few frames.
+Status pace(const RenderOptions& options, const Scene& scene, const View& view, Drawing& drawing, Timings& timings) {
+  constexpr int most_frames = 8;
+  FramePacer pacer(1e-3 * *options.milliseconds);
+  for (int i = 0; i < most_frames; ++i) {
+    drawing.detail.goal->max_splats = pacer.splats();
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(seconds, time_frame(options, scene, view, drawing));
+    timings.pacing.push_back(drawing.frame->splats);
+    if (pacer.is_near(seconds)) break;
+    pacer.add(drawing.frame->splats, seconds);
+  }
+  return {};
+}
+
+Status write_frame(const RenderOptions& options, const Scene& scene, const Drawing& drawing, const std::string& path,
+                   const Image& image) {
+  return write_image(path, image, scene.background, provenance_of(options, scene, drawing));
+}
+
+std::string frame_path(const RenderOptions& options, int number) {
+  return fmt::format("{}/frame-{:04}.png", options.progress_frames, number);
+}
+
+// Draws and writes frames until the picture is complete, and prints a line for each. Prints and returns the errors of
+// parts that could not be read.
+Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Scene& scene, const View& view,
+                                         Drawing& drawing, Timings& timings, double start) {
+  std::vector<Error> errors;
+  for (int number = 0;; ++number) {
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    const FrameProgress& progress = drawing.frame->progress;
+    const std::string path = frame_path(options, number);
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    const StreamerStatistics statistics = drawing.streamer->statistics();
+    timings.progress.push_back({seconds_now() - start, statistics.cut_seconds + statistics.fetch_seconds,
+                                drawing.frame->splats, statistics.bytes_read, progress.missing_bytes});
+    SPLATVOL_TRY(write_frame(options, scene, drawing, path, image));
+    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
+               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_chunks,
+               progress.missing_pages);
+    for (const Error& error : progress.errors) {
+      fmt::print(stderr, "svrender: {}: drawn coarser\n", error.message);
+      errors.push_back(error);
+    }
+    if (progress.settled) return errors;
+  }
+}
+
+// The camera of a path's frame: turned about `up` round its focal point, and nearer or farther.
+Camera camera_at(const RenderOptions& options, Camera camera, int frame) {
+  const double part = frame / std::max(options.path[0] - 1, 1.0);
+  const glm::dquat turn = glm::angleAxis(glm::radians(part * options.path[1]), glm::normalize(camera.up));
+  camera.position =
+      camera.focal_point + turn * (camera.position - camera.focal_point) * std::pow(options.path[2], part);
+  return camera;
+}
+
+// Draws the frames of a path, each with all of its splats, and measures the change from each to the next.
+Status draw_path(const RenderOptions& options, const Scene& scene, Drawing& drawing, Timings& timings) {
+  Image last;
+  for (int number = 0; number < options.path[0]; ++number) {
+    SPLATVOL_TRY_ASSIGN(view, make_view(camera_at(options, scene.camera, number), scene.width, scene.height));
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    double change = 0;
+    if (number > 0) {
+      SPLATVOL_TRY_ASSIGN(difference, compare_images(last, image));
+      change = difference.rmse;
+    }
+    timings.path.push_back({drawing.frame->splats, drawing.frame->progress.fading, change});
+    if (!options.progress_frames.empty())
+      SPLATVOL_TRY(write_frame(options, scene, drawing, frame_path(options, number), image));
+    last = std::move(image);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene) {
+  Drawing drawing;
+  const KernelKind kernel = kernel_of(options);
+  SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
+  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.volume));
+  SPLATVOL_TRY_ASSIGN(streamer,
+                      Streamer::open(std::move(source), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
+  drawing.streamer = std::move(streamer);
+  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  drawing.context = std::move(context);
+  SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(kernel));
+  drawing.renderer = std::move(renderer);
+  drawing.detail = options.detail;
+  if (options.max_error || options.splats || options.milliseconds)
+    drawing.detail.goal =
+        ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
+  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
+  drawing.detail.max_splats = drawing.renderer->max_splats(scene.width, scene.height, gpu_memory);
+  if (drawing.detail.max_splats == 0)
+    return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
+                options.gpu_memory, scene.width, scene.height);
+  drawing.renderer->set_lighting(scene.lighting);
+  const double offset = drawing.streamer->value_offset();
+  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
+    return fail_in(options.scene, status.error());
+  return drawing;
+}
+
+Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Scene& scene, const View& view,
+                                        Drawing& drawing, Timings& timings, double start) {
+  if (options.path.empty() && !options.milliseconds && !options.progress_frames.empty())
+    return draw_progress(options, scene, view, drawing, timings, start);
+  if (!options.path.empty())
+    SPLATVOL_TRY(draw_path(options, scene, drawing, timings));
+  else if (options.milliseconds)
+    SPLATVOL_TRY(pace(options, scene, view, drawing, timings));
+  else
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+  return std::vector<Error>();
+}
+
+Status draw_steady_frames(const RenderOptions& options, const Scene& scene, View view, Drawing& drawing,
+                          Timings& timings) {
+  timings.cut.clear();
+  timings.sort.clear();
+  timings.draw.clear();
+  timings.frame.clear();
+  const dvec3 move = tiny_move(scene, view);
+  ProgressBar bar("draw");
+  for (int i = 0; i < options.repeat; ++i) {
+    view.eye += move;
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    bar.update((i + 1.0) / options.repeat);
+  }
+  return {};
+}
+
+Provenance provenance_of(const RenderOptions& options, const Scene& scene, const Drawing& drawing) {
+  const FrameSplats& frame = *drawing.frame;
+  Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
+                           {"file", drawing.streamer->volume().name()},
+                           {"scene", options.scene},
+                           {"attribute", scene.attribute},
+                           {"kernel", options.kernel},
+                           {"sort", options.sort},
+                           {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
+                           {"splats", fmt::format("{}", frame.splats)},
+                           {"renderer", drawing.context->description()}};
+  if (frame.detail.goal)
+    provenance["expected_error"] = fmt::format("{}", frame.expected_error);
+  else if (frame.detail.resolution)
+    provenance["resolution"] = fmt::format("{}", *frame.detail.resolution);
+  else
+    provenance["tolerance"] = fmt::format("{}", frame.detail.tolerance_percent);
+  return provenance;
+}
+
+}  // namespace splatvol

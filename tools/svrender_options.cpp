@@ -1,0 +1,140 @@
+#include "tools/svrender_options.h"
+
+#include <cstdlib>
+
+#include "renderer/renderer.h"
+#include "tools/scene_options.h"
+#include "tools/tool.h"
+
+namespace splatvol {
+namespace {
+
+std::string check_not_negative(const std::string& text) {
+  return std::strtod(text.c_str(), nullptr) >= 0 ? "" : "'" + text + "' is not a number from 0 up";
+}
+
+std::string check_positive(const std::string& text) {
+  return std::strtod(text.c_str(), nullptr) > 0 ? "" : "'" + text + "' is not a number above 0";
+}
+
+std::string check_sampling(const std::string& text) {
+  return text == "auto" ? "" : CLI::Range(1, max_sample_spacing)(text);
+}
+
+void add_file_options(CLI::App& app, RenderOptions& options) {
+  app.add_option("FILE", options.volume, "The .svol file, or its address (http:// or https://)")
+      ->required()
+      ->type_name("FILE.svol|URL");
+  app.add_option("--scene", options.scene, "Scene file (JSON)")->required()->type_name("S.json");
+  app.add_option("-o,--output", options.output, "Picture to write: .exr or .png")
+      ->required()
+      ->type_name("OUT")
+      ->check(check_image_path);
+}
+
+// How fine the picture is: by one of these options only.
+void add_detail_options(CLI::App& app, RenderOptions& options) {
+  auto* tolerance = app.add_option("--tolerance", options.detail.tolerance_percent,
+                                   "Largest share of the image's shorter side that one splat may cover; 0: all points")
+                        ->type_name("PERCENT")
+                        ->check(check_not_negative)
+                        ->capture_default_str();
+  auto* resolution = app.add_option("--resolution", options.detail.resolution,
+                                    "One resolution for everything, 0 the coarsest, instead of a tolerance")
+                         ->check(CLI::NonNegativeNumber);
+  auto* max_error =
+      app.add_option("--max-error", options.max_error,
+                     "Expected error of the picture (root mean square of linear RGB), instead of a tolerance: draws "
+                     "the fewest splats that reach it")
+          ->type_name("RMSE")
+          ->check(check_positive)
+          ->excludes(tolerance)
+          ->excludes(resolution);
+  auto* splats = app.add_option("--splats", options.splats,
+                                "Most splats to draw, chosen for the smallest expected error, instead of a tolerance")
+                     ->check(check_positive)
+                     ->excludes(tolerance)
+                     ->excludes(resolution)
+                     ->excludes(max_error);
+  app.add_option("--milliseconds", options.milliseconds,
+                 "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
+                 "draws a few frames to find it")
+      ->check(check_positive)
+      ->excludes(tolerance)
+      ->excludes(resolution)
+      ->excludes(max_error)
+      ->excludes(splats);
+}
+
+void add_drawing_options(CLI::App& app, RenderOptions& options) {
+  app.add_option("--kernel", options.kernel,
+                 "Shape of a splat: moments: an ellipsoid that matches the material; octant: round, as in the paper of "
+                 "2001")
+      ->check(CLI::IsMember({"moments", "octant"}))
+      ->capture_default_str();
+  app.add_option("--sort", options.sort,
+                 "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
+                 "sorted once for all views; exact: for each view")
+      ->check(CLI::IsMember({"none", "axis", "exact"}))
+      ->capture_default_str();
+  app.add_option("--sampling", options.sampling,
+                 "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
+                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance")
+      ->type_name("PIXELS")
+      ->check(check_sampling)
+      ->capture_default_str();
+}
+
+void add_budget_options(CLI::App& app, RenderOptions& options) {
+  app.add_option("--memory", options.memory,
+                 "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser")
+      ->type_name("SIZE")
+      ->check(check_bytes)
+      ->capture_default_str();
+  app.add_option("--gpu-memory", options.gpu_memory,
+                 "Bytes that the renderer may hold on the graphics card, with the same effect")
+      ->type_name("SIZE")
+      ->check(check_bytes)
+      ->capture_default_str();
+}
+
+void add_frame_options(CLI::App& app, RenderOptions& options) {
+  auto* milliseconds = app.get_option("--milliseconds");
+  app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
+      ->type_name("WxH")
+      ->check(check_image_size);
+  app.add_option("--repeat", options.repeat, "Frames to draw for the times in the statistics")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  app.add_option("--progress-frames", options.progress_frames,
+                 "Draw frames while the file is read, from the parts that are there, and write them into this folder")
+      ->type_name("DIR")
+      ->excludes(milliseconds);
+  app.add_option(
+         "--path", options.path,
+         "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all, while its distance "
+         "is multiplied by FACTOR; --progress-frames writes the frames, --stats the changes between them")
+      ->type_name("FRAMES,DEGREES,FACTOR")
+      ->excludes(milliseconds)
+      ->delimiter(',')
+      ->expected(3)
+      ->check(check_finite);
+  app.add_option("--fade", options.fade,
+                 "With --path or --progress-frames: how many frames a change of resolution takes")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
+      ->type_name("OUT.json|-");
+}
+
+}  // namespace
+
+void add_options(CLI::App& app, RenderOptions& options) {
+  add_file_options(app, options);
+  add_detail_options(app, options);
+  add_drawing_options(app, options);
+  add_budget_options(app, options);
+  add_frame_options(app, options);
+}
+
+}  // namespace splatvol

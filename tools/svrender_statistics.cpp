@@ -1,0 +1,141 @@
+#include "tools/svrender_statistics.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+namespace splatvol {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+double median(std::vector<double> numbers) {
+  if (numbers.empty()) return 0;
+  std::ranges::sort(numbers);
+  const std::size_t middle = numbers.size() / 2;
+  return numbers.size() % 2 == 1 ? numbers[middle] : 0.5 * (numbers[middle - 1] + numbers[middle]);
+}
+
+// As in a scene file.
+json lighting_of(const Scene& scene) {
+  if (!scene.lighting) return false;
+  return {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+}
+
+json seconds_of(const Timings& timings) {
+  return {{"cut", median(timings.cut)},
+          {"fetch", timings.fetch},
+          {"upload", timings.upload},
+          {"sort", median(timings.sort)},
+          {"draw", median(timings.draw)},
+          {"frame", median(timings.frame)},
+          {"frame_min", std::ranges::min(timings.frame)},
+          {"frame_max", std::ranges::max(timings.frame)}};
+}
+
+json picture_of(const RenderOptions& options, const Scene& scene, const Drawing& drawing) {
+  const FrameSplats& frame = *drawing.frame;
+  const StreamerStatistics statistics = drawing.streamer->statistics();
+  return {{"file", drawing.streamer->volume().name()},
+          {"scene", options.scene},
+          {"attribute", scene.attribute},
+          {"width", scene.width},
+          {"height", scene.height},
+          {"kernel", options.kernel},
+          {"sort", options.sort},
+          {"lighting", lighting_of(scene)},
+          {"sample_spacing", drawing.sample_spacing},
+          {"splats", frame.splats},
+          {"nodes", frame.nodes},
+          {"expected_error", frame.expected_error},
+          {"resolution_histogram", frame.nodes_by_resolution},
+          {"splats_by_resolution", frame.splats_by_resolution},
+          {"file_bytes", drawing.streamer->volume().file_bytes()},
+          {"bytes_read", statistics.bytes_read},
+          {"bytes_resident_peak", statistics.bytes_resident_peak},
+          {"gpu_bytes", drawing.renderer->gpu_bytes()},
+          {"complete", frame.progress.complete},
+          {"missing_chunks", frame.progress.missing_chunks},
+          {"missing_pages", frame.progress.missing_pages},
+          {"missing_bytes", frame.progress.missing_bytes}};
+}
+
+void add_frames(const Timings& timings, json& document) {
+  for (const ProgressFrame& shown : timings.progress)
+    document["progress_frames"].push_back({{"seconds", shown.seconds},
+                                           {"advance_seconds", shown.advance},
+                                           {"splats", shown.splats},
+                                           {"bytes_read", shown.bytes_read},
+                                           {"missing_bytes", shown.missing_bytes}});
+  for (const PathFrame& drawn : timings.path)
+    document["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.change}});
+}
+
+// The detail that was asked for and the detail that the budgets allowed.
+void add_detail(const RenderOptions& options, const FrameSplats& frame, const Timings& timings, json& document) {
+  if (frame.detail.goal) {
+    if (options.max_error) document["max_error"] = *options.max_error;
+    if (options.splats) document["max_splats"] = *options.splats;
+    if (options.milliseconds) {
+      document["milliseconds"] = *options.milliseconds;
+      document["splats_while_pacing"] = timings.pacing;
+    }
+    document["effective_max_splats"] = frame.detail.goal->max_splats;
+  } else {
+    document["tolerance"] = options.detail.tolerance_percent;
+    document["effective_tolerance"] = frame.detail.tolerance_percent;
+  }
+  if (frame.detail.resolution) {
+    document["resolution"] = *options.detail.resolution;
+    document["effective_resolution"] = *frame.detail.resolution;
+  }
+}
+
+// Says how near the picture comes to the goal.
+void print_goal(const RenderOptions& options, const Drawing& drawing) {
+  const FrameSplats& frame = *drawing.frame;
+  fmt::print("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
+  if (frame.splats > drawing.detail.goal->max_splats)
+    fmt::print("{}: more than {} splats: the coarsest that the view has\n", options.output,
+               drawing.detail.goal->max_splats);
+  else if (options.max_error && frame.expected_error > *options.max_error)
+    fmt::print("{}: more than {:.2g}, to stay within {} of memory and {} splats, or with all points\n", options.output,
+               *options.max_error, options.memory, frame.detail.goal->max_splats);
+}
+
+}  // namespace
+
+std::string statistics_text(const RenderOptions& options, const Scene& scene, const Drawing& drawing,
+                            const Timings& timings) {
+  json document = picture_of(options, scene, drawing);
+  document["repeat"] = options.repeat;
+  document["seconds"] = seconds_of(timings);
+  document["first_image_seconds"] = timings.first_image;
+  document["renderer"] = drawing.context->description();
+  add_frames(timings, document);
+  add_detail(options, *drawing.frame, timings, document);
+  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+void print_summary(const RenderOptions& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
+  const FrameSplats& frame = *drawing.frame;
+  fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.output, scene.width,
+             scene.height, frame.splats, frame.nodes, drawing.streamer->statistics().bytes_read,
+             drawing.streamer->volume().file_bytes(), timings.first_image);
+  if (frame.detail.goal) {
+    print_goal(options, drawing);
+    return;
+  }
+  if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
+      frame.splats_by_resolution.size() > *options.detail.resolution)
+    fmt::print("{}: resolution {} instead of {}, to stay within {} of memory and {} splats\n", options.output,
+               *frame.detail.resolution, *options.detail.resolution, options.memory, frame.detail.max_splats);
+  if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
+    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {} of memory and {} splats\n",
+               options.output, frame.detail.tolerance_percent, options.detail.tolerance_percent, options.memory,
+               frame.detail.max_splats);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,250 @@
+// The viewer's panel, its numbers and its list of keys.
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include "base/file.h"
+#include "viewer/viewer.h"
+
+namespace splatvol {
+namespace {
+
+std::string bytes_text(double bytes) {
+  const char* units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
+  int unit = 0;
+  for (; bytes >= 1024 && unit < 4; ++unit) bytes /= 1024;
+  return fmt::format("{:.3g} {}", bytes, units[unit]);
+}
+
+}  // namespace
+
+void Viewer::draw_attribute_menu() {
+  Scene& scene = session_->scene;
+  if (!ImGui::BeginCombo("attribute", scene.attribute.c_str())) return;
+  for (const auto& attribute : session_->info().attributes)
+    if (ImGui::Selectable(attribute.name.c_str(), attribute.name == scene.attribute) &&
+        attribute.name != scene.attribute) {
+      if (Status status = session_->show_attribute(attribute.name))
+        fitting_ = scene.transfer_function;
+      else
+        message_ = status.error().message;
+    }
+  ImGui::EndCombo();
+}
+
+void Viewer::draw_panel() {
+  const float scale = static_cast<float>(window_.content_scale);
+  ImGui::SetNextWindowPos({0, 0});
+  ImGui::SetNextWindowSize({static_cast<float>(panel_width) * scale, static_cast<float>(window_.height)});
+  ImGui::Begin("panel", nullptr, ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar);
+  ImGui::PushItemWidth(220 * scale);
+  if (session_) {
+    draw_attribute_menu();
+    if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
+      editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram());
+    if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
+    if (ImGui::CollapsingHeader("camera path")) draw_path_section();
+    if (ImGui::CollapsingHeader("save")) draw_file_section();
+  } else {
+    ImGui::TextWrapped("Drop a .svol file on this window.");
+  }
+  if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
+  if (!message_.empty()) ImGui::TextWrapped("%s", message_.c_str());
+  ImGui::PopItemWidth();
+  ImGui::End();
+}
+
+void Viewer::draw_detail_controls() {
+  ViewSettings& settings = session_->settings;
+  const double finest = 0.1, coarsest = 20;
+  ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &settings.tolerance, &finest, &coarsest, "%.2g %%",
+                      ImGuiSliderFlags_Logarithmic);
+  // The streamer is opened again for another memory: only when the slider is let go.
+  static constexpr std::uint64_t least = 16, most = 65536;
+  std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
+  if (ImGui::SliderScalar("memory", ImGuiDataType_U64, &mebibytes, &least, &most, "%llu MiB",
+                          ImGuiSliderFlags_Logarithmic))
+    memory_shown_ = mebibytes;
+  if (memory_shown_ && !ImGui::IsItemActive()) {
+    settings.memory = *memory_shown_ << 20;
+    memory_shown_.reset();
+  }
+  int kernel = settings.kernel == KernelKind::moments ? 0 : 1;
+  if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
+    settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
+}
+
+void Viewer::draw_lighting_controls() {
+  Scene& scene = session_->scene;
+  bool lit = scene.lighting.has_value();
+  if (ImGui::Checkbox("lighting", &lit)) scene.lighting = lit ? std::optional(Lighting()) : std::nullopt;
+  if (!scene.lighting) return;
+  const double none = 0, full = 1;
+  ImGui::SliderScalar("ambient", ImGuiDataType_Double, &scene.lighting->ambient, &none, &full, "%.2f");
+  ImGui::SliderScalar("diffuse", ImGuiDataType_Double, &scene.lighting->diffuse, &none, &full, "%.2f");
+}
+
+void Viewer::draw_camera_controls() {
+  Camera& camera = session_->scene.camera;
+  bool orthographic = camera.projection == Camera::Projection::orthographic;
+  if (ImGui::Checkbox("orthographic", &orthographic))
+    set_projection(camera, orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective);
+  ImGui::SameLine();
+  ImGui::Checkbox("fly", &flying_);
+  ImGui::SameLine();
+  if (ImGui::SmallButton("reset")) camera = session_->first_scene().camera;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double sign : {1.0, -1.0}) {
+      const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);
+      dvec3 direction(0);
+      direction[axis] = -sign;  // from that side, towards the focal point
+      if (ImGui::SmallButton(name.c_str()))
+        look_along(camera, direction, axis == 1 ? dvec3(0, 0, -sign) : dvec3(0, 1, 0));
+      ImGui::SameLine();
+    }
+  ImGui::NewLine();
+}
+
+void Viewer::draw_clip_box_controls() {
+  std::optional<Box>& clip_box = session_->scene.clip_box;
+  const Box& bounds = session_->bounds();
+  bool clipped = clip_box.has_value();
+  if (ImGui::Checkbox("clip box", &clipped)) clip_box = clipped ? std::optional(bounds) : std::nullopt;
+  for (int axis = 0; clip_box && axis < 3; ++axis) {
+    double range[2] = {clip_box->low[axis], clip_box->high[axis]};
+    const double span = bounds.high[axis] - bounds.low[axis];
+    const std::string name(1, "xyz"[axis]);
+    if (ImGui::DragScalarN(name.c_str(), ImGuiDataType_Double, range, 2, static_cast<float>(span / 200), nullptr,
+                           nullptr, "%.4g") &&
+        range[0] < range[1])
+      clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
+  }
+}
+
+void Viewer::draw_view_section() {
+  draw_detail_controls();
+  draw_lighting_controls();
+  draw_camera_controls();
+  draw_clip_box_controls();
+  ImGui::Checkbox("axes", &axes_);
+  ImGui::SameLine();
+  ImGui::Checkbox("box", &box_);
+  ImGui::SameLine();
+  ImGui::Checkbox("scalar bar", &scalar_bar_);
+  ImGui::Checkbox("HUD", &hud_);
+  ImGui::SameLine();
+  ImGui::Checkbox("octree cut", &cut_);
+  ImGui::SameLine();
+  ImGui::Checkbox("probe", &probe_);
+}
+
+void Viewer::draw_path_section() {
+  if (ImGui::SmallButton("add this view")) {
+    if (!path_.cameras.empty() && path_.cameras.front().projection != session_->scene.camera.projection)
+      message_ = "A path has one projection.";
+    else
+      path_.cameras.push_back(session_->scene.camera);
+  }
+  ImGui::SameLine();
+  if (ImGui::SmallButton("remove last") && !path_.cameras.empty()) path_.cameras.pop_back();
+  ImGui::SameLine();
+  if (ImGui::SmallButton(playing_ ? "stop" : "play")) playing_ = playing_ ? std::nullopt : std::optional(0.0);
+  const double shortest = 0.1, longest = 600;
+  ImGui::SliderScalar("seconds", ImGuiDataType_Double, &path_.seconds, &shortest, &longest, "%.3g",
+                      ImGuiSliderFlags_Logarithmic);
+  ImGui::Text("%zu views", path_.cameras.size());
+  ImGui::InputText("file##path", path_name_.data(), path_name_.size());
+  if (ImGui::SmallButton("save path") && !path_.cameras.empty())
+    save(path_name_.data(), write_text_file(path_name_.data(), path_to_json(path_)));
+  ImGui::SameLine();
+  if (ImGui::SmallButton("load path")) {
+    auto path = load_camera_path(path_name_.data());
+    if (path)
+      path_ = std::move(*path);
+    else
+      message_ = path.error().message;
+  }
+}
+
+void Viewer::draw_file_section() {
+  ImGui::InputText("scene", scene_name_.data(), scene_name_.size());
+  if (ImGui::SmallButton("save scene"))
+    save(scene_name_.data(), write_text_file(scene_name_.data(), scene_to_json(session_->scene)));
+  ImGui::SameLine();
+  if (ImGui::SmallButton("load scene")) open(scene_name_.data());
+  ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
+  if (ImGui::SmallButton("save picture (.png, .exr)")) {
+    const auto image = session_->image();
+    Status status = image ? Status() : tl::unexpected(image.error());
+    if (status && !is_image_path(picture_name_.data()))
+      status = fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", picture_name_.data());
+    if (status)
+      status =
+          write_image(picture_name_.data(), *image, session_->scene.background,
+                      {{"software", "svview"}, {"file", session_->path()}, {"attribute", session_->scene.attribute}});
+    save(picture_name_.data(), status);
+  }
+}
+
+void Viewer::save(const std::string& what, const Status& status) {
+  message_ = status ? "saved " + what : status.error().message;
+}
+
+void Viewer::draw_hud() {
+  const FrameSplats* frame = session_->frame();
+  if (!frame) return;
+  const StreamerStatistics statistics = session_->statistics();
+  std::string resolutions;
+  for (std::size_t r = 0; r < frame->splats_by_resolution.size(); ++r)
+    if (frame->splats_by_resolution[r] > 0)
+      resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
+                                 frame->nodes_by_resolution[r]);
+  const auto bytes = [](std::uint64_t count) { return bytes_text(static_cast<double>(count)); };
+  const double asked = session_->tolerance_shown(), drawn = frame->detail.tolerance_percent;
+  std::string detail = "coarse while it moves";
+  if (!frame->detail.goal) detail = fmt::format("tolerance {:.3g} %", asked);
+  if (!frame->detail.goal && drawn > asked) detail += fmt::format(" (memory allows {:.3g} %)", drawn);
+  const FrameProgress& progress = frame->progress;
+  std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
+                                 1000 * session_->draw_seconds());
+  text += fmt::format("{} points as {} splats\n{}", session_->info().point_count(), frame->splats, resolutions);
+  text += fmt::format("{}, an error of about {:.1g}\n", detail, frame->expected_error);
+  text += fmt::format("{} of {} in use, {} on the GPU\n", bytes(statistics.bytes_resident),
+                      bytes(session_->settings.memory), bytes(session_->gpu_bytes()));
+  text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
+  text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
+                      bytes(progress.missing_bytes));
+  const float scale = static_cast<float>(window_.content_scale);
+  ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
+  ImGui::SetNextWindowBgAlpha(0.5f);
+  ImGui::Begin("HUD", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
+                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
+  ImGui::TextUnformatted(text.c_str());
+  for (const std::string& trouble : session_->troubles()) ImGui::TextColored({1, 0.5f, 0.4f, 1}, "%s", trouble.c_str());
+  ImGui::End();
+}
+
+void Viewer::draw_help() {
+  ImGui::SetNextWindowPos({static_cast<float>(window_.width) / 2, static_cast<float>(window_.height) / 2},
+                          ImGuiCond_Always, {0.5f, 0.5f});
+  ImGui::Begin("keys", &help_, ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize);
+  ImGui::TextUnformatted(
+      "left drag          turn\n"
+      "right drag, shift  move\n"
+      "control drag       roll\n"
+      "wheel              zoom to the pointer\n"
+      "R                  see all again\n"
+      "1 2 3              along -x, -y, -z; with shift from the other side\n"
+      "P                  perspective or orthographic\n"
+      "F                  fly: W A S D E Q, arrows and left drag to look, shift for speed\n"
+      "L                  lighting\n"
+      "B C H              bounding box, octree cut, numbers\n"
+      "Tab                panel\n"
+      "F1                 this list\n"
+      "control Q          quit\n"
+      "\n"
+      "Drop a .svol file to open it, a scene (.json) to apply it.");
+  ImGui::End();
+}
+
+}  // namespace splatvol
