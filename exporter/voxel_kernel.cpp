@@ -55,7 +55,7 @@ bool VoxelKernel::reaches(const Box& box) const {
   return true;
 }
 
-// Calls visit(run, offset) for each run of voxels whose centres are in the ellipsoid and in the box, until it returns
+// Calls visit(run, offset) for each voxel run whose centres are in the ellipsoid and in the box, until it returns
 // false. `offset`: of the run's first voxel from the ellipsoid's centre.
 template <class Visit>
 void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {

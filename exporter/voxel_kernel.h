@@ -26,7 +26,7 @@ class VoxelKernel {
   /// Returns the slope of a value that has this covariance with the position.
   [[nodiscard]] dvec3 slope(const dvec3& covariance) const { return to_slope_ * covariance; }
 
-  /// Consecutive voxels along x.
+  /// A voxel run: consecutive voxels along x.
   struct Run {
     std::int32_t x, y, z;  // the first voxel
     std::uint32_t count;

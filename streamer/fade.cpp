@@ -13,7 +13,7 @@ namespace {
 struct Entry {
   const Cut* cut;
   std::uint32_t item;
-  FadingCut::Part part;
+  FadingCut::Role role;
 
   const CutItem& get() const { return cut->items[item]; }
   std::span<const PointRange> ranges() const { return cut->ranges_of(get()); }
@@ -69,11 +69,11 @@ class Fader {
   FadingCut run() {
     Region all;
     for (std::uint32_t i = 0; i < last_.cut.items.size(); ++i) {
-      FadingCut::Part part = last_.parts.empty() ? FadingCut::Part() : last_.parts[i];
-      const bool over = part.fade != FadingCut::no_fade && weight_now(last_.fades[part.fade]) >= 1;
-      if (over && part.leaving) continue;
-      if (over) part = {};
-      (part.leaving ? all.leaving : all.shown).push_back({&last_.cut, i, part});
+      FadingCut::Role role = last_.roles.empty() ? FadingCut::Role() : last_.roles[i];
+      const bool over = role.fade != FadingCut::no_fade && weight_now(last_.fades[role.fade]) >= 1;
+      if (over && role.leaving) continue;
+      if (over) role = {};
+      (role.leaving ? all.leaving : all.shown).push_back({&last_.cut, i, role});
     }
     for (std::uint32_t i = 0; i < next_.items.size(); ++i) all.coming.push_back({&next_, i, {}});
     fades_now_.assign(last_.fades.size(), FadingCut::no_fade);
@@ -100,7 +100,7 @@ class Fader {
   }
 
   bool fades(const Region& region, const Cube& cube) const {
-    return !region.leaving.empty() && last_.fades[region.leaving.front().part.fade].cube.edge == cube.edge;
+    return !region.leaving.empty() && last_.fades[region.leaving.front().role.fade].cube.edge == cube.edge;
   }
 
   // Draws a region in which one of the two cuts has one node.
@@ -122,8 +122,8 @@ class Fader {
     if (fading) {
       for (Entry& entry : region.leaving) entries.push_back(go_on(entry));
       for (Entry& entry : region.shown) entries.push_back(go_on(entry));
-      const FadingCut::Part part{entries.front().part.fade, false};
-      for (const Entry& entry : uncovered) entries.push_back({entry.cut, entry.item, part});
+      const FadingCut::Role role{entries.front().role.fade, false};
+      for (const Entry& entry : uncovered) entries.push_back({entry.cut, entry.item, role});
     } else {
       const auto fade = static_cast<std::uint32_t>(now_.fades.size());
       now_.fades.push_back({cube, std::min(options_.change, 1.0)});
@@ -138,14 +138,14 @@ class Fader {
   }
 
   Entry go_on(Entry entry) {
-    if (entry.part.fade == FadingCut::no_fade) return entry;
-    std::uint32_t& fade = fades_now_[entry.part.fade];
+    if (entry.role.fade == FadingCut::no_fade) return entry;
+    std::uint32_t& fade = fades_now_[entry.role.fade];
     if (fade == FadingCut::no_fade) {
-      const Fade& last = last_.fades[entry.part.fade];
+      const Fade& last = last_.fades[entry.role.fade];
       fade = static_cast<std::uint32_t>(now_.fades.size());
       now_.fades.push_back({last.cube, weight_now(last)});
     }
-    entry.part.fade = fade;
+    entry.role.fade = fade;
     return entry;
   }
 
@@ -183,7 +183,7 @@ class Fader {
     now_.cut.items.push_back(item);
     std::ranges::copy(entry.ranges(), std::back_inserter(now_.cut.ranges));
     now_.cut.splats += entry.splats();
-    now_.parts.push_back(entry.part);
+    now_.roles.push_back(entry.role);
   }
 
   // Splits entries by octant. Requires that their cubes are smaller than `cube`.
@@ -212,9 +212,9 @@ class Fader {
 }  // namespace
 
 float FadingCut::weight_of(std::size_t item) const {
-  if (parts.empty() || parts[item].fade == no_fade) return 1;
-  const double weight = fades[parts[item].fade].weight;
-  return static_cast<float>(parts[item].leaving ? 1 - weight : weight);
+  if (roles.empty() || roles[item].fade == no_fade) return 1;
+  const double weight = fades[roles[item].fade].weight;
+  return static_cast<float>(roles[item].leaving ? 1 - weight : weight);
 }
 
 FadingCut fade(const Cube& root, const View& view, const FadingCut& last, Cut next, Residency& residency,

@@ -21,7 +21,7 @@ struct Fade {
 /// A cut with regions that are drawn from two cuts. Without fades it is an ordinary cut.
 struct FadingCut {
   /// The role of an item.
-  struct Part {
+  struct Role {
     std::uint32_t fade = no_fade;  // index into FadingCut::fades
     bool leaving = false;
   };
@@ -29,7 +29,7 @@ struct FadingCut {
 
   View view;                // that it was made for
   Cut cut;                  // back to front; of two items that overlap, the larger first
-  std::vector<Part> parts;  // [item]; empty if there are no fades
+  std::vector<Role> roles;  // [item]; empty if there are no fades
   std::vector<Fade> fades;
 
   [[nodiscard]] float weight_of(std::size_t item) const;

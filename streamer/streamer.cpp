@@ -20,7 +20,7 @@ constexpr int refinements = 4;
 
 // Bytes of an item in a frame, besides the cut itself.
 constexpr std::uint64_t item_bytes =
-    sizeof(FadingCut::Part) + sizeof(SplatBatch) + sizeof(std::uint32_t) + sizeof(std::uint64_t);
+    sizeof(FadingCut::Role) + sizeof(SplatBatch) + sizeof(std::uint32_t) + sizeof(std::uint64_t);
 
 constexpr std::uint64_t choice_share = 32;  // of the budget: one part in 32 is for choosing cuts by expected error
 

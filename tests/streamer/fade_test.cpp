@@ -107,7 +107,7 @@ TEST_F(FadeTest, NoWeightJumpsAndEachPointIsDrawnOnce) {
     fading += shown.fades.empty() ? 0 : 1;
     std::uint64_t splats = 0;
     for (std::size_t i = 0; i < shown.cut.items.size(); ++i)
-      if (shown.parts.empty() || !shown.parts[i].leaving)
+      if (shown.roles.empty() || !shown.roles[i].leaving)
         for (const PointRange& range : shown.cut.ranges_of(shown.cut.items[i])) splats += range.count;
     waiting += splats != next.splats ? 1 : 0;
   }
