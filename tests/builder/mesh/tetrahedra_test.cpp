@@ -1,5 +1,6 @@
 #include "builder/mesh/tetrahedra.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>
