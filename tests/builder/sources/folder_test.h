@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -13,10 +14,8 @@ namespace splatvol::test {
 class FolderTest : public ::testing::Test {
  protected:
   FolderTest() {
-    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = ::testing::TempDir() + "splatvol_" + test->test_suite_name() + "_" + test->name() + "/";
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
+    std::string pattern = ::testing::TempDir() + "splatvol-XXXXXX";
+    folder_ = std::string(::mkdtemp(pattern.data())) + "/";
   }
   ~FolderTest() override { std::filesystem::remove_all(folder_); }
 

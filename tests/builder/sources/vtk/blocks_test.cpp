@@ -238,6 +238,18 @@ TEST_F(BlocksTest, ExodusByContentAndByPartNumber) {
   }
 }
 
+// VTK's reader goes past the end of a list if two blocks have the same id: both are 0 if the file ends before the ids.
+TEST_F(BlocksTest, ExodusBlocksOfOneIdAreRefused) {
+  write_exodus(path("mesh.e"));
+  const std::string whole = read_text_file(path("mesh.e")).value();
+  std::size_t refused = 0;
+  for (std::size_t bytes = 1000; bytes < 2500; bytes += 25) {
+    write("mesh.e", whole.substr(0, bytes));
+    refused += error_of("mesh.e").find("have the same id") != std::string::npos ? 1 : 0;
+  }
+  EXPECT_GE(refused, 1u);
+}
+
 TEST_F(BlocksTest, ExodusTruncated) {
   write_exodus(path("mesh.e"));
   expect_survives_truncation("mesh.e", "mesh.e", 89);
