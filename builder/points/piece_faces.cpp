@@ -73,8 +73,8 @@ std::size_t PieceFaces::least_memory() { return ExternalSorter::least_memory(siz
 
 Status PieceFaces::add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records) {
   if (!faces_) {
-    SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create(
-                                    {sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
+    SPLATVOL_TRY_ASSIGN(
+        sorter, ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
     faces_.emplace(std::move(sorter));
   }
   std::vector<std::size_t> record_of(piece.points.size());
@@ -99,8 +99,8 @@ Status PieceFaces::add(const Piece& piece, std::span<const std::size_t> kept, st
 Result<std::optional<BoundaryCorners>> PieceFaces::join(const Cube& cube) {
   if (!faces_) return std::nullopt;
   const auto key = [cube](const CornerArea& area) { return morton_key(area.corner.position, cube); };
-  SPLATVOL_TRY_ASSIGN(corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory_,
-                                                       memory_, folder_}));
+  SPLATVOL_TRY_ASSIGN(
+      corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory_, memory_, folder_}));
   SPLATVOL_TRY(faces_->finish());
   SPLATVOL_TRY(add_outer_faces(*faces_, corners));
   faces_.reset();

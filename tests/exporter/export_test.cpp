@@ -11,9 +11,9 @@
 
 #include "base/vdb_share.h"
 #include "builder/build.h"
-#include "builder/sources/generator.h"
-#include "builder/scattered/scattered.h"
 #include "builder/open_source.h"
+#include "builder/scattered/scattered.h"
+#include "builder/sources/generator.h"
 #include "exporter/vdb_export.h"
 #include "exporter/vtu_export.h"
 #include "tests/builder/support/piece_source.h"
