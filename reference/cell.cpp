@@ -75,24 +75,24 @@ std::array<int, 2> pixel_range(const Extent& extent, double focal, int count) {
 }  // namespace
 
 dvec3 gradient_direction(const CellCorners& corners, const std::array<double, 4>& values) {
-  dmat3 edges;
+  dmat3 sides;
   dvec3 rises;
   double size = 0;
   double rise = 0;
   for (int i = 0; i < 3; ++i) {
-    edges[i] = corners[i + 1] - corners[0];
+    sides[i] = corners[i + 1] - corners[0];
     rises[i] = values[i + 1] - values[0];
-    for (int axis = 0; axis < 3; ++axis) size = std::max(size, std::abs(edges[i][axis]));
+    for (int axis = 0; axis < 3; ++axis) size = std::max(size, std::abs(sides[i][axis]));
     rise = std::max(rise, std::abs(rises[i]));
   }
   if (size == 0 || rise == 0) return dvec3(0);
 
   // The gradient times the cell's volume: this needs no division, which a flat cell could not have. Sizes near 1 keep
   // products from overflowing.
-  for (int i = 0; i < 3; ++i) edges[i] /= size;
+  for (int i = 0; i < 3; ++i) sides[i] /= size;
   rises /= rise;
-  const dvec3 gradient = rises[0] * glm::cross(edges[1], edges[2]) + rises[1] * glm::cross(edges[2], edges[0]) +
-                         rises[2] * glm::cross(edges[0], edges[1]);
+  const dvec3 gradient = rises[0] * glm::cross(sides[1], sides[2]) + rises[1] * glm::cross(sides[2], sides[0]) +
+                         rises[2] * glm::cross(sides[0], sides[1]);
   const double length = std::hypot(gradient.x, gradient.y, gradient.z);
   return length == 0 ? dvec3(0) : gradient / length;
 }
