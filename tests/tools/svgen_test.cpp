@@ -117,7 +117,7 @@ TEST_F(Svgen, IsThereWholeOrNotAtAll) {
   expect_refused("points --count 1000 -o " + path("none/out.npy"), "none/out.npy");
   expect_refused("points --count 1e6 -o " + path("out.npy"), "cannot write", "ulimit -f 100; ");
   expect_refused("mesh --cells 6000 -o " + path("none/out"), "none/out");
-  expect_refused("mesh --cells 48 --pieces 3 -o " + path("out"), "no blocks");
+  expect_refused("mesh --cells 48 --pieces 3 -o " + path("out"), "too few for 3 x 1 x 1 parts");
 
   expect_refused("refine " + path("none.vtu") + " -o " + path("out"), "none.vtu");
   ASSERT_TRUE(write_tetrahedron(path("mesh.vtu")));
