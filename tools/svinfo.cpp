@@ -213,8 +213,10 @@ void print_bytes(const Volume& volume, const Survey& survey) {
 // Prints a line such as "census.types.tetrahedron 1200" for each entry that is neither zero nor null.
 void print_provenance(const json& value, const std::string& path) {
   if (value.is_structured()) {
-    for (const auto& [key, child] : value.items())
-      print_provenance(child, value.is_array() || path.empty() ? path + (path.empty() ? key : "") : path + "." + key);
+    for (const auto& [key, child] : value.items()) {
+      const std::string nested = path.empty() ? key : fmt::format("{}.{}", path, key);
+      print_provenance(child, value.is_array() && !path.empty() ? path : nested);
+    }
     return;
   }
   if (value == 0 || value.is_null()) return;

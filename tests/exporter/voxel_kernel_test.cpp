@@ -1,4 +1,5 @@
 #include "exporter/voxel_kernel.h"
+#include "tests/support/random.h"
 
 #include <gtest/gtest.h>
 
@@ -57,8 +58,8 @@ TEST(VoxelKernel, SharesAddUpToOneForAnyShape) {
                                std::pow(10, exponent(random))};
     std::sort(d.rbegin(), d.rend());
     format::SplatShape shape = shape_of({d[0], d[1], d[2]}, {part(random), part(random), part(random), part(random)});
-    if (i % 2 == 1) shape.boundary = dvec3(part(random), part(random), 1 + part(random));
-    const dvec3 centroid(coordinate(random), coordinate(random), coordinate(random));
+    if (i % 2 == 1) shape.boundary = test::random_vector(part, random) + dvec3(0, 0, 1);
+    const dvec3 centroid = test::random_vector(coordinate, random);
     const auto voxels = voxels_of(VoxelKernel(centroid, shape));
     ASSERT_FALSE(voxels.empty());
     EXPECT_NEAR(sum_of(voxels), 1, 1e-12);

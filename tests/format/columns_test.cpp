@@ -1,4 +1,5 @@
 #include "format/columns.h"
+#include "tests/support/random.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,7 +22,7 @@ std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, cons
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<dvec3> positions(count);
-  for (dvec3& p : positions) p = origin + extent * dvec3(uniform(random), uniform(random), uniform(random));
+  for (dvec3& p : positions) p = origin + extent * test::random_vector(uniform, random);
   return positions;
 }
 

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "format/columns.h"
+#include "tests/support/random.h"
 
 namespace splatvol::format {
 namespace {
@@ -89,7 +90,7 @@ class Shapes {
 
   glm::dquat orientation() {
     std::normal_distribution<double> normal;
-    return glm::normalize(glm::dquat(normal(random_), normal(random_), normal(random_), normal(random_)));
+    return glm::normalize(test::random_quaternion(normal, random_));
   }
 
   SplatShape shape(double size, double middle_ratio, double short_ratio) {

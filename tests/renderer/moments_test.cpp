@@ -14,6 +14,7 @@
 #include "base/splat_kernel.h"
 #include "renderer/renderer.h"
 #include "shared_context.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -318,9 +319,10 @@ std::vector<Cluster> cloud(int count) {
   std::uniform_real_distribution<double> coordinate(-1, 1);
   std::vector<Cluster> clusters(count);
   for (Cluster& cluster : clusters) {
-    const auto direction = [&] { return dvec3(coordinate(generator), coordinate(generator), coordinate(generator)); };
+    const auto direction = [&] { return test::random_vector(coordinate, generator); };
     cluster.position = direction();
-    cluster.orientation = glm::normalize(dquat(coordinate(generator), direction()));
+    const dvec3 axis = direction();
+    cluster.orientation = glm::normalize(dquat(coordinate(generator), axis));
     cluster.deviations = 0.15 * glm::exp(1.5 * direction());
     if (cluster.deviations.x < cluster.deviations.y) std::swap(cluster.deviations.x, cluster.deviations.y);
     if (cluster.deviations.y < cluster.deviations.z) std::swap(cluster.deviations.y, cluster.deviations.z);

@@ -10,6 +10,7 @@
 #include <random>
 
 #include "tests/streamer/fixture.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -25,7 +26,7 @@ MomentsSplat random_splat(std::mt19937& random) {
   MomentsSplat splat{};
   splat.position = {unit(random), unit(random), unit(random)};
   splat.deviations = {0.5f, 0.2f, 0.05f};
-  glm::dquat q(normal(random), normal(random), normal(random), normal(random));
+  glm::dquat q = test::random_quaternion(normal, random);
   q = glm::normalize(q);
   if (q.w < 0) q = -q;
   splat.orientation = vec3(float(q.x), float(q.y), float(q.z));

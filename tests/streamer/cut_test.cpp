@@ -11,6 +11,7 @@
 #include "streamer/paged_volume.h"
 #include "streamer/splat.h"
 #include "tests/streamer/fixture.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -248,7 +249,7 @@ bool ellipsoid_is_visible(const View& view, const TestVolume& volume, std::size_
     std::normal_distribution<double> normal;
     std::vector<dvec3> points;
     for (int k = 0; k < 60; ++k) {
-      const dvec3 direction = glm::normalize(dvec3(normal(random), normal(random), normal(random)));
+      const dvec3 direction = glm::normalize(test::random_vector(normal, random));
       points.push_back(direction);
       points.push_back(0.7 * direction);
     }

@@ -1,4 +1,5 @@
 #include "streamer/decode.h"
+#include "tests/support/random.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +11,7 @@ namespace {
 
 glm::dquat random_rotation(std::mt19937& random) {
   std::normal_distribution<double> normal;
-  return glm::normalize(glm::dquat(normal(random), normal(random), normal(random), normal(random)));
+  return glm::normalize(test::random_quaternion(normal, random));
 }
 
 // Returns the rotation that the three numbers of a MomentsSplat describe.

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "tests/streamer/fixture.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -32,7 +33,7 @@ TEST(Frustum, NeverLosesAVisibleSplat) {
     if (frustum.touches(cube, radius)) continue;
     ++left_out;
     for (int sample = 0; sample < 50; ++sample) {
-      const dvec3 point = cube.origin + cube.edge * dvec3(uniform(random), uniform(random), uniform(random));
+      const dvec3 point = cube.origin + cube.edge * test::random_vector(uniform, random);
       ASSERT_FALSE(square_touches(view, point, radius)) << "trial " << trial;
     }
   }

@@ -19,6 +19,7 @@
 #include "streamer/cut.h"
 #include "streamer/paged_volume.h"
 #include "tests/streamer/fixture.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -74,7 +75,7 @@ TEST(Occlusion, HidesOnlyWhatCannotBeSeen) {
       if (!occlusion.hides(cube)) continue;
       ++hidden;
       for (int sample = 0; sample < 20; ++sample) {
-        const dvec3 point = cube.origin + cube.edge * dvec3(uniform(random), uniform(random), uniform(random));
+        const dvec3 point = cube.origin + cube.edge * test::random_vector(uniform, random);
         if (!is_in_picture(view, point)) continue;
         double depth = 0;
         for (const auto& [front, extinction] : cubes) depth += extinction * way_within(front, view, point);

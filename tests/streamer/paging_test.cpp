@@ -12,6 +12,7 @@
 #include "builder/open_source.h"
 #include "streamer/streamer.h"
 #include "tests/streamer/fixture.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -320,9 +321,9 @@ TEST_P(Paging, AWalkStaysWithinItsBudget) {
   int complete = 0;
   double finest = 100;
   for (int step = 0; step < 1000; ++step) {
-    eye += 0.05 * dvec3(uniform(random), uniform(random), uniform(random) - 0.1);
+    eye += 0.05 * (test::random_vector(uniform, random) - dvec3(0, 0, 0.1));
     eye.z = std::max(eye.z, 1.5);  // outside of the mesh: splats near the eye are within no tolerance
-    at += 0.05 * dvec3(uniform(random), uniform(random), uniform(random));
+    at += 0.05 * test::random_vector(uniform, random);
     const auto frame = streamer->advance(view_from(eye, at), test::opaque(), percent(step % 50 == 0 ? 0.1 : 2),
                                          step % 10 == 0 ? 0.01 : 0);
     ASSERT_TRUE(frame) << "step " << step << ": " << frame.error().message;

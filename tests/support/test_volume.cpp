@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "base/file.h"
+#include "tests/support/random.h"
 
 namespace splatvol::test {
 namespace {
@@ -144,7 +145,7 @@ void fill_gradients(TestVolume& volume) {
   for (std::size_t a = 0; a < volume.stored.size(); ++a) {
     auto& gradients = volume.gradients.emplace_back();
     for (std::size_t i = 0; i < volume.positions.size(); ++i)
-      gradients.push_back(i % 23 == 5 ? vec3(0) : 10.0f * vec3(uniform(random), uniform(random), uniform(random)));
+      gradients.push_back(i % 23 == 5 ? vec3(0) : 10.0f * random_vector<vec3>(uniform, random));
   }
 }
 
@@ -157,10 +158,11 @@ void fill_parcels(TestVolume& volume) {
   const std::size_t finest = volume.info.resolutions() - 1;
   for (std::size_t i = 0; i < volume.positions.size(); ++i) {
     const double size = 0.5 * volume.splat_size(finest, i);
-    const dvec3 axes = size * dvec3(uniform(random), uniform(random), i % 7 == 3 ? 0 : uniform(random));
+    const double thickness = i % 7 == 3 ? 0 : uniform(random), height = uniform(random), width = uniform(random);
+    const dvec3 axes = size * dvec3(width, height, thickness);
     auto& parcels = volume.parcels.emplace_back(i % 11 == 5 ? 1 : 6);
     for (Parcel& parcel : parcels) {
-      parcel.offset = axes * glm::clamp(dvec3(normal(random), normal(random), normal(random)), -1.5, 1.5);
+      parcel.offset = axes * glm::clamp(random_vector(normal, random), -1.5, 1.5);
       parcel.mass = i % 13 == 7 ? 0 : size * size * size * uniform(random);
       for (std::size_t a = 0; a < volume.stored.size(); ++a) {
         const format::ValueBins bins = bins_of(volume.info.attributes[a]);
@@ -478,9 +480,8 @@ std::vector<dvec3> random_points(std::size_t count, std::uint32_t seed) {
   std::normal_distribution<double> normal(0, 0.02);
   std::vector<dvec3> points;
   for (std::size_t i = 0; i < count; ++i) {
-    dvec3 p(uniform(random), uniform(random), uniform(random));
-    if (i % 2 == 1)
-      p = glm::clamp(dvec3(0.2, 0.3, 0.25) + dvec3(normal(random), normal(random), normal(random)), 0.0, 1.0);
+    dvec3 p = random_vector(uniform, random);
+    if (i % 2 == 1) p = glm::clamp(dvec3(0.2, 0.3, 0.25) + random_vector(normal, random), 0.0, 1.0);
     points.push_back(p);
   }
   return points;

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "tests/builder/support/meshes.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -284,15 +285,14 @@ TEST(BoundaryFoot, IsWhereThePlaneIsNearestInTheMetricOfTheMaterial) {
   std::uniform_real_distribution<double> uniform(-1, 1);
   int kept = 0;
   for (int n = 0; n < 2000; ++n) {
-    const dmat3 turn =
-        glm::mat3_cast(glm::normalize(glm::dquat(uniform(random), uniform(random), uniform(random), uniform(random))));
+    const dmat3 turn = glm::mat3_cast(glm::normalize(test::random_quaternion(uniform, random)));
     const dvec3 deviations(1, std::pow(10, 2 * uniform(random) - 2), std::pow(10, 2 * uniform(random) - 2));
     dmat3 s(0);
     for (int k = 0; k < 3; ++k) s += deviations[k] * deviations[k] * glm::outerProduct(turn[k], turn[k]);
     const SpatialMoments moments{.mass = 1,
                                  .centroid = {uniform(random), uniform(random), uniform(random)},
                                  .covariance = {s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2]}};
-    const dvec3 normal = glm::normalize(dvec3(uniform(random), uniform(random), uniform(random)));
+    const dvec3 normal = glm::normalize(test::random_vector(uniform, random));
     const double distance = (1.5 + 3 * uniform(random)) * std::sqrt(glm::dot(normal, s * normal));
     const BoundaryPlane plane{7.0 * normal, 7 * (distance + glm::dot(normal, moments.centroid))};
     const format::SplatShape shape = shape_of(moments);

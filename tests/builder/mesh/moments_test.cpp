@@ -8,6 +8,7 @@
 #include <random>
 
 #include "tests/builder/support/meshes.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -441,8 +442,7 @@ TEST(ShapeOf, FindsThePrincipalAxesAtEveryRatioAndScale) {
     for (const dvec3 ratios : {dvec3(1, 0.5, 0.25), dvec3(1, 1e-2, 1e-4), dvec3(1, 1, 1e-4), dvec3(1, 1e-4, 1e-4),
                                dvec3(1, 1, 1), dvec3(1, 1 - 1e-9, 1 - 2e-9)})
       for (int round = 0; round < 20; ++round) {
-        const glm::dquat turn =
-            glm::normalize(glm::dquat(normal(random), normal(random), normal(random), normal(random)));
+        const glm::dquat turn = glm::normalize(test::random_quaternion(normal, random));
         const dvec3 deviations = scale * ratios;
         const SymmetricMatrix s = compose(glm::mat3_cast(turn), deviations);
         const format::SplatShape shape = shape_of({3, {}, s});

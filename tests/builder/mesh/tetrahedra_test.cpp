@@ -12,6 +12,7 @@
 #include <set>
 
 #include "builder/sources/vtk/lattice.h"
+#include "tests/support/random.h"
 
 namespace splatvol {
 namespace {
@@ -212,7 +213,7 @@ TEST(Tetrahedra, TwoHexahedraAgreeOnTheirSharedFace) {
       for (int j = 0; j < 2; ++j)
         for (int i = 0; i < 3; ++i) {
           points[at(i, j, k)] = dvec3(i, j, k);
-          if (trial % 2) points[at(i, j, k)] += dvec3(jitter(random), jitter(random), jitter(random));
+          if (trial % 2) points[at(i, j, k)] += test::random_vector(jitter, random);
         }
     Split split;
     TetrahedronSplitter splitter(points, split.tetrahedra, split.census);

@@ -11,6 +11,7 @@
 #include "tests/builder/support/point_sets.h"
 #include "tests/builder/support/random_material.h"
 #include "tests/support/packed_tree.h"
+#include "tests/support/random.h"
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_reduction.h"
 
@@ -27,7 +28,7 @@ std::map<std::string, Sorted> distributions() {
   std::normal_distribution<double> normal(0, 1);
   const auto draw = [&](std::size_t count, auto map) {
     std::vector<dvec3> points(count);
-    for (dvec3& p : points) p = glm::clamp(map(dvec3(uniform(random), uniform(random), uniform(random))), 0.0, 1.0);
+    for (dvec3& p : points) p = glm::clamp(map(test::random_vector(uniform, random)), 0.0, 1.0);
     return points;
   };
   const auto both = [](std::vector<dvec3> a, const std::vector<dvec3>& b) {
@@ -41,7 +42,7 @@ std::map<std::string, Sorted> distributions() {
   all["uniform"] = sort_points(uniform_points);
   all["clustered"] = sort_points(draw(4000, [&](dvec3 p) {
     const dvec3 center = glm::round(3.0 * p) / 3.0;
-    return center + dvec3(normal(random), normal(random), normal(random)) * std::pow(10.0, -6 * p.x);
+    return center + test::random_vector(normal, random) * std::pow(10.0, -6 * p.x);
   }));
   all["all coincident"] = sort_points(draw(3000, at_one_position));
   all["half coincident"] = sort_points(both(uniform_points, draw(3000, at_one_position)));

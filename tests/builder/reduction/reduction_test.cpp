@@ -15,6 +15,7 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/builder/support/point_sets.h"
 #include "tests/builder/support/random_material.h"
+#include "tests/support/random.h"
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_points.h"
 #include "tests/support/whole_reduction.h"
@@ -344,7 +345,7 @@ void expect_batches_of_definition(const std::vector<dvec3>& positions) {
 TEST(BatchCutter, IndexLeavesAreThoseOfTheDefinition) {
   std::mt19937_64 random(9);
   std::uniform_real_distribution<double> uniform(0, 1);
-  const auto anywhere = [&] { return dvec3(uniform(random), uniform(random), uniform(random)); };
+  const auto anywhere = [&] { return test::random_vector(uniform, random); };
   for (int round = 0; round < 4; ++round) {
     SCOPED_TRACE("round " + std::to_string(round));
     std::vector<dvec3> positions = {{0, 0, 0}, {1, 1, 1}};

@@ -8,6 +8,7 @@
 #include "base/math.h"
 #include "builder/mesh/moments.h"
 #include "builder/sources/source.h"
+#include "tests/support/random.h"
 
 namespace splatvol::test {
 
@@ -42,7 +43,7 @@ inline Mesh jittered(std::uint32_t cells, double share) {
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> uniform(-share / cells, share / cells);
   Mesh mesh = lattice(cells);
-  for (dvec3& p : mesh.points) p += dvec3(uniform(random), uniform(random), uniform(random));
+  for (dvec3& p : mesh.points) p += random_vector(uniform, random);
   return mesh;
 }
 
@@ -52,7 +53,7 @@ inline Mesh random_tetrahedra(std::uint32_t count) {
   std::uniform_real_distribution<double> uniform(0, 1);
   Mesh mesh;
   for (std::uint32_t t = 0; t < count; ++t) {
-    for (int k = 0; k < 4; ++k) mesh.points.emplace_back(uniform(random), uniform(random), uniform(random));
+    for (int k = 0; k < 4; ++k) mesh.points.push_back(random_vector(uniform, random));
     mesh.tetrahedra.push_back({4 * t, 4 * t + 1, 4 * t + 2, 4 * t + 3});
   }
   return mesh;

@@ -13,6 +13,7 @@
 
 #include "builder/sources/source.h"
 #include "tests/builder/support/meshes.h"
+#include "tests/support/random.h"
 
 namespace splatvol::test {
 
@@ -92,7 +93,7 @@ inline std::vector<dvec3> random_points(std::size_t count, double scale = 1, dve
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<dvec3> points(count);
-  for (dvec3& p : points) p = offset + scale * dvec3(uniform(random), uniform(random), uniform(random));
+  for (dvec3& p : points) p = offset + scale * random_vector(uniform, random);
   return points;
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/math.h"
 #include "builder/sorting/morton.h"
+#include "tests/support/random.h"
 
 namespace splatvol::test {
 
@@ -31,7 +32,7 @@ inline std::vector<dvec3> uniform_points(int count, unsigned seed = 1) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> unit;
   std::vector<dvec3> points;
-  for (int i = 0; i < count; ++i) points.emplace_back(unit(random), unit(random), unit(random));
+  for (int i = 0; i < count; ++i) points.push_back(random_vector(unit, random));
   return points;
 }
 

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "builder/points/point_batch.h"
+#include "tests/support/random.h"
 
 namespace splatvol::test {
 
@@ -14,7 +15,7 @@ namespace splatvol::test {
 inline void randomize_material(PointBatch& points) {
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> uniform(0, 1);
-  const auto shift = [&] { return dvec3(uniform(random), uniform(random), uniform(random)) - 0.5; };
+  const auto shift = [&] { return random_vector(uniform, random) - 0.5; };
   const std::size_t n = points.size();
   points.moments.assign(n, {});
   points.planes.assign(n, {});
