@@ -76,9 +76,10 @@ struct Offsets {
 
   constexpr Offsets() {
     for (std::size_t i = 0; i < samples; ++i) {
+      const std::size_t layer = i / 9, row = i / 3 % 3;
       x[i] = static_cast<float>(i % 3) - 1;
-      y[i] = static_cast<float>(i / 3 % 3) - 1;
-      z[i] = static_cast<float>(i / 9) - 1;
+      y[i] = static_cast<float>(row) - 1;
+      z[i] = static_cast<float>(layer) - 1;
     }
   }
 };

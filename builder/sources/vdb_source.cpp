@@ -156,7 +156,7 @@ class VdbFile {
 
   Status add_field(const openvdb::GridPtrVec& grids, std::size_t number) {
     if (fields_.contains(number)) return {};
-    const openvdb::GridBase::Ptr grid = grids[number];
+    const openvdb::GridBase::Ptr& grid = grids[number];
     SPLATVOL_TRY_ASSIGN(transform, voxel_transform(path_, grid->getName(), *grid));
     if (!fields_.empty() && !transform.same_as(transform_))
       return fail(ErrorCode::unsupported,
