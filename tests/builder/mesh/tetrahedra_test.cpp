@@ -243,10 +243,11 @@ struct MixedGrid {
     const auto inner = [n](int i) { return i > 0 && i < n; };
     for (int k = 0; k <= n; ++k)
       for (int j = 0; j <= n; ++j)
-        for (int i = 0; i <= n; ++i)
-          points.push_back(dvec3(i, j, k) / static_cast<double>(n) + dvec3(inner(i) ? jitter(random) : 0,
-                                                                           inner(j) ? jitter(random) : 0,
-                                                                           inner(k) ? jitter(random) : 0));
+        for (int i = 0; i <= n; ++i) {
+          const double z = inner(k) ? jitter(random) : 0, y = inner(j) ? jitter(random) : 0;
+          const double x = inner(i) ? jitter(random) : 0;
+          points.push_back(dvec3(i, j, k) / static_cast<double>(n) + dvec3(x, y, z));
+        }
     const auto at = [n](int i, int j, int k) { return static_cast<std::uint32_t>((k * (n + 1) + j) * (n + 1) + i); };
     for (int k = 0; k < n; ++k)
       for (int j = 0; j < n; ++j)
