@@ -51,8 +51,8 @@ View random_view(std::mt19937& random) {
   camera.up = random_point(random, -1, 1);
   camera.vertical_fov_degrees = 5 + 100 * uniform(random);
   camera.parallel_height = 0.05 + uniform(random);
-  return checked_view(camera, 64 + static_cast<int>(200 * uniform(random)),
-                      64 + static_cast<int>(200 * uniform(random)));
+  const int height = 64 + static_cast<int>(200 * uniform(random)), width = 64 + static_cast<int>(200 * uniform(random));
+  return checked_view(camera, width, height);
 }
 
 View view_of_all(std::mt19937& random) {
@@ -60,7 +60,8 @@ View view_of_all(std::mt19937& random) {
   Camera camera;
   camera.projection = uniform(random) < 0.5 ? Camera::Projection::orthographic : Camera::Projection::perspective;
   camera.focal_point = dvec3(0.5);
-  camera.position = dvec3(0.5) + (5 + 20 * uniform(random)) * glm::normalize(random_point(random, -1, 1));
+  const dvec3 direction = glm::normalize(random_point(random, -1, 1));
+  camera.position = dvec3(0.5) + (5 + 20 * uniform(random)) * direction;
   camera.up = random_point(random, -1, 1);
   camera.vertical_fov_degrees = 100;
   camera.parallel_height = 6;
