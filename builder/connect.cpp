@@ -110,6 +110,10 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
   if (points.summary().has_material) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
+  const std::string no_volume = describe_no_volume(points.summary().cells);
+  if (options.connectivity == Connectivity::automatic && !no_volume.empty())
+    return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
+                no_volume);
   if (points.count() > options.held_points) return connect_many(options, points, folder);
   return connect_held(options, points);
 }

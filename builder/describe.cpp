@@ -51,6 +51,8 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
                              {"flat", cells.flat},
                              {"without_volume", cells.without_volume},
                              {"hidden", cells.hidden},
+                             {"hidden_points", cells.hidden_points},
+                             {"more_nodes", cells.more_nodes},
                              {"non_finite", cells.non_finite},
                              {"not_star_shaped", cells.not_star_shaped}}}};
   return provenance.dump(-1, ' ', false, json::error_handler_t::replace);

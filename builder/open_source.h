@@ -22,12 +22,14 @@ namespace splatvol {
 ///   numbers compared by size. Pieces that a .pvtu names are read once.
 ///
 /// Cells become tetrahedra (builder/mesh/tetrahedra.h). Hidden cells and ghost copies are left out, with the points
-/// that only they use. String arrays, ghost flags and ids are no attributes. Values that are not finite become NaN.
-/// Points with positions that are not finite stay, but no tetrahedron uses them.
+/// that only they use. Of a linear cell with more nodes than corners, only the corners count. String arrays, ghost
+/// flags and ids are no attributes. Values that are not finite become NaN. Points with positions that are not finite
+/// stay, but no tetrahedron uses them.
 ///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
 /// no point data or lacks a selected attribute; the message lists its attributes. `columns` may only be given for .npy
-/// files, and a `time` only for files with time steps.
+/// files, and a `time` only for files with time steps. next() fails if two files have the same points: they are time
+/// steps, and no pieces (builder/sources/repeated_pieces.h).
 /// As safe on untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);

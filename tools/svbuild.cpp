@@ -71,6 +71,8 @@ Counts census_lines(const BuildReport& report) {
   lines.emplace_back("tetrahedra flat", report.cells.flat);
   lines.emplace_back("cells without volume", report.cells.without_volume);
   lines.emplace_back("cells hidden (blanked or ghost)", report.cells.hidden);
+  lines.emplace_back("points hidden (blanked or ghost)", report.cells.hidden_points);
+  lines.emplace_back("cells with more nodes than corners (corners taken)", report.cells.more_nodes);
   lines.emplace_back("cells with a corner that is not finite (left out)", report.cells.non_finite);
   lines.emplace_back("cells that are not star-shaped", report.cells.not_star_shaped);
   lines.emplace_back("points with a coordinate that is not finite (dropped)", report.points.not_finite);

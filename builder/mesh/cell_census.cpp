@@ -1,5 +1,11 @@
 #include "builder/mesh/cell_census.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+
 namespace splatvol {
 
 CellCensus& CellCensus::operator+=(const CellCensus& other) {
@@ -8,10 +14,29 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   inverted += other.inverted;
   flat += other.flat;
   without_volume += other.without_volume;
+  surfaces += other.surfaces;
+  lines += other.lines;
   hidden += other.hidden;
+  hidden_points += other.hidden_points;
+  more_nodes += other.more_nodes;
   non_finite += other.non_finite;
   not_star_shaped += other.not_star_shaped;
   return *this;
+}
+
+std::string describe_no_volume(const CellCensus& census) {
+  constexpr std::array<std::string_view, 3> points = {"empty", "vertex", "poly-vertex"};
+  std::uint64_t all = 0;
+  std::string counts;
+  for (const auto& [name, count] : census.cells) {
+    all += count;
+    if (std::ranges::find(points, name) != points.end()) continue;
+    counts += fmt::format("{}{} {}{}", counts.empty() ? "" : ", ", count, name, count == 1 ? "" : "s");
+  }
+  if (census.tetrahedra > 0 || counts.empty()) return {};
+  if (all > census.without_volume) return fmt::format("no cell fills a volume ({})", counts);
+  const char* kinds = census.surfaces == 0 ? "lines" : census.lines == 0 ? "surface cells" : "surface cells and lines";
+  return fmt::format("only {} ({})", kinds, counts);
 }
 
 }  // namespace splatvol

@@ -14,11 +14,19 @@ struct CellCensus {
   std::uint64_t inverted = 0;                  // tetrahedra whose volume is negative in their cell's order
   std::uint64_t flat = 0;                      // tetrahedra with volume exactly 0
   std::uint64_t without_volume = 0;            // vertices, lines and surface cells: only their points are kept
+  std::uint64_t surfaces = 0;                  // of these: triangles, polygons and other cells with an area
+  std::uint64_t lines = 0;                     // of these: lines and curves
   std::uint64_t hidden = 0;                    // blanked cells, and ghost copies of cells that another piece owns
+  std::uint64_t hidden_points = 0;             // points left out: ghost copies, and points of hidden cells only
+  std::uint64_t more_nodes = 0;                // linear cells with nodes beside their corners: the corners are taken
   std::uint64_t non_finite = 0;                // cells left out, as a corner's position is not finite
   std::uint64_t not_star_shaped = 0;           // cells that no vertex sees whole: some of their tetrahedra are inverted
 
   CellCensus& operator+=(const CellCensus& other);
 };
+
+/// Describes an input whose cells are surfaces and lines, or whose cells give no tetrahedron: "only surface cells (3040
+/// polygons)". Empty if there is a tetrahedron, or if there are no cells besides vertices.
+[[nodiscard]] std::string describe_no_volume(const CellCensus& census);
 
 }  // namespace splatvol

@@ -30,6 +30,9 @@ enum class CellShape {
 /// The number of nodes in a cell of this shape: 4 to 20.
 [[nodiscard]] std::size_t node_count(CellShape shape);
 
+/// Whether a cell of this shape has corners only.
+[[nodiscard]] constexpr bool is_linear(CellShape shape) { return shape < CellShape::quadratic_tetrahedron; }
+
 /// The name in a census: "tetrahedron", "pentagonal prism", ...
 [[nodiscard]] std::string_view shape_name(CellShape shape);
 

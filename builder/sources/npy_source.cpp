@@ -13,6 +13,7 @@
 #include "base/names.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/piece_ahead.h"
+#include "builder/sources/repeated_pieces.h"
 
 namespace splatvol {
 namespace {
@@ -130,7 +131,13 @@ class NpySource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
-  Result<std::unique_ptr<Piece>> next() override { return pieces_.next(); }
+
+  Result<std::unique_ptr<Piece>> next() override {
+    SPLATVOL_TRY_ASSIGN(piece, pieces_.next());
+    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[returned_++].file].path, *piece));
+    return piece;
+  }
+
   bool single_precision() const override { return std::ranges::all_of(files_, &NpyFile::single_precision); }
   bool may_have_cells() const override { return false; }
 
@@ -184,6 +191,8 @@ class NpySource final : public Source {
   std::vector<std::string> attributes_;
   std::vector<RowRange> ranges_;
   PieceAhead pieces_;
+  std::size_t returned_ = 0;  // pieces
+  RepeatedPieces repeats_;
 };
 
 bool is_position(const std::string& name) { return name == "x" || name == "y" || name == "z"; }

@@ -18,6 +18,7 @@
 #include "base/names.h"
 #include "base/vdb_share.h"
 #include "builder/sources/piece_ahead.h"
+#include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vdb_fields.h"
 #include "builder/sources/vdb_geometry.h"
 #include "builder/sources/vdb_header.h"
@@ -335,6 +336,7 @@ class VdbSource final : public Source {
   Result<std::unique_ptr<Piece>> next() override {
     for (;;) {
       SPLATVOL_TRY_ASSIGN(piece, file_->next());
+      if (piece && paths_.size() > 1) SPLATVOL_TRY(repeats_.add(paths_[opened_ - 1], *piece));
       if (piece || opened_ == paths_.size()) return piece;
       file_.reset();  // frees its memory before the next file is read
       SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_));
@@ -364,6 +366,7 @@ class VdbSource final : public Source {
   std::unique_ptr<VdbFile> file_;
   std::size_t opened_ = 0;         // files so far
   std::size_t opened_pieces_ = 0;  // in these files
+  RepeatedPieces repeats_;
 };
 
 }  // namespace

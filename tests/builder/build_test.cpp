@@ -610,6 +610,23 @@ TEST(BuildConnectivity, IsAsAskedForAndSaidInTheReportAndTheFile) {
   EXPECT_EQ(used(scattered({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}), Connectivity::automatic), "none");
 }
 
+TEST(BuildConnectivity, SurfacesAreJoinedOnRequestOnly) {
+  const std::string path = temporary_path("surface.svol");
+  Piece surface = scattered(random_points(100));
+  surface.census.cells = {{"polygon", 40}, {"vertex", 3}};
+  surface.census.without_volume = 43;
+  surface.census.surfaces = 40;
+  const auto refused = build({surface}, path);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(
+      refused.error().message,
+      "only surface cells (40 polygons); splatvol draws volumes; --connectivity delaunay joins the points anyway");
+  EXPECT_FALSE(std::filesystem::exists(path));
+  for (const Connectivity wanted : {Connectivity::delaunay, Connectivity::none})
+    EXPECT_TRUE(build({surface}, path, connected(wanted)));
+  EXPECT_TRUE(build({surface, mesh_piece(test::jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+}
+
 TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
   const std::string path = temporary_path("filled.svol");
   Piece mesh = mesh_piece(test::jittered(12, 0.2), wave), points = mesh;

@@ -174,6 +174,93 @@ TEST_F(SourceTest, CellTypesAreToldApart) {
   EXPECT_THAT(error_of({write("c.vtu", mesh.file())}), HasSubstr("a hexahedron of 5 points instead of 8"));
 }
 
+TEST_F(SourceTest, LinearCellsWithMoreNodesThanCornersLoseTheOthers) {
+  Mesh mesh = hexahedron_mesh();
+  for (int i = 0; i < 12; ++i) mesh.points.emplace_back(0.5);  // wherever they are
+  mesh.point_data[0].values.resize(20);
+  mesh.cells[0].points.resize(20);
+  std::iota(mesh.cells[0].points.begin(), mesh.cells[0].points.end(), 0);
+  const auto input = read_input({write("a.vtu", mesh.file())});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_DOUBLE_EQ(input->volume, 1);
+  EXPECT_EQ(input->census.more_nodes, 1u);
+  EXPECT_EQ(input->census.tetrahedra, 6u);
+
+  mesh.cells[0].type = 25;
+  mesh.cells[0].points.push_back(0);
+  EXPECT_THAT(error_of({write("b.vtu", mesh.file())}), HasSubstr("a quadratic hexahedron of 21 points instead of 20"));
+}
+
+std::string structured_file(const std::string& type, const std::string& extent, const std::string& attributes,
+                            const std::string& body) {
+  return fmt::format(
+      "<VTKFile type=\"{0}\" version=\"1.0\" byte_order=\"LittleEndian\"><{0} WholeExtent=\"{1}\" {2}>"
+      "<Piece Extent=\"{1}\">{3}</Piece></{0}></VTKFile>",
+      type, extent, attributes, body);
+}
+
+TEST_F(SourceTest, CellsThatAreNoVolumesAreTold) {
+  const auto told = [&](const std::string& path) {
+    const auto input = read_input({path});
+    return input ? describe_no_volume(input->census) : input.error().message;
+  };
+  const std::string values = "<PointData>" + data_array({"s", 1, {0, 1, 2, 3, 4, 5}}) + "</PointData>";
+  const std::string spacing = "Origin=\"0 0 0\" Spacing=\"1 1 1\"";
+  EXPECT_EQ(told(write("flat.vti", structured_file("ImageData", "0 2 0 1 0 0", spacing, values))),
+            "only surface cells (2 pixels)");
+  EXPECT_EQ(told(write("thin.vti", structured_file("ImageData", "0 5 0 0 0 0", spacing, values))),
+            "only lines (5 lines)");
+  const std::string layer =
+      "<Points>" + data_array({"Points", 3, {0, 0, 0, 1, 0, 0, 2, 0, 1, 0, 1, 0, 1, 1, 0, 2, 1, 1}}) + "</Points>";
+  EXPECT_EQ(told(write("layer.vts", structured_file("StructuredGrid", "0 2 0 1 3 3", "", values + layer))),
+            "only surface cells (2 quadrilaterals)");
+
+  Mesh mesh = hexahedron_mesh();
+  mesh.cells = {{5, {0, 1, 2}}, {5, {0, 2, 3}}, {9, {4, 5, 6, 7}}, {3, {0, 4}}};
+  EXPECT_EQ(told(write("a.vtu", mesh.file())), "only surface cells and lines (1 line, 1 quadrilateral, 2 triangles)");
+  mesh.cells = {{1, {0}}, {2, {1, 2, 3}}};
+  EXPECT_EQ(told(write("b.vtu", mesh.file())), "") << "vertices stay points";
+  mesh.cells = {};
+  EXPECT_EQ(told(write("c.vtu", mesh.file())), "");
+  mesh.cells = {{10, {0, 1, 2, 4}}, {9, {4, 5, 6, 7}}};
+  EXPECT_EQ(told(write("d.vtu", mesh.file())), "") << "surfaces beside volumes are left out";
+  mesh.cells = {{10, {0, 0, 1, 2}}};
+  EXPECT_EQ(told(write("e.vtu", mesh.file())), "no cell fills a volume (1 tetrahedron)");
+}
+
+TEST_F(SourceTest, FilesWithTheSamePointsAreNoPieces) {
+  Mesh mesh = hexahedron_mesh();
+  const std::string first = write("step_1.vtu", mesh.file());
+  mesh.point_data[0].values[3] = 9;
+  const std::string second = write("step_2.vtu", mesh.file());
+  EXPECT_THAT(error_of({first, second}), AllOf(StartsWith(second), HasSubstr(first), HasSubstr("--series")));
+  EXPECT_THAT(error_of({folder_}), HasSubstr("--series"));
+
+  // Without cells too.
+  mesh.cells.clear();
+  EXPECT_THAT(error_of({write("a.vtu", mesh.file()), write("b.vtu", mesh.file())}), HasSubstr("--series"));
+
+  // The other half of a mesh: the points of one side, or all points, are common.
+  mesh = hexahedron_mesh();
+  for (dvec3& p : mesh.points) p.x += 1;
+  EXPECT_EQ(error_of({first, write("half.vtu", mesh.file())}), "(no error)");
+  mesh = hexahedron_mesh();
+  mesh.cells = {{13, {0, 1, 3, 4, 5, 7}}};
+  const std::string one = write("one.vtu", mesh.file());
+  mesh.cells = {{13, {1, 2, 3, 5, 6, 7}}};
+  const auto halves = read_input({one, write("two.vtu", mesh.file())});
+  ASSERT_TRUE(halves) << halves.error().message;
+  EXPECT_DOUBLE_EQ(halves->volume, 1);
+
+  // The same bounds and number of points are not enough.
+  mesh = hexahedron_mesh();
+  mesh.points.emplace_back(0.5);
+  mesh.point_data[0].values.push_back(0);
+  const std::string middle = write("middle.vtu", mesh.file());
+  mesh.points.back().x = 0.25;
+  EXPECT_EQ(error_of({middle, write("moved.vtu", mesh.file())}), "(no error)");
+}
+
 /// A Lagrange hexahedron of 27 points in the order of VTK 9: corners, edges, faces (-x, +x, -y, +y, -z, +z), middle.
 Mesh quadratic_mesh() {
   Mesh mesh;
@@ -300,6 +387,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   ASSERT_TRUE(ghost) << ghost.error().message;
   EXPECT_DOUBLE_EQ(ghost->volume, 2);
   EXPECT_EQ(ghost->census.hidden, 1u);
+  EXPECT_EQ(ghost->census.hidden_points, 4u);
   EXPECT_EQ(ghost->census.cells.at("hexahedron"), 2u);
   EXPECT_THAT(ghost->attributes, ElementsAre("s"));
   EXPECT_THAT(ghost->pieces[0].values[0], ElementsAre(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16))
@@ -313,6 +401,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   ASSERT_TRUE(hidden) << hidden.error().message;
   EXPECT_DOUBLE_EQ(hidden->volume, 1);
   EXPECT_EQ(hidden->census.hidden, 2u);
+  EXPECT_EQ(hidden->census.hidden_points, 8u);
   EXPECT_THAT(hidden->attributes, ElementsAre("s"));
   EXPECT_THAT(hidden->pieces[0].values[0], ElementsAre(1, 2, 5, 6, 9, 10, 13, 14, 16))
       << "a copy that a cell needs stays";
@@ -333,13 +422,15 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   // A partition without points has no arrays either.
   write("pieces/0.vtu", Mesh::file_of("0.1", empty.piece()));
   write("pieces/1.vtu", moved.file());
+  for (dvec3& p : moved.points) p.x += 1;
+  const std::string third = write("pieces/third.vtu", Mesh::file_of("0.1", mesh.piece() + moved.piece()));
   const auto pvtu = [](const std::string& last) {
     return "<VTKFile type='PUnstructuredGrid' version='0.1' byte_order='LittleEndian'>\n<PUnstructuredGrid "
            "GhostLevel='0'>\n"
            "<Piece Source='pieces/0.vtu'/><Piece Source='pieces/1.vtu'/>\n<Piece Source='" +
            last + "'/>\n</PUnstructuredGrid></VTKFile>\n";
   };
-  const auto parallel = read_input({write("all.pvtu", pvtu("two.vtu"))});
+  const auto parallel = read_input({write("all.pvtu", pvtu("pieces/third.vtu"))});
   ASSERT_TRUE(parallel) << parallel.error().message;
   EXPECT_EQ(parallel->pieces.size(), 3u);
   EXPECT_DOUBLE_EQ(parallel->volume, 3);
@@ -348,7 +439,7 @@ TEST_F(SourceTest, PiecesComeOneByOne) {
   EXPECT_THAT(error_of({broken}), AllOf(StartsWith(broken), HasSubstr("pieces/2.vtu"), HasSubstr("No such file")));
   EXPECT_THAT(error_of({write("cut.pvtu", pvtu("two.vtu").substr(0, 150))}), StartsWith(folder_ + "cut.pvtu"));
 
-  const auto several = read_input({two, folder_ + "pieces/1.vtu"});
+  const auto several = read_input({third, folder_ + "pieces/1.vtu"});
   ASSERT_TRUE(several) << several.error().message;
   EXPECT_EQ(several->pieces.size(), 3u);
   moved.point_data[0].name = "other";
@@ -472,6 +563,7 @@ TEST_F(SourceTest, LegacyAndStructuredFiles) {
   ASSERT_TRUE(surface) << surface.error().message;
   EXPECT_EQ(surface->points, 8u);
   EXPECT_EQ(surface->census.without_volume, 1u);
+  EXPECT_EQ(describe_no_volume(surface->census), "only surface cells (1 polygon)");
   EXPECT_THAT(error_of({write("a.vtk", head + "DATASET STRUCTURED_GRID\nDIMENSIONS 2 2 2\nPOINTS 8 float\n0 0 0 1")}),
               StartsWith(folder_));
 }

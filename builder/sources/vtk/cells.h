@@ -67,6 +67,15 @@ inline constexpr std::array cell_kinds = {
     CellKind{73, CellRole::lattice, "Lagrange wedge", CellShape::wedge},
 };
 
+/// The dimension of a cell: 0 for vertices, 1 for lines, 2 for surfaces, 3 for volumes.
+[[nodiscard]] constexpr int dimension_of(const CellKind& kind) {
+  constexpr std::array points = {0, 1, 2};
+  constexpr std::array lines = {3, 4, 21, 35, 68};
+  if (kind.role != CellRole::no_volume) return 3;
+  if (std::ranges::find(points, kind.vtk_type) != points.end()) return 0;
+  return std::ranges::find(lines, kind.vtk_type) != lines.end() ? 1 : 2;
+}
+
 /// Returns null for a type that is not supported.
 [[nodiscard]] inline const CellKind* find_cell_kind(int vtk_type) {
   const auto* kind = std::ranges::find(cell_kinds, vtk_type, &CellKind::vtk_type);

@@ -100,16 +100,23 @@ class PieceMaker {
 
   /// Counts cells without volume; their points need no check.
   Status count_surface(vtkPolyData& surface) {
-    const auto add = [&](std::string_view name, vtkIdType count) {
+    const auto add = [&](std::string_view name, int dimension, vtkIdType count) {
       if (count == 0) return;
       piece_->census.cells[std::string(name)] += static_cast<std::uint64_t>(count);
-      piece_->census.without_volume += static_cast<std::uint64_t>(count);
+      count_without_volume(dimension, static_cast<std::uint64_t>(count));
     };
-    add("vertex", surface.GetNumberOfVerts());
-    add("line", surface.GetNumberOfLines());
-    add("polygon", surface.GetNumberOfPolys());
-    add("triangle strip", surface.GetNumberOfStrips());
+    add("vertex", 0, surface.GetNumberOfVerts());
+    add("line", 1, surface.GetNumberOfLines());
+    add("polygon", 2, surface.GetNumberOfPolys());
+    add("triangle strip", 2, surface.GetNumberOfStrips());
     return {};
+  }
+
+  void count_without_volume(int dimension, std::uint64_t count) {
+    CellCensus& census = piece_->census;
+    census.without_volume += count;
+    if (dimension == 1) census.lines += count;
+    if (dimension == 2) census.surfaces += count;
   }
 
   /// VTK's readers do not check the offsets against the connectivity, nor the types against the number of cells.
@@ -139,7 +146,7 @@ class PieceMaker {
       kind_count_ = &census.cells[std::string(kind->name)];
     }
     ++*kind_count_;
-    if (kind->role == CellRole::no_volume) ++census.without_volume;
+    if (kind->role == CellRole::no_volume) count_without_volume(dimension_of(*kind), 1);
     if (kind->role == CellRole::polyhedron) splitter.split_polyhedron(cell_points_);
     if (kind->role == CellRole::shape) return split_shape(*kind, splitter);
     if (kind->role == CellRole::lattice) return split_lattice(cell, *kind, splitter);
@@ -148,10 +155,13 @@ class PieceMaker {
 
   Status split_shape(const CellKind& kind, TetrahedronSplitter& splitter) {
     const std::size_t expected = node_count(kind.shape);
-    if (cell_points_.size() != expected)
+    // Some programs give linear cells the nodes of quadratic ones. VTK's orders begin with the corners.
+    const bool more_nodes = is_linear(kind.shape) && cell_points_.size() > expected;
+    if (cell_points_.size() != expected && !more_nodes)
       return fail(ErrorCode::invalid_data, "{}: a {} of {} points instead of {}", path_, kind.name, cell_points_.size(),
                   expected);
-    splitter.split(kind.shape, cell_points_);
+    piece_->census.more_nodes += more_nodes ? 1 : 0;
+    splitter.split(kind.shape, std::span(cell_points_).first(expected));
     return {};
   }
 
@@ -263,6 +273,7 @@ class PieceMaker {
       kept_.push_back(static_cast<std::uint32_t>(i));
     }
     if (kept_.size() == use_.size()) return;
+    piece_->census.hidden_points += use_.size() - kept_.size();
     for (std::size_t i = 0; i < kept_.size(); ++i) piece_->points[i] = piece_->points[kept_[i]];
     piece_->points.resize(kept_.size());
     for (auto& tetrahedron : piece_->tetrahedra)

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/names.h"
+#include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/piece.h"
 #include "builder/sources/vtk/plot3d_reader.h"
@@ -66,7 +67,9 @@ class VtkSource final : public Source {
     if (!pending_) SPLATVOL_TRY(load());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    return make_piece(data_sets_->path(), *data, attributes_);
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_));
+    SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
+    return piece;
   }
 
  private:
@@ -84,6 +87,7 @@ class VtkSource final : public Source {
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   vtkSmartPointer<vtkDataSet> pending_;
+  RepeatedPieces repeats_;
 };
 
 }  // namespace

@@ -219,17 +219,21 @@ TEST_F(NpyTest, PiecesAreBoundedAndInOrder) {
 }
 
 TEST_F(NpyTest, SeveralFilesAreOnePointSet) {
+  std::vector<double> others = rows;
+  others[0] = 0.25;
   const std::string a = write("a.npy", npy(header("<f4", 3, 4), numbers<float>(rows)));
-  const std::string b = write("b.npy", npy(header("<f8", 3, 4, true), numbers<double>(transposed(rows, 4))));
+  const std::string b = write("b.npy", npy(header("<f8", 3, 4, true), numbers<double>(transposed(others, 4))));
   const std::string empty = write("c.npy", npy(header("<f4", 0, 4), ""));
   std::vector<double> twice = rows;
-  twice.insert(twice.end(), rows.begin(), rows.end());
+  twice.insert(twice.end(), others.begin(), others.end());
   const auto table = read({a, empty, b});
   ASSERT_TRUE(table) << table.error().message;
   EXPECT_EQ(table->numbers, twice);
   EXPECT_FALSE(table->single_precision) << "the second is not";
   EXPECT_TRUE(read({a, a})->single_precision);
 
+  const std::string series = write("e.npy", npy(header("<f4", 3, 4), numbers<float>(rows)));
+  EXPECT_THAT(error_of({a, series}), AllOf(StartsWith(series), HasSubstr("--series")));
   EXPECT_THAT(error_of({empty}), AllOf(StartsWith(empty), HasSubstr("no points")));
   const std::string wide = write("d.npy", npy(header("<f4", 1, 5), numbers<float>({1, 2, 3, 4, 5})));
   EXPECT_THAT(error_of({a, wide}), AllOf(StartsWith(wide), HasSubstr("no attribute \"value\"")));

@@ -65,9 +65,10 @@ typename Grid::Ptr make_grid(const std::string& name, double voxel = 1) {
 }
 
 template <class Grid>
-typename Grid::Ptr one_voxel(const std::string& name, typename Grid::ValueType value) {
+typename Grid::Ptr one_voxel(const std::string& name, typename Grid::ValueType value,
+                             const Coord& voxel = Coord(1, 2, 3)) {
   const auto grid = make_grid<Grid>(name);
-  grid->tree().setValueOn(Coord(1, 2, 3), value);
+  grid->tree().setValueOn(voxel, value);
   return grid;
 }
 
@@ -308,7 +309,8 @@ TEST_F(Vdb, DamagedHeadersEnd) {
 
 TEST_F(Vdb, FilesFollowEachOther) {
   write({one_voxel<openvdb::FloatGrid>("a", 1), one_voxel<openvdb::FloatGrid>("b", 2)}, "1.vdb");
-  write({one_voxel<openvdb::FloatGrid>("a", 3), one_voxel<openvdb::FloatGrid>("b", 4)}, "2.vdb");
+  const Coord other(1, 2, 4);
+  write({one_voxel<openvdb::FloatGrid>("a", 3, other), one_voxel<openvdb::FloatGrid>("b", 4, other)}, "2.vdb");
   const auto source = open_source({folder_}, {{"b"}, {}}).value();
   EXPECT_EQ(source->piece_count(), 2u);
   EXPECT_EQ(source->next().value()->values[0][0], 2);
@@ -318,6 +320,10 @@ TEST_F(Vdb, FilesFollowEachOther) {
   const auto lacking = open_source({folder_}, {{"b"}, {}}).value();
   EXPECT_TRUE(lacking->next().has_value());
   EXPECT_THAT(lacking->next().error().message, HasSubstr("2.vdb: no attribute \"b\"; there are: a"));
+  write({one_voxel<openvdb::FloatGrid>("b", 4)}, "2.vdb");
+  const auto series = open_source({folder_}, {{"b"}, {}}).value();
+  EXPECT_TRUE(series->next().has_value());
+  EXPECT_THAT(series->next().error().message, HasSubstr("--series"));
 }
 
 TEST_F(Vdb, PiecesAndPointsDoNotDependOnThreads) {
