@@ -23,6 +23,7 @@ struct BuildOptions {
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
   std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once
   std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
+  bool gradients = false;                               // the column `gradient`: lights the kernel octant
   Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
   std::string builder = "splatvol";                     // name and version of the program

@@ -24,7 +24,7 @@ format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube
   for (std::size_t a = 0; a < attributes.size(); ++a) {
     info.columns.push_back({ColumnKind::value, ColumnScope::segment, static_cast<int>(a)});
     info.columns.push_back({ColumnKind::value_moments, ColumnScope::resolution, static_cast<int>(a)});
-    info.columns.push_back({ColumnKind::gradient, ColumnScope::segment, static_cast<int>(a)});
+    if (options.gradients) info.columns.push_back({ColumnKind::gradient, ColumnScope::segment, static_cast<int>(a)});
   }
   info.attributes = std::move(attributes);
   return info;

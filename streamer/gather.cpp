@@ -119,9 +119,10 @@ Result<Gatherer> Gatherer::create(PagedVolume& volume, Cache& cache, KernelKind 
     if (columns[2] < 0) return fail(ErrorCode::unsupported, "{}: no octants, which the octant kernel draws", file);
     if (gradients) columns.push_back(info.find_column(ColumnKind::gradient, attribute));
     if (columns.back() < 0)  // the gradients
-      return fail(ErrorCode::unsupported,
-                  "{}: no gradients of '{}' in it, which lighting needs: svbuild of this version writes them", file,
-                  name);
+      return fail(
+          ErrorCode::unsupported,
+          "{}: no gradients of '{}' in it, which --kernel octant needs for lighting: svbuild --gradients keeps them",
+          file, name);
   }
   return Gatherer(volume, cache, kernel, std::move(columns));
 }

@@ -29,6 +29,7 @@ struct Options {
   std::string temp_folder;
   std::vector<std::string> columns;
   std::optional<double> time;
+  bool gradients = false;
   unsigned threads = 0;
   bool json = false;
 };
@@ -115,6 +116,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   BuildOptions build_options;
   build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
+  build_options.gradients = options.gradients;
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   build_options.memory = memory_limit() / 4;
@@ -208,6 +210,9 @@ void add_format_options(CLI::App& app, Options& options) {
                  "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS): take the step nearest to this time "
                  "(default: the last)")
       ->type_name("T");
+  app.add_flag("--gradients", options.gradients,
+               "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
+               "octant needs it for scenes with lighting");
 }
 
 void add_machine_options(CLI::App& app, Options& options) {

@@ -100,7 +100,7 @@ void add_file_options(CLI::App& app, Options& options) {
          "The file to write. .vdb: a grid of each attribute, and one of the share of each voxel that is material. "
          ".vtu: points with their values, and the mass, centroid and covariance of their material; for each "
          "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
-         "the gradient direction that the file stores for the point, \"A gradient direction\"")
+         "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\"")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu")
       ->check(check_not_empty);

@@ -119,7 +119,8 @@ Contents read_all(const std::string& path) {
     const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
     append(contents.positions, decode<dvec3>(chunk(ColumnKind::position, -1), group.count, format::unpack_positions));
     append(contents.values, decode<float>(chunk(ColumnKind::value, 0), group.count, format::unpack_values));
-    append(contents.gradients, decode<vec3>(chunk(ColumnKind::gradient, 0), group.count, format::unpack_gradients));
+    if (volume.info().find_column(ColumnKind::gradient, 0) >= 0)
+      append(contents.gradients, decode<vec3>(chunk(ColumnKind::gradient, 0), group.count, format::unpack_gradients));
   }
   for (std::size_t r = 0; r < volume.info().resolutions(); ++r) contents.splats.push_back(read_splats(volume, r));
   return contents;
@@ -156,6 +157,19 @@ TEST(Build, PositionsStayWithinTheirStatedShareOfTheSpacing) {
   for (const dvec3& p : read_all(path).positions) {
     const dvec3 nearest{std::round(p.x / 0.1) * 0.1, std::round(p.y / 0.1) * 0.1, std::round(p.z / 0.01) * 0.01};
     EXPECT_LE(glm::length(p - nearest), 0.01 / 64);
+  }
+}
+
+TEST(Build, GradientsAreKeptIfAskedFor) {
+  const std::string path = temporary_path("gradients.svol");
+  for (const bool kept : {false, true}) {
+    BuildOptions options;
+    options.gradients = kept;
+    ASSERT_TRUE(build({mesh_piece(test::jittered(5, 0.2), wave)}, path, options));
+    const Contents contents = read_all(path);
+    EXPECT_EQ(contents.volume->info().find_column(format::ColumnKind::gradient, 0) >= 0, kept);
+    EXPECT_EQ(contents.gradients.size(), kept ? contents.positions.size() : 0);
+    for (const vec3& gradient : contents.gradients) EXPECT_NEAR(glm::length(gradient), 1, 0.01);
   }
 }
 
@@ -543,11 +557,14 @@ TEST(BuildMoments, PointsWithoutMaterialStayWhereTheyAre) {
   mesh.tetrahedra.push_back({0, 1, 2, 3});  // flat: a row of the lattice
   const Piece piece = mesh_piece(mesh, [](dvec3 p) { return p.x; });
   const std::string path = temporary_path("no_cell.svol");
-  const auto report = build({piece}, path);
+  BuildOptions options;
+  options.gradients = true;
+  const auto report = build({piece}, path, options);
   ASSERT_TRUE(report);
   EXPECT_EQ(report->connectivity, Connectivity::mesh);
   EXPECT_EQ(report->points.in_no_cell, 700u);
   const Contents contents = read_all(path);
+  ASSERT_EQ(contents.gradients.size(), contents.positions.size());
   std::size_t empty = 0;
   for (std::size_t i = 0; i < contents.positions.size(); ++i) {
     const Splat& splat = contents.splats.back()[i];

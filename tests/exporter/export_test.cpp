@@ -373,6 +373,7 @@ TEST_F(Export, GradientsOfALinearField) {
     BuildOptions options;
     options.connectivity = connectivity;
     options.held_points = held;
+    options.gradients = true;
     const auto volume = build(source, "linear.svol", options);
     const std::size_t finest = volume->info().resolutions() - 1;
     // Without tetrahedra, the means of cells stay between their neighbours' values, so clusters are not linear.
