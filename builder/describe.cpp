@@ -51,6 +51,7 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
                              {"flat", cells.flat},
                              {"without_volume", cells.without_volume},
                              {"hidden", cells.hidden},
+                             {"left_out_flat", cells.left_out_flat},
                              {"non_finite", cells.non_finite},
                              {"not_star_shaped", cells.not_star_shaped}}}};
   return provenance.dump(-1, ' ', false, json::error_handler_t::replace);

@@ -9,6 +9,7 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   flat += other.flat;
   without_volume += other.without_volume;
   hidden += other.hidden;
+  left_out_flat += other.left_out_flat;
   non_finite += other.non_finite;
   not_star_shaped += other.not_star_shaped;
   return *this;
