@@ -53,6 +53,7 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
                              {"hidden", cells.hidden},
                              {"hidden_points", cells.hidden_points},
                              {"more_nodes", cells.more_nodes},
+                             {"left_out_flat", cells.left_out_flat},
                              {"non_finite", cells.non_finite},
                              {"not_star_shaped", cells.not_star_shaped}}}};
   return provenance.dump(-1, ' ', false, json::error_handler_t::replace);

@@ -273,21 +273,31 @@ void drop_repeated(std::vector<VtkFile>& files) {
   });
 }
 
+tl::unexpected<Error> fail_no_cells(const std::string& input) {
+  return fail(ErrorCode::invalid_argument,
+              "{}: its values belong to points or voxels; leave out '--cells own', which is for meshes in files",
+              input);
+}
+
 Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs, const SourceOptions& options) {
   const auto generated = std::ranges::find_if(inputs, is_generated);
   if (generated != inputs.end() && inputs.size() > 1)
     return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
+  if (generated != inputs.end() && options.cells == CellValues::own) return fail_no_cells(*generated);
   if (generated != inputs.end()) return open_generated(*generated, options);
 
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (options.cells == CellValues::own &&
+      (first.format == FileHeader::Format::npy || first.format == FileHeader::Format::vdb))
+    return fail_no_cells(paths[0]);
   if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
   if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection);
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
-    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection);
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection, options.cells);
     return fail(
         ErrorCode::invalid_argument,
         "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
@@ -298,7 +308,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
   if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  return open_vtk_files(std::move(files), options.selection, options.time);
+  return open_vtk_files(std::move(files), options.selection, options.time, options.cells);
 }
 
 }  // namespace

@@ -26,11 +26,14 @@ namespace splatvol {
 /// flags and ids are no attributes. Values that are not finite become NaN. Points with positions that are not finite
 /// stay, but no tetrahedron uses them.
 ///
+/// Arrays of cells become attributes too, as CellValues tells. An array whose name is taken is called "NAME (cells)",
+/// or "NAME (points)" if cells are points of their own.
+///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
-/// no point data or lacks a selected attribute; the message lists its attributes. `columns` may only be given for .npy
-/// files, and a `time` only for files with time steps. next() fails if two files have the same points: they are time
-/// steps, and no pieces (builder/sources/repeated_pieces.h).
-/// As safe on untrusted files as VTK's and OpenVDB's readers.
+/// no arrays of numbers or lacks a selected attribute; the message lists its attributes. `columns` may only be given
+/// for .npy files, a `time` only for files with time steps, and cells of their own only for meshes in files. next()
+/// fails if two files have the same points: they are time steps, and no pieces (builder/sources/repeated_pieces.h). As
+/// safe on untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 

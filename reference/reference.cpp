@@ -33,8 +33,10 @@ constexpr std::size_t kept_capacity = 4096;
 constexpr double largest_value = 1e100;
 
 Status check_mesh(const TetMesh& mesh) {
-  if (mesh.points.size() != mesh.values.size())
-    return fail(ErrorCode::invalid_argument, "{} points and {} values", mesh.points.size(), mesh.values.size());
+  const std::size_t expected = mesh.constant ? mesh.tetrahedra.size() : mesh.points.size();
+  if (expected != mesh.values.size())
+    return fail(ErrorCode::invalid_argument, "{} {} and {} values", expected, mesh.constant ? "tetrahedra" : "points",
+                mesh.values.size());
   for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
     for (const std::uint32_t point : mesh.tetrahedra[cell])
       if (point >= mesh.points.size())
@@ -75,7 +77,7 @@ class CellProjection {
 
   void transform_points();
   void bound_cells();
-  [[nodiscard]] bool is_missing(std::uint32_t point) const;
+  [[nodiscard]] bool is_missing(std::size_t cell) const;
   [[nodiscard]] CellCorners corners(std::size_t cell) const;
   [[nodiscard]] std::array<double, 4> values(std::size_t cell) const;
   [[nodiscard]] dvec3 gradient(std::size_t cell) const;
@@ -111,9 +113,11 @@ void CellProjection::transform_points() {
                     [&](std::size_t i) { points_[i] = view_.to_view(mesh_.points[i]); });
 }
 
-bool CellProjection::is_missing(std::uint32_t point) const {
-  const dvec3& p = points_[point];
-  return !std::isfinite(mesh_.values[point]) || !std::isfinite(p.x + p.y + p.z);
+bool CellProjection::is_missing(std::size_t cell) const {
+  return std::ranges::any_of(mesh_.tetrahedra[cell], [&](std::uint32_t point) {
+    const dvec3& p = points_[point];
+    return !std::isfinite(mesh_.values[mesh_.constant ? cell : point]) || !std::isfinite(p.x + p.y + p.z);
+  });
 }
 
 CellCorners CellProjection::corners(std::size_t cell) const {
@@ -123,9 +127,8 @@ CellCorners CellProjection::corners(std::size_t cell) const {
 
 std::array<double, 4> CellProjection::values(std::size_t cell) const {
   const auto& [a, b, c, d] = mesh_.tetrahedra[cell];
-  const auto value = [&](std::uint32_t point) {
-    return std::clamp(mesh_.values[point], -largest_value, largest_value);
-  };
+  const auto value = [&](std::size_t i) { return std::clamp(mesh_.values[i], -largest_value, largest_value); };
+  if (mesh_.constant) return {value(cell), value(cell), value(cell), value(cell)};
   return {value(a), value(b), value(c), value(d)};
 }
 
@@ -146,9 +149,7 @@ dvec3 CellProjection::direction(const PixelRay& ray) const {
 void CellProjection::bound_cells() {
   bounds_.resize(mesh_.tetrahedra.size());
   tbb::parallel_for(std::size_t{0}, bounds_.size(), [&](std::size_t cell) {
-    const bool missing =
-        std::ranges::any_of(mesh_.tetrahedra[cell], [&](std::uint32_t point) { return is_missing(point); });
-    bounds_[cell] = missing ? PixelRectangle{0, -1, 0, -1} : pixel_bounds(view_, corners(cell));
+    bounds_[cell] = is_missing(cell) ? PixelRectangle{0, -1, 0, -1} : pixel_bounds(view_, corners(cell));
   });
 }
 

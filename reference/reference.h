@@ -13,11 +13,12 @@
 
 namespace splatvol {
 
-/// A field that is linear within each tetrahedron.
+/// A field that is linear, or constant, within each tetrahedron.
 struct TetMesh {
   std::span<const dvec3> points;                             // world coordinates
   std::span<const double> values;                            // one for each point; NaN: missing
   std::span<const std::array<std::uint32_t, 4>> tetrahedra;  // indices into points; any orientation, flat ones too
+  bool constant = false;                                     // values: one for each tetrahedron instead
 };
 
 struct ReferenceOptions {
@@ -35,17 +36,17 @@ struct ReferencePicture {
 /// Draws the exact picture of `scene` (its camera, image size and transfer function) through `mesh`.
 ///
 /// Every pixel's centre has one ray. It crosses each tetrahedron on at most one segment, along which the value is
-/// linear. dC = c(v) kappa(v) T ds is integrated along the segments in the order of their entry depths. An integration
-/// step spans at most 1/512 of the transfer function's domain and no bend of it. Only the part in front of the eye
-/// counts, in orthographic projection too. In a lit scene the colour on each segment is multiplied by the factor for
-/// the ray and the tetrahedron's gradient. Exact arithmetic decides which tetrahedra a ray crosses, so a ray inside a
-/// face, through an edge or a vertex counts once. All tetrahedra that overlap count.
+/// linear, or constant. dC = c(v) kappa(v) T ds is integrated along the segments in the order of their entry depths. An
+/// integration step spans at most 1/512 of the transfer function's domain and no bend of it. Only the part in front of
+/// the eye counts, in orthographic projection too. In a lit scene the colour on each segment is multiplied by the
+/// factor for the ray and the tetrahedron's gradient. Exact arithmetic decides which tetrahedra a ray crosses, so a ray
+/// inside a face, through an edge or a vertex counts once. All tetrahedra that overlap count.
 ///
-/// A tetrahedron with a vertex whose value or position is missing (not finite) contributes nothing. Requires
-/// coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count as 1e100.
-/// The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each tetrahedron, and about 100
-/// MiB for each thread. Fails if memory is too small, an index is out of range, arrays differ in length, or the camera
-/// is degenerate.
+/// A tetrahedron whose value, or a vertex whose value or position, is missing (not finite) contributes nothing.
+/// Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count
+/// as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each tetrahedron, and
+/// about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays differ in length, or
+/// the camera is degenerate.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});
 

@@ -12,6 +12,7 @@
 #include "base/memory_limit.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
+#include "tools/cells_option.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -30,6 +31,7 @@ struct Options {
   std::vector<std::string> columns;
   std::optional<double> time;
   bool gradients = false;
+  std::string cells = "averaged";
   unsigned threads = 0;
   bool json = false;
 };
@@ -71,6 +73,7 @@ Counts census_lines(const BuildReport& report) {
   lines.emplace_back("tetrahedra inverted (absolute volume used)", report.cells.inverted);
   lines.emplace_back("tetrahedra flat", report.cells.flat);
   lines.emplace_back("cells without volume", report.cells.without_volume);
+  lines.emplace_back("cells without volume left out (flat)", report.cells.left_out_flat);
   lines.emplace_back("cells hidden (blanked or ghost)", report.cells.hidden);
   lines.emplace_back("points hidden (blanked or ghost)", report.cells.hidden_points);
   lines.emplace_back("cells with more nodes than corners (corners taken)", report.cells.more_nodes);
@@ -96,6 +99,7 @@ void print_json(const Options& options, const Source& source, const BuildReport&
                                      {"file_bytes", report.file_bytes},
                                      {"seconds", seconds},
                                      {"census", census}};
+  if (const auto conversions = source.conversions(); !conversions.empty()) document["conversions"] = conversions;
   if (const auto step = source.time_step())
     document["time_step"] = {{"time", step->time}, {"number", step->index + 1}, {"of", step->count}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
@@ -109,6 +113,7 @@ void print_text(const Options& options, const Source& source, const BuildReport&
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   if (const auto step = source.time_step())
     fmt::print("  {:>12} time (step {} of {})\n", step->time, step->index + 1, step->count);
+  for (const std::string& conversion : source.conversions()) fmt::print("  {}\n", conversion);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
@@ -143,7 +148,8 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time,
+                                                           cell_values_of(options.cells)}));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   StageBar bar(source->point_count().value_or(0));
@@ -172,7 +178,7 @@ void add_input_options(CLI::App& app, Options& options) {
       ->required()
       ->type_name("OUT.svol")
       ->check(check_not_empty);
-  app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all point data)")
+  app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all)")
       ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);
@@ -206,6 +212,7 @@ void add_format_options(CLI::App& app, Options& options) {
                  "(default: x,y,z,value)")
       ->delimiter(',')
       ->type_name("NAME,...");
+  add_cells_option(app, options.cells, "each cell is a point of its own, with one value in all of it");
   app.add_option("--time", options.time,
                  "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS): take the step nearest to this time "
                  "(default: the last)")

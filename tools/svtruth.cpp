@@ -8,6 +8,7 @@
 #include "reference/reference.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "tools/cells_option.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -20,6 +21,7 @@ struct Options {
   std::string scene;
   std::string output;
   std::string size;
+  std::string cells = "averaged";
   int threads = 0;
   bool json = false;
 };
@@ -29,26 +31,37 @@ struct Mesh {
   std::vector<dvec3> points;
   std::vector<double> values;
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
+  bool constant = false;  // values: of the tetrahedra
 };
 
 Status append_piece(const Piece& piece, Mesh& mesh) {
-  if (piece.points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
+  const std::vector<dvec3>& points = piece.cells ? piece.cells->corners : piece.points;
+  const auto& tetrahedra = piece.cells ? piece.cells->tetrahedra : piece.tetrahedra;
+  if (points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
     return fail(ErrorCode::unsupported, "more than 4294967295 points");
   const auto offset = static_cast<std::uint32_t>(mesh.points.size());
-  mesh.points.insert(mesh.points.end(), piece.points.begin(), piece.points.end());
-  mesh.values.insert(mesh.values.end(), piece.values.front().begin(), piece.values.front().end());
-  mesh.tetrahedra.reserve(mesh.tetrahedra.size() + piece.tetrahedra.size());
-  for (auto tetrahedron : piece.tetrahedra) {
+  mesh.points.insert(mesh.points.end(), points.begin(), points.end());
+  const std::vector<double>& values = piece.values.front();
+  if (!piece.cells) mesh.values.insert(mesh.values.end(), values.begin(), values.end());
+  mesh.tetrahedra.reserve(mesh.tetrahedra.size() + tetrahedra.size());
+  for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
+    if (piece.cells && piece.cells->points[t] == PointCells::no_point) continue;
+    if (piece.cells) mesh.values.push_back(values[piece.cells->points[t]]);
+    auto tetrahedron = tetrahedra[t];
     for (std::uint32_t& point : tetrahedron) point += offset;
     mesh.tetrahedra.push_back(tetrahedron);
   }
   return {};
 }
 
-Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {{attribute}, {}}));
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute, CellValues cells) {
+  SourceOptions source_options;
+  source_options.selection = {attribute};
+  source_options.cells = cells;
+  SPLATVOL_TRY_ASSIGN(source, open_source(paths, source_options));
   ProgressBar bar("read");
   Mesh mesh;
+  mesh.constant = cells == CellValues::own;
   for (std::size_t read = 1;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
@@ -61,7 +74,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string&
 
 Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, int threads) {
   ProgressBar bar("draw");
-  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra};
+  const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant};
   return render_reference(tet_mesh, scene, {threads, [&](double fraction) { bar.update(fraction); }});
 }
 
@@ -87,7 +100,7 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute));
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells)));
 
   const double start = seconds_now();
   const auto picture = render_with_progress(mesh, scene, options.threads);
@@ -119,6 +132,7 @@ int main(int argc, char** argv) {
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
   app.add_option("-o,--output", options.output, "Picture to write")->required()->check(check_image_path);
   app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")->check(check_image_size);
+  add_cells_option(app, options.cells, "draw constant cells, as 'svbuild --cells own' has them");
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });

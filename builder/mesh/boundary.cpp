@@ -178,7 +178,7 @@ std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions, std::s
   for (const Side side : sides.outer) {
     const auto [a, b, c] = corners_of(side, tetrahedra);
     const std::int8_t turn = turns[side / 4];
-    faces.push_back({{a, turn < 0 ? c : b, turn < 0 ? b : c}, turn != 0});
+    faces.push_back({{a, turn < 0 ? c : b, turn < 0 ? b : c}, turn != 0, static_cast<std::uint32_t>(side / 4)});
   }
   return faces;
 }

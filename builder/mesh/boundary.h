@@ -16,6 +16,7 @@ namespace splatvol {
 struct OuterFace {
   std::array<std::uint64_t, 3> corners;  // points, counterclockwise from outside
   bool has_side;                         // false: the tetrahedron is flat, and its outside is not known
+  std::uint32_t tetrahedron;             // the one that has it
 };
 
 /// Finds the outer faces of a mesh: the faces that only one tetrahedron has. The tetrahedron's fourth corner lies

@@ -19,6 +19,7 @@ CellCensus& CellCensus::operator+=(const CellCensus& other) {
   hidden += other.hidden;
   hidden_points += other.hidden_points;
   more_nodes += other.more_nodes;
+  left_out_flat += other.left_out_flat;
   non_finite += other.non_finite;
   not_star_shaped += other.not_star_shaped;
   return *this;

@@ -19,6 +19,7 @@ struct CellCensus {
   std::uint64_t hidden = 0;                    // blanked cells, and ghost copies of cells that another piece owns
   std::uint64_t hidden_points = 0;             // points left out: ghost copies, and points of hidden cells only
   std::uint64_t more_nodes = 0;                // linear cells with nodes beside their corners: the corners are taken
+  std::uint64_t left_out_flat = 0;             // cells of their own without volume, which are no points
   std::uint64_t non_finite = 0;                // cells left out, as a corner's position is not finite
   std::uint64_t not_star_shaped = 0;           // cells that no vertex sees whole: some of their tetrahedra are inverted
 

@@ -53,7 +53,7 @@ Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin) {
       const Corner corner{batch.positions[i], hash_values(layout_, record_.data())};
       incident_.clear();
       for (const CornerArea& third : corners_)
-        if (third.corner == corner) incident_.push_back({third.area, 0});
+        if (third.corner == corner) incident_.push_back(third.plane);
       batch.planes[i] = merge_planes(incident_, std::vector<dvec3>(incident_.size(), dvec3(0)));
     }
   }

@@ -26,10 +26,11 @@ struct Corner {
 /// Hash of the values in a point's record.
 [[nodiscard]] std::uint64_t hash_values(const PointRecords& layout, const std::byte* record);
 
-/// A third of an outer face of the whole mesh, at one of its corners.
+/// An outer face of the whole mesh, as one of its points has it: a third of it at each corner, or all of it at the
+/// point that stands for the face's cell.
 struct CornerArea {
-  Corner corner;
-  dvec3 area;  // vector, outwards
+  Corner corner;  // the point
+  BoundaryPlane plane;
 };
 
 /// Copies record `i` of an array of T.

@@ -17,6 +17,7 @@ namespace {
 struct Face {
   std::array<Corner, 3> corners;  // ascending
   dvec3 area;                     // vector, outwards; 0: the face does not count
+  CornerArea cell;                // the face at the point of its cell, if points stand for cells
 };
 
 template <class Record, class Key>
@@ -38,27 +39,27 @@ bool is_outer(const Face& face, std::span<const Face> of_one_key) {
   return same == 1 && !(a == b) && !(b == c) && face.area != dvec3(0);
 }
 
-// Adds a third of each outer face at each of its corners.
-Status add_corners(std::span<const Face> of_one_key, ExternalSorter& corners) {
+// Adds a third of each outer face at each of its corners, or all of it at the point of its cell.
+Status add_corners(std::span<const Face> of_one_key, bool of_cells, ExternalSorter& corners) {
   for (const Face& face : of_one_key) {
     if (!is_outer(face, of_one_key)) continue;
     std::array<CornerArea, 3> thirds;
-    for (std::size_t k = 0; k < 3; ++k) thirds[k] = {face.corners[k], face.area / 3.0};
-    SPLATVOL_TRY(corners.add(std::as_bytes(std::span(thirds))));
+    for (std::size_t k = 0; k < 3; ++k) thirds[k] = {face.corners[k], {face.area / 3.0, 0}};
+    SPLATVOL_TRY(corners.add(of_cells ? std::as_bytes(std::span(&face.cell, 1)) : std::as_bytes(std::span(thirds))));
   }
   return {};
 }
 
 // Adds the corners of the faces that one piece alone has.
-Status add_outer_faces(ExternalSorter& faces, ExternalSorter& corners) {
+Status add_outer_faces(ExternalSorter& faces, bool of_cells, ExternalSorter& corners) {
   std::vector<Face> of_one_key;
   MortonKey key;
   for (;;) {
     SPLATVOL_TRY_ASSIGN(sorted, faces.next());
-    if (sorted.keys.empty()) return add_corners(of_one_key, corners);
+    if (sorted.keys.empty()) return add_corners(of_one_key, of_cells, corners);
     for (std::size_t i = 0; i < sorted.keys.size(); ++i) {
       if (!of_one_key.empty() && sorted.keys[i] != key) {
-        SPLATVOL_TRY(add_corners(of_one_key, corners));
+        SPLATVOL_TRY(add_corners(of_one_key, of_cells, corners));
         of_one_key.clear();
       }
       key = sorted.keys[i];
@@ -67,30 +68,73 @@ Status add_outer_faces(ExternalSorter& faces, ExternalSorter& corners) {
   }
 }
 
+// Sets the area of a face, and sorts its corners. `positions`: of the corners, counterclockwise from outside.
+void finish_face(const OuterFace& outer, const std::array<dvec3, 3>& positions, Face& face) {
+  if (outer.has_side) face.area = glm::cross(positions[1] - positions[0], positions[2] - positions[0]) / 2.0;
+  const double square = glm::dot(face.area, face.area);
+  if (!(square > 0) || !std::isfinite(square)) face.area = dvec3(0);
+  std::ranges::sort(face.corners, std::less<>());
+}
+
+// Indices of records, by the indices of points.
+std::vector<std::size_t> records_of_points(std::size_t points, std::span<const std::size_t> kept) {
+  std::vector<std::size_t> record_of(points);
+  for (std::size_t k = 0; k < kept.size(); ++k) record_of[kept[k]] = k;
+  return record_of;
+}
+
 }  // namespace
 
 std::size_t PieceFaces::least_memory() { return ExternalSorter::least_memory(sizeof(Face)); }
 
+Status PieceFaces::start() {
+  if (faces_) return {};
+  SPLATVOL_TRY_ASSIGN(sorter,
+                      ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
+  faces_.emplace(std::move(sorter));
+  return {};
+}
+
 Status PieceFaces::add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records) {
-  if (!faces_) {
-    SPLATVOL_TRY_ASSIGN(
-        sorter, ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
-    faces_.emplace(std::move(sorter));
-  }
-  std::vector<std::size_t> record_of(piece.points.size());
-  for (std::size_t k = 0; k < kept.size(); ++k) record_of[kept[k]] = k;
+  SPLATVOL_TRY(start());
+  const std::vector<std::size_t> record_of = records_of_points(piece.points.size(), kept);
   std::vector<Face> faces;
   for (const OuterFace& outer : find_outer_faces(piece.points, piece.tetrahedra)) {
     Face face{};
-    const auto position = [&](std::size_t c) { return piece.points[outer.corners[c]] + 0.0; };  // not -0
-    if (outer.has_side) face.area = glm::cross(position(1) - position(0), position(2) - position(0)) / 2.0;
-    const double square = glm::dot(face.area, face.area);
-    if (!(square > 0) || !std::isfinite(square)) face.area = dvec3(0);
+    std::array<dvec3, 3> positions;
     for (std::size_t c = 0; c < 3; ++c) {
+      positions[c] = piece.points[outer.corners[c]] + 0.0;  // not -0
       const std::byte* record = records.data() + record_of[outer.corners[c]] * layout_.bytes();
-      face.corners[c] = {position(c), hash_values(layout_, record)};
+      face.corners[c] = {positions[c], hash_values(layout_, record)};
     }
-    std::ranges::sort(face.corners, std::less<>());
+    finish_face(outer, positions, face);
+    faces.push_back(face);
+  }
+  return faces_->add(std::as_bytes(std::span(faces)));
+}
+
+Status PieceFaces::add_cells(const Piece& piece, std::span<const std::size_t> kept,
+                             std::span<const std::byte> records) {
+  SPLATVOL_TRY(start());
+  of_cells_ = true;
+  const PointCells& cells = *piece.cells;
+  const std::vector<std::size_t> record_of = records_of_points(piece.points.size(), kept);
+  std::vector<Face> faces;
+  for (const OuterFace& outer : find_outer_faces(cells.corners, cells.tetrahedra)) {
+    Face face{};
+    std::array<dvec3, 3> positions;
+    for (std::size_t c = 0; c < 3; ++c) {
+      positions[c] = cells.corners[outer.corners[c]] + 0.0;  // not -0
+      face.corners[c] = {positions[c], 0};
+    }
+    finish_face(outer, positions, face);
+    const std::uint32_t point = cells.points[outer.tetrahedron];
+    if (point == PointCells::no_point) face.area = dvec3(0);
+    if (point != PointCells::no_point) {
+      const std::byte* record = records.data() + record_of[point] * layout_.bytes();
+      const dvec3 position = layout_.position(record) + 0.0;
+      face.cell = {{position, hash_values(layout_, record)}, {face.area, glm::dot(face.area, positions[0] - position)}};
+    }
     faces.push_back(face);
   }
   return faces_->add(std::as_bytes(std::span(faces)));
@@ -102,7 +146,7 @@ Result<std::optional<BoundaryCorners>> PieceFaces::join(const Cube& cube) {
   SPLATVOL_TRY_ASSIGN(
       corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory_, memory_, folder_}));
   SPLATVOL_TRY(faces_->finish());
-  SPLATVOL_TRY(add_outer_faces(*faces_, corners));
+  SPLATVOL_TRY(add_outer_faces(*faces_, of_cells_, corners));
   faces_.reset();
   SPLATVOL_TRY(corners.finish());
   return BoundaryCorners(layout_, std::move(corners));

@@ -30,15 +30,23 @@ class PieceFaces {
   /// tetrahedron.
   [[nodiscard]] Status add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records);
 
+  /// Adds a piece whose points stand for whole cells. Faces are matched by their positions alone: two cells that touch
+  /// have no boundary between them, whatever their values. `kept` as above: indices of points.
+  [[nodiscard]] Status add_cells(const Piece& piece, std::span<const std::size_t> kept,
+                                 std::span<const std::byte> records);
+
   /// Sorts the corners of the whole mesh's faces. Returns none if no piece was added. Called once, after the last
   /// piece.
   [[nodiscard]] Result<std::optional<BoundaryCorners>> join(const Cube& cube);
 
  private:
+  [[nodiscard]] Status start();
+
   PointRecords layout_;
   std::size_t memory_;
   std::string folder_;
   std::optional<ExternalSorter> faces_;
+  bool of_cells_ = false;  // the faces belong to points that stand for cells
 };
 
 }  // namespace splatvol

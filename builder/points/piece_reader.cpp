@@ -116,6 +116,7 @@ Status PieceReader::add_material(const Piece& piece, std::span<const std::size_t
     add_known_material(*piece.material, kept);
     return {};
   }
+  if (layout_.has_material() && piece.cells) return add_whole_cells(piece, kept);
   if (layout_.has_material() && !piece.tetrahedra.empty()) return add_cell_material(piece, kept);
   census_.in_no_cell += kept.size();
   return {};
@@ -129,6 +130,25 @@ void PieceReader::add_known_material(const PointMaterial& material, std::span<co
       layout_.set_value_part(record_of(k), a, {material.value_moments[a][kept[k]], material.gradients[a][kept[k]]});
     if (!material.planes.empty()) layout_.set_plane(record_of(k), material.planes[kept[k]]);
   });
+}
+
+// Each point has a whole cell, and one value in it.
+Status PieceReader::add_whole_cells(const Piece& piece, std::span<const std::size_t> kept) {
+  has_material_ = has_material_ || !piece.points.empty();
+  tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
+    const SpatialMoments& moments = piece.cells->moments[kept[k]];
+    layout_.set_vertex(record_of(k), {1.0, moments});
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+      const double value = present_or_nan(piece.values[a][kept[k]]);
+      if (std::isnan(value)) continue;
+      PointRecords::ValuePart part;
+      part.moments.mass = moments.mass;
+      part.moments.centroid = moments.centroid;
+      part.moments.mean = part.moments.min = part.moments.max = value;
+      layout_.set_value_part(record_of(k), a, part);
+    }
+  });
+  return faces_.add_cells(piece, kept, records_);
 }
 
 Status PieceReader::add_cell_material(const Piece& piece, std::span<const std::size_t> kept) {

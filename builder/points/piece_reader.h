@@ -19,7 +19,7 @@ namespace splatvol {
 /// Reads an input's pieces into records, with the material that each piece gives its points.
 class PieceReader {
  public:
-  /// `faces`: gets the outer faces of pieces with tetrahedra. References must outlive this.
+  /// `faces`: gets the outer faces of pieces with cells. References must outlive this.
   PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces)
       : source_(source), layout_(layout), faces_(faces), ranges_(source.attributes().size()) {}
 
@@ -41,6 +41,7 @@ class PieceReader {
   void find_ranges(const Piece& piece, std::span<const std::size_t> kept, PointRanges& ranges) const;
   [[nodiscard]] Status add_material(const Piece& piece, std::span<const std::size_t> kept);
   void add_known_material(const PointMaterial& material, std::span<const std::size_t> kept);
+  [[nodiscard]] Status add_whole_cells(const Piece& piece, std::span<const std::size_t> kept);
   [[nodiscard]] Status add_cell_material(const Piece& piece, std::span<const std::size_t> kept);
   [[nodiscard]] std::byte* record_of(std::size_t i) { return records_.data() + i * layout_.bytes(); }
 

@@ -29,12 +29,22 @@ struct PointMaterial {
   std::vector<BoundaryPlane> planes;                     // [point]
 };
 
+/// Cells that are points of their own: each point stands for one cell, with one value in all of it.
+struct PointCells {
+  static constexpr std::uint32_t no_point = std::numeric_limits<std::uint32_t>::max();
+  std::vector<dvec3> corners;           // of the mesh
+  std::vector<Tetrahedron> tetrahedra;  // indices into corners, any orientation
+  std::vector<std::uint32_t> points;    // [tetrahedron]: the point of its cell; no_point: a cell without volume
+  std::vector<SpatialMoments> moments;  // [point], about the point's position
+};
+
 /// A part of the input that is small enough to hold in memory.
 struct Piece {
   std::vector<dvec3> points;
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
   std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
+  std::optional<PointCells> cells;                       // instead of tetrahedra
   CellCensus census;
 };
 
@@ -76,6 +86,9 @@ class Source {
   /// The time step of the pieces; empty if the input has no time steps.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
 
+  /// The attributes of the pieces so far that are not as in the input: "density: of cells, averaged to points".
+  [[nodiscard]] virtual std::vector<std::string> conversions() const { return {}; }
+
   /// Whether a piece may have tetrahedra or bring its material.
   [[nodiscard]] virtual bool may_have_cells() const { return true; }
 
@@ -86,11 +99,18 @@ class Source {
   [[nodiscard]] virtual bool single_precision() const { return false; }
 };
 
+/// What the points of a mesh are.
+enum class CellValues {
+  averaged,  // the points of the mesh. Arrays of cells become means of the cells round each point
+  own,       // the cells, each with one value. Arrays of points become means over each cell
+};
+
 /// The part of an input to read, and the names of its columns.
 struct SourceOptions {
-  std::vector<std::string> selection;  // attributes to read; empty: all point data
+  std::vector<std::string> selection;  // attributes to read; empty: all
   std::vector<std::string> columns;    // names of the columns of .npy files; empty: the file's names, or the default
   std::optional<double> time = {};     // the step nearest to it is read; empty: the last
+  CellValues cells = CellValues::averaged;
 };
 
 }  // namespace splatvol

@@ -389,7 +389,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   EXPECT_EQ(ghost->census.hidden, 1u);
   EXPECT_EQ(ghost->census.hidden_points, 4u);
   EXPECT_EQ(ghost->census.cells.at("hexahedron"), 2u);
-  EXPECT_THAT(ghost->attributes, ElementsAre("s"));
+  EXPECT_THAT(ghost->attributes, ElementsAre("s", "c"));
   EXPECT_THAT(ghost->pieces[0].values[0], ElementsAre(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16))
       << "a point of no cell stays";
 
@@ -402,7 +402,7 @@ TEST_F(SourceTest, GhostsAreSkipped) {
   EXPECT_DOUBLE_EQ(hidden->volume, 1);
   EXPECT_EQ(hidden->census.hidden, 2u);
   EXPECT_EQ(hidden->census.hidden_points, 8u);
-  EXPECT_THAT(hidden->attributes, ElementsAre("s"));
+  EXPECT_THAT(hidden->attributes, ElementsAre("s", "c"));
   EXPECT_THAT(hidden->pieces[0].values[0], ElementsAre(1, 2, 5, 6, 9, 10, 13, 14, 16))
       << "a copy that a cell needs stays";
 }
@@ -458,10 +458,10 @@ TEST_F(SourceTest, BadInputIsOneClearLine) {
 
   Mesh mesh = hexahedron_mesh();
   mesh.point_data.clear();
-  EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("no point data"));
+  EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("no arrays of numbers at its points or cells"));
   mesh.cell_data = {{"p", 1, {1}}, {"T", 1, {2}}};
-  EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("only cell data (p, T)"));
-  EXPECT_THAT(error_of({folder_ + "a.vtu"}, {{"p"}, {}}), HasSubstr("only cell data (p, T)"));
+  EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), "(no error)");
+  EXPECT_THAT(error_of({folder_ + "a.vtu"}, {{"q"}, {}}), HasSubstr("no attribute \"q\"; there are: p, T"));
   EXPECT_THAT(error_of({write("a.vtu", Mesh().file())}), HasSubstr("no points"));
 
   mesh = hexahedron_mesh();

@@ -33,6 +33,31 @@ TEST(Slab, RaysInsideFacesEdgesAndVerticesCountOnce) {
   }
 }
 
+// Halves of a box with a value each: no pixel shows a mixture, and a half without a value is not there.
+TEST(Slab, ConstantCellsKeepTheirValues) {
+  const Mesh mesh = make_box(2, constant);
+  Scene scene = make_scene(0, 16, 16);
+  scene.transfer_function.densities = {{0, 0}, {1, slab_extinction}};
+  make_orthographic(scene, 0.9);
+  look(scene, {0.5, 0.5, 4}, dvec3(0.5));
+  constexpr double left = 0.25, right = 0.75;
+  for (const double right_value : {right, std::numeric_limits<double>::quiet_NaN()}) {
+    std::vector<double> values;
+    for (const Tetrahedron& corners : mesh.tetrahedra) {
+      double x = 0;
+      for (const std::uint32_t corner : corners) x += mesh.points[corner].x / 4;
+      values.push_back(x < 0.5 ? left : right_value);
+    }
+    const auto picture = render_reference({mesh.points, values, mesh.tetrahedra, true}, scene);
+    ASSERT_TRUE(picture) << picture.error().message;
+    for (int x = 0; x < 16; ++x) {
+      const double value = x < 8 ? left : std::isnan(right_value) ? 0 : right;
+      expect_alpha(picture->image.at(x, 5).a, slab_extinction * value, 1, exact);
+    }
+    EXPECT_FALSE(render_reference({mesh.points, mesh.values, mesh.tetrahedra, true}, scene));
+  }
+}
+
 // Two clip boxes cut the mesh in two parts, whose transmittances multiply to that of the whole.
 TEST(Slab, AClipBoxCutsRaysWhereItsFacesAre) {
   const Mesh mesh = make_box(4, constant);

@@ -94,7 +94,7 @@ TEST_F(Programs, BuildRefusesBadInput) {
   write("text.vtu", "This is not a mesh.\n");
   expect_refused("svbuild " + path("text.vtu") + to, "text.vtu", "out");
   write("bare.vtu", small_mesh(""));
-  expect_refused("svbuild " + path("bare.vtu") + to, "point data", "out");
+  expect_refused("svbuild " + path("bare.vtu") + to, "no arrays of numbers", "out");
   write("mesh.vtu", small_mesh(small_data));
   const std::string whole = *read_text_file(path("mesh.vtu"));
   write("half.vtu", whole.substr(0, whole.size() / 2));

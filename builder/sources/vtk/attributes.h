@@ -1,14 +1,17 @@
-// The attributes in a VTK data set: its arrays of numbers at the points.
+// The attributes in a VTK data set: its arrays of numbers at the points and in the cells.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/source.h"
 
+class vtkDataArray;
 class vtkDataSet;
 class vtkDataSetAttributes;
 
@@ -21,7 +24,12 @@ struct VtkAttribute {
   std::string array;
   int components = 1;
   int component = 0;
+  bool of_cells = false;
 };
+
+/// Ends of the names of attributes whose array's name is taken.
+inline constexpr std::string_view cells_suffix = " (cells)";
+inline constexpr std::string_view points_suffix = " (points)";
 
 /// Whether an array of this name marks points or cells as ghost copies or hidden.
 [[nodiscard]] bool is_ghost_array(std::string_view name);
@@ -29,16 +37,36 @@ struct VtkAttribute {
 /// Whether array `index`, of this name, is one that VTK or a filter made for its own use.
 [[nodiscard]] bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name);
 
-/// Whether a selection of attributes needs an array: by its name, or by the name of one of its components.
+/// Whether a selection of attributes needs an array: by its name, or by the name of one of its components, also where
+/// both points and cells have an array of this name.
 [[nodiscard]] bool wants_array(const std::vector<std::string>& selection, const std::string& array);
 
 /// Lists all attributes of a data set, in the order of its arrays. Strings, ghost flags and ids are no attributes.
-[[nodiscard]] std::vector<VtkAttribute> attributes_of(vtkDataSet& data);
+/// First come the arrays that need no conversion: those of points, or of cells if they are points of their own. An
+/// array of the others whose name is taken is called "NAME (cells)", or "NAME (points)".
+[[nodiscard]] std::vector<VtkAttribute> attributes_of(vtkDataSet& data, CellValues cells);
 
-/// Reads the values of `attributes` at `points`, in the form of Piece::values. Fails if an attribute's array is not
-/// there, has another number of components, or is too short; `path` begins the message. Requires points in range.
-[[nodiscard]] Result<std::vector<std::vector<double>>> read_attributes(const std::string& path, vtkDataSet& data,
-                                                                       std::span<const VtkAttribute> attributes,
-                                                                       std::span<const std::uint32_t> points);
+/// The name of an attribute as if its array's name were taken.
+[[nodiscard]] std::string full_name(const VtkAttribute& attribute);
+
+/// An array with the values of an attribute, and whether it is one of the cells.
+struct VtkValues {
+  vtkDataArray* array = nullptr;
+  bool of_cells = false;
+};
+
+/// Finds the array of attribute `number`. If the data set does not have it, takes one of the same name that belongs to
+/// the other of points and cells, unless another attribute has that. Fails if there is none with as many components, or
+/// if it is too short; `path` begins the message.
+[[nodiscard]] Result<VtkValues> find_values(const std::string& path, vtkDataSet& data,
+                                            std::span<const VtkAttribute> attributes, std::size_t number);
+
+/// Returns an attribute's values: `component(c)` returns those of one component. Values that are not finite are NaN.
+[[nodiscard]] std::vector<double> attribute_values(const VtkAttribute& attribute,
+                                                   const std::function<std::vector<double>(int)>& component);
+
+/// Returns one component of an array. Requires indices in range.
+[[nodiscard]] std::vector<double> component_values(vtkDataArray& array, int component,
+                                                   std::span<const std::uint32_t> indices);
 
 }  // namespace splatvol

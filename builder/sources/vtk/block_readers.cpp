@@ -81,7 +81,8 @@ class ExodusReader final : public BlockReader {
     std::vector<ArrayShape> shapes;
     for (const int type : {vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK})
       for (int i = 0; i < reader_->GetNumberOfObjectArrays(type); ++i)
-        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i)});
+        shapes.push_back({reader_->GetObjectArrayName(type, i), reader_->GetNumberOfObjectArrayComponents(type, i),
+                          type == vtkExodusIIReader::ELEM_BLOCK});
     return shapes;
   }
 
@@ -122,7 +123,7 @@ class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     reader_->SetFileName(path.c_str());
-    reader_->CreateCellToPointOff();  // cell_averages.h does so for all formats
+    reader_->CreateCellToPointOff();  // PieceMaker does so for all formats
     reader_->DecomposePolyhedraOff();
     reader_->SkipZeroTimeOff();
     return *reader_;

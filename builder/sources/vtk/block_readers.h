@@ -15,6 +15,7 @@ namespace splatvol {
 struct ArrayShape {
   std::string name;
   int components = 1;
+  std::optional<bool> of_cells = {};  // empty: not known, or not the same in all blocks
 };
 
 /// The differences between the formats. Call its functions inside run_vtk, in the order in which they stand here.

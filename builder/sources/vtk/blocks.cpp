@@ -1,5 +1,6 @@
 #include "builder/sources/vtk/blocks.h"
 
+#include <vtkCellData.h>
 #include <vtkCompositeDataIterator.h>
 #include <vtkDataSet.h>
 #include <vtkDoubleArray.h>
@@ -26,16 +27,24 @@
 namespace splatvol {
 namespace {
 
-/// Adds the arrays that a block lacks, filled with NaN.
-void add_missing(vtkDataSet& data, const std::vector<ArrayShape>& shapes) {
+vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells) {
+  return of_cells ? static_cast<vtkDataSetAttributes&>(*data.GetCellData()) : *data.GetPointData();
+}
+
+/// Adds the arrays that a block lacks, filled with NaN. An array that is known at points or cells alone may be at the
+/// others here.
+void add_missing(vtkDataSet& data, const std::vector<ArrayShape>& shapes, CellValues cells) {
   for (const ArrayShape& shape : shapes) {
-    if (data.GetPointData()->HasArray(shape.name.c_str())) continue;
+    const bool of_cells = shape.of_cells.value_or(cells == CellValues::own);
+    if (arrays_of(data, of_cells).HasArray(shape.name.c_str())) continue;
+    const bool both = std::ranges::count(shapes, shape.name, &ArrayShape::name) > 1;
+    if (!both && arrays_of(data, !of_cells).HasArray(shape.name.c_str())) continue;
     const vtkNew<vtkDoubleArray> array;
     array->SetName(shape.name.c_str());
     array->SetNumberOfComponents(shape.components);
-    array->SetNumberOfTuples(data.GetNumberOfPoints());
+    array->SetNumberOfTuples(of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints());
     array->Fill(missing_value);
-    data.GetPointData()->AddArray(array);
+    arrays_of(data, of_cells).AddArray(array);
   }
 }
 
@@ -79,8 +88,11 @@ Status try_file(const VtkFile& file, const std::vector<std::string>& selection, 
 /// The blocks of one file.
 class BlockDataSets final : public VtkDataSets {
  public:
-  BlockDataSets(VtkFile file, std::vector<std::string> selection)
-      : file_(std::move(file)), selection_(std::move(selection)), reader_(make_block_reader(file_.kind)) {}
+  BlockDataSets(VtkFile file, std::vector<std::string> selection, CellValues cells)
+      : file_(std::move(file)),
+        selection_(std::move(selection)),
+        cells_(cells),
+        reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_blocks(file_));
@@ -115,7 +127,7 @@ class BlockDataSets final : public VtkDataSets {
   }
 
  private:
-  /// Appends a portion's blocks to blocks_, with all arrays at their points.
+  /// Appends a portion's blocks to blocks_, with all arrays.
   Status read_portion() {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       reader_->read(portion_++, time_of(step_));
@@ -123,9 +135,9 @@ class BlockDataSets final : public VtkDataSets {
         collect(*tree);
         tree->Initialize();
       }
-      for (auto& block : blocks_) average_cell_data(*block, selection_);
-      for (auto& block : blocks_) learn_arrays(*block);
-      for (auto& block : blocks_) add_missing(*block, shapes_);
+      for (auto& block : blocks_)
+        for (const bool of_cells : {false, true}) learn_arrays(*block, of_cells);
+      for (auto& block : blocks_) add_missing(*block, shapes_, cells_);
     }));
     return {};
   }
@@ -140,21 +152,31 @@ class BlockDataSets final : public VtkDataSets {
     }
   }
 
-  /// Adds a block's arrays to the known ones.
-  void learn_arrays(vtkDataSet& data) {
-    vtkPointData& arrays = *data.GetPointData();
+  /// Adds a block's arrays to the known ones. If a name is known already, the block's array counts as the same one,
+  /// unless points and cells both have an array of this name.
+  void learn_arrays(vtkDataSet& data, bool of_cells) {
+    vtkDataSetAttributes& arrays = arrays_of(data, of_cells);
     for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
       vtkDataArray* array = arrays.GetArray(i);
       if (!array || !arrays.GetArrayName(i)) continue;
       const std::string name = arrays.GetArrayName(i);
-      if (is_bookkeeping(arrays, i, name) || std::ranges::find(shapes_, name, &ArrayShape::name) != shapes_.end())
-        continue;
-      shapes_.push_back({name, array->GetNumberOfComponents()});
+      if (is_bookkeeping(arrays, i, name) || name == "HigherOrderDegrees") continue;
+      const auto of_name = [&](const ArrayShape& shape) { return shape.name == name; };
+      const auto known = std::ranges::find_if(shapes_, of_name);
+      const bool both = arrays_of(data, !of_cells).HasArray(name.c_str()) != 0;
+      const bool same = std::ranges::any_of(
+          shapes_, [&](const ArrayShape& shape) { return shape.name == name && shape.of_cells == of_cells; });
+      if (same || (known != shapes_.end() && !both)) continue;
+      if (known != shapes_.end() && !known->of_cells)
+        known->of_cells = of_cells;
+      else
+        shapes_.push_back({name, array->GetNumberOfComponents(), of_cells});
     }
   }
 
   VtkFile file_;
   std::vector<std::string> selection_;
+  CellValues cells_;
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
   std::optional<TimeStep> step_;
@@ -167,8 +189,8 @@ class BlockDataSets final : public VtkDataSets {
 }  // namespace
 
 Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const std::vector<std::string>& selection,
-                                                 std::optional<double> time) {
-  auto blocks = std::make_unique<BlockDataSets>(file, selection);
+                                                 std::optional<double> time, CellValues cells) {
+  auto blocks = std::make_unique<BlockDataSets>(file, selection, cells);
   SPLATVOL_TRY(blocks->open(time));
   return blocks;
 }

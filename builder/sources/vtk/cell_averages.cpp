@@ -1,21 +1,16 @@
 #include "builder/sources/vtk/cell_averages.h"
 
-#include <vtkCellData.h>
 #include <vtkCellType.h>
+#include <vtkDataArray.h>
 #include <vtkDataSet.h>
-#include <vtkDoubleArray.h>
 #include <vtkIdList.h>
 #include <vtkNew.h>
-#include <vtkPointData.h>
-#include <vtkSmartPointer.h>
-#include <vtkUnsignedCharArray.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <optional>
+#include <utility>
 
-#include "builder/sources/vtk/attributes.h"
+#include "builder/sources/source.h"
 #include "builder/sources/vtk/cells.h"
 
 namespace splatvol {
@@ -25,59 +20,6 @@ bool has_volume(vtkDataSet& data, vtkIdType cell) {
   const CellKind* kind = find_cell_kind(data.GetCellType(cell));
   return !kind || kind->role != CellRole::no_volume;
 }
-
-/// Averages arrays of the cells. Finds the cells that count once, for all arrays.
-class CellAverages {
- public:
-  explicit CellAverages(vtkDataSet& data) : data_(data) {
-    const vtkIdType cells = data.GetNumberOfCells();
-    bool volume = false;
-    for (vtkIdType cell = 0; cell < cells && !volume; ++cell) volume = has_volume(data, cell);
-    vtkUnsignedCharArray* ghosts = data.GetCellGhostArray();
-    const bool whole_ghosts = ghosts && ghosts->GetNumberOfValues() >= cells;
-    used_.resize(static_cast<std::size_t>(cells));
-    for (vtkIdType cell = 0; cell < cells; ++cell) {
-      const bool hidden = whole_ghosts && (ghosts->GetValue(cell) & vtkDataSetAttributes::HIDDENCELL) != 0;
-      used_[static_cast<std::size_t>(cell)] = !hidden && (!volume || has_volume(data, cell));
-    }
-  }
-
-  /// Returns the means at the points; NaN at points of no cell with a finite value.
-  vtkSmartPointer<vtkDoubleArray> operator()(vtkDataArray& values) const {
-    const int components = values.GetNumberOfComponents();
-    auto means = vtkSmartPointer<vtkDoubleArray>::New();
-    means->SetName(values.GetName());
-    means->SetNumberOfComponents(components);
-    means->SetNumberOfTuples(data_.GetNumberOfPoints());
-    means->Fill(0);
-    std::vector<std::uint32_t> counts(static_cast<std::size_t>(data_.GetNumberOfPoints()));
-    for (int c = 0; c < components; ++c) average(values, c, *means, counts);
-    return means;
-  }
-
- private:
-  void average(vtkDataArray& values, int component, vtkDoubleArray& means, std::vector<std::uint32_t>& counts) const {
-    std::ranges::fill(counts, 0u);
-    const vtkNew<vtkIdList> points;
-    for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) {
-      const double value = values.GetComponent(cell, component);
-      if (!used_[static_cast<std::size_t>(cell)] || !std::isfinite(value)) continue;
-      data_.GetCellPoints(cell, points);
-      for (vtkIdType i = 0; i < points->GetNumberOfIds(); ++i) {
-        const vtkIdType point = points->GetId(i);
-        if (point < 0 || point >= data_.GetNumberOfPoints()) continue;  // an error when the cells are split
-        means.SetTypedComponent(point, component, means.GetTypedComponent(point, component) + value);
-        ++counts[static_cast<std::size_t>(point)];
-      }
-    }
-    for (vtkIdType point = 0; point < data_.GetNumberOfPoints(); ++point)
-      means.SetTypedComponent(point, component,
-                              means.GetTypedComponent(point, component) / counts[static_cast<std::size_t>(point)]);
-  }
-
-  vtkDataSet& data_;
-  std::vector<bool> used_;  // [cell]: whether it counts
-};
 
 }  // namespace
 
@@ -90,18 +32,41 @@ bool is_surface(vtkDataSet& data) {
   return area;
 }
 
-void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection) {
-  vtkCellData& cells = *data.GetCellData();
-  std::optional<CellAverages> averages;
-  for (int i = 0; i < cells.GetNumberOfArrays(); ++i) {
-    vtkDataArray* array = cells.GetArray(i);
-    if (!array || !cells.GetArrayName(i)) continue;
-    const std::string name = cells.GetArrayName(i);
-    if (is_bookkeeping(cells, i, name) || name == "HigherOrderDegrees" || !wants_array(selection, name)) continue;
-    if (data.GetPointData()->HasArray(name.c_str()) || array->GetNumberOfTuples() < data.GetNumberOfCells()) continue;
-    if (!averages) averages.emplace(data);
-    data.GetPointData()->AddArray((*averages)(*array));
+CellAverages::CellAverages(vtkDataSet& data, std::vector<double> volumes)
+    : points_(static_cast<std::size_t>(data.GetNumberOfPoints())), weights_(std::move(volumes)) {
+  const bool any_volume = std::ranges::any_of(weights_, [](double volume) { return volume > 0; });
+  for (double& weight : weights_) weight = any_volume ? std::max(weight, 0.0) : weight < 0 ? 0 : 1;
+
+  const vtkNew<vtkIdList> ids;
+  begins_.push_back(0);
+  for (std::size_t cell = 0; cell < weights_.size(); ++cell) {
+    if (weights_[cell] > 0) data.GetCellPoints(static_cast<vtkIdType>(cell), ids);
+    const auto first = static_cast<std::ptrdiff_t>(cell_points_.size());
+    for (vtkIdType i = 0; weights_[cell] > 0 && i < ids->GetNumberOfIds(); ++i)
+      if (const vtkIdType point = ids->GetId(i); point >= 0 && point < data.GetNumberOfPoints())
+        cell_points_.push_back(static_cast<std::uint32_t>(point));
+    // A collapsed cell names a point twice.
+    std::sort(cell_points_.begin() + first, cell_points_.end());
+    cell_points_.erase(std::unique(cell_points_.begin() + first, cell_points_.end()), cell_points_.end());
+    begins_.push_back(cell_points_.size());
   }
+}
+
+std::vector<double> CellAverages::means(vtkDataArray& values, int component) const {
+  std::vector<double> sums(points_), means(points_, missing_value);
+  for (std::size_t cell = 0; cell < weights_.size(); ++cell) {
+    if (begins_[cell] == begins_[cell + 1]) continue;
+    const double value = values.GetComponent(static_cast<vtkIdType>(cell), component);
+    if (!std::isfinite(value)) continue;
+    for (std::uint64_t i = begins_[cell]; i < begins_[cell + 1]; ++i) {
+      const std::uint32_t point = cell_points_[i];
+      // So that a constant stays what it is.
+      if (sums[point] == 0) means[point] = value;
+      sums[point] += weights_[cell];
+      means[point] += weights_[cell] / sums[point] * (value - means[point]);
+    }
+  }
+  return means;
 }
 
 }  // namespace splatvol

@@ -1,9 +1,10 @@
-// Arrays of the cells as arrays of the points.
+// Arrays of the cells as values at the points.
 #pragma once
 
-#include <string>
+#include <cstdint>
 #include <vector>
 
+class vtkDataArray;
 class vtkDataSet;
 
 namespace splatvol {
@@ -11,9 +12,22 @@ namespace splatvol {
 /// Whether a data set has cells with an area, and none with a volume.
 [[nodiscard]] bool is_surface(vtkDataSet& data);
 
-/// Adds an array of the points for each selected array of the cells. A point gets the mean of the finite values of the
-/// cells round it, or NaN if there are none. Hidden cells do not count; if there are cells with a volume, only these
-/// count. An array of the points takes precedence over an array of the cells with the same name.
-void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection);
+/// Averages arrays of the cells: a point gets the mean of the cells round it, each with its volume as weight.
+class CellAverages {
+ public:
+  /// `volumes`: of each cell; negative: the cell does not count. If no cell has a volume, all cells that count have the
+  /// same weight.
+  CellAverages(vtkDataSet& data, std::vector<double> volumes);
+
+  /// Returns the means of a component at the points; cells whose value is not finite do not count. NaN at points of no
+  /// cell that counts. Requires as many values as cells.
+  [[nodiscard]] std::vector<double> means(vtkDataArray& values, int component) const;
+
+ private:
+  std::size_t points_;
+  std::vector<double> weights_;             // [cell]; 0: does not count
+  std::vector<std::uint64_t> begins_;       // [cell]: of its points; then the end of the last ones
+  std::vector<std::uint32_t> cell_points_;  // each point of a cell once
+};
 
 }  // namespace splatvol

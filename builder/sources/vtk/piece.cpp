@@ -18,11 +18,14 @@
 #include <algorithm>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "builder/mesh/cell_moments.h"
 #include "builder/mesh/tetrahedra.h"
+#include "builder/sources/vtk/cell_averages.h"
 #include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/lattice.h"
 #include "builder/sources/vtk/messages.h"
@@ -57,8 +60,8 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
-  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes)
-      : path_(path), data_(data), attributes_(attributes) {}
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells)
+      : path_(path), data_(data), attributes_(attributes), own_cells_(cells == CellValues::own) {}
 
   Result<std::unique_ptr<Piece>> make() {
     const vtkIdType count = data_.GetNumberOfPoints();
@@ -69,10 +72,15 @@ class PieceMaker {
     use_.assign(piece_->points.size(), unused);
 
     SPLATVOL_TRY(read_ghosts());
+    SPLATVOL_TRY(find_arrays());
     SPLATVOL_TRY(read_cells());
-    drop_points();
-    SPLATVOL_TRY_ASSIGN(values, read_attributes(path_, data_, attributes_, kept_));
-    piece_->values = std::move(values);
+    if (own_cells_) {
+      use_cells_as_points();
+      read_values_of_cells();
+    } else {
+      drop_points();
+      read_values_of_points();
+    }
     return std::move(piece_);
   }
 
@@ -89,13 +97,38 @@ class PieceMaker {
     return {};
   }
 
+  /// Finds the array of each attribute, and whether the volumes of the cells are needed.
+  Status find_arrays() {
+    for (std::size_t a = 0; a < attributes_.size(); ++a) {
+      SPLATVOL_TRY_ASSIGN(values, find_values(path_, data_, attributes_, a));
+      arrays_.push_back(values);
+      averages_ = averages_ || (values.of_cells && !own_cells_);
+    }
+    if (averages_) volumes_.resize(static_cast<std::size_t>(data_.GetNumberOfCells()));
+    if (own_cells_ && data_.GetNumberOfCells() >= PointCells::no_point)
+      return fail(ErrorCode::unsupported, "{}: a piece of {} cells; at most 2^32 - 2 are supported", path_,
+                  data_.GetNumberOfCells());
+    return {};
+  }
+
   Status read_cells() {
     if (auto* surface = vtkPolyData::SafeDownCast(&data_)) return count_surface(*surface);
     grid_ = vtkUnstructuredGrid::SafeDownCast(&data_);
     if (grid_ && grid_->GetNumberOfCells() > 0) SPLATVOL_TRY(check_cell_array());
     TetrahedronSplitter splitter(piece_->points, piece_->tetrahedra, piece_->census);
-    for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) SPLATVOL_TRY(read_cell(cell, splitter));
+    for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) {
+      const std::size_t first = piece_->tetrahedra.size();
+      SPLATVOL_TRY(read_cell(cell, splitter));
+      if (own_cells_) begins_.push_back(first);
+      if (averages_) volumes_[static_cast<std::size_t>(cell)] += volume_of(piece_->tetrahedra, first);
+    }
     return {};
+  }
+
+  [[nodiscard]] double volume_of(std::span<const Tetrahedron> tetrahedra, std::size_t first) const {
+    double volume = 0;
+    for (const Tetrahedron& corners : tetrahedra.subspan(first)) volume += tetrahedron_volume(piece_->points, corners);
+    return volume;
   }
 
   /// Counts cells without volume; their points need no check.
@@ -139,7 +172,7 @@ class PieceMaker {
     mark_points(*kind, hidden ? by_hidden_cells : by_visible_cells);
     if (hidden) {
       ++census.hidden;
-      return {};
+      return weigh_hidden(cell, *kind);
     }
     if (last_kind_ != kind) {
       last_kind_ = kind;
@@ -147,9 +180,30 @@ class PieceMaker {
     }
     ++*kind_count_;
     if (kind->role == CellRole::no_volume) count_without_volume(dimension_of(*kind), 1);
-    if (kind->role == CellRole::polyhedron) splitter.split_polyhedron(cell_points_);
-    if (kind->role == CellRole::shape) return split_shape(*kind, splitter);
-    if (kind->role == CellRole::lattice) return split_lattice(cell, *kind, splitter);
+    return split_cell(cell, *kind, splitter);
+  }
+
+  Status split_cell(vtkIdType cell, const CellKind& kind, TetrahedronSplitter& splitter) {
+    if (kind.role == CellRole::polyhedron) splitter.split_polyhedron(cell_points_);
+    if (kind.role == CellRole::shape) return split_shape(kind, splitter);
+    if (kind.role == CellRole::lattice) return split_lattice(cell, kind, splitter);
+    return {};
+  }
+
+  /// A ghost copy counts in the means at its points, so that they are the same in all pieces. Other hidden cells do not
+  /// count.
+  Status weigh_hidden(vtkIdType cell, const CellKind& kind) {
+    if (!averages_) return {};
+    double& volume = volumes_[static_cast<std::size_t>(cell)];
+    volume = -1;
+    const auto flags = cell_ghosts_ ? cell_ghosts_->GetValue(cell) : 0;
+    if ((flags & vtkDataSetAttributes::DUPLICATECELL) == 0 || (flags & vtkDataSetAttributes::HIDDENCELL) != 0)
+      return {};
+    std::vector<Tetrahedron> tetrahedra;
+    CellCensus census;  // of no interest
+    TetrahedronSplitter splitter(piece_->points, tetrahedra, census);
+    SPLATVOL_TRY(split_cell(cell, kind, splitter));
+    volume = volume_of(tetrahedra, 0);
     return {};
   }
 
@@ -280,16 +334,82 @@ class PieceMaker {
       for (std::uint32_t& point : tetrahedron) point = new_index[point];
   }
 
+  /// Reads the values of the points that are kept. Arrays of cells are averaged.
+  void read_values_of_points() {
+    std::optional<CellAverages> averages;
+    if (averages_) averages.emplace(data_, std::move(volumes_));
+    for (std::size_t a = 0; a < attributes_.size(); ++a) {
+      const VtkValues& values = arrays_[a];
+      piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
+        if (!values.of_cells) return component_values(*values.array, component, kept_);
+        const std::vector<double> means = averages->means(*values.array, component);
+        std::vector<double> of_kept(kept_.size());
+        std::ranges::transform(kept_, of_kept.begin(), [&](std::uint32_t point) { return means[point]; });
+        return of_kept;
+      }));
+    }
+  }
+
+  /// Makes each cell with a volume a point at its centroid. Requires the tetrahedra of all cells.
+  void use_cells_as_points() {
+    PointCells& cells = piece_->cells.emplace();
+    cells.corners = std::move(piece_->points);
+    cells.tetrahedra = std::move(piece_->tetrahedra);
+    cells.points.assign(cells.tetrahedra.size(), PointCells::no_point);
+    piece_->points.clear();
+    piece_->tetrahedra.clear();
+    begins_.push_back(cells.tetrahedra.size());
+    for (std::size_t cell = 0; cell + 1 < begins_.size(); ++cell) {
+      const auto tetrahedra = tetrahedra_of(cell);
+      const CellMoments moments = cell_moments(cells.corners, tetrahedra);
+      if (!(moments.moments.mass > 0)) {
+        piece_->census.left_out_flat += tetrahedra.empty() ? 0 : 1;
+        continue;
+      }
+      std::fill_n(cells.points.begin() + static_cast<std::ptrdiff_t>(begins_[cell]), tetrahedra.size(),
+                  static_cast<std::uint32_t>(kept_.size()));
+      kept_.push_back(static_cast<std::uint32_t>(cell));
+      piece_->points.push_back(moments.centroid);
+      cells.moments.push_back(moments.moments);
+    }
+  }
+
+  [[nodiscard]] std::span<const Tetrahedron> tetrahedra_of(std::size_t cell) const {
+    return std::span(piece_->cells->tetrahedra).subspan(begins_[cell], begins_[cell + 1] - begins_[cell]);
+  }
+
+  /// Reads the values of the cells that are kept. Arrays of points become means over the cells.
+  void read_values_of_cells() {
+    std::vector<std::uint32_t> all(piece_->cells->corners.size());
+    std::iota(all.begin(), all.end(), 0u);
+    for (std::size_t a = 0; a < attributes_.size(); ++a) {
+      const VtkValues& values = arrays_[a];
+      piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
+        if (values.of_cells) return component_values(*values.array, component, kept_);
+        const std::vector<double> of_corners = component_values(*values.array, component, all);
+        std::vector<double> means(kept_.size());
+        for (std::size_t i = 0; i < kept_.size(); ++i)
+          means[i] = cell_mean(piece_->cells->corners, tetrahedra_of(kept_[i]), of_corners);
+        return means;
+      }));
+    }
+  }
+
   const std::string& path_;
   vtkDataSet& data_;
   std::span<const VtkAttribute> attributes_;
+  bool own_cells_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
 
   std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
   std::vector<Use> use_;                    // of each point
-  std::vector<std::uint32_t> kept_;         // points that stay
+  std::vector<std::uint32_t> kept_;         // points that stay; or cells that are points
+  std::vector<VtkValues> arrays_;           // [attribute]
+  bool averages_ = false;                   // arrays of the cells to the points
+  std::vector<double> volumes_;             // [cell], as CellAverages takes them; only if it averages
+  std::vector<std::size_t> begins_;         // [cell that is a point]: its tetrahedra
   std::vector<std::uint32_t> cell_points_;  // of the current cell
   vtkNew<vtkIdList> id_list_;
   const CellKind* last_kind_ = nullptr;
@@ -300,9 +420,9 @@ class PieceMaker {
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                          std::span<const VtkAttribute> attributes) {
+                                          std::span<const VtkAttribute> attributes, CellValues cells) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes).make(); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells).make(); }));
   return piece;
 }
 

@@ -46,8 +46,9 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
 /// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
  public:
-  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time)
-      : files_(std::move(files)), selection_(std::move(selection)), time_(time) {}
+  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time,
+               CellValues cells)
+      : files_(std::move(files)), selection_(std::move(selection)), time_(time), cells_(cells) {}
 
   std::size_t count() const override {
     const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
@@ -69,7 +70,7 @@ class FileDataSets final : public VtkDataSets {
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_blocks(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_));
+      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_, cells_));
       blocks_ = std::move(blocks);
       if (!step_) step_ = blocks_->time_step();
       return next();
@@ -101,14 +102,14 @@ class FileDataSets final : public VtkDataSets {
   }
 
   void select_arrays(vtkXMLReader& reader) const {
-    if (reader.GetNumberOfPointArrays() == 0) return;  // the error message names the cells' arrays
     for (int i = 0; i < reader.GetNumberOfPointArrays(); ++i) {
       const std::string name = reader.GetPointArrayName(i);
       if (!is_ghost_array(name) && !wants_array(selection_, name)) reader.SetPointArrayStatus(name.c_str(), 0);
     }
     for (int i = 0; i < reader.GetNumberOfCellArrays(); ++i) {
       const std::string name = reader.GetCellArrayName(i);
-      if (!is_ghost_array(name) && name != "HigherOrderDegrees") reader.SetCellArrayStatus(name.c_str(), 0);
+      if (!is_ghost_array(name) && name != "HigherOrderDegrees" && !wants_array(selection_, name))
+        reader.SetCellArrayStatus(name.c_str(), 0);
     }
   }
 
@@ -148,6 +149,7 @@ class FileDataSets final : public VtkDataSets {
   std::vector<VtkFile> files_;
   std::vector<std::string> selection_;
   std::optional<double> time_;
+  CellValues cells_;
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
@@ -161,8 +163,8 @@ class FileDataSets final : public VtkDataSets {
 }  // namespace
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
-                                            std::optional<double> time) {
-  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time);
+                                            std::optional<double> time, CellValues cells) {
+  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time, cells);
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {

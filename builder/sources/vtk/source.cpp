@@ -1,10 +1,11 @@
 #include "builder/sources/vtk/source.h"
 
-#include <vtkCellData.h>
 #include <vtkDataSet.h>
 #include <vtkSmartPointer.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <set>
 #include <utility>
 
 #include "base/names.h"
@@ -17,15 +18,6 @@
 namespace splatvol {
 namespace {
 
-tl::unexpected<Error> fail_no_point_data(const std::string& path, vtkDataSet& data) {
-  std::string names;
-  for (int i = 0; i < data.GetCellData()->GetNumberOfArrays(); ++i)
-    names += fmt::format("{}{}", names.empty() ? "" : ", ", data.GetCellData()->GetArrayName(i));
-  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no point data", path);
-  return fail(ErrorCode::invalid_data, "{}: the mesh has no point data, only cell data ({}), which is not supported",
-              path, names);
-}
-
 std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
   std::vector<std::string> names;
   for (const VtkAttribute& attribute : attributes) names.push_back(attribute.name);
@@ -34,7 +26,8 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
 
 class VtkSource final : public Source {
  public:
-  explicit VtkSource(std::unique_ptr<VtkDataSets> data_sets) : data_sets_(std::move(data_sets)) {}
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells)
+      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
@@ -45,16 +38,25 @@ class VtkSource final : public Source {
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
     if (!pending_) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
-    const std::vector<VtkAttribute> all = attributes_of(*pending_);
-    if (all.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
+    const std::vector<VtkAttribute> all = attributes_of(*pending_, cells_);
+    if (all.empty() && selection.empty())
+      return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
+                  data_sets_->path());
     available_ = names_of(all);
     if (const auto duplicate = find_duplicate(available_))
       return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", data_sets_->path(), *duplicate);
     if (selection.empty()) attributes_ = all;
     for (const std::string& name : selection) {
-      const auto attribute = std::ranges::find(all, name, &VtkAttribute::name);
+      auto attribute = std::ranges::find(all, name, &VtkAttribute::name);
+      // The array that takes an attribute's name may not have been read: it is not selected.
+      if (attribute == all.end())
+        attribute = std::ranges::find_if(all, [&](const VtkAttribute& converted) {
+          return converted.of_cells != own_cells_ && full_name(converted) == name;
+        });
       if (attribute == all.end() && missing.empty()) missing = name;
-      if (attribute != all.end()) attributes_.push_back(*attribute);
+      if (attribute == all.end()) continue;
+      attributes_.push_back(*attribute);
+      attributes_.back().name = name;
     }
     names_ = names_of(attributes_);
     return {};
@@ -65,14 +67,40 @@ class VtkSource final : public Source {
 
   Result<std::unique_ptr<Piece>> next() override {
     if (!pending_) SPLATVOL_TRY(load());
+    if (!pending_ && own_cells_ && points_ == 0)
+      return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
+    points_ += piece->points.size();
+    note_conversions(*data);
     return piece;
   }
 
+  std::vector<std::string> conversions() const override {
+    std::string names;
+    for (const std::string& array : names_of(attributes_))
+      if (converted_.contains(array)) names += fmt::format("{}{}", names.empty() ? "" : ", ", array);
+    if (names.empty()) return {};
+    return {names + (own_cells_ ? ": of points, averaged to cells" : ": of cells, averaged to points")};
+  }
+
  private:
+  /// Notes the attributes whose values are those of cells instead of points, or the other way round. A vector's
+  /// components go with its magnitude.
+  void note_conversions(vtkDataSet& data) {
+    std::set<std::string> vectors;
+    for (std::size_t a = 0; a < attributes_.size(); ++a) {
+      const auto values = find_values({}, data, attributes_, a);
+      if (!values || values->of_cells == own_cells_) continue;
+      if (attributes_[a].component == VtkAttribute::magnitude) vectors.insert(attributes_[a].array);
+      if (attributes_[a].components == 1 || attributes_[a].component == VtkAttribute::magnitude ||
+          !vectors.contains(attributes_[a].array))
+        converted_.insert(attributes_[a].name);
+    }
+  }
+
   /// Sets pending_ to the next data set that has points, or to null.
   Status load() {
     do {
@@ -83,6 +111,10 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
+  bool own_cells_;
+  CellValues cells_;
+  std::uint64_t points_ = 0;         // of the pieces so far
+  std::set<std::string> converted_;  // attributes
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
@@ -93,22 +125,22 @@ class VtkSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time));
+                                               std::optional<double> time, CellValues cells) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
 
   // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
-  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time));
+  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time, cells));
   return fail_no_attribute(path, missing, all->attributes());
 }
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
-                                            const std::vector<std::string>& selection) {
+                                            const std::vector<std::string>& selection, CellValues cells) {
   SPLATVOL_TRY_ASSIGN(blocks, read_plot3d(grid, solution));
-  auto source = std::make_unique<VtkSource>(std::move(blocks));
+  auto source = std::make_unique<VtkSource>(std::move(blocks), cells);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (!missing.empty()) return fail_no_attribute(grid, missing, source->available());

@@ -1,0 +1,24 @@
+// The option --cells of programs that read meshes.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+[[nodiscard]] inline CellValues cell_values_of(const std::string& name) {
+  return name == "own" ? CellValues::own : CellValues::averaged;
+}
+
+/// `own`: what happens to cells of their own.
+inline void add_cells_option(CLI::App& app, std::string& cells, const std::string& own) {
+  app.add_option(
+         "--cells", cells,
+         "Values of cells: averaged (to the points, by the volumes of the cells round each) or own (" + own + ")")
+      ->check(CLI::IsMember({"averaged", "own"}))
+      ->capture_default_str();
+}
+
+}  // namespace splatvol
