@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/descriptor.h"
+#include "base/replaceable.h"
 
 namespace splatvol {
 namespace {
@@ -118,6 +119,7 @@ Result<AtomicFile> AtomicFile::create(const std::string& target) {
   const auto status = std::filesystem::status(target, error);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
     return fail(ErrorCode::io, "{}: not a regular file", target);
+  SPLATVOL_TRY(check_replaceable(target));
   const std::string path =
       std::filesystem::is_symlink(target, error) ? std::filesystem::weakly_canonical(target, error).string() : target;
 
@@ -186,6 +188,7 @@ std::string AtomicFile::path_to_write() const {
 }
 
 Status AtomicFile::commit() {
+  SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
   // linkat cannot replace a file, rename can: so the file first gets a temporary name.
   const std::string self = path_to_write();

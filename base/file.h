@@ -51,8 +51,9 @@ class ByteSource {
 /// file to the disk and names it `target`; until then a file that had this name stays as it was. Not thread-safe.
 class AtomicFile {
  public:
-  /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. If `target` is a link,
-  /// replaces the file that it points to.
+  /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. Fails also if `target`
+  /// is not of the kind that its extension stands for (base/replaceable.h), and so does `commit`. If `target` is a
+  /// link, replaces the file that it points to.
   [[nodiscard]] static Result<AtomicFile> create(const std::string& target);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;

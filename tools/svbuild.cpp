@@ -177,7 +177,7 @@ void add_input_options(CLI::App& app, Options& options) {
   app.add_option("-o,--output", options.output, "The file to write")
       ->required()
       ->type_name("OUT.svol")
-      ->check(check_not_empty);
+      ->check(check_svol_path);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all)")
       ->check(check_not_empty)
       ->type_name("NAME")

@@ -74,6 +74,7 @@ Status write_points(const Options& options) {
   recipe.distribution = static_cast<Distribution>(std::ranges::find(distribution_names(), options.distribution) -
                                                   distribution_names().begin());
 
+  SPLATVOL_TRY(check_outputs({options.output}, {}));
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.output));
   const std::string header = npy_header(count, options.float32);
   SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
@@ -189,7 +190,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
 
   auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
-  points->add_option("-o,--output", options.output, "The file to write (.npy)")->required()->check(check_not_empty);
+  points->add_option("-o,--output", options.output, "The file to write (.npy)")->required()->check(check_npy_path);
   points->add_option("--count", options.count, "Number of points, such as 1e8")->required()->check(check_count);
   points
       ->add_option("--distribution", options.distribution,

@@ -284,7 +284,7 @@ int main(int argc, char** argv) {
   app.add_flag("--json", options.json, "Print JSON, with histograms");
   app.add_flag("--verify", options.verify, "Read and check every byte first");
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
-                    ->check(splatvol::check_not_empty)
+                    ->check(splatvol::check_json_path)
                     ->type_name("OUT.json");
   app.add_option("--attribute", options.attribute, "The scene's attribute (default: the first)")
       ->type_name("NAME")

@@ -124,7 +124,8 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
   app.add_option("--stats", options.stats, "Write statistics as JSON to this file, - for the terminal")
-      ->type_name("OUT.json|-");
+      ->type_name("OUT.json|-")
+      ->check(check_json_path);
 }
 
 }  // namespace

@@ -52,11 +52,20 @@ Result<WindowResized> window_size(const Options& options) {
   return WindowResized{size[0], size[1], size[0], size[1], 1};
 }
 
+// Fails if a recording would replace another file.
+Status check_recording(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error) || std::filesystem::is_empty(path, error) || load_recording(path))
+    return {};
+  return fail(ErrorCode::invalid_argument, "{}: is there and is no recording: remove it, or give another name", path);
+}
+
 Status look(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, window_size(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   std::optional<AtomicFile> recording;
   if (!options.record.empty()) {
+    SPLATVOL_TRY(check_recording(options.record));
     SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.record));
     recording.emplace(std::move(file));
   }
@@ -243,6 +252,7 @@ void add_recording_options(CLI::App& app, Options& options) {
                      "Write the last picture, after --replay, into this file (.png, .exr); no window is opened")
           ->check(check_image_path);
   app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
+      ->check(check_json_path)
       ->needs(replayed);
   app.add_flag("--window", options.in_window, "Replay in a window");
   auto* path =

@@ -15,6 +15,7 @@
 #include <new>
 #include <string_view>
 
+#include "base/replaceable.h"
 #include "tools/version.h"
 
 namespace splatvol {
@@ -31,6 +32,10 @@ std::string one_line(std::string text) {
 template <class T>
 std::string reason(const Result<T>& result) {
   return result ? "" : result.error().message;
+}
+
+std::string check_path(const std::string& path, const std::string& extension) {
+  return has_extension(path, extension) ? "" : fmt::format("'{}' does not end in {}", path, extension);
 }
 
 }  // namespace
@@ -69,6 +74,7 @@ Status check_outputs(const std::vector<std::string>& outputs, const std::vector<
         return fail(ErrorCode::invalid_argument, "{}: is the input, and would be overwritten", outputs[i]);
     if (std::ranges::count(outputs, outputs[i]) > 1)
       return fail(ErrorCode::invalid_argument, "{}: is two outputs", outputs[i]);
+    SPLATVOL_TRY(check_replaceable(outputs[i]));
   }
   return {};
 }
@@ -128,6 +134,12 @@ Result<std::array<int, 2>> parse_image_size(const std::string& text) {
 }
 
 std::string check_not_empty(const std::string& text) { return text.empty() ? "is empty" : ""; }
+
+std::string check_svol_path(const std::string& text) { return check_path(text, ".svol"); }
+
+std::string check_npy_path(const std::string& text) { return check_path(text, ".npy"); }
+
+std::string check_json_path(const std::string& text) { return text == "-" ? "" : check_path(text, ".json"); }
 
 std::string check_bytes(const std::string& text) { return reason(parse_bytes(text)); }
 

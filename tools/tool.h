@@ -16,8 +16,8 @@ namespace splatvol {
 /// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
 
-/// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Empty
-/// names and "-" are no files.
+/// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Fails
+/// also if writing would replace a file of another kind (base/replaceable.h). Empty names and "-" are no files.
 [[nodiscard]] Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs);
 
 /// Shows a bar and the time left on stderr. Prints nothing unless stderr is a terminal.
@@ -48,6 +48,9 @@ class ProgressBar {
 
 /// Checks for CLI11's options. Each returns why it refuses the text; empty: it accepts.
 [[nodiscard]] std::string check_not_empty(const std::string& text);
+[[nodiscard]] std::string check_svol_path(const std::string& text);
+[[nodiscard]] std::string check_npy_path(const std::string& text);
+[[nodiscard]] std::string check_json_path(const std::string& text);   // "-" is taken too
 [[nodiscard]] std::string check_bytes(const std::string& text);       // parse_bytes takes it
 [[nodiscard]] std::string check_image_size(const std::string& text);  // parse_image_size takes it
 [[nodiscard]] std::string check_finite(

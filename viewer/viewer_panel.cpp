@@ -3,6 +3,7 @@
 #include <imgui.h>
 
 #include "base/file.h"
+#include "base/replaceable.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {
@@ -13,6 +14,11 @@ std::string bytes_text(double bytes) {
   int unit = 0;
   for (; bytes >= 1024 && unit < 4; ++unit) bytes /= 1024;
   return fmt::format("{:.3g} {}", bytes, units[unit]);
+}
+
+Status write_json(const std::string& path, const std::string& text) {
+  if (!has_extension(path, ".json")) return fail(ErrorCode::invalid_argument, "{}: does not end in .json", path);
+  return write_text_file(path, text);
 }
 
 }  // namespace
@@ -154,7 +160,7 @@ void Viewer::draw_path_section() {
   ImGui::Text("%zu views", path_.cameras.size());
   ImGui::InputText("file##path", path_name_.data(), path_name_.size());
   if (ImGui::SmallButton("save path") && !path_.cameras.empty())
-    save(path_name_.data(), write_text_file(path_name_.data(), path_to_json(path_)));
+    save(path_name_.data(), write_json(path_name_.data(), path_to_json(path_)));
   ImGui::SameLine();
   if (ImGui::SmallButton("load path")) {
     auto path = load_camera_path(path_name_.data());
@@ -168,7 +174,7 @@ void Viewer::draw_path_section() {
 void Viewer::draw_file_section() {
   ImGui::InputText("scene", scene_name_.data(), scene_name_.size());
   if (ImGui::SmallButton("save scene"))
-    save(scene_name_.data(), write_text_file(scene_name_.data(), scene_to_json(session_->scene)));
+    save(scene_name_.data(), write_json(scene_name_.data(), scene_to_json(session_->scene)));
   ImGui::SameLine();
   if (ImGui::SmallButton("load scene")) open(scene_name_.data());
   ImGui::InputText("picture", picture_name_.data(), picture_name_.size());

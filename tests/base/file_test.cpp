@@ -15,9 +15,12 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
+
+#include "base/replaceable.h"
 
 namespace splatvol {
 namespace {
@@ -184,6 +187,37 @@ TEST_F(FileTest, CommitReplacesAnOldFile) {
   EXPECT_EQ(content("old"), "much longer than the new content");
   ASSERT_TRUE(file.commit());
   EXPECT_EQ(content("old"), "short");
+}
+
+TEST_F(FileTest, OnlyAFileOfTheSameKindIsReplaced) {
+  const std::map<std::string, std::string> starts = {
+      {"a.svol", "\x89SVOL\r\n\x1a"},      {"a.PNG", "\x89PNG\r\n\x1a\n"}, {"a.exr", "\x76\x2f\x31\x01"},
+      {"a.json", " \n{\"camera\": {}}"},   {"a.npy", "\x93NUMPY"},         {"a.vdb", std::string(" BDV\0\0\0\0", 8)},
+      {"a.vtu", "<?xml version=\"1.0\"?>"}};
+  for (const auto& [name, start] : starts) {
+    write(name, start + " and more");
+    EXPECT_TRUE(check_replaceable(path(name))) << name;
+    EXPECT_TRUE(AtomicFile::create(path(name))) << name;
+    for (const std::string other : {"text", "\x89", " "}) {
+      write(name, other);
+      const auto status = check_replaceable(path(name));
+      ASSERT_FALSE(status) << name << " holds " << other;
+      EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
+      EXPECT_TRUE(status.error().message.starts_with(path(name)));
+      EXPECT_FALSE(AtomicFile::create(path(name))) << name;
+    }
+    write(name, "");
+    EXPECT_TRUE(check_replaceable(path(name))) << name << ": empty";
+  }
+  EXPECT_TRUE(check_replaceable(path("none.svol")));
+  write("text", "any");
+  EXPECT_TRUE(check_replaceable(path("text")));
+
+  // A file that appears while another is written stays.
+  auto file = AtomicFile::create(path("late.svol")).value();
+  write("late.svol", "a letter");
+  EXPECT_FALSE(file.commit());
+  EXPECT_EQ(content("late.svol"), "a letter");
 }
 
 TEST_F(FileTest, DestroyedWithoutCommitLeavesTheOldFile) {

@@ -46,11 +46,12 @@ class Programs : public testing::Test {
 
   void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
 
-  // Expects exit code 1, one line that names the file and the reason, and no file at `output`.
-  void expect_refused(const std::string& command, const std::string& reason, const std::string& output) const {
+  // Expects an exit code, one line that names the file and the reason (two for a wrong call), and no file at `output`.
+  void expect_refused(const std::string& command, const std::string& reason, const std::string& output,
+                      int code = 1) const {
     const Outcome outcome = run(command);
-    EXPECT_EQ(outcome.code, 1) << command << "\n" << outcome.err;
-    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
+    EXPECT_EQ(outcome.code, code) << command << "\n" << outcome.err;
+    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), code) << command << "\n" << outcome.err;
     EXPECT_THAT(outcome.err, HasSubstr(reason)) << command;
     EXPECT_EQ(outcome.out, "") << command;
     for (const auto& entry : fs::directory_iterator(folder_))
@@ -105,13 +106,14 @@ TEST_F(Programs, BuildRefusesBadInput) {
 }
 
 TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {
-  write("volume.svol", "old");
+  const std::string old = "\x89SVOL\r\n\x1a, of which only the start counts";
+  write("volume.svol", old);
   for (const std::string seconds : {"0.2", "0.7", "1.5"}) {
     const std::string command = "timeout -s KILL " + seconds + " " SPLATVOL_BIN "/svbuild gen:points:count=5e6 " +
                                 "--memory 64M --connectivity none -o " + path("volume.svol");
     const int status = std::system(command.c_str());
     EXPECT_NE(status, 0) << "it was done before it was killed";
-    EXPECT_EQ(*read_text_file(path("volume.svol")), "old");
+    EXPECT_EQ(*read_text_file(path("volume.svol")), old);
     EXPECT_EQ(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()), 1);
   }
 }
@@ -170,13 +172,49 @@ TEST_F(Programs, InputsAreNeverOverwritten) {
   const std::string mesh = *read_text_file(path("mesh.vtu")), volume = *read_text_file(path("mesh.svol"));
   const std::string render =
       "svrender " + path("mesh.svol") + " --scene " + path("scene.json") + " -o " + path("out.exr");
-  expect_refused("svbuild " + path("mesh.vtu") + " -o " + path("./mesh.vtu"), "is the input", "out");
-  expect_refused(render + " --stats " + path("mesh.svol"), "is the input", "out");
-  expect_refused(render + " --stats " + path("out.exr"), "two outputs", "out");
+  fs::copy(path("mesh.vtu"), path("mesh-in-disguise.svol"));
+  expect_refused("svbuild " + path("mesh-in-disguise.svol") + " -o " + path("./mesh-in-disguise.svol"), "is the input",
+                 "out");
+  expect_refused(render + " --stats " + path("scene.json"), "is the input", "out");
   expect_refused(render + " --stats " + path("no/such.json"), "no/such.json", "out");
-  expect_refused("svinfo " + path("mesh.svol") + " --scene " + path("mesh.svol"), "is the input", "out");
+  expect_refused("svdemo -o " + path("both.json") + " --scene " + path("both.json"), "does not end in .vtu", "both", 2);
   EXPECT_EQ(*read_text_file(path("mesh.vtu")), mesh);
   EXPECT_EQ(*read_text_file(path("mesh.svol")), volume);
+}
+
+TEST_F(Programs, FilesOfOtherKindsAreNeverReplaced) {
+  write("mesh.vtu", small_mesh(small_data));
+  write("scene.json", small_scene.dump());
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("mesh.svol"));
+  const std::string mesh = path("mesh.vtu"), volume = path("mesh.svol"), notes = "My notes of ten years.\n";
+  const auto keeps = [&](const std::string& command, const std::string& output) {
+    write(output, notes);
+    expect_refused(command + path(output), "and is not ", "none");
+    EXPECT_EQ(*read_text_file(path(output)), notes) << command;
+    write(output, "");
+    EXPECT_EQ(run(command + path(output)).code, 0) << command << ": an empty file may be replaced";
+    EXPECT_EQ(run(command + path(output)).code, 0) << command << ": so may its own";
+  };
+  const std::string scene = " --scene " + path("scene.json");
+  keeps("svbuild " + mesh + " -o ", "a.svol");
+  keeps("svrender " + volume + scene + " -o ", "a.png");
+  keeps("svrender " + volume + scene + " -o ", "a.exr");
+  keeps("svrender " + volume + scene + " -o " + path("b.png") + " --stats ", "stats.json");
+  keeps("svtruth " + mesh + scene + " -o ", "truth.exr");
+  keeps("svinfo " + volume + " --scene ", "view.json");
+  keeps("svexport " + volume + " -o ", "points.vtu");
+  keeps("svexport " + volume + " --voxel 0.5 -o ", "voxels.vdb");
+  keeps("svgen points --count 100 -o ", "points.npy");
+  keeps("svdemo --points 1000 -o ", "demo.vtu");
+  keeps("svdemo --scene ", "demo.json");
+
+  // A name that cannot be right is a wrong call.
+  expect_refused("svbuild " + mesh + " -o " + mesh, "does not end in .svol", "none", 2);
+  expect_refused("svrender " + volume + scene + " -o " + mesh, "neither .exr nor .png", "none", 2);
+  expect_refused("svrender " + volume + scene + " -o " + path("c.png") + " --stats " + mesh, ".json", "none", 2);
+  expect_refused("svinfo " + volume + " --scene " + mesh, "does not end in .json", "none", 2);
+  expect_refused("svgen points --count 100 -o " + mesh, "does not end in .npy", "none", 2);
+  EXPECT_EQ(*read_text_file(mesh), small_mesh(small_data));
 }
 
 TEST_F(Programs, AFullDiskLeavesNothing) {
