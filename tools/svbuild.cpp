@@ -29,6 +29,7 @@ struct Options {
   std::string temp_folder;
   std::vector<std::string> columns;
   std::optional<double> time;
+  std::string up;  // x, y, z; empty: as is usual for the input
   unsigned threads = 0;
   bool json = false;
 };
@@ -121,6 +122,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
     build_options.memory = memory;
   }
   build_options.temp_folder = options.temp_folder;
+  build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
   return build_options;
@@ -206,6 +208,10 @@ void add_format_options(CLI::App& app, Options& options) {
                  "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS): take the step nearest to this time "
                  "(default: the last)")
       ->type_name("T");
+  app.add_option("--up", options.up,
+                 "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
+                 "kept, and pictures take y)")
+      ->check(CLI::IsMember({"x", "y", "z"}));
 }
 
 void add_machine_options(CLI::App& app, Options& options) {
