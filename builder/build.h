@@ -27,6 +27,7 @@ struct BuildOptions {
   Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
   std::string builder = "splatvol";                     // name and version of the program
+  int up = -1;                                          // format::VolumeInfo::up
 };
 
 struct BuildReport {

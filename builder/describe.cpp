@@ -16,6 +16,7 @@ format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube
   info.points_per_chunk = options.points_per_chunk;
   info.reduction_method = reduction_name(options.reduction);
   info.leaf_points = options.leaf_points;
+  info.up = options.up;
   info.size_bounds = {"octant", "moments"};  // as IndexStream has them
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1},
                   {ColumnKind::octant, ColumnScope::resolution, -1},

@@ -320,4 +320,13 @@ Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inpu
   return source;
 }
 
+int usual_up(const std::vector<std::string>& inputs) {
+  std::error_code ignored;
+  for (const std::string& input : inputs)
+    if (multi_block_kind(input) == VtkFile::Kind::openfoam ||
+        std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", ignored))
+      return 2;
+  return -1;
+}
+
 }  // namespace splatvol

@@ -37,4 +37,7 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 
+/// Returns the axis that points upwards by the convention of the inputs' format: 2 (z) for OpenFOAM; -1: no convention.
+[[nodiscard]] int usual_up(const std::vector<std::string>& inputs);
+
 }  // namespace splatvol

@@ -10,6 +10,10 @@ find_package(TBB REQUIRED)
 find_package(CGAL 5.5 REQUIRED)
 include(CGAL_TBB_support)
 find_package(CURL 7.87 REQUIRED)
+find_package(Freetype REQUIRED)
+find_file(SPLATVOL_FONT_FILE DejaVuSans.ttf REQUIRED
+  PATHS /usr/share/fonts/truetype/dejavu /usr/share/fonts/TTF /usr/share/fonts/dejavu-sans-fonts
+  DOC "DejaVu Sans, for titles and colour bars (package fonts-dejavu-core)")
 find_package(PNG REQUIRED)
 find_package(OpenEXR REQUIRED)
 pkg_check_modules(ZSTD REQUIRED IMPORTED_TARGET libzstd)

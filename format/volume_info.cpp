@@ -157,6 +157,11 @@ std::vector<std::uint64_t> read_counts(const json& nodes) {
   return counts;
 }
 
+int read_axis(const std::string& name) {
+  require(name == "x" || name == "y" || name == "z", "'up' is none of x, y, z");
+  return name[0] - 'x';
+}
+
 VolumeInfo read_info(const json& root) {
   VolumeInfo info;
   info.cube = read_cube(member(root, "cube"));
@@ -187,6 +192,7 @@ VolumeInfo read_info(const json& root) {
   require(info.size_bounds.size() <= max_size_bounds, fmt::format("more than {} size bounds", max_size_bounds));
   require(member(root, "provenance").is_object(), "'provenance' is not an object");
   info.provenance = root.at("provenance").dump();
+  if (root.contains("up")) info.up = read_axis(text(root, "up"));
   return info;
 }
 
@@ -237,6 +243,8 @@ json to_json(const VolumeInfo& info) {
   for (const Column& column : info.columns) root["columns"].push_back(to_json(column));
   root["size_bounds"] = info.size_bounds;
   root["provenance"] = parse_shallow(info.provenance);
+  require(info.up >= -1 && info.up < 3, "'up' is no axis");
+  if (info.up >= 0) root["up"] = std::string(1, "xyz"[info.up]);
   return root;
 }
 

@@ -21,6 +21,11 @@ struct Attribute {
   std::uint64_t missing = 0;
 };
 
+/// Returns what stands beside its values: the name, and the unit in brackets if there is one.
+[[nodiscard]] inline std::string label_of(const Attribute& attribute) {
+  return attribute.unit.empty() ? attribute.name : attribute.name + " [" + attribute.unit + "]";
+}
+
 /// Returns the bins of an attribute's stored values.
 [[nodiscard]] inline ValueBins bins_of(const Attribute& attribute) {
   return {attribute.min - attribute.offset, attribute.max - attribute.offset};
@@ -49,6 +54,7 @@ struct VolumeInfo {
   std::vector<Column> columns;
   std::vector<std::string> size_bounds = {"octant"};
   std::string provenance = "{}";  // a JSON object
+  int up = -1;                    // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
 
   [[nodiscard]] std::size_t resolutions() const { return resolution_counts.size(); }
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts.back(); }

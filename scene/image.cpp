@@ -28,7 +28,8 @@ bool is_image_path(const std::string& path) {
   return extension == ".exr" || extension == ".png";
 }
 
-Status write_image(const std::string& path, const Image& image, dvec3 background, const Provenance& provenance) {
+Status write_image(const std::string& path, const Image& image, dvec3 background, const Provenance& provenance,
+                   bool transparent) {
   if (!is_image_path(path)) return fail(ErrorCode::invalid_argument, "{}: a picture is an .exr or a .png", path);
   if (image.width < 1 || image.height < 1 ||
       image.pixels.size() != static_cast<std::size_t>(image.width) * image.height)
@@ -37,7 +38,8 @@ Status write_image(const std::string& path, const Image& image, dvec3 background
 
   // The file is made in memory first: the codecs would hide that a disk is full.
   const bool is_exr = lower_extension(path) == ".exr";
-  const Result<std::string> bytes = is_exr ? encode_exr(image, provenance) : encode_png(image, background, provenance);
+  const Result<std::string> bytes =
+      is_exr ? encode_exr(image, provenance) : encode_png(image, background, provenance, transparent);
   if (!bytes) return fail_in(path, bytes.error());
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
   SPLATVOL_TRY(file.append(std::as_bytes(std::span(*bytes))));

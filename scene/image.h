@@ -24,8 +24,9 @@ using Provenance = std::map<std::string, std::string>;
 
 /// Writes an .exr file (channels R, G, B, A; 32-bit float) or a .png file (8 bits, the image over `background`, with
 /// the sRGB curve); the extension of `path` says which. The file appears whole or not at all.
+/// `transparent`: a .png keeps its alpha. Programs that show it over `background` show the same picture as without.
 [[nodiscard]] Status write_image(const std::string& path, const Image& image, dvec3 background,
-                                 const Provenance& provenance);
+                                 const Provenance& provenance, bool transparent = false);
 
 /// Returns whether write_image knows the extension of `path`. Lets a program refuse before it works for minutes.
 [[nodiscard]] bool is_image_path(const std::string& path);

@@ -15,7 +15,9 @@ namespace splatvol {
 /// far as OpenEXR is.
 [[nodiscard]] Result<Image> decode_exr(const std::string& bytes);
 
-/// Encodes a PNG file: 8-bit RGB, sRGB; provenance as text chunks. Requires image.pixels.size() == width * height > 0.
-[[nodiscard]] Result<std::string> encode_png(const Image& image, dvec3 background, const Provenance& provenance);
+/// Encodes a PNG file: 8-bit RGB, sRGB, with alpha if `transparent`; provenance as text chunks. Requires
+/// image.pixels.size() == width * height > 0.
+[[nodiscard]] Result<std::string> encode_png(const Image& image, dvec3 background, const Provenance& provenance,
+                                             bool transparent);
 
 }  // namespace splatvol

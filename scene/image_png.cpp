@@ -25,6 +25,31 @@ std::vector<png_byte> to_rgb8(const Image& image, dvec3 background) {
   return bytes;
 }
 
+// Programs blend encoded numbers and not light. Chooses an encoded colour c and an alpha a so that over the encoded
+// background b they give the right number r: a c + (1 - a) b = r. The alpha is that of the light, or the least with
+// which c is a colour.
+std::vector<png_byte> to_rgba8(const Image& image, dvec3 background) {
+  std::vector<png_byte> bytes;
+  bytes.reserve(image.pixels.size() * 4);
+  for (const vec4& pixel : image.pixels) {
+    dvec3 wanted, behind;
+    double alpha = std::isnan(pixel.a) ? 0 : std::clamp(static_cast<double>(pixel.a), 0.0, 1.0);
+    for (int channel = 0; channel < 3; ++channel) {
+      const double linear = pixel[channel] + (1.0 - pixel.a) * background[channel];
+      const double r = wanted[channel] = std::isnan(linear) ? 0 : srgb_of(linear);
+      const double b = behind[channel] = srgb_of(background[channel]);
+      if (r > b) alpha = std::max(alpha, (r - b) / (1 - b));
+      if (r < b) alpha = std::max(alpha, (b - r) / b);
+    }
+    for (int channel = 0; channel < 3; ++channel) {
+      const double c = alpha > 0 ? (wanted[channel] - (1 - alpha) * behind[channel]) / alpha : 0;
+      bytes.push_back(static_cast<png_byte>(std::lround(255 * std::clamp(c, 0.0, 1.0))));
+    }
+    bytes.push_back(static_cast<png_byte>(std::lround(255 * alpha)));
+  }
+  return bytes;
+}
+
 std::vector<png_text> text_chunks(const Provenance& provenance) {
   std::vector<png_text> chunks;
   for (const auto& [name, value] : provenance) {
@@ -66,23 +91,26 @@ void append_bytes(png_structp png, png_bytep data, std::size_t count) {
 void flush_nothing(png_structp) {}
 
 /// Runs the encoder; false after an error. libpng leaves this function by longjmp, so no local object has a destructor.
-bool run_encoder(png_structp png, png_infop info, const Image& image, const png_byte* rgb,
+bool run_encoder(png_structp png, png_infop info, const Image& image, const png_byte* bytes, int channels,
                  std::vector<png_text>& texts) {
   if (setjmp(png_jmpbuf(png))) return false;
   png_set_IHDR(png, info, static_cast<png_uint_32>(image.width), static_cast<png_uint_32>(image.height), 8,
-               PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+               channels == 4 ? PNG_COLOR_TYPE_RGBA : PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
+               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_RELATIVE);
   png_set_text(png, info, texts.data(), static_cast<int>(texts.size()));
   png_write_info(png, info);
-  for (int y = 0; y < image.height; ++y) png_write_row(png, rgb + std::size_t{3} * image.width * y);
+  for (int y = 0; y < image.height; ++y)
+    png_write_row(png, bytes + static_cast<std::size_t>(channels) * static_cast<std::size_t>(image.width) * y);
   png_write_end(png, info);
   return true;
 }
 
 }  // namespace
 
-Result<std::string> encode_png(const Image& image, dvec3 background, const Provenance& provenance) try {
-  const std::vector<png_byte> rgb = to_rgb8(image, background);
+Result<std::string> encode_png(const Image& image, dvec3 background, const Provenance& provenance,
+                               bool transparent) try {
+  const std::vector<png_byte> bytes = transparent ? to_rgba8(image, background) : to_rgb8(image, background);
   std::vector<png_text> texts = text_chunks(provenance);
 
   PngOutput output;
@@ -91,7 +119,7 @@ Result<std::string> encode_png(const Image& image, dvec3 background, const Prove
   bool done = false;
   if (info) {
     png_set_write_fn(png, &output, append_bytes, flush_nothing);
-    done = run_encoder(png, info, image, rgb.data(), texts);
+    done = run_encoder(png, info, image, bytes.data(), transparent ? 4 : 3, texts);
   }
   png_destroy_write_struct(&png, &info);
   if (!done) return fail(ErrorCode::io, "cannot make a PNG file: {}", output.message);

@@ -50,6 +50,7 @@ struct Scene {
   TransferFunction transfer_function;
   std::optional<Lighting> lighting;
   std::optional<Box> clip_box;  // only the inside is drawn
+  bool outline = false;         // the edges of the domain's box are drawn over and behind the volume
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

@@ -1,5 +1,9 @@
+#include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <nlohmann/json.hpp>
+#include <numeric>
+#include <string_view>
 
 #include "base/file.h"
 #include "scene/scene.h"
@@ -11,6 +15,20 @@ using nlohmann::json;
 
 constexpr int largest_image_side = 16384;
 constexpr double largest_number = 1e37;  // pictures are drawn in single precision
+
+/// Returns how many letters must be added, left out or replaced to turn one word into the other (Levenshtein).
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = std::exchange(row[j + 1], std::min({row[j] + 1, row[j + 1] + 1, replaced}));
+    }
+  }
+  return row.back();
+}
 
 /// A value of the file together with its path, so that every error names the field.
 class Field {
@@ -30,6 +48,20 @@ class Field {
     const std::string path = path_.empty() ? name : path_ + "." + name;
     if (!value_.contains(name)) return fail(ErrorCode::invalid_data, "{}: missing", path);
     return Field(value_.at(name), path);
+  }
+
+  /// Fails if there is a member of another name, unless the name begins with "x-". A misspelt field would be ignored.
+  Status check_names(std::initializer_list<std::string_view> known) const {
+    if (!is_object()) return {};
+    for (const auto& [name, value] : value_.items()) {
+      if (name.starts_with("x-") || std::ranges::find(known, name) != known.end()) continue;
+      const auto nearest = std::ranges::min_element(
+          known, {}, [&, &word = name](std::string_view other) { return edit_distance(word, other); });
+      const std::string prefix = path_.empty() ? "" : path_ + ".";
+      return fail(ErrorCode::invalid_data, "{}{}: no such field; the nearest is {}{} (names of your own begin with x-)",
+                  prefix, name, prefix, *nearest);
+    }
+    return {};
   }
 
   std::size_t size() const { return value_.is_array() ? value_.size() : 0; }
@@ -120,6 +152,8 @@ Status read_projection(const Field& field, Camera& camera) {
 }
 
 Result<Camera> read_camera(const Field& field) {
+  SPLATVOL_TRY(
+      field.check_names({"projection", "vertical_fov_degrees", "parallel_height", "position", "focal_point", "up"}));
   Camera camera;
   SPLATVOL_TRY_ASSIGN(position, vector_at(field, "position"));
   SPLATVOL_TRY_ASSIGN(focal_point, vector_at(field, "focal_point"));
@@ -133,6 +167,7 @@ Result<Camera> read_camera(const Field& field) {
 
 Status read_size(const Field& scene, int& width, int& height) {
   SPLATVOL_TRY_ASSIGN(image, scene.member("image"));
+  SPLATVOL_TRY(image.check_names({"width", "height"}));
   SPLATVOL_TRY_ASSIGN(width_field, image.member("width"));
   SPLATVOL_TRY_ASSIGN(height_field, image.member("height"));
   SPLATVOL_TRY_ASSIGN(columns, width_field.image_side());
@@ -161,6 +196,7 @@ Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const c
 
 Result<TransferFunction> read_transfer_function(const Field& scene) {
   SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
+  SPLATVOL_TRY(field.check_names({"domain", "colors", "density"}));
   SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
   SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
   if (!(domain[0] < domain[1])) return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
@@ -178,6 +214,7 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
 Result<std::optional<Lighting>> read_lighting(const Field& field) {
   if (field.is_truth()) return field.truth() ? std::optional(Lighting{}) : std::nullopt;
   if (!field.is_object()) return field.wrong("neither true nor false nor an object");
+  SPLATVOL_TRY(field.check_names({"ambient", "diffuse"}));
   SPLATVOL_TRY_ASSIGN(ambient, amount_at(field, "ambient"));
   SPLATVOL_TRY_ASSIGN(diffuse, amount_at(field, "diffuse"));
   return Lighting{ambient, diffuse};
@@ -186,6 +223,8 @@ Result<std::optional<Lighting>> read_lighting(const Field& field) {
 Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
+  SPLATVOL_TRY(field.check_names(
+      {"camera", "image", "background", "attribute", "transfer_function", "clip_box", "lighting", "outline"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -206,6 +245,7 @@ Result<Scene> read_scene(const json& document) {
   }
   if (field.has("clip_box")) {
     SPLATVOL_TRY_ASSIGN(box_field, field.member("clip_box"));
+    SPLATVOL_TRY(box_field.check_names({"low", "high"}));
     SPLATVOL_TRY_ASSIGN(low, vector_at(box_field, "low"));
     SPLATVOL_TRY_ASSIGN(high, vector_at(box_field, "high"));
     if (!(low.x < high.x && low.y < high.y && low.z < high.z)) return box_field.wrong("low is not below high");
@@ -215,6 +255,11 @@ Result<Scene> read_scene(const json& document) {
     SPLATVOL_TRY_ASSIGN(lighting_field, field.member("lighting"));
     SPLATVOL_TRY_ASSIGN(lighting, read_lighting(lighting_field));
     scene.lighting = lighting;
+  }
+  if (field.has("outline")) {
+    SPLATVOL_TRY_ASSIGN(outline, field.member("outline"));
+    if (!outline.is_truth()) return outline.wrong("neither true nor false");
+    scene.outline = outline.truth();
   }
   return scene;
 }
@@ -274,6 +319,7 @@ std::string scene_to_json(const Scene& scene) {
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+  if (scene.outline) document["outline"] = true;
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   return text_of(document);

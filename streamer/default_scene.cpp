@@ -1,181 +1,129 @@
 #include "streamer/default_scene.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numbers>
-#include <numeric>
-#include <tuple>
+#include <vector>
 
-#include "scene/color_maps.h"
+#include "scene/contrast.h"
+#include "streamer/first_attribute.h"
+#include "streamer/first_camera.h"
+#include "streamer/first_transfer.h"
+#include "streamer/survey.h"
 
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t enough_points = 20000;  // to know where the data is
-constexpr double share_left_out = 0.01;    // of the values, at either end, so that outliers do not flatten the rest
-constexpr double share_of_densest = 0.05;  // of the largest extinction; above it a point counts as visible
-constexpr std::size_t fewest_visible = 50;
-constexpr double margin = 0.92;  // share of the image that the data may fill
-const dvec3 from_data_to_eye = glm::normalize(dvec3(0.5, 0.4, 0.8));
+constexpr std::uint64_t enough_splats = 20000;  // to know where the data is
+constexpr std::uint64_t enough_for_the_domain = 2000;
+constexpr double share_of_densest = 0.03;     // of the largest extinction; above it a splat counts as visible
+constexpr double share_of_deepest = 0.1;      // of the largest optical depth of a splat; above it, too
+constexpr double share_of_domain = 0.7;       // what is visible is that large: the camera shows all
+constexpr double opacity_of_material = 0.65;  // mean along rays, on a dark background
 
-// Optical depth of a ray through all of the data, at the value that is farthest from the most frequent one.
-constexpr double largest_optical_depth = 6;
-
-struct Samples {
-  std::vector<dvec3> positions;
-  std::vector<float> stored;  // of the attribute
-};
-
-Status append_group(const format::Volume& volume, std::uint64_t group_index, int attribute, Samples& samples) {
-  const format::Group group = volume.rows().group(group_index);
-  const std::uint64_t row = volume.rows().row(group.segment, group_index);
-  SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row)));
-  const auto read = [&](format::ColumnKind kind, int of_attribute, auto unpack, auto& all) -> Status {
-    const int column = volume.info().find_column(kind, of_attribute);
-    if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
-    const format::ChunkLocation& location = volume.find_chunk(page, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
-    all.resize(all.size() + group.count);
-    return unpack(location.entry, packed, std::span(all).last(group.count), volume.name());
-  };
-  SPLATVOL_TRY(read(format::ColumnKind::position, -1, &format::unpack_positions, samples.positions));
-  return read(format::ColumnKind::value, attribute, &format::unpack_values, samples.stored);
+Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index) {
+  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, enough_splats));
+  if (std::ranges::none_of(splats, &SurveySplat::has_value))
+    return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),
+                volume.info().attributes[static_cast<std::size_t>(index)].name);
+  return splats;
 }
 
-// Reads the points of the finest resolution with few enough points.
-Result<Samples> read_samples(const format::Volume& volume, int attribute) {
-  const auto& counts = volume.info().resolution_counts;
-  const auto finer = std::ranges::upper_bound(counts, enough_points);
-  const std::uint64_t wanted = finer == counts.begin() ? counts[0] : *(finer - 1);
-  Samples samples;
-  for (std::uint64_t group = 0; samples.positions.size() < wanted; ++group)
-    SPLATVOL_TRY(append_group(volume, group, attribute, samples));
-  return samples;
-}
-
-// Returns the points that the camera should show: those that are not clear, or all if hardly any point is visible.
-std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& function, double offset) {
-  double densest = 0;
-  for (const auto& density : function.densities) densest = std::max(densest, density.extinction);
-  std::vector<dvec3> visible;
-  for (std::size_t i = 0; i < samples.positions.size(); ++i)
-    if (function.extinction(offset + samples.stored[i]) > share_of_densest * densest)
-      visible.push_back(samples.positions[i]);
-  return visible.size() < fewest_visible ? samples.positions : visible;
-}
-
-Box bounds(const std::vector<dvec3>& points) {
-  Box box{points[0], points[0]};
-  for (const dvec3& p : points) box = {glm::min(box.low, p), glm::max(box.high, p)};
-  return box;
-}
-
-// Each point needs a distance of the camera at which it is in the image. The largest distance suits all points.
-Camera fit_camera(const std::vector<dvec3>& points, const Box& box, double edge) {
-  Camera camera;
-  camera.focal_point = 0.5 * (box.low + box.high);
-  const dvec3 right = glm::normalize(glm::cross(camera.up, from_data_to_eye));
-  const dvec3 up = glm::cross(from_data_to_eye, right);
-  const double slope = margin * std::tan(camera.vertical_fov_degrees * std::numbers::pi / 360);
-  double distance = 0;
-  for (const dvec3& p : points) {
-    const dvec3 d = p - camera.focal_point;
-    const double aside = std::max(std::abs(glm::dot(d, right)), std::abs(glm::dot(d, up)));
-    distance = std::max(distance, aside / slope + glm::dot(d, from_data_to_eye));
+// Returns the splats that are dense, or less dense but so large that rays through them lose as much light.
+std::vector<SurveySplat> visible_of(const std::vector<SurveySplat>& splats, const TransferFunction& function) {
+  std::vector<double> extinctions, depths;
+  for (const SurveySplat& splat : splats) {
+    extinctions.push_back(mean_extinction(function, splat));
+    depths.push_back(extinctions.back() * std::cbrt(splat.volume));
   }
-  if (!(distance > 0)) distance = 0.5 * edge / slope;
-  camera.position = camera.focal_point + distance * from_data_to_eye;
-  return camera;
+  const double least_extinction = share_of_densest * std::ranges::max(extinctions);
+  const double least_depth = share_of_deepest * std::ranges::max(depths);
+  std::vector<SurveySplat> visible;
+  for (std::size_t i = 0; i < splats.size(); ++i)
+    if (extinctions[i] > least_extinction || depths[i] > least_depth) visible.push_back(splats[i]);
+  return visible.empty() ? splats : visible;
 }
 
-// Returns how long a ray through the middle of the box is inside it; at least a sixteenth of the longest side.
-double typical_chord(const Box& box, double edge) {
-  const dvec3 extent = box.high - box.low;
-  const double longest = std::max({extent.x, extent.y, extent.z});
-  if (!(longest > 0)) return edge;
-  double chord = longest;
-  for (int axis = 0; axis < 3; ++axis) chord = std::min(chord, extent[axis] / from_data_to_eye[axis]);
-  return std::max(chord, longest / 16);
-}
-
-// Returns the value below which `share` of the counted values are, by interpolation in the bins.
-double percentile(const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram, double share) {
-  const double wanted =
-      share * static_cast<double>(std::accumulate(histogram.begin(), histogram.end(), std::uint64_t{0}));
-  double below = 0;
-  std::size_t bin = 0;
-  for (; bin < 63 && below + static_cast<double>(histogram[bin]) < wanted; ++bin)
-    below += static_cast<double>(histogram[bin]);
-  const double inside = histogram[bin] == 0 ? 0 : (wanted - below) / static_cast<double>(histogram[bin]);
-  return attribute.min + (attribute.max - attribute.min) * (static_cast<double>(bin) + inside) / 64;
-}
-
-std::pair<double, double> choose_domain(const format::Attribute& attribute, const format::Histograms& histograms,
-                                        std::size_t index) {
-  double low = attribute.min, high = attribute.max;
-  if (!histograms.empty()) {
-    low = percentile(attribute, histograms[index], share_left_out);
-    high = percentile(attribute, histograms[index], 1 - share_left_out);
+std::vector<SurveySplat> corners_of(const Box& box) {
+  std::vector<SurveySplat> corners(8);
+  for (std::size_t c = 0; c < 8; ++c) {
+    corners[c].center = {c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y,
+                         c & 4 ? box.high.z : box.low.z};
+    corners[c].axes = dmat3(0);
   }
-  // A constant value gets a narrow domain round it.
-  const double narrowest = std::max(1e-6 * std::max(std::abs(low), std::abs(high)), 1e-30);
-  if (!(high - low > narrowest)) return {low - narrowest, high + narrowest};
-  return {low, high};
+  return corners;
 }
 
-// Chooses densities for a ray of length 1. The most frequent values are usually those of the surroundings: their bin is
-// clear, and other values are denser the farther they are from it.
-std::vector<TransferFunction::Density> choose_densities(const format::Attribute& attribute,
-                                                        const format::Histograms& histograms, std::size_t index,
-                                                        const TransferFunction& function) {
-  if (!(attribute.max > attribute.min)) return {{0, largest_optical_depth}};
-  if (histograms.empty()) return {{0, 0}, {1, largest_optical_depth}};
-  const auto bin = static_cast<double>(std::ranges::max_element(histograms[index]) - histograms[index].begin());
-  const auto parameter = [&](double b) {
-    const double value = attribute.min + (attribute.max - attribute.min) * b / 64;
-    return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
-  };
-  const double below = parameter(bin), above = parameter(bin + 1);
-  const double farthest = std::max(below, 1 - above);
-  if (!(farthest > 0)) return {{0, largest_optical_depth}};
-  const double slope = largest_optical_depth / farthest;
-  return {{0, slope * below}, {below, 0}, {above, 0}, {1, slope * (1 - above)}};
+// If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
+Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats,
+                     const std::vector<SurveySplat>& visible, const FirstPicture& picture) {
+  const int up = info.up < 0 ? 1 : info.up;
+  const double aspect = static_cast<double>(picture.width) / picture.height;
+  const Camera near = fit_camera(visible, up, aspect, info.cube.edge, picture.turns);
+  const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
+  const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
+  return distance(near) >= share_of_domain * distance(far) ? far : near;
 }
 
-Result<int> choose_attribute(const format::Volume& volume, const std::string& name) {
-  const auto& attributes = volume.info().attributes;
-  if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
-  const std::string& chosen = name.empty() ? attributes.front().name : name;
-  SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), chosen, volume.name()));
-  const auto& attribute = attributes[static_cast<std::size_t>(index)];
-  if (std::isnan(attribute.min))
-    return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(), attribute.name);
+// Four digits are enough for a file that a person edits.
+void shorten(TransferFunction& function) {
+  for (auto& density : function.densities) {
+    if (!(density.extinction > 0)) continue;
+    const double unit = std::pow(10, std::floor(std::log10(density.extinction)) - 3);
+    density.extinction = std::round(density.extinction / unit) * unit;
+  }
+  for (auto& color : function.colors) color.rgb = glm::round(1e4 * color.rgb) / 1e4;
+}
+
+Result<int> find_attribute(const format::Volume& volume, const std::string& name) {
+  if (volume.info().attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
+  if (name.empty()) return choose_first_attribute(volume);
+  SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), name, volume.name()));
+  if (std::isnan(volume.info().attributes[static_cast<std::size_t>(index)].min))
+    return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(), name);
   return index;
 }
 
 }  // namespace
 
-Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute) {
-  SPLATVOL_TRY_ASSIGN(index, choose_attribute(volume, attribute));
-  SPLATVOL_TRY_ASSIGN(samples, read_samples(volume, index));
-  SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
-  const auto a = static_cast<std::size_t>(index);
-  const format::Attribute& chosen = volume.info().attributes[a];
-
+Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute, const FirstPicture& picture) {
+  SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, attribute));
+  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index));
   Scene scene;
-  scene.attribute = chosen.name;
-  TransferFunction& function = scene.transfer_function;
-  std::tie(function.lo, function.hi) = choose_domain(chosen, histograms, a);
-  function.colors = short_cool_to_warm();
-  function.densities = choose_densities(chosen, histograms, a, function);
+  scene.width = picture.width;
+  scene.height = picture.height;
+  scene.outline = true;
+  scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
+  scene.transfer_function = choose_transfer_function(splats, volume.info().attributes[static_cast<std::size_t>(index)]);
 
-  const std::vector<dvec3> points = find_visible(samples, function, chosen.offset);
-  const Box box = bounds(points);
-  const double edge = volume.info().cube.edge;
-  scene.camera = fit_camera(points, box, edge);
-  for (auto& density : function.densities) density.extinction /= typical_chord(box, edge);
+  // One camera for all attributes: that of the attribute that is shown first.
+  std::vector<SurveySplat> visible;
+  SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
+  if (first == index) {
+    visible = visible_of(splats, scene.transfer_function);
+  } else {
+    SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first));
+    visible = visible_of(first_splats, choose_transfer_function(
+                                           first_splats, volume.info().attributes[static_cast<std::size_t>(first)]));
+  }
+  scene.camera = choose_camera(volume.info(), splats, visible, picture);
+
+  const double factor = density_factor(splats, scene.transfer_function, scene.camera, opacity_of_material);
+  for (auto& density : scene.transfer_function.densities) density.extinction *= factor;
+  adapt_to_background(scene, picture.background);
+  shorten(scene.transfer_function);
   return scene;
+}
+
+Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {
+  SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
+  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index));
+  return middle_of(visible_of(splats, scene.transfer_function));
+}
+
+Result<Box> domain_of(const format::Volume& volume) {
+  if (volume.info().attributes.empty()) return fail(ErrorCode::invalid_data, "{}: has no attributes", volume.name());
+  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, 0, enough_for_the_domain));
+  return bounds_of(splats);
 }
 
 }  // namespace splatvol

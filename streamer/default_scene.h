@@ -1,4 +1,4 @@
-// A first view of a volume that has no scene.
+// A first view of a volume that has no scene. docs/scene.md, "The first picture", says why each choice is made.
 #pragma once
 
 #include <string>
@@ -9,11 +9,23 @@
 
 namespace splatvol {
 
-/// Makes a scene that shows the data. The transfer function covers the middle 98 % of the attribute's values, from cool
-/// to warm. It is clear at the most frequent values, and reaches an optical depth of a few at values far from them. The
-/// camera is a perspective one on a diagonal, so close that the visible points fill the image. `attribute` empty: the
-/// first. Fails if the file cannot be read, lacks the attribute (the message lists those that it has), or has no value
-/// of it.
-[[nodiscard]] Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute);
+/// What a first picture is for.
+struct FirstPicture {
+  int width = 512, height = 512;
+  dvec3 background{0};  // linear; colours and densities stand out from it
+  bool turns = false;   // the camera will turn round the volume: all of it stays in the picture
+};
+
+/// Makes a scene that shows the data. The camera fits what choose_first_attribute's values show, for every attribute
+/// alike. Reads some hundred KiB. `attribute` empty: that of choose_first_attribute. Fails if the file cannot be read,
+/// lacks the attribute (the message lists those that it has), or has no value of it.
+[[nodiscard]] Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute,
+                                          const FirstPicture& picture = {});
+
+/// Returns the middle of what a scene shows. Fails if the file cannot be read or lacks the scene's attribute.
+[[nodiscard]] Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene);
+
+/// Returns the box round the material of a volume, from some coarse splats. Fails if the file cannot be read.
+[[nodiscard]] Result<Box> domain_of(const format::Volume& volume);
 
 }  // namespace splatvol

@@ -32,6 +32,7 @@ struct Options {
   std::optional<double> time;
   bool gradients = false;
   std::string cells = "averaged";
+  std::string up;  // x, y, z; empty: as is usual for the input
   unsigned threads = 0;
   bool json = false;
 };
@@ -130,6 +131,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
     build_options.memory = memory;
   }
   build_options.temp_folder = options.temp_folder;
+  build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
   return build_options;
@@ -220,6 +222,10 @@ void add_format_options(CLI::App& app, Options& options) {
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");
+  app.add_option("--up", options.up,
+                 "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
+                 "kept, and pictures take y)")
+      ->check(CLI::IsMember({"x", "y", "z"}));
 }
 
 void add_machine_options(CLI::App& app, Options& options) {

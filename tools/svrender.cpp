@@ -1,12 +1,15 @@
 // svrender: a picture of a .svol file.
+#include <algorithm>
 #include <filesystem>
 #include <optional>
 #include <vector>
 
 #include "base/file.h"
-#include "tools/scene_options.h"
+#include "streamer/default_scene.h"
+#include "streamer/explain.h"
 #include "tools/svrender_drawing.h"
 #include "tools/svrender_options.h"
+#include "tools/svrender_page.h"
 #include "tools/svrender_statistics.h"
 #include "tools/tool.h"
 
@@ -35,25 +38,44 @@ Status write_statistics(std::optional<AtomicFile>& file, const std::string& text
   return file->commit();
 }
 
+// An empty picture is a picture, but hardly the one that was meant.
+Status warn_if_empty(const RenderOptions& options, const Scene& scene, const View& view, const Drawing& drawing,
+                     const Image& image) {
+  constexpr float least_alpha = 0.5f / 255;  // what 8 bits show
+  if (std::ranges::any_of(image.pixels, [](const vec4& pixel) { return pixel.a >= least_alpha; })) return {};
+  const format::VolumeInfo& info = drawing.streamer->info();
+  const auto& attribute = info.attributes[static_cast<std::size_t>(info.find_attribute(scene.attribute))];
+  SPLATVOL_TRY_ASSIGN(bounds, domain_of(drawing.streamer->volume()));
+  EmptyReason why = why_empty(view, scene.transfer_function, attribute, bounds);
+  if (!why) why = why_empty_in_view(drawing.frame->splats > 0);
+  fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.output.empty() ? options.movie : options.output,
+             why.reason, why.remedy);
+  return {};
+}
+
 Status render(const RenderOptions& options) {
   const double start = seconds_now();
-  SPLATVOL_TRY(check_outputs({options.output, options.stats}, {options.volume, options.scene}));
-  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
+  SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, {options.volume, options.scene}));
+  SPLATVOL_TRY_ASSIGN(composition, compose(options));
+  const Scene& scene = composition.scene;
   if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
     return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
   const auto view = make_view(scene);
-  if (!view) return fail_in(options.scene, view.error());
+  if (!view) return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare_drawing(options, scene));
 
   Timings timings;
-  SPLATVOL_TRY_ASSIGN(unreadable, draw_picture(options, scene, *view, drawing, timings, start));
+  SPLATVOL_TRY_ASSIGN(unreadable, draw_picture(options, composition, *view, drawing, timings, start));
   SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
   timings.first_image = seconds_now() - start;
-  SPLATVOL_TRY(write_image(options.output, image, scene.background, provenance_of(options, scene, drawing)));
+  SPLATVOL_TRY(warn_if_empty(options, scene, *view, drawing, image));
+  if (!options.output.empty())
+    SPLATVOL_TRY(
+        write_page(composition, *view, std::move(image), options.output, provenance_of(options, scene, drawing)));
 
   if (!options.stats.empty()) {
-    if (options.path.empty()) SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
+    if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
     SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, scene, drawing, timings)));
   }
   const bool terminal_holds_statistics = !options.stats.empty() && !statistics_file;

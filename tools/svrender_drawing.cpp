@@ -8,6 +8,7 @@
 #include "base/http_source.h"
 #include "renderer/sampling.h"
 #include "streamer/frame_pacer.h"
+#include "tools/movie.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -31,9 +32,9 @@ int sample_spacing(const RenderOptions& options, const View& view, const FrameSp
 // Returns the splats of the next frame. Alone with --progress-frames, only those that are there already.
 Result<const FrameSplats*> next_splats(const RenderOptions& options, const Scene& scene, const View& view,
                                        const Drawing& drawing) {
-  if (options.path.empty() && options.progress_frames.empty())
+  if (!options.moves() && options.progress_frames.empty())
     return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
-  const double wait_seconds = options.path.empty() ? 0 : 1e6;
+  const double wait_seconds = options.moves() ? 1e6 : 0;
   return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, wait_seconds, 1.0 / options.fade);
 }
 
@@ -91,29 +92,26 @@ Status pace(const RenderOptions& options, const Scene& scene, const View& view, 
   return {};
 }
 
-Status write_frame(const RenderOptions& options, const Scene& scene, const Drawing& drawing, const std::string& path,
-                   const Image& image) {
-  return write_image(path, image, scene.background, provenance_of(options, scene, drawing));
-}
-
-std::string frame_path(const RenderOptions& options, int number) {
-  return fmt::format("{}/frame-{:04}.png", options.progress_frames, number);
+Status write_frame(const RenderOptions& options, const Composition& composition, const View& view,
+                   const Drawing& drawing, const std::string& path, Image image) {
+  return write_page(composition, view, std::move(image), path, provenance_of(options, composition.scene, drawing));
 }
 
 // Draws and writes frames until the picture is complete, and prints a line for each. Prints and returns the errors of
 // parts that could not be read.
-Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Scene& scene, const View& view,
+Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Composition& composition, const View& view,
                                          Drawing& drawing, Timings& timings, double start) {
+  SPLATVOL_TRY_ASSIGN(frames, Movie::create("", options.progress_frames, 1));
   std::vector<Error> errors;
   for (int number = 0;; ++number) {
-    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    SPLATVOL_TRY(draw_frame(options, composition.scene, view, drawing, timings));
     const FrameProgress& progress = drawing.frame->progress;
-    const std::string path = frame_path(options, number);
+    const std::string path = frames.frame_path(number);
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
     const StreamerStatistics statistics = drawing.streamer->statistics();
     timings.progress.push_back({seconds_now() - start, statistics.cut_seconds + statistics.fetch_seconds,
                                 drawing.frame->splats, statistics.bytes_read, progress.missing_bytes});
-    SPLATVOL_TRY(write_frame(options, scene, drawing, path, image));
+    SPLATVOL_TRY(write_frame(options, composition, view, drawing, path, std::move(image)));
     fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
                drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_chunks,
                progress.missing_pages);
@@ -125,20 +123,42 @@ Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Sce
   }
 }
 
-// The camera of a path's frame: turned about `up` round its focal point, and nearer or farther.
-Camera camera_at(const RenderOptions& options, Camera camera, int frame) {
-  const double part = frame / std::max(options.path[0] - 1, 1.0);
-  const glm::dquat turn = glm::angleAxis(glm::radians(part * options.path[1]), glm::normalize(camera.up));
-  camera.position =
-      camera.focal_point + turn * (camera.position - camera.focal_point) * std::pow(options.path[2], part);
+// Returns the camera, turned about its `up` by an angle in degrees round a centre.
+Camera turned(Camera camera, double degrees, const dvec3& center) {
+  const glm::dquat turn = glm::angleAxis(glm::radians(degrees), glm::normalize(camera.up));
+  camera.position = center + turn * (camera.position - center);
+  camera.focal_point = center + turn * (camera.focal_point - center);
   return camera;
 }
 
-// Draws the frames of a path, each with all of its splats, and measures the change from each to the next.
-Status draw_path(const RenderOptions& options, const Scene& scene, Drawing& drawing, Timings& timings) {
+int frame_count(const RenderOptions& options) {
+  return options.turntable > 0 ? options.turntable : static_cast<int>(std::ceil(options.path[0]));
+}
+
+// The camera of a frame: turned, and nearer or farther. The frame after the last of a full turn would be the first.
+Camera camera_at(const RenderOptions& options, const Composition& composition, int frame) {
+  const Camera& camera = composition.scene.camera;
+  if (options.turntable > 0) return turned(camera, 360.0 * frame / options.turntable, *composition.turned_about);
+  const bool closed = options.path[1] != 0 && std::fmod(options.path[1], 360) == 0 && options.path[2] == 1;
+  const double part = frame / std::max(options.path[0] - (closed ? 0 : 1), 1.0);
+  Camera moved = turned(camera, part * options.path[1], camera.focal_point);
+  moved.position = moved.focal_point + (moved.position - moved.focal_point) * std::pow(options.path[2], part);
+  return moved;
+}
+
+// Draws the frames of a moving camera, each with all of its splats, and measures the change from each to the next.
+Status draw_path(const RenderOptions& options, const Composition& composition, Drawing& drawing, Timings& timings) {
+  const Scene& scene = composition.scene;
+  std::optional<Movie> movie;
+  if (!options.progress_frames.empty() || !options.movie.empty()) {
+    SPLATVOL_TRY_ASSIGN(created, Movie::create(options.movie, options.progress_frames, options.frames_per_second));
+    movie = std::move(created);
+  }
   Image last;
-  for (int number = 0; number < options.path[0]; ++number) {
-    SPLATVOL_TRY_ASSIGN(view, make_view(camera_at(options, scene.camera, number), scene.width, scene.height));
+  ProgressBar bar("draw");
+  for (int number = 0; number < frame_count(options); ++number) {
+    SPLATVOL_TRY_ASSIGN(view, make_view(camera_at(options, composition, number), scene.width, scene.height));
+    view.clip_box = scene.clip_box;
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
     double change = 0;
@@ -147,11 +167,11 @@ Status draw_path(const RenderOptions& options, const Scene& scene, Drawing& draw
       change = difference.rmse;
     }
     timings.path.push_back({drawing.frame->splats, drawing.frame->progress.fading, change});
-    if (!options.progress_frames.empty())
-      SPLATVOL_TRY(write_frame(options, scene, drawing, frame_path(options, number), image));
+    if (movie) SPLATVOL_TRY(write_frame(options, composition, view, drawing, movie->frame_path(number), image));
     last = std::move(image);
+    bar.update((number + 1.0) / frame_count(options));
   }
-  return {};
+  return movie ? movie->finish(frame_count(options)) : Status{};
 }
 
 }  // namespace
@@ -180,16 +200,17 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   drawing.renderer->set_lighting(scene.lighting);
   const double offset = drawing.streamer->value_offset();
   if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
-    return fail_in(options.scene, status.error());
+    return options.scene.empty() ? fail_in(options.volume, status.error()) : fail_in(options.scene, status.error());
   return drawing;
 }
 
-Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Scene& scene, const View& view,
+Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Composition& composition, const View& view,
                                         Drawing& drawing, Timings& timings, double start) {
-  if (options.path.empty() && !options.milliseconds && !options.progress_frames.empty())
-    return draw_progress(options, scene, view, drawing, timings, start);
-  if (!options.path.empty())
-    SPLATVOL_TRY(draw_path(options, scene, drawing, timings));
+  const Scene& scene = composition.scene;
+  if (!options.moves() && !options.milliseconds && !options.progress_frames.empty())
+    return draw_progress(options, composition, view, drawing, timings, start);
+  if (options.moves())
+    SPLATVOL_TRY(draw_path(options, composition, drawing, timings));
   else if (options.milliseconds)
     SPLATVOL_TRY(pace(options, scene, view, drawing, timings));
   else
@@ -217,7 +238,7 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
   const FrameSplats& frame = *drawing.frame;
   Provenance provenance = {{"software", "svrender " SPLATVOL_VERSION},
                            {"file", drawing.streamer->volume().name()},
-                           {"scene", options.scene},
+                           {"scene", options.scene.empty() ? "one that fits the data" : options.scene},
                            {"attribute", scene.attribute},
                            {"kernel", options.kernel},
                            {"sort", options.sort},

@@ -10,6 +10,7 @@
 #include "scene/scene.h"
 #include "streamer/streamer.h"
 #include "tools/svrender_options.h"
+#include "tools/svrender_page.h"
 
 namespace splatvol {
 
@@ -52,7 +53,7 @@ struct Drawing {
 
 /// Draws the frames that the options ask for, up to the picture, and adds their times to `timings`. `start`: the
 /// program's, by seconds_now. Returns the parts of the file that could not be read and were drawn coarser.
-[[nodiscard]] Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Scene& scene,
+[[nodiscard]] Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Composition& composition,
                                                       const View& view, Drawing& drawing, Timings& timings,
                                                       double start);
 

@@ -3,7 +3,9 @@
 #include <cstdlib>
 
 #include "renderer/renderer.h"
+#include "tools/movie.h"
 #include "tools/scene_options.h"
+#include "tools/svrender_page.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -25,11 +27,28 @@ void add_file_options(CLI::App& app, RenderOptions& options) {
   app.add_option("FILE", options.volume, "The .svol file, or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
-  app.add_option("--scene", options.scene, "Scene file (JSON)")->required()->type_name("S.json");
-  app.add_option("-o,--output", options.output, "Picture to write: .exr or .png")
-      ->required()
+  auto* scene = app.add_option("--scene", options.scene, "Scene file (JSON); default: a scene that fits the data")
+                    ->type_name("S.json");
+  app.add_option("--attribute", options.attribute, "Without a scene: the attribute to show")
+      ->type_name("NAME")
+      ->excludes(scene);
+  app.add_option("-o,--output", options.output, "Picture to write: .exr or .png; with --movie it may be left out")
       ->type_name("OUT")
       ->check(check_image_path);
+}
+
+void add_page_options(CLI::App& app, RenderOptions& options) {
+  app.add_option("--background", options.background,
+                 "white, black or #RRGGBB (sRGB), instead of the scene's; from dark to light, densities double and "
+                 "bright colours get darker, so that the contrast stays")
+      ->type_name("COLOUR")
+      ->check([](const std::string& text) { return parse_color(text) ? "" : parse_color(text).error().message; });
+  app.add_flag("--colour-bar,--color-bar", options.color_bar,
+               "Show the attribute's name, unit, colours and values right of the picture (.png)");
+  app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("TEXT");
+  app.add_flag(
+      "--transparent", options.transparent,
+      "Keep the alpha of a .png, so that what lies behind shows through; over the background it looks the same");
 }
 
 // How fine the picture is: by one of these options only.
@@ -98,6 +117,18 @@ void add_budget_options(CLI::App& app, RenderOptions& options) {
       ->capture_default_str();
 }
 
+// Refuses frames that nobody gets, and a movie without frames.
+void check_frames(const RenderOptions& options) {
+  const bool kept = !options.progress_frames.empty() || !options.movie.empty();
+  if (!options.path.empty() && !kept && options.stats.empty())
+    throw CLI::ValidationError("--path", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+  if (options.turntable > 0 && !kept)
+    throw CLI::ValidationError("--turntable", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+  if (!options.movie.empty() && !options.moves())
+    throw CLI::ValidationError("--movie", "needs frames: give --turntable N or --path FRAMES,DEGREES,FACTOR");
+  if (options.output.empty() && options.movie.empty()) throw CLI::RequiredError("--output");
+}
+
 void add_frame_options(CLI::App& app, RenderOptions& options) {
   auto* milliseconds = app.get_option("--milliseconds");
   app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
@@ -113,12 +144,27 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
   app.add_option(
          "--path", options.path,
          "Draw FRAMES frames of a camera that turns round its focal point by DEGREES in all, while its distance "
-         "is multiplied by FACTOR; --progress-frames writes the frames, --stats the changes between them")
+         "is multiplied by FACTOR; --progress-frames or --movie takes the frames, --stats the changes between them")
       ->type_name("FRAMES,DEGREES,FACTOR")
       ->excludes(milliseconds)
       ->delimiter(',')
       ->expected(3)
       ->check(check_finite);
+  app.add_option("--turntable", options.turntable,
+                 "Draw N frames of a full turn round the camera's up axis, through the middle of what is visible; "
+                 "--progress-frames or --movie takes them")
+      ->type_name("N")
+      ->check(CLI::Range(1, 100000))
+      ->excludes(milliseconds)
+      ->excludes(app.get_option("--path"));
+  auto* movie = app.add_option("--movie", options.movie, "Join the frames to a movie, with ffmpeg if it is installed")
+                    ->type_name("OUT.mp4")
+                    ->check(check_movie_path);
+  app.add_option("--fps", options.frames_per_second, "Frames for each second of the movie")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->needs(movie)
+      ->capture_default_str();
+  app.callback([&options] { check_frames(options); });
   app.add_option("--fade", options.fade,
                  "With --path or --progress-frames: how many frames a change of resolution takes")
       ->check(CLI::Range(1, 1000000))
@@ -132,6 +178,7 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
 
 void add_options(CLI::App& app, RenderOptions& options) {
   add_file_options(app, options);
+  add_page_options(app, options);
   add_detail_options(app, options);
   add_drawing_options(app, options);
   add_budget_options(app, options);

@@ -13,13 +13,21 @@ namespace splatvol {
 
 struct RenderOptions {
   std::string volume;
-  std::string scene;
+  std::string scene;      // empty: one that fits the data
+  std::string attribute;  // without a scene; empty: the best
   std::string output;
   std::string size;
   std::string stats;
   std::string progress_frames;  // folder; empty: none
   std::vector<double> path;     // frames, degrees, factor; empty: none
-  int fade = 1;                 // frames that a change of resolution takes
+  int turntable = 0;            // frames of a full turn; 0: none
+  std::string movie;            // .mp4; empty: none
+  double frames_per_second = 30;
+  std::string background;  // see parse_color; empty: the scene's
+  std::string title;
+  bool color_bar = false;
+  bool transparent = false;
+  int fade = 1;  // frames that a change of resolution takes
   std::string memory = "512M";
   std::string gpu_memory = "1G";
   std::string sort = "exact";
@@ -30,6 +38,9 @@ struct RenderOptions {
   std::optional<std::uint64_t> splats;
   std::optional<double> milliseconds;
   int repeat = 1;
+
+  /// Whether frames of a moving camera are drawn.
+  [[nodiscard]] bool moves() const { return !path.empty() || turntable > 0; }
 };
 
 /// Adds all options to `app`. Parsing writes into `options`, which must live as long as `app`.

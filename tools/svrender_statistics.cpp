@@ -39,7 +39,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
   const FrameSplats& frame = *drawing.frame;
   const StreamerStatistics statistics = drawing.streamer->statistics();
   return {{"file", drawing.streamer->volume().name()},
-          {"scene", options.scene},
+          {"scene", options.scene.empty() ? json(nullptr) : json(options.scene)},
           {"attribute", scene.attribute},
           {"width", scene.width},
           {"height", scene.height},
@@ -93,6 +93,15 @@ void add_detail(const RenderOptions& options, const FrameSplats& frame, const Ti
   }
 }
 
+// The limits of a picture's splats. More memory does not help against the device's own.
+std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
+  const std::uint64_t most = drawing.detail.max_splats;
+  const bool by_device = most >= drawing.renderer->max_splats();
+  return fmt::format("--memory {} and the {} splats that {}", options.memory, most,
+                     by_device ? "the largest buffer of this device holds (no setting of memory raises them)"
+                               : "--gpu-memory " + options.gpu_memory + " holds");
+}
+
 // Says how near the picture comes to the goal.
 void print_goal(const RenderOptions& options, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.frame;
@@ -101,8 +110,8 @@ void print_goal(const RenderOptions& options, const Drawing& drawing) {
     fmt::print("{}: more than {} splats: the coarsest that the view has\n", options.output,
                drawing.detail.goal->max_splats);
   else if (options.max_error && frame.expected_error > *options.max_error)
-    fmt::print("{}: more than {:.2g}, to stay within {} of memory and {} splats, or with all points\n", options.output,
-               *options.max_error, options.memory, frame.detail.goal->max_splats);
+    fmt::print("{}: more than {:.2g}, to stay within {}, or with all points\n", options.output, *options.max_error,
+               limits_of(options, drawing));
 }
 
 }  // namespace
@@ -121,21 +130,21 @@ std::string statistics_text(const RenderOptions& options, const Scene& scene, co
 
 void print_summary(const RenderOptions& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
   const FrameSplats& frame = *drawing.frame;
-  fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.output, scene.width,
-             scene.height, frame.splats, frame.nodes, drawing.streamer->statistics().bytes_read,
-             drawing.streamer->volume().file_bytes(), timings.first_image);
+  fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n",
+             options.output.empty() ? options.movie : options.output, scene.width, scene.height, frame.splats,
+             frame.nodes, drawing.streamer->statistics().bytes_read, drawing.streamer->volume().file_bytes(),
+             timings.first_image);
   if (frame.detail.goal) {
     print_goal(options, drawing);
     return;
   }
   if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
       frame.splats_by_resolution.size() > *options.detail.resolution)
-    fmt::print("{}: resolution {} instead of {}, to stay within {} of memory and {} splats\n", options.output,
-               *frame.detail.resolution, *options.detail.resolution, options.memory, frame.detail.max_splats);
+    fmt::print("{}: resolution {} instead of {}, to stay within {}\n", options.output, *frame.detail.resolution,
+               *options.detail.resolution, limits_of(options, drawing));
   if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
-    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {} of memory and {} splats\n",
-               options.output, frame.detail.tolerance_percent, options.detail.tolerance_percent, options.memory,
-               frame.detail.max_splats);
+    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.output,
+               frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
 }
 
 }  // namespace splatvol

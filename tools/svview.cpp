@@ -210,7 +210,7 @@ Status play(const Options& options) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
     do SPLATVOL_TRY(session->draw(size[0], size[1], 1));
     while (!session->is_settled());
-    SPLATVOL_TRY_ASSIGN(image, session->image());
+    SPLATVOL_TRY_ASSIGN(image, session->page({}));
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", options.volume}}));
     bar.update((i + 1.0) / count);

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "scene/ticks.h"
 #include "viewer/gui_units.h"
 
 namespace splatvol {
@@ -106,12 +107,15 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
     canvas().AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
     canvas().AddText(at, IM_COL32(255, 255, 255, 255), text.c_str());
   };
-  for (int i = 0; i <= 4; ++i) {
-    const double t = i / 4.0;
+  const Ticks ticks = ticks_between(function.lo, function.hi, 5);
+  for (const Tick& tick : ticks.list) {
+    const double t = (tick.value - function.lo) / (function.hi - function.lo);
     canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, IM_COL32(255, 255, 255, 200), u);
-    write({low.x + width + 7 * u, y(t) - 7 * u}, fmt::format("{:.4g}", function.lo + t * (function.hi - function.lo)));
+    write({low.x + width + 7 * u, y(t) - 7 * u}, tick.label);
   }
-  const std::string title = attribute.unit.empty() ? attribute.name : attribute.name + " [" + attribute.unit + "]";
+  // The window's font has no raised digits.
+  if (ticks.exponent != 0) write({low.x, low.y + height + 3 * u}, fmt::format("x 1e{}", ticks.exponent));
+  const std::string title = label_of(attribute);
   const float text_width = ImGui::CalcTextSize(title.c_str()).x;
   write({std::min(low.x, right - text_width - 8 * u), low.y - 20 * u}, title);
 }

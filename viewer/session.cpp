@@ -1,6 +1,7 @@
 #include "viewer/session.h"
 
 #include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cmath>
 
@@ -8,6 +9,7 @@
 #include "base/rotation.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
+#include "streamer/explain.h"
 
 namespace splatvol {
 namespace {
@@ -33,25 +35,6 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
   return std::clamp(static_cast<int>(covered / 4), 1, 6);
 }
 
-bool is_in_sight(const View& view, const Box& box) {
-  // A box is in sight if each of the five planes has a corner inside. Some boxes beside the view pass too.
-  for (int plane = 0; plane < 5; ++plane) {
-    bool inside = false;
-    for (int corner = 0; corner < 8; ++corner) {
-      const dvec3 p = view.to_view({corner & 1 ? box.high.x : box.low.x, corner & 2 ? box.high.y : box.low.y,
-                                    corner & 4 ? box.high.z : box.low.z});
-      const double depth = view.orthographic ? 1 : p.z;
-      const double x = view.focal * p.x, y = view.focal * p.y;
-      const double half_width = 0.5 * view.width * depth, half_height = 0.5 * view.height * depth;
-      const std::array<double, 5> distances = {view.orthographic ? 1 : p.z, half_width - x, half_width + x,
-                                               half_height - y, half_height + y};
-      inside = inside || distances[static_cast<std::size_t>(plane)] > 0;
-    }
-    if (!inside) return false;
-  }
-  return true;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
@@ -64,6 +47,7 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
     SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
     SPLATVOL_TRY_ASSIGN(scene, default_scene(*volume, ""));
     session->scene = std::move(scene);
+    session->fits_ = true;
   } else {
     SPLATVOL_TRY_ASSIGN(scene, load_scene(scene_path));
     session->scene = std::move(scene);
@@ -136,7 +120,7 @@ const format::Attribute& Session::attribute() const {
 }
 
 Status Session::show_attribute(const std::string& name) {
-  SPLATVOL_TRY_ASSIGN(fitting, default_scene(streamer_->volume(), name));
+  SPLATVOL_TRY_ASSIGN(fitting, default_scene(streamer_->volume(), name, {512, 512, scene.background}));
   scene.attribute = name;
   scene.transfer_function = fitting.transfer_function;
   return {};
@@ -176,7 +160,18 @@ Status Session::apply(const View& view) {
   return {};
 }
 
+// Fits the first scene's camera to the first picture, whose size was not known when the file was opened.
+Status Session::fit_camera(int width, int height) {
+  if (!fits_) return {};
+  fits_ = false;
+  if (scene.camera != first_scene_.camera) return {};
+  SPLATVOL_TRY_ASSIGN(fitted, default_scene(streamer_->volume(), first_scene_.attribute, {width, height}));
+  scene.camera = first_scene_.camera = fitted.camera;
+  return {};
+}
+
 Status Session::draw(int width, int height, double seconds) {
+  SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
   scene.height = height;
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
@@ -215,20 +210,28 @@ Status Session::draw(int width, int height, double seconds) {
   return {};
 }
 
+Result<Image> Session::page(const PageText& text) const {
+  SPLATVOL_TRY_ASSIGN(image, renderer_->read_image());
+  const dvec3 ink = ink_on(used_scene_.background);
+  if (used_scene_.outline) draw_outline(image, view_, bounds_, ink);
+  SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, used_scene_.transfer_function));
+  return compose_page(page, image, text, used_scene_.transfer_function, ink);
+}
+
 std::string Session::explain() const {
   if (!frame_) return {};
-  if (!is_in_sight(view_, bounds_)) return "The data lies outside of the view: press R to see all of it.";
-  const ValueVisibility visibility(used_scene_.transfer_function, attribute());
-  const auto& a = attribute();
-  if (!visibility.shows(static_cast<float>(a.min - a.offset), static_cast<float>(a.max - a.offset), ~std::uint64_t{0}))
-    return "The transfer function hides every value: raise the opacity, or widen its range.";
-  if (const auto& box = used_scene_.clip_box) {
-    const bool apart =
-        glm::any(glm::greaterThan(box->low, bounds_.high)) || glm::any(glm::lessThan(box->high, bounds_.low));
-    if (apart) return "The clip box excludes all of the data.";
+  const auto sentence = [](const EmptyReason& why, const std::string& remedy) {
+    std::string text = fmt::format("{}: {}.", why.reason, remedy);
+    text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
+    return text;
+  };
+  if (const EmptyReason why = why_empty(view_, used_scene_.transfer_function, attribute(), bounds_)) {
+    const bool outside = std::string_view(why.reason).ends_with("outside of the view");
+    return sentence(why, outside ? "press R to see all of it" : why.remedy);
   }
-  if (frame_->splats == 0 && frame_->progress.settled) return "The transfer function hides every value in view.";
-  return {};
+  if (frame_->splats > 0 || !frame_->progress.settled) return {};
+  const EmptyReason why = why_empty_in_view(false);
+  return sentence(why, why.remedy);
 }
 
 }  // namespace splatvol

@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "format/volume.h"
 #include "renderer/renderer.h"
+#include "scene/page.h"
 #include "scene/scene.h"
 #include "streamer/frame_pacer.h"
 #include "streamer/streamer.h"
@@ -63,6 +64,10 @@ class Session {
   [[nodiscard]] const View& view() const { return view_; }
   [[nodiscard]] unsigned texture() const { return renderer_->texture(); }
   [[nodiscard]] Result<Image> image() const { return renderer_->read_image(); }
+
+  /// Returns the last picture with its outline, if the scene has one, and with words round it.
+  [[nodiscard]] Result<Image> page(const PageText& text) const;
+
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
@@ -80,9 +85,11 @@ class Session {
   [[nodiscard]] Status open_streamer();
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply(const View& view);
+  [[nodiscard]] Status fit_camera(int width, int height);
 
   std::string path_;
   Scene first_scene_;
+  bool fits_ = false;  // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Renderer> renderer_;
   std::array<std::uint64_t, 64> histogram_{};

@@ -146,7 +146,7 @@ void Viewer::handle_key(int code) {
   if (code == 'F') toggle(flying_);
   if (code == 'H') toggle(hud_);
   if (code == 'C') toggle(cut_);
-  if (code == 'B') toggle(box_);
+  if (code == 'B') toggle(session_->scene.outline);
   handle_scene_key(code);
 }
 
@@ -246,7 +246,7 @@ void Viewer::draw_overlays() {
   const View& view = session_->view();
   if (cut_ && session_->frame())
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());
-  if (box_) draw_box(view, session_->bounds(), {230, 230, 230}, picture_area());
+  if (session_->scene.outline) draw_box(view, session_->bounds(), {150, 150, 150}, picture_area());
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), picture_area());

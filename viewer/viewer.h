@@ -63,6 +63,8 @@ class Viewer {
   void draw_clip_box_controls();
   void draw_path_section();
   void draw_file_section();
+  void draw_picture_controls();
+  [[nodiscard]] Status save_picture(const std::string& path) const;
   void draw_hud();
   void draw_help();
   void draw_overlays();
@@ -88,8 +90,7 @@ class Viewer {
   std::optional<int> drag_;  // button of a drag that began over the picture
 
   // Shown besides the picture.
-  bool panel_ = true, help_ = false, hud_ = true, axes_ = true, box_ = false, scalar_bar_ = true, cut_ = false,
-       probe_ = true;
+  bool panel_ = true, help_ = false, hud_ = true, axes_ = true, scalar_bar_ = true, cut_ = false, probe_ = true;
   bool flying_ = false;
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change
@@ -98,7 +99,8 @@ class Viewer {
 
   CameraPath path_;
   std::optional<double> playing_;  // seconds since its beginning
-  std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{};
+  std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{}, title_{};
+  bool saves_bar_ = false, saves_transparent_ = false;
 };
 
 }  // namespace splatvol

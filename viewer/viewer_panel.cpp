@@ -4,6 +4,7 @@
 
 #include "base/file.h"
 #include "base/replaceable.h"
+#include "scene/contrast.h"
 #include "viewer/viewer.h"
 
 namespace splatvol {
@@ -133,7 +134,7 @@ void Viewer::draw_view_section() {
   draw_clip_box_controls();
   ImGui::Checkbox("axes", &axes_);
   ImGui::SameLine();
-  ImGui::Checkbox("box", &box_);
+  ImGui::Checkbox("box", &session_->scene.outline);
   ImGui::SameLine();
   ImGui::Checkbox("scalar bar", &scalar_bar_);
   ImGui::Checkbox("HUD", &hud_);
@@ -177,18 +178,39 @@ void Viewer::draw_file_section() {
     save(scene_name_.data(), write_json(scene_name_.data(), scene_to_json(session_->scene)));
   ImGui::SameLine();
   if (ImGui::SmallButton("load scene")) open(scene_name_.data());
-  ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
-  if (ImGui::SmallButton("save picture (.png, .exr)")) {
-    const auto image = session_->image();
-    Status status = image ? Status() : tl::unexpected(image.error());
-    if (status && !is_image_path(picture_name_.data()))
-      status = fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", picture_name_.data());
-    if (status)
-      status =
-          write_image(picture_name_.data(), *image, session_->scene.background,
-                      {{"software", "svview"}, {"file", session_->path()}, {"attribute", session_->scene.attribute}});
-    save(picture_name_.data(), status);
+  draw_picture_controls();
+}
+
+// The same page as svrender's.
+void Viewer::draw_picture_controls() {
+  Scene& scene = session_->scene;
+  int light = is_light(scene.background) ? 1 : 0;
+  if (ImGui::Combo("background", &light, "dark\0white\0")) {
+    Scene fitting = scene;
+    fitting.transfer_function = fitting_;
+    adapt_to_background(fitting, dvec3(light));
+    fitting_ = fitting.transfer_function;
+    adapt_to_background(scene, dvec3(light));
   }
+  ImGui::InputText("title", title_.data(), title_.size());
+  ImGui::Checkbox("colour bar in the file", &saves_bar_);
+  ImGui::SameLine();
+  ImGui::Checkbox("transparent", &saves_transparent_);
+  ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
+  if (ImGui::SmallButton("save picture (.png, .exr)")) save(picture_name_.data(), save_picture(picture_name_.data()));
+}
+
+Status Viewer::save_picture(const std::string& path) const {
+  if (!is_image_path(path)) return fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", path);
+  const Scene& scene = session_->scene;
+  PageText text;
+  text.title = title_.data();
+  if (saves_bar_) text.bar = label_of(session_->attribute());
+  const bool data = path.ends_with(".exr");
+  SPLATVOL_TRY_ASSIGN(image, data ? session_->image() : session_->page(text));
+  return write_image(path, image, scene.background,
+                     {{"software", "svview"}, {"file", session_->path()}, {"attribute", scene.attribute}},
+                     saves_transparent_);
 }
 
 void Viewer::save(const std::string& what, const Status& status) {
@@ -208,7 +230,8 @@ void Viewer::draw_hud() {
   const double asked = session_->tolerance_shown(), drawn = frame->detail.tolerance_percent;
   std::string detail = "coarse while it moves";
   if (!frame->detail.goal) detail = fmt::format("tolerance {:.3g} %", asked);
-  if (!frame->detail.goal && drawn > asked) detail += fmt::format(" (memory allows {:.3g} %)", drawn);
+  if (!frame->detail.goal && drawn > asked)
+    detail += fmt::format(" (memory, or the device's largest buffer, allows {:.3g} %)", drawn);
   const FrameProgress& progress = frame->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
                                  1000 * session_->draw_seconds());

@@ -57,8 +57,9 @@ TEST(ParseScene, ReadsWhatItWrites) {
 TEST(ParseScene, ReadsEveryField) {
   json text = valid_scene();
   text["background"] = {0.1, 0.2, 0.3};
-  text["lighting"] = {{"ambient", 0.25}, {"diffuse", 2}, {"specular", 1}};
-  text["unknown"] = {{"camera", 1}};
+  text["lighting"] = {{"ambient", 0.25}, {"diffuse", 2}, {"x-specular", 1}};
+  text["x-unknown"] = {{"camera", 1}};
+  text["outline"] = true;
   const auto scene = parse_scene(text.dump());
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->camera.projection, Camera::Projection::perspective);
@@ -77,6 +78,7 @@ TEST(ParseScene, ReadsEveryField) {
   EXPECT_EQ(scene->transfer_function.densities[2].extinction, 4);
   EXPECT_EQ(scene->background, dvec3(0.1, 0.2, 0.3));
   EXPECT_EQ(scene->lighting, (Lighting{0.25, 2}));
+  EXPECT_TRUE(scene->outline);
 }
 
 TEST(ParseScene, OptionalFieldsHaveDefaults) {
@@ -84,6 +86,24 @@ TEST(ParseScene, OptionalFieldsHaveDefaults) {
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_EQ(scene->background, dvec3(0));
   EXPECT_FALSE(scene->lighting);
+}
+
+TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
+  const auto refuses = [](const std::string& pointer, const std::string& message) {
+    EXPECT_THAT(error_of(changed(pointer, 1)), StartsWith(message)) << pointer;
+  };
+  refuses("/backgroud", "backgroud: no such field; the nearest is background (");
+  refuses("/camera/upp", "camera.upp: no such field; the nearest is camera.up (");
+  refuses("/image/Width", "image.Width: no such field; the nearest is image.width (");
+  refuses("/transfer_function/colours",
+          "transfer_function.colours: no such field; the nearest is "
+          "transfer_function.colors (");
+  EXPECT_THAT(error_of(changed("/clip_box", {{"low", {0, 0, 0}}, {"hihg", {1, 1, 1}}})),
+              StartsWith("clip_box.hihg: no such field; the nearest is clip_box.high ("));
+  EXPECT_THAT(error_of(changed("/lighting", {{"ambient", 1}, {"difuse", 1}})),
+              StartsWith("lighting.difuse: no such field; the nearest is lighting.diffuse ("));
+  EXPECT_TRUE(parse_scene(changed("/camera/x-name", "front")));
+  EXPECT_THAT(error_of(changed("/outline", 1)), StartsWith("outline: "));
 }
 
 TEST(ParseScene, LightingIsOffOnOrGiven) {

@@ -65,8 +65,8 @@ TEST(DefaultScene, ThePointsFillTheImage) {
     for (dvec3& p : points) p *= extent;
     const Scene scene = scene_of(test::make_test_volume(points, random_values(1, 800)));
     const double reach = largest_reach(scene, points);
-    EXPECT_LE(reach, 1.05);  // points in the clear bin may lie beyond
-    EXPECT_GE(reach, 0.8);
+    EXPECT_LE(reach, 1);
+    EXPECT_GE(reach, 0.6);  // the material of few points reaches beyond them
   }
 }
 
@@ -77,7 +77,7 @@ TEST(DefaultScene, WorksAtEveryScaleAndPlace) {
     options.cube = {dvec3(1e3 * scale), scale};
     for (dvec3& p : points) p = options.cube.origin + scale * p;
     const Scene scene = scene_of(test::make_test_volume(points, random_values(1, 300), options));
-    EXPECT_NEAR(largest_reach(scene, points), 0.95, 0.1);
+    EXPECT_NEAR(largest_reach(scene, points), 0.75, 0.15);
     double densest = 0;
     for (const auto& density : scene.transfer_function.densities) densest = std::max(densest, density.extinction);
     EXPECT_GE(densest * scale, 2);
@@ -126,7 +126,7 @@ TEST(DefaultScene, TakesASinglePointAndAConstant) {
       const Scene scene = scene_of(test::make_test_volume(points, Values(1, std::vector<double>(count, value))));
       EXPECT_TRUE(parse_scene(scene_to_json(scene)));
       EXPECT_GT(scene.transfer_function.extinction(value), 0);
-      EXPECT_LE(largest_reach(scene, points), 1e-6);
+      EXPECT_LE(largest_reach(scene, points), 0.9);
     }
   }
 }

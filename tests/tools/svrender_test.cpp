@@ -192,6 +192,107 @@ TEST_F(Svrender, AlongAPathItMeasuresTheSteps) {
   for (std::size_t i = 1; i < frames.size(); ++i) EXPECT_GT(frames[i].at("step"), 0.0);
 }
 
+TEST_F(Svrender, FramesNeedATaker) {
+  for (const char* options : {"-o out.png --path 4,90,1", "-o out.png --turntable 4", "--movie out.mp4",
+                              "--movie out.avi --turntable 4", "--turntable 4 --path 4,90,1 --movie out.mp4", ""}) {
+    const Outcome outcome = run(fmt::format("v.svol --scene s.json {}", options));
+    EXPECT_EQ(outcome.code, 2) << options;
+  }
+  EXPECT_THAT(run("v.svol --scene s.json -o out.png --path 4,90,1").text, HasSubstr("--progress-frames"));
+}
+
+TEST_F(Svrender, AFullTurnDoesNotRepeatItsFirstFrame) {
+  for (const char* turn : {"--path 4,360,1", "--turntable 4"}) {
+    std::filesystem::create_directories(path("frames"));
+    const Outcome outcome = run(fmt::format("v.svol --scene s.json -o last.png --progress-frames frames {}", turn));
+    ASSERT_EQ(outcome.code, 0) << outcome.text;
+    std::vector<std::string> frames;
+    for (int i = 0; i < 4; ++i)
+      frames.push_back(read_text_file(path(fmt::format("frames/frame-000{}.png", i))).value());
+    for (int i = 0; i < 4; ++i)
+      for (int j = 0; j < i; ++j) EXPECT_NE(frames[i], frames[j]) << turn << ' ' << i << ' ' << j;
+    EXPECT_FALSE(std::filesystem::exists(path("frames/frame-0004.png")));
+    std::filesystem::remove_all(path("frames"));
+  }
+}
+
+TEST_F(Svrender, FfmpegJoinsTheFramesOfAMovie) {
+  const std::string movie = "v.svol --turntable 3 --size 65x48 --movie turn.mp4";
+  // A program that says what it was given, and copies the last frame.
+  std::filesystem::create_directories(path("bin"));
+  std::ofstream(path("bin/ffmpeg")) << "#!/bin/sh\necho \"$@\" > ../args\necho \"$@\" > args\n"
+                                       "for last; do :; done; cp turn.mp4.frames/frame-0002.png \"$last\"\n";
+  std::filesystem::permissions(path("bin/ffmpeg"), std::filesystem::perms::owner_all);
+  const auto with_path = [&](const std::string& folders, const std::string& arguments) {
+    const std::string before = std::getenv("PATH");
+    ::setenv("PATH", folders.c_str(), 1);
+    Outcome outcome = run(arguments);
+    ::setenv("PATH", before.c_str(), 1);
+    return outcome;
+  };
+  const Outcome made = with_path(path("bin") + ":/bin:/usr/bin", movie);
+  ASSERT_EQ(made.code, 0) << made.text;
+  EXPECT_TRUE(std::filesystem::exists(path("turn.mp4")));
+  EXPECT_FALSE(std::filesystem::exists(path("turn.mp4.frames")));
+  EXPECT_THAT(read_text_file(path("args")).value(),
+              testing::AllOf(HasSubstr("-framerate 30"), HasSubstr("-frames:v 3"), HasSubstr("frame-%04d.png")));
+
+  // Without ffmpeg, and with one that fails, the frames stay.
+  for (const std::string& folders : {path(""), path("bin") + ":/nowhere"}) {
+    std::filesystem::remove(path("turn.mp4"));
+    std::ofstream(path("bin/ffmpeg")) << "#!/bin/sh\necho no such codec >&2\nexit 3\n";
+    const Outcome outcome = with_path(folders + ":/bin", movie);
+    if (outcome.code == 0) GTEST_SKIP() << "an ffmpeg in /bin";
+    EXPECT_EQ(outcome.code, 1);
+    EXPECT_THAT(outcome.text, testing::AllOf(HasSubstr("3 frames are in turn.mp4.frames"), HasSubstr("ffmpeg")));
+    EXPECT_TRUE(std::filesystem::exists(path("turn.mp4.frames/frame-0002.png")));
+    EXPECT_FALSE(std::filesystem::exists(path("turn.mp4")));
+    EXPECT_EQ(with_path(folders + ":/bin", movie).code, 1) << "the frames of before are replaced";
+    std::filesystem::remove_all(path("turn.mp4.frames"));
+  }
+}
+
+TEST_F(Svrender, MakesAPageInOneCommand) {
+  const Outcome outcome = run("v.svol -o out.png --size 320x240 --background white --colour-bar --title 'A flow'");
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  const std::string plain = read_text_file(path("out.png")).value();
+  ASSERT_EQ(run("v.svol -o out.png --size 320x240 --background '#ffffff' --transparent").code, 0);
+  EXPECT_NE(plain, read_text_file(path("out.png")).value());
+  std::filesystem::remove(path("out.png"));
+  expect_refusal("v.svol -o out.exr --title T", "need a .png");
+  expect_refusal("v.svol -o out.png --attribute heat", "no attribute \"heat\"");
+  EXPECT_EQ(run("v.svol -o out.png --background grey").code, 2);
+  EXPECT_EQ(run("v.svol -o out.png --scene s.json --attribute a0").code, 2);
+}
+
+TEST_F(Svrender, SaysWhyAPictureIsEmpty) {
+  const auto draw = [&] {
+    write_scene();
+    const Outcome outcome = run("v.svol --scene s.json -o out.png");
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return outcome.text;
+  };
+  EXPECT_THAT(draw(), testing::Not(HasSubstr("shows nothing")));
+  const nlohmann::json scene = scene_;
+  scene_["camera"]["focal_point"] = {0.5, 0.5, 8};
+  EXPECT_THAT(draw(), HasSubstr("svrender: out.png shows nothing: the data lies outside of the view"));
+  scene_ = scene;
+  scene_["transfer_function"]["density"] = {{0, 0}, {1, 0}};
+  EXPECT_THAT(draw(), HasSubstr("the transfer function hides every value"));
+  scene_ = scene;
+  scene_["clip_box"] = {{"low", {5, 5, 5}}, {"high", {6, 6, 6}}};
+  EXPECT_THAT(draw(), HasSubstr("the clip box excludes all of the data"));
+  scene_ = scene;
+  scene_["transfer_function"]["density"] = {{0, 1e-6}, {1, 1e-6}};
+  EXPECT_THAT(draw(), HasSubstr("too faint"));
+}
+
+TEST_F(Svrender, TheDevicesBufferIsNoMemory) {
+  const Outcome outcome = run("v.svol --scene s.json -o out.png --tolerance 0 --gpu-memory 300K");
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  EXPECT_THAT(outcome.text, HasSubstr("splats that --gpu-memory 300K holds"));
+}
+
 TEST_F(Svrender, AFileWithoutTheColumnsSaysWhatToDo) {
   test::TestVolumeOptions options;
   options.moments = false;
@@ -225,11 +326,11 @@ TEST_F(Svrender, RefusesScenesThatItCannotDraw) {
 
 TEST_F(Svrender, WrongUsageIsTwo) {
   for (const char* arguments :
-       {"", "v.svol", "v.svol --scene s.json -o out.jpg", "v.svol --scene s.json -o out.exr --tolerance -1",
-        "v.svol --scene s.json -o out.exr --tolerance nan", "v.svol --scene s.json -o out.exr --resolution -1",
-        "v.svol --scene s.json -o out.exr --kernel round", "v.svol --scene s.json -o out.exr --memory lots",
-        "v.svol --scene s.json -o out.exr --size 5", "v.svol --scene s.json -o out.exr --repeat 0",
-        "v.svol --scene s.json -o out.exr --nonsense"})
+       {"", "v.svol", "v.svol --scene s.json", "v.svol --scene s.json -o out.jpg",
+        "v.svol --scene s.json -o out.exr --tolerance -1", "v.svol --scene s.json -o out.exr --tolerance nan",
+        "v.svol --scene s.json -o out.exr --resolution -1", "v.svol --scene s.json -o out.exr --kernel round",
+        "v.svol --scene s.json -o out.exr --memory lots", "v.svol --scene s.json -o out.exr --size 5",
+        "v.svol --scene s.json -o out.exr --repeat 0", "v.svol --scene s.json -o out.exr --nonsense"})
     EXPECT_EQ(run(arguments).code, 2) << arguments;
   EXPECT_EQ(run("--help").code, 0);
   EXPECT_EQ(run("--version").code, 0);

@@ -1,0 +1,52 @@
+#include "streamer/explain.h"
+
+#include <array>
+
+#include "streamer/visibility.h"
+
+namespace splatvol {
+namespace {
+
+bool is_in_sight(const View& view, const Box& box) {
+  // A box is in sight if each of the five planes has a corner inside. Some boxes beside the view pass too.
+  for (int plane = 0; plane < 5; ++plane) {
+    bool inside = false;
+    for (int corner = 0; corner < 8; ++corner) {
+      const dvec3 p = view.to_view({corner & 1 ? box.high.x : box.low.x, corner & 2 ? box.high.y : box.low.y,
+                                    corner & 4 ? box.high.z : box.low.z});
+      const double depth = view.orthographic ? 1 : p.z;
+      const double x = view.focal * p.x, y = view.focal * p.y;
+      const double half_width = 0.5 * view.width * depth, half_height = 0.5 * view.height * depth;
+      const std::array<double, 5> distances = {view.orthographic ? 1 : p.z, half_width - x, half_width + x,
+                                               half_height - y, half_height + y};
+      inside = inside || distances[static_cast<std::size_t>(plane)] > 0;
+    }
+    if (!inside) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+EmptyReason why_empty(const View& view, const TransferFunction& function, const format::Attribute& attribute,
+                      const Box& bounds) {
+  if (!is_in_sight(view, bounds)) return {"the data lies outside of the view", "turn the camera to the data"};
+  const ValueVisibility visibility(function, attribute);
+  const auto low = static_cast<float>(attribute.min - attribute.offset);
+  const auto high = static_cast<float>(attribute.max - attribute.offset);
+  if (!visibility.shows(low, high, ~std::uint64_t{0}))
+    return {"the transfer function hides every value", "raise the density, or widen the domain"};
+  if (const auto& box = view.clip_box) {
+    const bool apart =
+        glm::any(glm::greaterThan(box->low, bounds.high)) || glm::any(glm::lessThan(box->high, bounds.low));
+    if (apart) return {"the clip box excludes all of the data", "move it, or leave it out"};
+  }
+  return {};
+}
+
+EmptyReason why_empty_in_view(bool has_splats) {
+  if (!has_splats) return {"the transfer function hides every value in view", "raise the density, or widen the domain"};
+  return {"all that is in view is too faint to be seen", "raise the density"};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,15 @@
+// Which attribute a first picture shows.
+#pragma once
+
+#include "base/error.h"
+#include "format/volume.h"
+
+namespace splatvol {
+
+/// Returns the index of the attribute that a first picture shows. In order of preference, and within each class in the
+/// order of the file: magnitudes of vectors and pressures; other quantities; components of vectors; attributes of which
+/// most values are missing; whole numbers of few kinds (labels) or that count (ids); constants. Fails if no attribute
+/// has a value, and if the file cannot be read.
+[[nodiscard]] Result<int> choose_first_attribute(const format::Volume& volume);
+
+}  // namespace splatvol

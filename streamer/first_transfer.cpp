@@ -1,0 +1,327 @@
+#include "streamer/first_transfer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "scene/color_maps.h"
+
+namespace splatvol {
+namespace {
+
+// A normal distribution as three values, with their weights.
+struct Node {
+  double deviations, weight;
+};
+constexpr std::array<Node, 3> nodes = {{{-std::numbers::sqrt3, 1.0 / 6}, {0, 2.0 / 3}, {std::numbers::sqrt3, 1.0 / 6}}};
+
+struct Interval {
+  double low, high;
+  [[nodiscard]] double width() const { return high - low; }
+};
+
+struct WeightedValue {
+  double value;
+  double count;  // of splats. Each stands for about as many points, so small cells count like large ones
+  double volume;
+};
+using Values = std::vector<WeightedValue>;
+
+Values values_of(const std::vector<SurveySplat>& splats, const Interval& limits) {
+  Values values;
+  for (const SurveySplat& splat : splats)
+    for (const Node& node : nodes)
+      if (splat.has_value)
+        values.push_back({std::clamp(splat.value + node.deviations * splat.deviation, limits.low, limits.high),
+                          node.weight, node.weight * splat.volume});
+  std::ranges::sort(values, {}, &WeightedValue::value);
+  return values;
+}
+
+double total(std::span<const WeightedValue> values, double WeightedValue::*weight) {
+  return std::accumulate(values.begin(), values.end(), 0.0,
+                         [&](double sum, const WeightedValue& value) { return sum + value.*weight; });
+}
+
+// Returns the value below which this share of the splats is. Requires sorted values, at least one.
+double quantile(std::span<const WeightedValue> values, double share) {
+  double left = share * total(values, &WeightedValue::count);
+  for (const WeightedValue& value : values)
+    if ((left -= value.count) <= 0) return value.value;
+  return values.back().value;
+}
+
+// Returns the shortest interval that holds this share of the volume.
+Interval shortest_interval(const Values& values, double share) {
+  const double wanted = share * total(values, &WeightedValue::volume);
+  Interval shortest{values.front().value, values.back().value};
+  double inside = 0;
+  for (std::size_t low = 0, high = 0; low < values.size(); inside -= values[low++].volume) {
+    while (high < values.size() && inside < wanted) inside += values[high++].volume;
+    if (inside < wanted) break;
+    const Interval interval{values[low].value, values[high - 1].value};
+    if (interval.width() < shortest.width()) shortest = interval;
+  }
+  return shortest;
+}
+
+// What is known of the values before colours and densities are chosen.
+struct Findings {
+  Interval range{};           // the domain
+  Interval clear{};           // values that draw least: those of the surroundings, or one value
+  bool surroundings = false;  // most of the volume has about the same value
+};
+
+constexpr double share_left_out = 0.01;          // at either end, so that outliers do not flatten the rest
+constexpr double share_of_outliers = 1e-4;       // at either end, at least one and a half splats of many
+constexpr double narrow = 0.08;                  // of all values: such an interval is one value
+constexpr double share_of_a_side = 0.05;         // of the splats outside of the surroundings; fewer are outliers
+constexpr double least_side_of_diverging = 0.2;  // of the longer side
+constexpr double fewest_beyond = 20;             // splats outside of the surroundings
+constexpr double clear_margin = 0.03;            // of the range, round the surroundings: there they fade out
+
+// If at least half of the volume has about one value, this is the free stream, or what lies round the data. There must
+// be data: some values beyond may be outliers.
+std::optional<Interval> find_surroundings(const Values& values, double width) {
+  for (const double share : {0.9, 0.75, 0.5}) {
+    const Interval interval = shortest_interval(values, share);
+    double beyond = 0;
+    for (const WeightedValue& value : values)
+      if (value.value < interval.low || value.value > interval.high) beyond += value.count;
+    if (interval.width() <= narrow * width && beyond >= fewest_beyond) return interval;
+  }
+  return {};
+}
+
+// Extends the surroundings by the values beyond, side by side, unless they are too few to be seen.
+Interval range_round(const Values& values, const Interval& clear) {
+  const auto first_inside = std::ranges::lower_bound(values, clear.low, {}, &WeightedValue::value);
+  const auto behind = std::ranges::upper_bound(values, clear.high, {}, &WeightedValue::value);
+  const std::span<const WeightedValue> below(values.begin(), first_inside), above(behind, values.end());
+  const double count_below = total(below, &WeightedValue::count), count_above = total(above, &WeightedValue::count);
+  const double least = share_of_a_side * (count_below + count_above);
+  Interval range = clear;
+  if (count_below > 0 && count_below >= least) range.low = quantile(below, 2 * share_left_out);
+  if (count_above > 0 && count_above >= least) range.high = quantile(above, 1 - 2 * share_left_out);
+  return range;
+}
+
+Findings study(const Values& values) {
+  Findings findings;
+  const double count = total(values, &WeightedValue::count);
+  const double outliers = std::clamp(1.5 / count, share_of_outliers, 2 * share_left_out);
+  const Interval all{quantile(values, outliers), quantile(values, 1 - outliers)};
+  if (const auto surroundings = find_surroundings(values, all.width())) {
+    findings.surroundings = true;
+    findings.clear = *surroundings;
+    findings.range = range_round(values, *surroundings);
+    const double more = clear_margin * findings.range.width();
+    findings.clear = {std::max(surroundings->low - more, findings.range.low),
+                      std::min(surroundings->high + more, findings.range.high)};
+    return findings;
+  }
+  findings.range = {quantile(values, share_left_out), quantile(values, 1 - share_left_out)};
+  const double clear = std::clamp(0.0, findings.range.low, findings.range.high);  // the value nearest to 0
+  findings.clear = {clear, clear};
+  return findings;
+}
+
+// Returns the least density. If the material fills little of its box, or the box is flat, its shape is worth a look,
+// and no value of it is clear. If it fills the box, a least density would be a fog. Nor must surroundings of larger
+// cells be seen.
+double least_density(const std::vector<SurveySplat>& splats, const Findings& findings) {
+  constexpr double filled = 0.3, deep = 0.1, most = 0.5;
+  const Box box = bounds_of(splats);
+  const dvec3 extent = box.extent();
+  const double box_volume = extent.x * extent.y * extent.z;
+  double volume = 0, volume_inside = 0, inside = 0, count = 0;
+  for (const SurveySplat& splat : splats) {
+    const bool is_inside = splat.value >= findings.clear.low && splat.value <= findings.clear.high;
+    volume += splat.volume, count += 1;
+    if (is_inside) volume_inside += splat.volume, inside += 1;
+  }
+  const bool larger_cells = inside * (volume - volume_inside) < 0.5 * (count - inside) * volume_inside;
+  if (!(box_volume > 0) || (findings.surroundings && larger_cells)) return 0;
+  const double shortest = std::min({extent.x, extent.y, extent.z});
+  const double longest = std::max({extent.x, extent.y, extent.z});
+  const double depth = shortest / (extent.x + extent.y + extent.z - shortest - longest);  // against the middle side
+  const double emptiness = std::clamp(1 - volume / (filled * box_volume), 0.0, 1.0);
+  return most * std::max(emptiness, std::clamp(1 - depth / deep, 0.0, 1.0));
+}
+
+// A rise from the clear values to both ends, as fast on both sides. It is linear, but quadratic round surroundings: far
+// away, values come near those of the surroundings slowly, and rays are long there.
+std::vector<TransferFunction::Density> densities_of(const TransferFunction& function, const Findings& findings,
+                                                    double least) {
+  const auto parameter = [&](double value) {
+    return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
+  };
+  const double low = parameter(findings.clear.low), high = parameter(findings.clear.high);
+  const double farthest = std::max(low, 1 - high);
+  if (!(farthest > 0)) return {{0, 1}};
+  const auto density = [&](double away) {
+    const double share = away / farthest;
+    return least + (1 - least) * (findings.surroundings ? share * share : share);
+  };
+  constexpr std::array<double, 3> shares = {1, 0.5, 0.25};
+  const std::size_t first = 0, last = findings.surroundings ? 3 : 1;
+  std::vector<TransferFunction::Density> densities;
+  for (std::size_t i = first; i < last && low > 0; ++i)
+    densities.push_back({low - shares[i] * low, density(shares[i] * low)});
+  densities.push_back({low, least});
+  if (high > low) densities.push_back({high, least});
+  for (std::size_t i = last; i > first && high < 1; --i)
+    densities.push_back({high + shares[i - 1] * (1 - high), density(shares[i - 1] * (1 - high))});
+  return densities;
+}
+
+// Viridis, bright where it is dense, so that it stands out from a dark background.
+std::vector<TransferFunction::Color> sequential(bool dense_above) {
+  const ColorMap& viridis = color_maps()[0];
+  auto colors = dense_above ? viridis.colors : reversed(viridis.colors);
+  for (auto& [t, rgb] : colors) rgb = glm::round(1e4 * rgb) / 1e4;  // short enough for a file that a person edits
+  return colors;
+}
+
+TransferFunction constant_function(double value) {
+  const double half = value == 0 ? 1 : 1e-3 * std::abs(value);
+  TransferFunction function;
+  function.lo = value - half, function.hi = value + half;
+  function.colors = short_cool_to_warm();
+  function.densities = {{0, 1}};
+  return function;
+}
+
+}  // namespace
+
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, const format::Attribute& attribute) {
+  const Values values = values_of(splats, {attribute.min, attribute.max});
+  const Findings findings = study(values);
+  const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));
+  if (!(findings.range.width() > 1e-6 * largest)) return constant_function(quantile(values, 0.5));
+
+  TransferFunction function;
+  const double middle = 0.5 * (findings.clear.low + findings.clear.high);
+  const double below = middle - findings.range.low, above = findings.range.high - middle;
+  const bool diverging = std::min(below, above) >= least_side_of_diverging * std::max(below, above);
+  if (diverging) {
+    function.lo = middle - std::max(below, above), function.hi = middle + std::max(below, above);
+    function.colors = short_cool_to_warm();
+  } else {
+    function.lo = findings.range.low, function.hi = findings.range.high;
+    function.colors = sequential(above >= below);
+  }
+  function.densities = densities_of(function, findings, least_density(splats, findings));
+  return function;
+}
+
+double mean_extinction(const TransferFunction& function, const SurveySplat& splat) {
+  if (!splat.has_value) return 0;
+  double extinction = 0;
+  for (const Node& node : nodes)
+    extinction += node.weight * function.extinction(splat.value + node.deviations * splat.deviation);
+  return extinction;
+}
+
+namespace {
+
+// A splat as a uniform ellipsoid in which rays have chords.
+struct Ellipsoid {
+  dvec3 center;
+  dmat3 to_ball;      // turns the ellipsoid into the unit ball
+  double radius;      // of a ball round the ellipsoid
+  double extinction;  // of its material, times its density in the ellipsoid
+  double weight;      // of the rays through it
+
+  // Returns the optical depth of a ray through `eye` along a unit vector, or of a line if it is orthographic.
+  [[nodiscard]] double depth(const dvec3& eye, const dvec3& direction) const {
+    const dvec3 to_center = center - eye;
+    const double along = glm::dot(to_center, direction);
+    if (glm::dot(to_center, to_center) - along * along > radius * radius) return 0;
+    const dvec3 o = to_ball * to_center, d = to_ball * direction;
+    const double length = glm::length(d);
+    const dvec3 across = glm::cross(o, d) / length;
+    const double rest = 1 - glm::dot(across, across);
+    return rest > 0 ? extinction * 2 * std::sqrt(rest) / length : 0;
+  }
+};
+
+constexpr double largest_share = 1.0 / 32;  // of the picture's height: the side of a splat that gets most rays
+constexpr std::size_t rays = 256;
+
+std::vector<Ellipsoid> ellipsoids_of(const std::vector<SurveySplat>& splats, const TransferFunction& function,
+                                     const View& view) {
+  std::vector<Ellipsoid> ellipsoids;
+  for (const SurveySplat& splat : splats) {
+    const double extinction = mean_extinction(function, splat);
+    const dvec3 deviations(glm::length(splat.axes[0]), glm::length(splat.axes[1]), glm::length(splat.axes[2]));
+    if (!(extinction > 0 && splat.volume > 0 && deviations.x > 0)) continue;
+    // A pixel shows the mean over its area: splats that are thinner than a pixel count as wide as one.
+    const double depth = view.orthographic ? 1 : std::max(view.to_view(splat.center).z, deviations.x);
+    const double pixel = depth / view.focal;
+    const dvec3 radii = std::sqrt(5.0) * glm::max(deviations, dvec3(std::max(0.4 * pixel, 1e-4 * deviations.x)));
+    const double volume = 4 * std::numbers::pi / 3 * radii.x * radii.y * radii.z;
+    dmat3 to_ball(0);
+    for (int k = 0; k < 3; ++k) {
+      dvec3 axis(0);
+      axis[k] = 1;
+      if (deviations[k] > 0)
+        axis = splat.axes[k] / deviations[k];
+      else if (k == 2)
+        axis = glm::cross(splat.axes[0] / deviations.x, deviations.y > 0 ? splat.axes[1] / deviations.y : dvec3(0));
+      for (int column = 0; column < 3; ++column) to_ball[column][k] = axis[column] / radii[k];
+    }
+    const double side = std::sqrt(radii.x * radii.y) / pixel / view.height;
+    const double weight = extinction * std::pow(std::min(side, largest_share), 2);
+    ellipsoids.push_back({splat.center, to_ball, radii.x, extinction * splat.volume / volume, weight});
+  }
+  return ellipsoids;
+}
+
+// Optical depths of rays through splats, at equal steps of the weights.
+std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, const View& view) {
+  double sum = 0;
+  for (const Ellipsoid& ellipsoid : ellipsoids) sum += ellipsoid.weight;
+  std::vector<double> depths;
+  double passed = 0;
+  for (const Ellipsoid& through : ellipsoids) {
+    const double before = passed;
+    passed += through.weight;
+    const auto number = [&](double weight) { return std::floor(weight / sum * static_cast<double>(rays) + 0.5); };
+    const double ray_count = number(passed) - number(before);
+    if (ray_count < 1) continue;
+    const dvec3 direction = view.orthographic ? view.forward : glm::normalize(through.center - view.eye);
+    const dvec3 eye = view.orthographic ? through.center : view.eye;
+    double depth = 0;
+    for (const Ellipsoid& ellipsoid : ellipsoids) depth += ellipsoid.depth(eye, direction);
+    if (depth > 0) depths.insert(depths.end(), static_cast<std::size_t>(ray_count), depth);
+  }
+  return depths;
+}
+
+}  // namespace
+
+double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera,
+                      double opacity) {
+  const auto view = make_view(camera, 512, 512);
+  if (!view) return 1;
+  const std::vector<double> depths = optical_depths(ellipsoids_of(splats, function, *view), *view);
+  if (depths.empty()) return 1;
+  const auto mean_opacity = [&](double factor) {
+    double sum = 0;
+    for (const double depth : depths) sum -= std::expm1(-factor * depth);
+    return sum / static_cast<double>(depths.size());
+  };
+  const auto [least, most] = std::ranges::minmax(depths);
+  const double wanted = -std::log1p(-opacity);
+  double low = std::log(wanted / most), high = std::log(wanted / least);
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    (mean_opacity(std::exp(middle)) < opacity ? low : high) = middle;
+  }
+  return std::exp(0.5 * (low + high));
+}
+
+}  // namespace splatvol

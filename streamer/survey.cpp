@@ -1,0 +1,120 @@
+#include "streamer/survey.h"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace splatvol {
+namespace {
+
+// Reads chunks of one row after another. Consecutive rows share a page of the directory.
+class RowReader {
+ public:
+  explicit RowReader(const format::Volume& volume) : volume_(volume) {}
+
+  // Appends a column of a row to `all`. `unpack` is one of format's functions for it.
+  template <class Element, class Unpack>
+  Status append(std::uint64_t row, std::uint32_t count, int column, const Unpack& unpack, std::vector<Element>& all) {
+    const std::uint64_t number = volume_.directory_page_of_row(row);
+    if (page_.chunks.empty() || number != page_number_) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+      page_ = std::move(page);
+      page_number_ = number;
+    }
+    const format::ChunkLocation& location = volume_.find_chunk(page_, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
+    all.resize(all.size() + count);
+    return unpack(location.entry, packed, std::span(all).last(count), volume_.name());
+  }
+
+ private:
+  const format::Volume& volume_;
+  format::DirectoryPage page_;
+  std::uint64_t page_number_ = 0;
+};
+
+SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, const format::SplatValue& value,
+                     double offset) {
+  SurveySplat splat;
+  splat.center = centroid;
+  splat.axes = glm::mat3_cast(shape.orientation);
+  for (int k = 0; k < 3; ++k) splat.axes[k] *= shape.deviations[k];
+  splat.volume = shape.mass * value.coverage;
+  splat.value = offset + value.mean;
+  splat.deviation = value.deviation;
+  splat.has_value = value.coverage > 0 && shape.mass > 0;
+  return splat;
+}
+
+}  // namespace
+
+double SurveySplat::reach(const dvec3& direction) const {
+  return std::sqrt(3.0) * glm::length(glm::transpose(axes) * direction);
+}
+
+std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats) {
+  const auto& counts = info.resolution_counts;
+  const auto finer = std::ranges::upper_bound(counts, most_splats);
+  return finer == counts.begin() ? 0 : static_cast<std::size_t>(finer - counts.begin()) - 1;
+}
+
+Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                 std::uint64_t most_splats) {
+  using format::ColumnKind;
+  const format::VolumeInfo& info = volume.info();
+  const int centroid = info.find_column(ColumnKind::centroid), moments = info.find_column(ColumnKind::moments),
+            value_moments = info.find_column(ColumnKind::value_moments, attribute);
+  if (std::min({centroid, moments, value_moments}) < 0)
+    return fail(ErrorCode::unsupported,
+                "{}: has no splat moments, which a first scene needs: build it again with "
+                "svbuild",
+                volume.name());
+  const std::size_t resolution = survey_resolution(info, most_splats);
+  std::vector<dvec3> centroids;
+  std::vector<format::SplatShape> shapes;
+  std::vector<format::SplatValue> values;
+  RowReader reader(volume);
+  for (std::uint64_t group = 0; centroids.size() < info.resolution_counts[resolution]; ++group) {
+    const std::uint64_t row = volume.rows().row(resolution, group);
+    const std::uint32_t count = volume.rows().group(group).count;
+    SPLATVOL_TRY(reader.append(row, count, centroid, &format::unpack_positions, centroids));
+    SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, shapes));
+    SPLATVOL_TRY(reader.append(row, count, value_moments, &format::unpack_value_moments, values));
+  }
+  const double offset = info.attributes[static_cast<std::size_t>(attribute)].offset;
+  std::vector<SurveySplat> splats;
+  splats.reserve(centroids.size());
+  for (std::size_t i = 0; i < centroids.size(); ++i)
+    splats.push_back(splat_of(centroids[i], shapes[i], values[i], offset));
+  return splats;
+}
+
+Result<std::vector<double>> survey_values(const format::Volume& volume, int attribute, std::uint64_t most_points) {
+  const format::VolumeInfo& info = volume.info();
+  const int column = info.find_column(format::ColumnKind::value, attribute);
+  if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
+  const std::size_t resolution = survey_resolution(info, most_points);
+  std::vector<float> stored;
+  RowReader reader(volume);
+  for (std::uint64_t index = 0; stored.size() < info.resolution_counts[resolution]; ++index) {
+    const format::Group group = volume.rows().group(index);
+    SPLATVOL_TRY(
+        reader.append(volume.rows().row(group.segment, index), group.count, column, &format::unpack_values, stored));
+  }
+  const double offset = info.attributes[static_cast<std::size_t>(attribute)].offset;
+  std::vector<double> values;
+  values.reserve(stored.size());
+  for (const float value : stored) values.push_back(offset + static_cast<double>(value));
+  return values;
+}
+
+Box bounds_of(const std::vector<SurveySplat>& splats) {
+  Box box;
+  for (const SurveySplat& splat : splats) {
+    const dvec3 half(splat.reach({1, 0, 0}), splat.reach({0, 1, 0}), splat.reach({0, 0, 1}));
+    box.include({splat.center - half, splat.center + half});
+  }
+  return box;
+}
+
+}  // namespace splatvol

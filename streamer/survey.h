@@ -1,0 +1,42 @@
+// What a volume holds, from its coarse splats alone: enough to choose a first view.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/volume.h"
+
+namespace splatvol {
+
+/// A splat of the survey: its material as a uniform ellipsoid.
+struct SurveySplat {
+  dvec3 center;
+  dmat3 axes;             // columns: principal axes times the standard deviations along them, world units
+  double volume = 0;      // of the material that has a value
+  double value = 0;       // mean
+  double deviation = 0;   // standard deviation of the value
+  bool has_value = true;  // false: value and deviation mean nothing
+
+  /// Returns how far the material reaches from its centre along a unit vector. Exact for a box along the axes of the
+  /// world, if `direction` is one of these.
+  [[nodiscard]] double reach(const dvec3& direction) const;
+};
+
+/// Returns the finest resolution with at most `most_splats` splats, or the coarsest if all have more.
+[[nodiscard]] std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats);
+
+/// Reads the splats of survey_resolution, with the values of an attribute: some hundred KiB of any file. Fails if the
+/// file cannot be read, is damaged, or lacks moments.
+[[nodiscard]] Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                               std::uint64_t most_splats);
+
+/// Reads the values of an attribute at the points of survey_resolution; missing ones are NaN.
+[[nodiscard]] Result<std::vector<double>> survey_values(const format::Volume& volume, int attribute,
+                                                        std::uint64_t most_points);
+
+/// Returns the box round the material of all splats, with or without a value.
+[[nodiscard]] Box bounds_of(const std::vector<SurveySplat>& splats);
+
+}  // namespace splatvol

@@ -1,0 +1,267 @@
+// From a mesh to its first picture: what the camera shows, how opaque the material is, and which attribute is chosen.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <string>
+
+#include "base/file.h"
+#include "builder/build.h"
+#include "renderer/context.h"
+#include "renderer/renderer.h"
+#include "scene/contrast.h"
+#include "streamer/default_scene.h"
+#include "streamer/first_attribute.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+namespace {
+
+using Shape = std::function<dvec3(const dvec3&)>;         // of [0, 1]^3
+using Field = std::function<double(const dvec3& place)>;  // of the shape's positions
+
+// A lattice of cells, bent to a shape.
+class LatticeSource final : public Source {
+ public:
+  LatticeSource(std::array<int, 3> cells, Shape shape, std::vector<std::pair<std::string, Field>> fields)
+      : cells_(cells), shape_(std::move(shape)), fields_(std::move(fields)) {
+    for (const auto& [name, field] : fields_) names_.push_back(name);
+  }
+
+  const std::vector<std::string>& attributes() const override { return names_; }
+  std::size_t piece_count() const override { return 1; }
+  Result<std::unique_ptr<Piece>> next() override {
+    if (done_) return std::unique_ptr<Piece>();
+    done_ = true;
+    auto piece = std::make_unique<Piece>();
+    piece->values.resize(fields_.size());
+    for (int k = 0; k <= cells_[2]; ++k)
+      for (int j = 0; j <= cells_[1]; ++j)
+        for (int i = 0; i <= cells_[0]; ++i) {
+          const dvec3 p = shape_(dvec3(i, j, k) / dvec3(cells_[0], cells_[1], cells_[2]));
+          piece->points.push_back(p);
+          for (std::size_t f = 0; f < fields_.size(); ++f) piece->values[f].push_back(fields_[f].second(p));
+        }
+    for (int k = 0; k < cells_[2]; ++k)
+      for (int j = 0; j < cells_[1]; ++j)
+        for (int i = 0; i < cells_[0]; ++i) add_cell(*piece, i, j, k);
+    return piece;
+  }
+
+ private:
+  // Six tetrahedra round the diagonal of a cell.
+  void add_cell(Piece& piece, int i, int j, int k) const {
+    const auto at = [&](const std::array<int, 3>& c) {
+      return static_cast<std::uint32_t>(i + c[0] + (cells_[0] + 1) * (j + c[1] + (cells_[1] + 1) * (k + c[2])));
+    };
+    std::array<int, 3> order{0, 1, 2};
+    do {
+      std::array<int, 3> corner{};
+      std::array<std::uint32_t, 4> tetrahedron{at(corner)};
+      for (std::size_t step = 0; step < 3; ++step) {
+        corner[static_cast<std::size_t>(order[step])] = 1;
+        tetrahedron[step + 1] = at(corner);
+      }
+      piece.tetrahedra.push_back(tetrahedron);
+    } while (std::ranges::next_permutation(order).found);
+  }
+
+  std::array<int, 3> cells_;
+  Shape shape_;
+  std::vector<std::pair<std::string, Field>> fields_;
+  std::vector<std::string> names_;
+  bool done_ = false;
+};
+
+double seven(const dvec3&) { return 7; }
+
+class RendererTestFirstPicture : public testing::Test {
+ protected:
+  void SetUp() override { ASSERT_TRUE(context_) << context_.error().message; }
+  void TearDown() override { std::filesystem::remove(file_); }
+
+  // Builds a volume and makes its first scene.
+  Scene scene_of(std::array<int, 3> cells, const Shape& shape, std::vector<std::pair<std::string, Field>> fields,
+                 const FirstPicture& picture = {}, int up = -1) {
+    LatticeSource source(cells, shape, std::move(fields));
+    BuildOptions options;
+    options.up = up;
+    const auto report = build_volume(source, file_, options, [](const char*, double) {});
+    EXPECT_TRUE(report) << report.error().message;
+    return scene_of(picture);
+  }
+  Scene scene_of(const FirstPicture& picture, const std::string& attribute = "") const {
+    const auto scene = default_scene(*format::Volume::open(open_file(file_).value()).value(), attribute, picture);
+    EXPECT_TRUE(scene) << scene.error().message;
+    return scene.value_or(Scene{});
+  }
+
+  Image draw(const Scene& scene) const {
+    StreamerOptions options;
+    options.attribute = scene.attribute;
+    const auto streamer = Streamer::open(open_file(file_).value(), options).value();
+    const auto renderer = Renderer::create(KernelKind::moments).value();
+    EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->value_offset()));
+    const View view = make_view(scene).value();
+    const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {}).value();
+    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    return renderer->read_image().value();
+  }
+
+  const std::string file_ =
+      (std::filesystem::temp_directory_path() / fmt::format("splatvol_first_{}.svol", ::getpid())).string();
+  const Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
+};
+
+// Opacities of the pixels that show material, ascending.
+std::vector<float> opacities(const Image& image) {
+  std::vector<float> list;
+  for (const vec4& pixel : image.pixels)
+    if (pixel.a > 0.03f) list.push_back(pixel.a);
+  std::ranges::sort(list);
+  return list;
+}
+
+// Shares of the picture that are empty at its four sides.
+struct Margins {
+  double least, sides, ends;  // the least; left and right; over and under
+};
+
+Margins margins(const Image& image) {
+  int left = image.width, right = -1, top = image.height, bottom = -1;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x)
+      if (image.at(x, y).a > 0.03f)
+        left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
+  const double l = double(left) / image.width, r = double(image.width - 1 - right) / image.width;
+  const double t = double(top) / image.height, b = double(image.height - 1 - bottom) / image.height;
+  return {std::min({l, r, t, b}), l + r, t + b};
+}
+
+Shape box(const dvec3& origin, const dvec3& extent) {
+  return [=](const dvec3& p) { return origin + extent * p; };
+}
+
+// A thin tube along a helix in a box of length 1.
+dvec3 helix(const dvec3& p) {
+  const double turn = 3 * std::numbers::pi * p.z, round = 2 * std::numbers::pi * p.y, radius = 0.006 * (0.05 + p.x);
+  const dvec3 out(std::cos(turn), std::sin(turn), 0);
+  return 0.4 * out + dvec3(0, 0, p.z) + radius * (std::cos(round) * out + dvec3(0, 0, std::sin(round)));
+}
+
+TEST_F(RendererTestFirstPicture, FillsThePictureButForItsMargin) {
+  const std::vector<std::pair<std::array<int, 3>, Shape>> shapes = {
+      {{12, 12, 12}, box(dvec3(0), dvec3(1))},
+      {{24, 6, 6}, box(dvec3(1e5, -1e5, 0), dvec3(1e-2, 1e-3, 1e-3))},
+      {{3, 24, 24}, box(dvec3(0), dvec3(1, 1e3, 1e3))},
+      {{3, 8, 200}, helix}};
+  for (const auto& [cells, shape] : shapes)
+    for (const auto& [width, height] : {std::pair{300, 200}, std::pair{180, 270}})
+      for (const int up : {1, 2}) {
+        const Scene scene = scene_of(cells, shape, {{"a", seven}}, {width, height}, up);
+        EXPECT_EQ(scene.camera.up[up], 1);
+        const Margins found = margins(draw(scene));
+        EXPECT_GT(found.least, 0.035) << width << " up " << up;
+        const bool solid = cells[2] < 100;  // the corners of the helix's box are empty
+        EXPECT_LT(std::min(found.sides, found.ends), solid ? 0.2 : 0.4) << width << " up " << up;
+      }
+}
+
+TEST_F(RendererTestFirstPicture, TheMaterialIsNeitherFogNorAWall) {
+  for (const double thickness : {1.0, 0.1, 1e-3})
+    for (const double scale : {1e-5, 1.0, 1e5}) {
+      const Shape slab = box(dvec3(0), scale * dvec3(1, 1, thickness));
+      for (const dvec3& background : {dvec3(0), dvec3(1)}) {
+        const Scene scene = scene_of({16, 16, thickness < 0.5 ? 2 : 16}, slab, {{"a", seven}}, {200, 160, background});
+        const auto found = opacities(draw(scene));
+        ASSERT_GT(found.size(), 2000u);
+        const float median = found[found.size() / 2];
+        EXPECT_GT(median, 0.5f) << thickness << " x " << scale;
+        EXPECT_LT(median, 0.92f) << thickness << " x " << scale;
+      }
+    }
+}
+
+TEST_F(RendererTestFirstPicture, AThinVesselIsSeen) {
+  const Scene scene = scene_of({4, 12, 300}, helix, {{"p", [](const dvec3& p) { return 100 - 50 * p.z; }}}, {400, 400});
+  const auto found = opacities(draw(scene));
+  ASSERT_GT(found.size(), 1000u);
+  EXPECT_GT(found[found.size() / 2], 0.35f);
+}
+
+// Shells round a ball, each larger than the one inside by the same factor.
+dvec3 shells(const dvec3& p) {
+  const double radius = std::exp(std::log(1e3) * p.x);
+  const double theta = std::numbers::pi * (0.02 + 0.96 * p.y), phi = 2 * std::numbers::pi * p.z;
+  return radius * dvec3(std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi));
+}
+
+TEST_F(RendererTestFirstPicture, TheFarFieldVanishes) {
+  const auto potential = [](const dvec3& p) { return 101325 + 500 * p.x / std::pow(glm::length(p), 3); };
+  const Scene scene = scene_of({50, 20, 30}, shells, {{"p", potential}}, {200, 200});
+  EXPECT_LT(glm::length(scene.camera.position - scene.camera.focal_point), 60);  // of a domain of 2000
+  const TransferFunction& function = scene.transfer_function;
+  EXPECT_NEAR(0.5 * (function.lo + function.hi), 101325, 20);  // diverging round the free stream
+  EXPECT_EQ(function.extinction(101325), 0);
+  const Image image = draw(scene);
+  for (const int x : {0, 199})
+    for (const int y : {0, 199}) EXPECT_LT(image.at(x, y).a, 0.1);
+  EXPECT_GT(opacities(image).size(), 2000u);
+}
+
+TEST_F(RendererTestFirstPicture, ColoursDivergeOnlyIfThereAreTwoSides) {
+  const auto middle_of_colors = [](const Scene& scene) {
+    const TransferFunction& f = scene.transfer_function;
+    const dvec3 rgb = f.color(0.5 * (f.lo + f.hi));
+    return std::max({rgb.r, rgb.g, rgb.b}) - std::min({rgb.r, rgb.g, rgb.b});
+  };
+  const Scene waves = scene_of({16, 16, 16}, box(dvec3(0), dvec3(1)),
+                               {{"a", [](const dvec3& p) { return std::sin(6 * p.x) * std::cos(5 * p.y); }}});
+  EXPECT_NEAR(waves.transfer_function.lo, -waves.transfer_function.hi, 1e-9);
+  EXPECT_LT(middle_of_colors(waves), 0.01);  // grey
+  const Scene ramp = scene_of({16, 16, 16}, box(dvec3(0), dvec3(1)), {{"a", [](const dvec3& p) { return 1 + p.x; }}});
+  EXPECT_GT(middle_of_colors(ramp), 0.1);
+  EXPECT_GT(ramp.transfer_function.extinction(1.9), ramp.transfer_function.extinction(1.2));
+}
+
+TEST_F(RendererTestFirstPicture, ChoosesAQuantityAndOneCamera) {
+  int count = 0;
+  const auto number = [&](const dvec3&) { return ++count; };
+  const auto none = [](const dvec3&) { return std::nan(""); };
+  const auto x = [](const dvec3& p) { return p.x; };
+  const auto label = [](const dvec3& p) { return std::floor(3 * p.x); };
+  const auto hot = [](const dvec3& p) { return std::exp(-40 * glm::dot(p - 0.3, p - 0.3)); };
+  const auto chosen = [&](std::vector<std::pair<std::string, Field>> fields) {
+    return scene_of({8, 8, 8}, box(dvec3(0), dvec3(1)), std::move(fields)).attribute;
+  };
+  EXPECT_EQ(chosen({{"none", none}, {"GlobalIds", number}, {"c", seven}, {"label", label}, {"T", x}}), "T");
+  EXPECT_EQ(chosen({{"T", x}, {"U", x}, {"U[0]", x}, {"U[1]", x}}), "U");
+  EXPECT_EQ(chosen({{"T", x}, {"p_rgh", x}, {"U", x}, {"U[0]", x}}), "p_rgh");
+  EXPECT_EQ(chosen({{"Kid", x}, {"Pressure", x}}), "Pressure");
+  EXPECT_EQ(chosen({{"c", seven}, {"ids", number}}), "ids");
+  EXPECT_EQ(chosen({{"c", seven}, {"none", none}}), "c");
+  EXPECT_EQ(chosen({{"p", hot}, {"T", x}}), "p");
+  EXPECT_EQ(scene_of({}, "T").camera, scene_of({}, "p").camera);
+  EXPECT_EQ(scene_to_json(scene_of({}, "T")), scene_to_json(scene_of({}, "T")));
+}
+
+TEST_F(RendererTestFirstPicture, StaysInThePictureAsItTurns) {
+  Scene scene = scene_of({24, 6, 6}, box(dvec3(0), dvec3(4, 1, 1)), {{"a", seven}}, {200, 200, dvec3(0), true});
+  const dvec3 center = scene.camera.focal_point;
+  EXPECT_LT(glm::length(center - dvec3(2, 0.5, 0.5)), 0.05);
+  for (int i = 0; i < 8; ++i) {
+    EXPECT_GT(margins(draw(scene)).least, 0.03) << i;
+    const glm::dquat turn = glm::angleAxis(std::numbers::pi / 4, scene.camera.up);
+    scene.camera.position = center + turn * (scene.camera.position - center);
+  }
+}
+
+}  // namespace
+}  // namespace splatvol

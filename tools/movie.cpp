@@ -1,0 +1,110 @@
+#include "tools/movie.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/wait.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "base/file.h"
+
+extern char** environ;
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Runs a program that PATH finds, without a shell. Its words go to `log`. Returns its exit code, 127 if there is none.
+int run_program(const std::vector<std::string>& words, const std::string& log) {
+  std::vector<char*> arguments;
+  for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t files;
+  ::posix_spawn_file_actions_init(&files);
+  ::posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
+  ::posix_spawn_file_actions_addopen(&files, 1, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  ::posix_spawn_file_actions_adddup2(&files, 1, 2);
+  pid_t child = 0;
+  const int error = ::posix_spawnp(&child, arguments[0], &files, nullptr, arguments.data(), environ);
+  ::posix_spawn_file_actions_destroy(&files);
+  if (error != 0) return 127;
+  int status = 0;
+  while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 126;
+}
+
+std::string last_line(const std::string& path) {
+  const auto text = read_text_file(path);
+  if (!text) return {};
+  const std::size_t end = text->find_last_not_of(" \r\n");
+  if (end == std::string::npos) return {};
+  const std::size_t begin = text->find_last_of("\r\n", end);
+  return text->substr(begin == std::string::npos ? 0 : begin + 1,
+                      end - (begin == std::string::npos ? 0 : begin + 1) + 1);
+}
+
+}  // namespace
+
+std::string check_movie_path(const std::string& path) {
+  return path.size() > 4 && path.ends_with(".mp4") ? "" : "'" + path + "' does not end in .mp4";
+}
+
+Movie::Movie(std::string movie, std::string folder, double frames_per_second, bool own_folder)
+    : movie_(std::move(movie)),
+      folder_(std::move(folder)),
+      frames_per_second_(frames_per_second),
+      own_folder_(own_folder) {}
+
+Result<Movie> Movie::create(const std::string& movie, const std::string& folder, double frames_per_second) {
+  std::error_code error;
+  if (!folder.empty() || movie.empty()) {
+    if (!fs::is_directory(folder, error)) return fail(ErrorCode::io, "{}: no such folder", folder);
+    return Movie(movie, folder, frames_per_second, false);
+  }
+  std::string own = movie + ".frames";
+  if (!fs::create_directory(own, error))
+    return fail(ErrorCode::io, "{}: {}; frames need a new folder, or --progress-frames DIR", own,
+                error ? error.message() : "is there already");
+  return Movie(movie, std::move(own), frames_per_second, true);
+}
+
+std::string Movie::frame_path(int number) const { return fmt::format("{}/frame-{:04}.png", folder_, number); }
+
+Status Movie::finish(int count) const {
+  if (movie_.empty()) return {};
+  const std::string part = movie_ + ".part", log = folder_ + "/ffmpeg.log", frames = folder_ + "/frame-%04d.png";
+  const std::string rate = fmt::format("{}", frames_per_second_);
+  // Players want sides of even length and colours that are halved; the last row or column is repeated if need be.
+  const int code =
+      run_program({"ffmpeg", "-y", "-loglevel", "error", "-framerate", rate, "-start_number", "0", "-i", frames,
+                   "-frames:v", fmt::format("{}", count), "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2,format=yuv420p",
+                   "-movflags", "+faststart", "-f", "mp4", part},
+                  log);
+  std::error_code error;
+  if (code != 0) {
+    const std::string words = last_line(log);
+    fs::remove(part, error);
+    fs::remove(log, error);
+    if (code == 127)
+      return fail(ErrorCode::io,
+                  "{}: no ffmpeg in PATH: the {} frames are in {}; install it, then: ffmpeg -framerate {} "
+                  "-i {} {}",
+                  movie_, count, folder_, rate, frames, movie_);
+    return fail(ErrorCode::io, "{}: ffmpeg failed ({}); the {} frames are in {}", movie_, words, count, folder_);
+  }
+  fs::rename(part, movie_, error);
+  if (error) return fail(ErrorCode::io, "{}: {}", movie_, error.message());
+  fs::remove(log, error);
+  for (int i = 0; own_folder_ && i < count; ++i) fs::remove(frame_path(i), error);
+  if (own_folder_) fs::remove(folder_, error);
+  return {};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,138 @@
+#include "tools/svrender_page.h"
+
+#include <charconv>
+#include <memory>
+
+#include "base/http_source.h"
+#include "scene/contrast.h"
+#include "scene/srgb.h"
+#include "streamer/default_scene.h"
+#include "tools/scene_options.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::array<int, 2> usual_size = {512, 512};
+
+Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
+  FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
+  if (!options.background.empty()) {
+    SPLATVOL_TRY_ASSIGN(background, parse_color(options.background));
+    picture.background = background;
+  }
+  return default_scene(volume, options.attribute, picture);
+}
+
+Result<Scene> read_scene(const RenderOptions& options) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
+  if (options.background.empty()) return scene;
+  SPLATVOL_TRY_ASSIGN(background, parse_color(options.background));
+  adapt_to_background(scene, background);
+  return scene;
+}
+
+Result<std::string> label_of(const format::Volume& volume, const std::string& name) {
+  SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), name, volume.name()));
+  return format::label_of(volume.info().attributes[static_cast<std::size_t>(index)]);
+}
+
+// Lays out the page, and gives the scene the size that is left.
+Status lay_out(Composition& composition, std::array<int, 2> size) {
+  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], composition.text, composition.scene.transfer_function));
+  composition.page = page;
+  composition.scene.width = page.picture_width;
+  composition.scene.height = page.picture_height;
+  return {};
+}
+
+// The first scene's size decides about the page, and the page about the camera of the scene that is drawn.
+Status fit_scene(const RenderOptions& options, const format::Volume& volume, Composition& composition) {
+  std::array<int, 2> size = usual_size;
+  if (!options.size.empty()) {
+    SPLATVOL_TRY_ASSIGN(sides, parse_image_size(options.size));
+    size = sides;
+  }
+  SPLATVOL_TRY_ASSIGN(scene, make_scene(options, volume, size));
+  composition.scene = std::move(scene);
+  if (options.color_bar) {
+    SPLATVOL_TRY_ASSIGN(label, label_of(volume, composition.scene.attribute));
+    composition.text.bar = label;
+  }
+  SPLATVOL_TRY(lay_out(composition, size));
+  if (composition.page.picture_width == size[0] && composition.page.picture_height == size[1]) return {};
+  SPLATVOL_TRY_ASSIGN(fitted, make_scene(options, volume, {composition.scene.width, composition.scene.height}));
+  composition.scene = std::move(fitted);
+  return {};
+}
+
+Status check_kind(const RenderOptions& options, const Composition& composition) {
+  if (!composition.data) return {};
+  if (options.color_bar || !options.title.empty() || options.transparent)
+    return fail(ErrorCode::invalid_argument,
+                "{}: an .exr holds light and alpha alone; --title, --colour-bar and --transparent need a .png",
+                options.output);
+  return {};
+}
+
+}  // namespace
+
+Result<dvec3> parse_color(const std::string& text) {
+  if (text == "white") return dvec3(1);
+  if (text == "black") return dvec3(0);
+  std::uint32_t code = 0;
+  const char* end = text.data() + text.size();
+  if (text.size() != 7 || text[0] != '#' || std::from_chars(text.data() + 1, end, code, 16).ptr != end)
+    return fail(ErrorCode::invalid_argument, "'{}' is neither white nor black nor a colour such as #20c0ff", text);
+  const auto channel = [&](int shift) { return linear_of_byte(static_cast<std::uint8_t>(code >> shift)); };
+  return dvec3(channel(16), channel(8), channel(0));
+}
+
+Result<Composition> compose(const RenderOptions& options) {
+  Composition composition;
+  composition.data = options.output.ends_with(".exr") || options.output.ends_with(".EXR");
+  composition.transparent = options.transparent;
+  composition.text.title = options.title;
+  SPLATVOL_TRY(check_kind(options, composition));
+  if (!options.scene.empty()) {
+    SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
+    composition.scene = std::move(scene);
+  }
+  const bool needs_volume = options.scene.empty() || options.color_bar || options.turntable > 0 ||
+                            (composition.scene.outline && !composition.data);
+  std::shared_ptr<const format::Volume> volume;
+  if (needs_volume) {
+    SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.volume));
+    SPLATVOL_TRY_ASSIGN(opened, format::Volume::open(std::move(source)));
+    volume = std::move(opened);
+  }
+  if (options.scene.empty()) {
+    SPLATVOL_TRY(fit_scene(options, *volume, composition));
+  } else {
+    if (options.color_bar) {
+      SPLATVOL_TRY_ASSIGN(label, label_of(*volume, composition.scene.attribute));
+      composition.text.bar = label;
+    }
+    SPLATVOL_TRY(lay_out(composition, {composition.scene.width, composition.scene.height}));
+  }
+  if (composition.scene.outline && !composition.data) {
+    SPLATVOL_TRY_ASSIGN(domain, domain_of(*volume));
+    composition.outline = domain;
+  }
+  if (options.turntable > 0) {
+    SPLATVOL_TRY_ASSIGN(middle, middle_of_visible(*volume, composition.scene));
+    composition.turned_about = middle;
+  }
+  return composition;
+}
+
+Status write_page(const Composition& composition, const View& view, Image image, const std::string& path,
+                  const Provenance& provenance) {
+  const Scene& scene = composition.scene;
+  if (path.ends_with(".exr") || path.ends_with(".EXR")) return write_image(path, image, scene.background, provenance);
+  const dvec3 ink = ink_on(scene.background);
+  if (composition.outline) draw_outline(image, view, *composition.outline, ink);
+  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, image, composition.text, scene.transfer_function, ink));
+  return write_image(path, page, scene.background, provenance, composition.transparent);
+}
+
+}  // namespace splatvol
