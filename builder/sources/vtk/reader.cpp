@@ -18,6 +18,7 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
@@ -127,6 +128,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Result<vtkSmartPointer<vtkDataSet>> read_legacy() {
+    SPLATVOL_TRY(check_legacy(path_));
     vtkSmartPointer<vtkDataSet> data;
     SPLATVOL_TRY(run_vtk(path_, [&] {
       const vtkNew<vtkDataSetReader> reader;
