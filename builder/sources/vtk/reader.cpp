@@ -56,12 +56,14 @@ class FileDataSets final : public VtkDataSets {
   }
   const std::string& path() const override { return path_; }
   std::optional<TimeStep> time_step() const override { return step_; }
+  CellCensus left_out() const override { return left_out_; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (blocks_) {
       SPLATVOL_TRY_ASSIGN(block, blocks_->next());
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
+      left_out_ += blocks_->left_out();
       blocks_ = nullptr;
     }
     if (reader_) return next_piece();
@@ -154,6 +156,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
   std::string path_;                      // of the current file
+  CellCensus left_out_;                   // of the files before the current one
   std::unique_ptr<VtkDataSets> blocks_;   // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;  // of the current file, while it has pieces left
   int piece_ = 0;                         // the next one

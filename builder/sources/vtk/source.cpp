@@ -44,7 +44,7 @@ class VtkSource final : public Source {
   /// not among them.
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
-    if (!pending_) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
+    if (!pending_) return fail_no_points();
     const std::vector<VtkAttribute> all = attributes_of(*pending_);
     if (all.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
     available_ = names_of(all);
@@ -73,6 +73,12 @@ class VtkSource final : public Source {
   }
 
  private:
+  [[nodiscard]] tl::unexpected<Error> fail_no_points() const {
+    const std::string surfaces = describe_no_volume(data_sets_->left_out());
+    if (surfaces.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
+    return fail(ErrorCode::invalid_data, "{}: {}; splatvol draws volumes", data_sets_->path(), surfaces);
+  }
+
   /// Sets pending_ to the next data set that has points, or to null.
   Status load() {
     do {

@@ -253,6 +253,20 @@ TEST_F(BlocksTest, ExodusBlocksOfOneIdAreRefused) {
   EXPECT_GE(refused, 1u);
 }
 
+TEST_F(BlocksTest, ExodusOfShellsOnlyIsNoVolume) {
+  int computer = 8, file = 8;
+  const int id = ex_create(path("shells.e").c_str(), EX_CLOBBER, &computer, &file);
+  ASSERT_GE(id, 0);
+  ex_put_init(id, "a plate", 3, 4, 1, 1, 0, 0);
+  const std::array<double, 4> x = {0, 1, 1, 0}, y = {0, 0, 1, 1}, z{};
+  ex_put_coord(id, x.data(), y.data(), z.data());
+  ex_put_block(id, EX_ELEM_BLOCK, 1, "SHELL4", 1, 4, 0, 0, 0);
+  const std::array<int, 4> corners = {1, 2, 3, 4};
+  ex_put_conn(id, EX_ELEM_BLOCK, 1, corners.data(), nullptr, nullptr);
+  ex_close(id);
+  EXPECT_THAT(error_of("shells.e"), HasSubstr("only surface cells (1 quadrilateral); splatvol draws volumes"));
+}
+
 TEST_F(BlocksTest, ExodusTruncated) {
   write_exodus(path("mesh.e"));
   expect_survives_truncation("mesh.e", "mesh.e", 89, all_cuts);
