@@ -14,7 +14,7 @@
 #include "builder/sources/npy_source.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
-#include "builder/sources/vtk/block_checks.h"
+#include "builder/sources/vtk/netcdf_checks.h"
 #include "builder/sources/vtk/reader.h"
 #include "builder/sources/vtk/source.h"
 

@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "builder/sources/read_text.h"
+#include "builder/sources/vtk/netcdf_checks.h"
 
 namespace splatvol {
 namespace {
@@ -19,8 +20,6 @@ Result<std::string> read_start(const std::string& path, std::uint64_t most) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   return read_text(*file, 0, most);
 }
-
-bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
 
 /// Removes the comment and the white space round a line.
 std::string_view bare(std::string_view line) {
@@ -111,10 +110,6 @@ Status check_case(const std::string& path) {
 
 }  // namespace
 
-bool is_netcdf(std::string_view start) {
-  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
-}
-
 Status check_blocks(const VtkFile& file) {
   if (file.kind == VtkFile::Kind::ensight) return check_case(file.path);
   if (file.kind == VtkFile::Kind::openfoam) return {};
@@ -124,7 +119,7 @@ Status check_blocks(const VtkFile& file) {
     return fail(ErrorCode::invalid_data, "{}: not an Exodus file (neither NetCDF nor HDF5)", file.path);
   if (file.kind == VtkFile::Kind::cgns && !is_hdf5(*start) && start->find("ADF Database") == std::string::npos)
     return fail(ErrorCode::invalid_data, "{}: not a CGNS file (neither HDF5 nor ADF)", file.path);
-  return {};
+  return check_file_end(file.path);
 }
 
 }  // namespace splatvol

@@ -1,17 +1,13 @@
 // Guards for VTK's readers of Exodus, EnSight and CGNS, which print, hang or end the program if a file is damaged.
 #pragma once
 
-#include <string_view>
-
 #include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
-[[nodiscard]] bool is_netcdf(std::string_view start);
-
-/// Fails if a file is not of its kind at all, and if a case file of EnSight has lines on which VTK 9.1 never ends:
-/// unknown sections, or entries that are cut off. Passes other kinds. Safe on untrusted bytes.
+/// Fails if a file is not of its kind at all, or if it is cut off (builder/sources/vtk/netcdf_checks.h). Fails also if
+/// a case file of EnSight has lines on which VTK 9.1 never ends: unknown sections, or entries that are cut off. Passes
+/// other kinds. Safe on untrusted bytes.
 [[nodiscard]] Status check_blocks(const VtkFile& file);
 
 }  // namespace splatvol

@@ -21,6 +21,7 @@
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/block_readers.h"
 #include "builder/sources/vtk/cell_averages.h"
+#include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/trial.h"
 
@@ -116,6 +117,7 @@ class BlockDataSets final : public VtkDataSets {
   }
   const std::string& path() const override { return file_.path; }
   std::optional<TimeStep> time_step() const override { return step_; }
+  CellCensus left_out() const override { return left_out_; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
@@ -147,8 +149,23 @@ class BlockDataSets final : public VtkDataSets {
     const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree.NewIterator());
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
-      if (!data || data->GetNumberOfPoints() == 0 || is_surface(*data)) continue;
+      if (!data || data->GetNumberOfPoints() == 0) continue;
+      if (is_surface(*data)) {
+        count_left_out(*data);
+        continue;
+      }
       blocks_.push_back(copy_sharing_arrays(*data));
+    }
+  }
+
+  void count_left_out(vtkDataSet& data) {
+    for (vtkIdType cell = 0; cell < data.GetNumberOfCells(); ++cell) {
+      const CellKind* kind = find_cell_kind(data.GetCellType(cell));
+      if (!kind) continue;
+      ++left_out_.cells[std::string(kind->name)];
+      ++left_out_.without_volume;
+      left_out_.lines += dimension_of(*kind) == 1 ? 1 : 0;
+      left_out_.surfaces += dimension_of(*kind) == 2 ? 1 : 0;
     }
   }
 
@@ -183,6 +200,7 @@ class BlockDataSets final : public VtkDataSets {
   std::vector<ArrayShape> shapes_;  // known so far
   int portion_ = 0;                 // the next to be read
   std::size_t returned_ = 0;
+  CellCensus left_out_;
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
 };
 

@@ -1,6 +1,8 @@
 #include "builder/sources/vtk/compression.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -44,6 +46,13 @@ Result<std::vector<std::uint64_t>> read_numbers(ByteSource& file, CompressionLay
   return numbers;
 }
 
+/// Fails if fewer than `bytes` bytes follow `offset`.
+Status check_end(const ByteSource& file, std::uint64_t offset, double bytes) {
+  if (offset <= file.size() && bytes <= static_cast<double>(file.size() - offset)) return {};
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within the array at byte {}", file.name(),
+              offset);
+}
+
 }  // namespace
 
 Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
@@ -63,7 +72,26 @@ Status check_compression_header(ByteSource& file, CompressionLayout layout, std:
   const auto too_large = [&](std::uint64_t packed_bytes) { return packed_bytes > file.size(); };
   const bool whole =
       numbers.size() == 3 + compressed_blocks && std::none_of(numbers.begin() + 3, numbers.end(), too_large);
-  return whole ? Status{} : damaged();
+  if (!whole) return damaged();
+
+  // Both sums fit: there are no more compressed blocks than bytes in the file, and none is larger than the file.
+  const auto encoded = [&](double bytes) { return base64 ? std::ceil(bytes / 3) * 4 : bytes; };
+  const double header = static_cast<double>(numbers.size()) * (layout.wide ? 8 : 4);
+  const double packed = std::accumulate(numbers.begin() + 3, numbers.end(), 0.0);
+  return check_end(file, offset, encoded(header) + encoded(packed));
+}
+
+Status check_uncompressed_array(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
+  const std::size_t word = layout.wide ? 8 : 4;
+  SPLATVOL_TRY_ASSIGN(numbers, read_numbers(file, layout, offset, base64, 1));
+  if (numbers.empty()) return check_end(file, offset, static_cast<double>(word));
+  const auto bytes = static_cast<double>(numbers[0]);
+  if (!base64) return check_end(file, offset, static_cast<double>(word) + bytes);
+  // Some writers encode the header and the data each by itself, others both together.
+  SPLATVOL_TRY_ASSIGN(header, read_text(file, offset, (word + 2) / 3 * 4));
+  const bool apart = header.ends_with('=');
+  const double together = std::ceil((static_cast<double>(word) + bytes) / 3) * 4;
+  return check_end(file, offset, apart ? static_cast<double>(header.size()) + std::ceil(bytes / 3) * 4 : together);
 }
 
 }  // namespace splatvol

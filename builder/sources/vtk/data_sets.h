@@ -35,6 +35,9 @@ class VtkDataSets {
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;
 
+  /// Counts the cells of blocks that were left out so far, because they are surfaces.
+  [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
 };

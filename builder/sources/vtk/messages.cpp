@@ -9,6 +9,11 @@
 
 #include <cstdio>
 #include <exception>
+#include <new>
+#include <sstream>
+#include <string_view>
+
+#include "builder/sources/vtk/attributes.h"
 
 namespace splatvol {
 namespace {
@@ -31,17 +36,46 @@ class ErrorWindow final : public vtkOutputWindow {
 };
 vtkStandardNewMacro(ErrorWindow);
 
-/// Turns "ERROR: In file, line N\nvtkReader (0x...): Not found\n\n" into "Not found".
-std::string one_line(std::string text) {
+/// Whether a word means something to VTK's developers only: a class, the address of an object, a source file.
+bool is_internal(std::string_view word) {
+  const auto upper = [](char c) { return c >= 'A' && c <= 'Z'; };
+  const bool class_name = word.size() > 3 && word.starts_with("vtk") && upper(word[3]) && !is_ghost_array(word);
+  return class_name || word.find("(0x") != std::string_view::npos || word.starts_with("0x") ||
+         word.find(".cxx") != std::string_view::npos;
+}
+
+/// Turns "ERROR: In file, line N\nvtkReader (0x...): Not found.\n\n" into "Not found". `path` begins the message
+/// anyway.
+std::string one_line(std::string text, const std::string& path) {
+  if (text.starts_with("ERROR: In ")) text.erase(0, text.find('\n'));
   if (const std::size_t object = text.find("): "); object != std::string::npos) text.erase(0, object + 3);
+  for (std::size_t at = text.find(path); at != std::string::npos; at = text.find(path))
+    text.replace(at, path.size(), "");
   std::string line;
-  for (const char c : text) {
-    const bool space = c == '\n' || c == '\t' || c == '\r' || c == ' ';
-    if (!space) line += c;
-    if (space && !line.empty() && line.back() != ' ') line += ' ';
-  }
-  while (!line.empty() && (line.back() == ' ' || line.back() == '.')) line.pop_back();
+  std::istringstream words(text);
+  for (std::string word; words >> word;)
+    if (!is_internal(word)) line += (line.empty() ? "" : " ") + word;
+  if (const std::size_t file = line.find(" for file:"); file != std::string::npos) line.erase(file);
+  while (!line.empty() && std::string_view(" .!:").find(line.back()) != std::string_view::npos) line.pop_back();
   return line;
+}
+
+/// The parser's own words are "Error parsing XML in stream at line 2, column 3, byte index 90: unclosed token".
+std::string xml_failure(const std::string& line) {
+  constexpr std::string_view start = "Error parsing XML in stream at ";
+  const std::size_t byte = line.find(", byte index"), reason = line.rfind(": ");
+  if (!line.starts_with(start) || byte == std::string::npos || reason == std::string::npos) return {};
+  return fmt::format("the file is cut off or damaged: its XML breaks at {} ({})",
+                     line.substr(start.size(), byte - start.size()), line.substr(reason + 2));
+}
+
+std::string describe_failure(const std::string& text, const std::string& path) {
+  const std::string line = one_line(text, path);
+  if (std::string xml = xml_failure(line); !xml.empty()) return xml;
+  constexpr const char* whole = "the file is damaged, or VTK cannot read files of its kind";
+  // A failure of VTK's pipeline, with its whole state.
+  const bool pipeline = line.starts_with("Algorithm ");
+  return line.empty() || pipeline ? whole : fmt::format("{} ({})", whole, line);
 }
 
 }  // namespace
@@ -54,9 +88,11 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   std::string failure;
   try {
     call();
-    failure = one_line(window->first_error);
+    if (!window->first_error.empty()) failure = describe_failure(window->first_error, path);
+  } catch (const std::bad_alloc&) {
+    failure = "not enough memory for what it states: the file is damaged, or must be written in pieces";
   } catch (const std::exception& exception) {
-    failure = fmt::format("VTK's reader failed: {}", exception.what());
+    failure = describe_failure(exception.what(), path);
   }
   vtkOutputWindow::SetInstance(usual);
   if (!failure.empty()) return fail(ErrorCode::invalid_data, "{}: {}", path, failure);

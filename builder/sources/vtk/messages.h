@@ -8,8 +8,9 @@
 
 namespace splatvol {
 
-/// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error that
-/// begins with `path`. Not thread-safe: VTK has one window for messages in the whole process.
+/// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error of one
+/// line that begins with `path`. Names of VTK's classes, addresses and source files are left out. Not thread-safe: VTK
+/// has one window for messages in the whole process.
 [[nodiscard]] Status run_vtk(const std::string& path, const std::function<void()>& call);
 
 /// While it lives, the process writes nothing to stderr: for libraries below VTK that always print. Not thread-safe.

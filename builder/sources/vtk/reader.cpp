@@ -18,6 +18,7 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
@@ -56,12 +57,14 @@ class FileDataSets final : public VtkDataSets {
   }
   const std::string& path() const override { return path_; }
   std::optional<TimeStep> time_step() const override { return step_; }
+  CellCensus left_out() const override { return left_out_; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (blocks_) {
       SPLATVOL_TRY_ASSIGN(block, blocks_->next());
       if (block) return block;
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
+      left_out_ += blocks_->left_out();
       blocks_ = nullptr;
     }
     if (reader_) return next_piece();
@@ -128,6 +131,7 @@ class FileDataSets final : public VtkDataSets {
   }
 
   Result<vtkSmartPointer<vtkDataSet>> read_legacy() {
+    SPLATVOL_TRY(check_legacy(path_));
     vtkSmartPointer<vtkDataSet> data;
     SPLATVOL_TRY(run_vtk(path_, [&] {
       const vtkNew<vtkDataSetReader> reader;
@@ -154,6 +158,7 @@ class FileDataSets final : public VtkDataSets {
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
   std::string path_;                      // of the current file
+  CellCensus left_out_;                   // of the files before the current one
   std::unique_ptr<VtkDataSets> blocks_;   // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;  // of the current file, while it has pieces left
   int piece_ = 0;                         // the next one

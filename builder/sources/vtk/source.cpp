@@ -37,7 +37,7 @@ class VtkSource final : public Source {
   /// not among them.
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
-    if (!pending_) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
+    if (!pending_) return fail_no_points();
     const std::vector<VtkAttribute> all = attributes_of(*pending_, cells_);
     if (all.empty() && selection.empty())
       return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
@@ -87,6 +87,12 @@ class VtkSource final : public Source {
   }
 
  private:
+  [[nodiscard]] tl::unexpected<Error> fail_no_points() const {
+    const std::string surfaces = describe_no_volume(data_sets_->left_out());
+    if (surfaces.empty()) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
+    return fail(ErrorCode::invalid_data, "{}: {}; splatvol draws volumes", data_sets_->path(), surfaces);
+  }
+
   /// Notes the attributes whose values are those of cells instead of points, or the other way round. A vector's
   /// components go with its magnitude.
   void note_conversions(vtkDataSet& data) {

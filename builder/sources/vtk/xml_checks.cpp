@@ -34,6 +34,7 @@ Status check_types(const std::string& path, vtkXMLDataElement& element) {
 }
 
 /// VTK makes one array for each name, but fills one for each element: if two have the same name, it fills a wrong one.
+/// It finds the coordinates of a rectilinear grid by their order.
 Status check_names(const std::string& path, vtkXMLDataElement& element) {
   std::vector<std::string> names;
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
@@ -41,6 +42,7 @@ Status check_names(const std::string& path, vtkXMLDataElement& element) {
     SPLATVOL_TRY(check_names(path, nested));
     if (const char* name = nested.GetAttribute("Name")) names.emplace_back(name);
   }
+  if (element.GetName() == std::string_view("Coordinates")) return {};
   if (const auto duplicate = find_duplicate(std::move(names)))
     return fail(ErrorCode::invalid_data, "{}: two arrays of its {} are called \"{}\"", path, element.GetName(),
                 *duplicate);
@@ -64,16 +66,17 @@ Status check_memory(const std::string& path, vtkXMLDataElement& element) {
               path, cells, points, needed / 1e9, limit / 1e9);
 }
 
-/// Checks the header of every compressed array of an XML file.
-class CompressedArrays {
+/// Checks the header and the end of every binary array of an XML file.
+class BinaryArrays {
  public:
-  CompressedArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_offset)
+  BinaryArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_offset)
       : file_(file), appended_offset_(appended_offset) {
     const auto is = [&](vtkXMLDataElement* element, const char* name, std::string_view value) {
       const char* text = element ? element->GetAttribute(name) : nullptr;
       return text && text == value;
     };
     layout_ = {is(&root, "header_type", "UInt64"), is(&root, "byte_order", "BigEndian")};
+    compressed_ = root.GetAttribute("compressor") != nullptr;
     appended_base64_ = !is(root.FindNestedElementWithName("AppendedData"), "encoding", "raw");
   }
 
@@ -89,7 +92,7 @@ class CompressedArrays {
     vtkTypeInt64 offset = 0;
     if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
     const std::uint64_t at = appended_offset_ + static_cast<std::uint64_t>(offset);
-    return check_compression_header(file_, layout_, at, appended_base64_);
+    return check_array(at, appended_base64_);
   }
 
   /// Checks a header that follows the element's start tag and white space.
@@ -101,12 +104,18 @@ class CompressedArrays {
     if (end == std::string::npos) return {};
     const std::size_t start = text.find_first_not_of(" \t\r\n", end + 1);
     if (start == std::string::npos) return {};
-    return check_compression_header(file_, layout_, tag + start, true);
+    return check_array(tag + start, true);
+  }
+
+  Status check_array(std::uint64_t offset, bool base64) {
+    return compressed_ ? check_compression_header(file_, layout_, offset, base64)
+                       : check_uncompressed_array(file_, layout_, offset, base64);
   }
 
   ByteSource& file_;
   std::uint64_t appended_offset_;
   CompressionLayout layout_;
+  bool compressed_;
   bool appended_base64_;
 };
 
@@ -123,9 +132,8 @@ Status check_xml(const std::string& path) {
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
   SPLATVOL_TRY(check_memory(path, *root));
-  if (!root->GetAttribute("compressor")) return {};
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  return CompressedArrays(*file, *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition())).check(*root);
+  return BinaryArrays(*file, *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition())).check(*root);
 }
 
 }  // namespace splatvol

@@ -1,0 +1,17 @@
+// A check of legacy .vtk files before VTK's reader sees them: it fills up with zeros what a file lacks.
+#pragma once
+
+#include <string>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// Walks through the sections of the file at `path`. Fails if the file ends before an array, a line or a section that
+/// it declares does. Says nothing about what follows a section that it does not know. Safe on untrusted files.
+///
+/// White space must follow the last number of a text file, which may be cut otherwise. A file that is cut right before
+/// a section that nothing declares is whole by the rules of the format.
+[[nodiscard]] Status check_legacy(const std::string& path);
+
+}  // namespace splatvol

@@ -1,0 +1,170 @@
+#include "builder/sources/vtk/netcdf_checks.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "base/file.h"
+#include "builder/sources/read_text.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t largest_header = 64 << 20;
+
+tl::unexpected<Error> fail_cut(const std::string& path, std::uint64_t stated, std::uint64_t there) {
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off: its header states {} bytes, and there are {}", path,
+              stated, there);
+}
+
+/// Reads the header of a file in NetCDF's own format. Numbers are big-endian; a count has 4 bytes, or 8 in version 5.
+class NetcdfHeader {
+ public:
+  explicit NetcdfHeader(std::string_view bytes) : bytes_(bytes), version_(static_cast<unsigned char>(bytes[3])) {}
+
+  /// The smallest size of the file that holds all variables; none if the header is cut off or damaged.
+  std::optional<std::uint64_t> stated_bytes() {
+    at_ = 4;
+    const std::uint64_t streaming = version_ == 5 ? ~std::uint64_t{0} : 0xffffffff;
+    const std::uint64_t records = count();
+    read_dimensions();
+    skip_attributes();
+    read_variables();
+    if (damaged_) return std::nullopt;
+    std::uint64_t end = at_, record_bytes = 0;
+    std::size_t record_variables = 0;
+    for (const Variable& variable : variables_)
+      if (variable.record) record_bytes = add(record_bytes, ++record_variables > 0 ? (variable.bytes + 3) / 4 * 4 : 0);
+    for (const Variable& variable : variables_) {
+      if (variable.record && record_variables == 1) record_bytes = variable.bytes;  // without padding between records
+      if (variable.record && (records == 0 || records == streaming)) continue;
+      const std::uint64_t before = variable.record ? multiply(records - 1, record_bytes) : 0;
+      end = std::max(end, add(add(variable.begin, before), variable.bytes));
+    }
+    return end;
+  }
+
+ private:
+  struct Variable {
+    std::uint64_t begin = 0;
+    std::uint64_t bytes = 0;  // of a record, or of all values
+    bool record = false;
+  };
+
+  // Sums and products that overflow become the largest number.
+  static std::uint64_t add(std::uint64_t a, std::uint64_t b) { return a + b < a ? ~std::uint64_t{0} : a + b; }
+  static std::uint64_t multiply(std::uint64_t a, std::uint64_t b) {
+    return b != 0 && a > ~std::uint64_t{0} / b ? ~std::uint64_t{0} : a * b;
+  }
+
+  std::uint64_t number(std::size_t bytes) {
+    if (bytes > bytes_.size() - at_) damaged_ = true;
+    std::uint64_t value = 0;
+    for (std::size_t i = 0; i < bytes && !damaged_; ++i) value = value << 8 | static_cast<unsigned char>(bytes_[at_++]);
+    return damaged_ ? 0 : value;
+  }
+  std::uint64_t count() { return number(version_ == 5 ? 8 : 4); }
+
+  /// Skips bytes and their padding to a multiple of four.
+  void skip(std::uint64_t bytes) {
+    if (bytes > bytes_.size() - at_ || (bytes + 3) / 4 * 4 > bytes_.size() - at_) damaged_ = true;
+    if (!damaged_) at_ += static_cast<std::size_t>((bytes + 3) / 4 * 4);
+  }
+
+  /// Reads the tag and the length of a list.
+  std::uint64_t list() {
+    number(4);
+    return count();
+  }
+
+  void read_dimensions() {
+    for (std::uint64_t left = list(); left > 0 && !damaged_; --left) {
+      skip(count());
+      dimensions_.push_back(count());
+    }
+  }
+
+  std::uint64_t value_bytes() {
+    constexpr std::array<std::uint64_t, 12> sizes = {0, 1, 1, 2, 4, 4, 8, 1, 2, 4, 8, 8};
+    const std::uint64_t type = number(4);
+    damaged_ = damaged_ || type == 0 || type >= sizes.size();
+    return damaged_ ? 0 : sizes[type];
+  }
+
+  void skip_attributes() {
+    for (std::uint64_t left = list(); left > 0 && !damaged_; --left) {
+      skip(count());
+      const std::uint64_t bytes = value_bytes();
+      skip(multiply(count(), bytes));
+    }
+  }
+
+  void read_variables() {
+    for (std::uint64_t left = list(); left > 0 && !damaged_; --left) {
+      skip(count());
+      Variable variable;
+      variable.bytes = 1;
+      const std::uint64_t rank = count();
+      for (std::uint64_t d = 0; d < rank && !damaged_; ++d) {
+        const std::uint64_t dimension = count();
+        damaged_ = damaged_ || dimension >= dimensions_.size();
+        if (damaged_) return;
+        variable.record = variable.record || (d == 0 && dimensions_[dimension] == 0);
+        if (d > 0 || !variable.record) variable.bytes = multiply(variable.bytes, dimensions_[dimension]);
+      }
+      skip_attributes();
+      variable.bytes = multiply(variable.bytes, value_bytes());
+      count();  // the size, which is wrong for large variables
+      variable.begin = number(version_ == 1 ? 4 : 8);
+      variables_.push_back(variable);
+    }
+  }
+
+  std::string_view bytes_;
+  unsigned version_;
+  std::size_t at_ = 0;
+  bool damaged_ = false;
+  std::vector<std::uint64_t> dimensions_;  // 0: of records
+  std::vector<Variable> variables_;
+};
+
+Status check_netcdf(ByteSource& file, const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(header, read_text(file, 0, largest_header));
+  const auto stated = NetcdfHeader(header).stated_bytes();
+  if (!stated && file.size() > largest_header) return {};  // the library tells
+  if (!stated) return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  return *stated <= file.size() ? Status{} : fail_cut(path, *stated, file.size());
+}
+
+/// The end that the superblock of an HDF5 file states.
+Status check_hdf5(ByteSource& file, const std::string& path, std::string_view start) {
+  const unsigned version = start.size() > 8 ? static_cast<unsigned char>(start[8]) : 99;
+  const std::size_t size_at = version < 2 ? 13 : 9, end_at = version == 0 ? 40 : version == 1 ? 44 : 28;
+  if (version > 3 || start.size() < end_at + 8)
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  if (start[size_at] != 8) return {};
+  std::uint64_t stated = 0;
+  for (std::size_t i = 8; i-- > 0;) stated = stated << 8 | static_cast<unsigned char>(start[end_at + i]);
+  return stated <= file.size() ? Status{} : fail_cut(path, stated, file.size());
+}
+
+}  // namespace
+
+bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
+
+bool is_netcdf(std::string_view start) {
+  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
+}
+
+Status check_file_end(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  const Result<std::string> start = read_text(*file, 0, 64);
+  if (!start) return tl::unexpected(start.error());
+  if (is_hdf5(*start)) return check_hdf5(*file, path, *start);
+  return is_netcdf(*start) ? check_netcdf(*file, path) : Status{};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,21 @@
+// Checks of the sizes that the headers of NetCDF and HDF5 files state.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// Whether a file begins like HDF5.
+[[nodiscard]] bool is_hdf5(std::string_view start);
+
+/// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
+[[nodiscard]] bool is_netcdf(std::string_view start);
+
+/// Fails if the file at `path` ends before one of its variables does (NetCDF's own format, versions 1, 2 and 5), or
+/// before the end that it states (HDF5). Says nothing about other files. Safe on untrusted files.
+[[nodiscard]] Status check_file_end(const std::string& path);
+
+}  // namespace splatvol
