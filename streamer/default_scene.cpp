@@ -55,12 +55,13 @@ Result<Samples> read_samples(const format::Volume& volume, int attribute) {
 }
 
 // Returns the points that the camera should show: those that are not clear, or all if hardly any point is visible.
-std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& function, double offset) {
+std::vector<dvec3> find_visible(const Samples& samples, const TransferFunction& function,
+                                const format::Attribute& attribute) {
   double densest = 0;
   for (const auto& density : function.densities) densest = std::max(densest, density.extinction);
   std::vector<dvec3> visible;
   for (std::size_t i = 0; i < samples.positions.size(); ++i)
-    if (function.extinction(offset + samples.stored[i]) > share_of_densest * densest)
+    if (function.extinction(attribute.value(samples.stored[i])) > share_of_densest * densest)
       visible.push_back(samples.positions[i]);
   return visible.size() < fewest_visible ? samples.positions : visible;
 }
@@ -119,7 +120,8 @@ std::pair<double, double> choose_domain(const format::Attribute& attribute, cons
     high = percentile(attribute, histograms[index], 1 - share_left_out);
   }
   // A constant value gets a narrow domain round it.
-  const double narrowest = std::max(1e-6 * std::max(std::abs(low), std::abs(high)), 1e-30);
+  const double largest = std::max(std::abs(low), std::abs(high));
+  const double narrowest = largest > 0 ? 1e-6 * largest : 1e-30;
   if (!(high - low > narrowest)) return {low - narrowest, high + narrowest};
   return {low, high};
 }
@@ -170,7 +172,7 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   function.colors = short_cool_to_warm();
   function.densities = choose_densities(chosen, histograms, a, function);
 
-  const std::vector<dvec3> points = find_visible(samples, function, chosen.offset);
+  const std::vector<dvec3> points = find_visible(samples, function, chosen);
   const Box box = bounds(points);
   const double edge = volume.info().cube.edge;
   scene.camera = fit_camera(points, box, edge);

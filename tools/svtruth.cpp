@@ -20,6 +20,7 @@ struct Options {
   std::string scene;
   std::string output;
   std::string size;
+  std::vector<double> missing;
   int threads = 0;
   bool json = false;
 };
@@ -45,8 +46,9 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
-Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {{attribute}, {}}));
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute,
+                       const std::vector<double>& missing) {
+  SPLATVOL_TRY_ASSIGN(source, open_source(paths, {.selection = {attribute}, .columns = {}, .missing = missing}));
   ProgressBar bar("read");
   Mesh mesh;
   for (std::size_t read = 1;; ++read) {
@@ -87,7 +89,7 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute));
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, options.missing));
 
   const double start = seconds_now();
   const auto picture = render_with_progress(mesh, scene, options.threads);
@@ -119,6 +121,9 @@ int main(int argc, char** argv) {
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
   app.add_option("-o,--output", options.output, "Picture to write")->required()->check(check_image_path);
   app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")->check(check_image_size);
+  app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
+      ->type_name("V")
+      ->allow_extra_args(false);
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });

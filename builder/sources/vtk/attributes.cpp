@@ -7,23 +7,27 @@
 #include <algorithm>
 #include <cmath>
 
-#include "builder/sources/source.h"
-
 namespace splatvol {
 namespace {
 
-std::vector<double> read_attribute(const VtkAttribute& attribute, vtkDataArray& array,
-                                   std::span<const std::uint32_t> points) {
-  std::vector<double> values(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    double value = 0;
-    if (attribute.component != VtkAttribute::magnitude) {
-      value = array.GetComponent(points[i], attribute.component);
-    } else {
-      for (int c = 0; c < attribute.components; ++c) value = std::hypot(value, array.GetComponent(points[i], c));
-    }
-    values[i] = finite_or_missing(value);
+// Returns the length of a vector, or its first component that is missing.
+double read_magnitude(vtkDataArray& array, vtkIdType tuple, int components, const MissingValues& missing) {
+  double length = 0;
+  for (int c = 0; c < components; ++c) {
+    const double component = array.GetComponent(tuple, c);
+    if (missing.has(component)) return component;
+    length = std::hypot(length, component);
   }
+  return length;
+}
+
+std::vector<double> read_attribute(const VtkAttribute& attribute, vtkDataArray& array,
+                                   std::span<const std::uint32_t> points, const MissingValues& missing) {
+  std::vector<double> values(points.size());
+  const bool is_magnitude = attribute.component == VtkAttribute::magnitude;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    values[i] = is_magnitude ? read_magnitude(array, points[i], attribute.components, missing)
+                             : array.GetComponent(points[i], attribute.component);
   return values;
 }
 
@@ -64,7 +68,8 @@ std::vector<VtkAttribute> attributes_of(vtkDataSet& data) {
 
 Result<std::vector<std::vector<double>>> read_attributes(const std::string& path, vtkDataSet& data,
                                                          std::span<const VtkAttribute> attributes,
-                                                         std::span<const std::uint32_t> points) {
+                                                         std::span<const std::uint32_t> points,
+                                                         const MissingValues& missing) {
   std::vector<std::vector<double>> values;
   for (const VtkAttribute& attribute : attributes) {
     vtkDataArray* array = data.GetPointData()->GetArray(attribute.array.c_str());
@@ -74,7 +79,7 @@ Result<std::vector<std::vector<double>>> read_attributes(const std::string& path
     if (array->GetNumberOfTuples() < data.GetNumberOfPoints())
       return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} values for {} points", path, attribute.array,
                   array->GetNumberOfTuples(), data.GetNumberOfPoints());
-    values.push_back(read_attribute(attribute, *array, points));
+    values.push_back(read_attribute(attribute, *array, points, missing));
   }
   return values;
 }

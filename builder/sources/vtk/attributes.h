@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/source.h"
 
 class vtkDataSet;
 class vtkDataSetAttributes;
@@ -35,10 +36,12 @@ struct VtkAttribute {
 /// Lists all attributes of a data set, in the order of its arrays. Strings, ghost flags and ids are no attributes.
 [[nodiscard]] std::vector<VtkAttribute> attributes_of(vtkDataSet& data);
 
-/// Reads the values of `attributes` at `points`, in the form of Piece::values. Fails if an attribute's array is not
+/// Reads the values of `attributes` at `points`, in the form of Piece::values, but with the numbers that `missing` has.
+/// The magnitude of a vector with such a component is this component. Fails if an attribute's array is not
 /// there, has another number of components, or is too short; `path` begins the message. Requires points in range.
 [[nodiscard]] Result<std::vector<std::vector<double>>> read_attributes(const std::string& path, vtkDataSet& data,
                                                                        std::span<const VtkAttribute> attributes,
-                                                                       std::span<const std::uint32_t> points);
+                                                                       std::span<const std::uint32_t> points,
+                                                                       const MissingValues& missing);
 
 }  // namespace splatvol

@@ -79,8 +79,11 @@ Status try_file(const VtkFile& file, const std::vector<std::string>& selection, 
 /// The blocks of one file.
 class BlockDataSets final : public VtkDataSets {
  public:
-  BlockDataSets(VtkFile file, std::vector<std::string> selection)
-      : file_(std::move(file)), selection_(std::move(selection)), reader_(make_block_reader(file_.kind)) {}
+  BlockDataSets(VtkFile file, std::vector<std::string> selection, const MissingValues& missing)
+      : file_(std::move(file)),
+        selection_(std::move(selection)),
+        missing_(missing),
+        reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_blocks(file_));
@@ -123,7 +126,7 @@ class BlockDataSets final : public VtkDataSets {
         collect(*tree);
         tree->Initialize();
       }
-      for (auto& block : blocks_) average_cell_data(*block, selection_);
+      for (auto& block : blocks_) average_cell_data(*block, selection_, missing_);
       for (auto& block : blocks_) learn_arrays(*block);
       for (auto& block : blocks_) add_missing(*block, shapes_);
     }));
@@ -155,6 +158,7 @@ class BlockDataSets final : public VtkDataSets {
 
   VtkFile file_;
   std::vector<std::string> selection_;
+  MissingValues missing_;
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
   std::optional<TimeStep> step_;
@@ -167,8 +171,8 @@ class BlockDataSets final : public VtkDataSets {
 }  // namespace
 
 Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const std::vector<std::string>& selection,
-                                                 std::optional<double> time) {
-  auto blocks = std::make_unique<BlockDataSets>(file, selection);
+                                                 std::optional<double> time, const MissingValues& missing) {
+  auto blocks = std::make_unique<BlockDataSets>(file, selection, missing);
   SPLATVOL_TRY(blocks->open(time));
   return blocks;
 }

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "builder/sources/source.h"
 #include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
@@ -13,9 +14,11 @@ namespace splatvol {
 /// Opens a file at the time step nearest to `time`, or without one at the last. Every block with points is a data set,
 /// except surfaces: blocks that have cells with an area, and none with a volume. The blocks of Exodus and CGNS are read
 /// one at a time, those of other formats all at once. Arrays of the cells become arrays of the points
-/// (builder/sources/vtk/cell_averages.h). An array that a block lacks is NaN there. Fails if the file cannot be read.
+/// (builder/sources/vtk/cell_averages.h). An array that a block lacks is NaN there. A cell whose value
+/// `missing` has does not count. Fails if the file cannot be read.
 [[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file,
                                                                const std::vector<std::string>& selection,
-                                                               std::optional<double> time);
+                                                               std::optional<double> time,
+                                                               const MissingValues& missing);
 
 }  // namespace splatvol

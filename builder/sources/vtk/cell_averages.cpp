@@ -11,7 +11,6 @@
 #include <vtkUnsignedCharArray.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <optional>
 
@@ -29,7 +28,7 @@ bool has_volume(vtkDataSet& data, vtkIdType cell) {
 /// Averages arrays of the cells. Finds the cells that count once, for all arrays.
 class CellAverages {
  public:
-  explicit CellAverages(vtkDataSet& data) : data_(data) {
+  CellAverages(vtkDataSet& data, const MissingValues& missing) : data_(data), missing_(missing) {
     const vtkIdType cells = data.GetNumberOfCells();
     bool volume = false;
     for (vtkIdType cell = 0; cell < cells && !volume; ++cell) volume = has_volume(data, cell);
@@ -42,7 +41,7 @@ class CellAverages {
     }
   }
 
-  /// Returns the means at the points; NaN at points of no cell with a finite value.
+  /// Returns the means at the points; NaN at points of no cell with a value.
   vtkSmartPointer<vtkDoubleArray> operator()(vtkDataArray& values) const {
     const int components = values.GetNumberOfComponents();
     auto means = vtkSmartPointer<vtkDoubleArray>::New();
@@ -61,7 +60,7 @@ class CellAverages {
     const vtkNew<vtkIdList> points;
     for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) {
       const double value = values.GetComponent(cell, component);
-      if (!used_[static_cast<std::size_t>(cell)] || !std::isfinite(value)) continue;
+      if (!used_[static_cast<std::size_t>(cell)] || missing_.has(value)) continue;
       data_.GetCellPoints(cell, points);
       for (vtkIdType i = 0; i < points->GetNumberOfIds(); ++i) {
         const vtkIdType point = points->GetId(i);
@@ -76,6 +75,7 @@ class CellAverages {
   }
 
   vtkDataSet& data_;
+  const MissingValues& missing_;
   std::vector<bool> used_;  // [cell]: whether it counts
 };
 
@@ -90,7 +90,7 @@ bool is_surface(vtkDataSet& data) {
   return area;
 }
 
-void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection) {
+void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection, const MissingValues& missing) {
   vtkCellData& cells = *data.GetCellData();
   std::optional<CellAverages> averages;
   for (int i = 0; i < cells.GetNumberOfArrays(); ++i) {
@@ -99,7 +99,7 @@ void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selecti
     const std::string name = cells.GetArrayName(i);
     if (is_bookkeeping(cells, i, name) || name == "HigherOrderDegrees" || !wants_array(selection, name)) continue;
     if (data.GetPointData()->HasArray(name.c_str()) || array->GetNumberOfTuples() < data.GetNumberOfCells()) continue;
-    if (!averages) averages.emplace(data);
+    if (!averages) averages.emplace(data, missing);
     data.GetPointData()->AddArray((*averages)(*array));
   }
 }

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "builder/sources/source.h"
+
 class vtkDataSet;
 
 namespace splatvol {
@@ -11,9 +13,9 @@ namespace splatvol {
 /// Whether a data set has cells with an area, and none with a volume.
 [[nodiscard]] bool is_surface(vtkDataSet& data);
 
-/// Adds an array of the points for each selected array of the cells. A point gets the mean of the finite values of the
-/// cells round it, or NaN if there are none. Hidden cells do not count; if there are cells with a volume, only these
-/// count. An array of the points takes precedence over an array of the cells with the same name.
-void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection);
+/// Adds an array of the points for each selected array of the cells. A point gets the mean of the values of the cells
+/// round it that `missing` does not have, or NaN if there are none. Hidden cells do not count; if there are cells with
+/// a volume, only these count. An array of the points takes precedence over an array of the cells with the same name.
+void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection, const MissingValues& missing);
 
 }  // namespace splatvol

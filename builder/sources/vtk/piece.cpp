@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "builder/mesh/tetrahedra.h"
+#include "builder/sources/far_points.h"
 #include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/lattice.h"
 #include "builder/sources/vtk/messages.h"
@@ -57,8 +58,9 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
-  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes)
-      : path_(path), data_(data), attributes_(attributes) {}
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes,
+             const MissingValues& missing)
+      : path_(path), data_(data), attributes_(attributes), missing_(missing) {}
 
   Result<std::unique_ptr<Piece>> make() {
     const vtkIdType count = data_.GetNumberOfPoints();
@@ -66,12 +68,14 @@ class PieceMaker {
       return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
     piece_->points.resize(static_cast<std::size_t>(count));
     for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
+    drop_far_points(piece_->points);
     use_.assign(piece_->points.size(), unused);
 
     SPLATVOL_TRY(read_ghosts());
     SPLATVOL_TRY(read_cells());
     drop_points();
-    SPLATVOL_TRY_ASSIGN(values, read_attributes(path_, data_, attributes_, kept_));
+    SPLATVOL_TRY_ASSIGN(values, read_attributes(path_, data_, attributes_, kept_, missing_));
+    for (std::vector<double>& of_attribute : values) piece_->fills.push_back(missing_.replace(of_attribute));
     piece_->values = std::move(values);
     return std::move(piece_);
   }
@@ -272,6 +276,7 @@ class PieceMaker {
   const std::string& path_;
   vtkDataSet& data_;
   std::span<const VtkAttribute> attributes_;
+  const MissingValues& missing_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
@@ -289,9 +294,9 @@ class PieceMaker {
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                          std::span<const VtkAttribute> attributes) {
+                                          std::span<const VtkAttribute> attributes, const MissingValues& missing) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes).make(); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, missing).make(); }));
   return piece;
 }
 

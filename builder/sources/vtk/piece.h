@@ -17,6 +17,7 @@ namespace splatvol {
 /// are damaged or not supported, or if an attribute is not there; `path` begins the message. Safe on untrusted data
 /// sets.
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                                        std::span<const VtkAttribute> attributes);
+                                                        std::span<const VtkAttribute> attributes,
+                                                        const MissingValues& missing);
 
 }  // namespace splatvol

@@ -46,8 +46,9 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
 /// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
  public:
-  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time)
-      : files_(std::move(files)), selection_(std::move(selection)), time_(time) {}
+  FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time,
+               const MissingValues& missing)
+      : files_(std::move(files)), selection_(std::move(selection)), time_(time), missing_(missing) {}
 
   std::size_t count() const override {
     const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
@@ -69,7 +70,7 @@ class FileDataSets final : public VtkDataSets {
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_blocks(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_));
+      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_, missing_));
       blocks_ = std::move(blocks);
       if (!step_) step_ = blocks_->time_step();
       return next();
@@ -148,6 +149,7 @@ class FileDataSets final : public VtkDataSets {
   std::vector<VtkFile> files_;
   std::vector<std::string> selection_;
   std::optional<double> time_;
+  MissingValues missing_;
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
@@ -161,8 +163,8 @@ class FileDataSets final : public VtkDataSets {
 }  // namespace
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
-                                            std::optional<double> time) {
-  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time);
+                                            std::optional<double> time, const MissingValues& missing) {
+  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time, missing);
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {

@@ -13,10 +13,10 @@ namespace splatvol {
 
 /// Reads VTK files in their order. The pieces of a .vtu and the blocks of a multi-block file come one by one, each read
 /// by the next() that returns it. With a `selection` of attributes, readers skip the arrays that it does not need;
-/// empty: all point data. `time` as in open_blocks. Errors come from next().
+/// empty: all point data. `time` and `missing` as in open_blocks. Errors come from next().
 [[nodiscard]] std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files,
                                                           std::vector<std::string> selection,
-                                                          std::optional<double> time);
+                                                          std::optional<double> time, const MissingValues& missing);
 
 /// The files that a .pvtu names, relative to its own folder, in its order.
 [[nodiscard]] Result<std::vector<std::string>> pvtu_pieces(const std::string& path);

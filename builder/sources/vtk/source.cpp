@@ -33,7 +33,8 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
 
 class VtkSource final : public Source {
  public:
-  explicit VtkSource(std::unique_ptr<VtkDataSets> data_sets) : data_sets_(std::move(data_sets)) {}
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, const MissingValues& missing)
+      : data_sets_(std::move(data_sets)), missing_(missing) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
@@ -66,7 +67,7 @@ class VtkSource final : public Source {
     if (!pending_) SPLATVOL_TRY(load());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    return make_piece(data_sets_->path(), *data, attributes_);
+    return make_piece(data_sets_->path(), *data, attributes_, missing_);
   }
 
  private:
@@ -80,6 +81,7 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
+  MissingValues missing_;
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
@@ -89,22 +91,23 @@ class VtkSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time));
+                                               std::optional<double> time, const MissingValues& missing_values) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, missing_values), missing_values);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
 
   // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
-  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time));
+  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time, missing_values));
   return fail_no_attribute(path, missing, all->attributes());
 }
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
-                                            const std::vector<std::string>& selection) {
+                                            const std::vector<std::string>& selection,
+                                            const MissingValues& missing_values) {
   SPLATVOL_TRY_ASSIGN(blocks, read_plot3d(grid, solution));
-  auto source = std::make_unique<VtkSource>(std::move(blocks));
+  auto source = std::make_unique<VtkSource>(std::move(blocks), missing_values);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (!missing.empty()) return fail_no_attribute(grid, missing, source->available());
