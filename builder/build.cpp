@@ -37,9 +37,7 @@ class VolumeBuild {
         folder_(std::move(folder)),
         progress_(progress),
         info_(describe_volume(options, input().cube, input().attributes)),
-        fits_(connection_.points <= most_fitted_points) {
-    for (const format::Attribute& attribute : input().attributes) offsets_.push_back(attribute.offset);
-  }
+        fits_(connection_.points <= most_fitted_points) {}
 
   Result<BuildReport> run(AtomicFile file) {
     const RowPacker packer(info_);
@@ -70,7 +68,6 @@ class VolumeBuild {
             .reduces = connection_.points > coarsest_target,
             .wants_splats = fits_,
             .attributes = input().attributes,
-            .offsets = offsets_,
             .packer = fits_ ? nullptr : &packer,
             .points_per_chunk = options_.points_per_chunk,
             .method = options_.reduction};
@@ -110,6 +107,7 @@ class VolumeBuild {
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       info_.attributes[a].missing = pass.missing()[a];
       report.missing.emplace_back(info_.attributes[a].name, pass.missing()[a]);
+      report.fills.emplace_back(info_.attributes[a].name, input().fills[a]);
     }
     info_.provenance = describe_provenance(options_, report);
     return report;
@@ -137,8 +135,7 @@ class VolumeBuild {
   std::string folder_;
   const BuildProgress& progress_;
   format::VolumeInfo info_;
-  bool fits_;                    // densities
-  std::vector<double> offsets_;  // [attribute]
+  bool fits_;  // densities
 };
 
 }  // namespace

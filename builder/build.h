@@ -38,6 +38,7 @@ struct BuildReport {
   CellCensus cells;
   std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
+  std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
 };
 
 /// The name as in options and provenance: "auto", "mesh", "delaunay", "none".

@@ -42,8 +42,7 @@ Status add_voronoi_material(PointBatch& points) {
   points.moments = material.spatial();
   for (std::size_t a = 0; a < points.values.size(); ++a) {
     points.value_moments[a] = material.values(points.values[a]);
-    const std::vector<vec3> gradients = material.gradients(points.values[a]);
-    points.gradients[a].assign(gradients.begin(), gradients.end());
+    points.gradients[a] = material.gradients(points.values[a]);
   }
   return {};
 }

@@ -44,6 +44,7 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
                              {"merged", census.merged},
                              {"coincident", census.coincident},
                              {"in_no_cell", census.in_no_cell},
+                             {"left_out", census.left_out},
                              {"uncertain", report.uncertain}}},
                            {"cells",
                             {{"types", cells.cells},

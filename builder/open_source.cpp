@@ -295,9 +295,10 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
   if (!options.columns.empty())
     return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
-  if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection);
+  const MissingValues missing(options.missing);
+  if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection, missing);
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
-    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection, options.cells);
+    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options.selection, options.cells, missing);
     return fail(
         ErrorCode::invalid_argument,
         "{}: neither a VTK nor a .npy nor a .vdb file; a PLOT3D grid needs its solution as the second of two files",
@@ -308,7 +309,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
   if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  return open_vtk_files(std::move(files), options.selection, options.time, options.cells);
+  return open_vtk_files(std::move(files), options.selection, options.time, options.cells, missing);
 }
 
 }  // namespace

@@ -84,13 +84,24 @@ class GridBuilder {
   // The linear field in a splat may leave the range of the attribute: clamps it.
   [[nodiscard]] float value(double mass, double integral, const format::Attribute& attribute) const {
     if (!(mass > least_fraction * voxel_volume_)) return missing;
-    return static_cast<float>(std::clamp(attribute.offset + integral / mass, attribute.min, attribute.max));
+    return static_cast<float>(std::clamp(attribute.value(integral / mass), attribute.min, attribute.max));
   }
 
   double voxel_volume_;
   VdbGrids grids_;
   std::vector<format::Attribute> attributes_;
 };
+
+// The grids hold single precision.
+Status check_range(const format::Volume& volume, const format::Attribute& attribute) {
+  const double largest = std::max(std::abs(attribute.min), std::abs(attribute.max));
+  constexpr double least = std::numeric_limits<float>::min(), most = std::numeric_limits<float>::max();
+  if (std::isnan(largest) || largest == 0 || (largest >= least && largest <= most)) return {};
+  return fail(ErrorCode::unsupported,
+              "{}: values of \"{}\" reach {:g}, and OpenVDB's grids hold {:.0e} to {:.0e}: leave it out (--attribute), "
+              "or export points (.vtu)",
+              volume.name(), attribute.name, largest, least, most);
+}
 
 }  // namespace
 
@@ -102,6 +113,7 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
       return fail(ErrorCode::invalid_argument,
                   "{}: an attribute is called \"{}\" as the grid of the material: leave it out (--attribute)",
                   volume.name(), fraction_name);
+  for (const std::size_t a : selection.attributes) SPLATVOL_TRY(check_range(volume, info.attributes[a]));
   const VoxelFrame frame{info.cube.origin, voxel};
   if (!(info.cube.edge / voxel < most_voxels) || !(voxel * voxel * voxel > 0) || !std::isfinite(voxel * voxel * voxel))
     return fail(ErrorCode::invalid_argument, "{}: voxels of {} cannot be numbered: the volume is {} wide",

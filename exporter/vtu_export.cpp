@@ -140,7 +140,7 @@ class VtuFile {
       auto column = columns.begin();
       append(*column++, group.positions[i]);
       for (std::size_t a = 0; a < attributes_.size(); ++a)
-        (column++)->push_back(attributes_[a].offset + static_cast<double>(group.values[a][i]));
+        (column++)->push_back(attributes_[a].value(static_cast<double>(group.values[a][i])));
       const format::SplatShape& shape = group.shapes[i];
       const dmat3 axes = glm::mat3_cast(shape.orientation);
       dmat3 covariance(0);
@@ -151,9 +151,11 @@ class VtuFile {
       append(*column, {covariance[0][0], covariance[1][1], covariance[2][2]});
       append(*column++, {covariance[1][0], covariance[2][1], covariance[2][0]});
       for (std::size_t a = 0; a < attributes_.size(); ++a) {
-        const format::SplatValue& value = group.materials[a][i];
+        format::SplatValue value = group.materials[a][i];
+        value.mean = attributes_[a].value(value.mean);
+        value.deviation *= attributes_[a].scale;
         const double none = value.coverage > 0 ? 0 : std::numeric_limits<double>::quiet_NaN();
-        (column++)->push_back(none + attributes_[a].offset + value.mean);
+        (column++)->push_back(none + value.mean);
         (column++)->push_back(none + value.deviation);
         append(*column++, none + axes * (value.deviation * value.correlation * shape.deviations));
         append(*column++, gradient_of(value, shape, axes));

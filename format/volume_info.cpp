@@ -97,6 +97,8 @@ Attribute read_attribute(const json& node) {
   attribute.name = text(node, "name");
   attribute.unit = text(node, "unit");
   attribute.offset = finite(member(node, "offset"), "offset");
+  attribute.scale = finite(member(node, "scale"), "scale");
+  require(attribute.scale > 0, "'scale' is not above 0");
   attribute.min = finite_or_null(node, "min");
   attribute.max = finite_or_null(node, "max");
   attribute.missing = whole_member(node, "missing", 0, max_points);
@@ -216,6 +218,7 @@ json to_json(const Attribute& attribute) {
   return {{"name", attribute.name},
           {"unit", attribute.unit},
           {"offset", attribute.offset},
+          {"scale", attribute.scale},
           {"min", number_or_null(attribute.min)},
           {"max", number_or_null(attribute.max)},
           {"missing", attribute.missing}};

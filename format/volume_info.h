@@ -15,10 +15,15 @@ namespace splatvol::format {
 struct Attribute {
   std::string name;
   std::string unit;
-  double offset = 0;                                      // value = offset + stored value
+  double offset = 0;                                      // value = offset + scale x stored value
+  double scale = 1;                                       // > 0; a power of two
   double min = std::numeric_limits<double>::quiet_NaN();  // of the values; NaN if none is present
   double max = std::numeric_limits<double>::quiet_NaN();
   std::uint64_t missing = 0;
+
+  /// Convert between values and stored values.
+  [[nodiscard]] double value(double stored) const { return offset + scale * stored; }
+  [[nodiscard]] double stored(double value) const { return (value - offset) / scale; }
 };
 
 /// Returns what stands beside its values: the name, and the unit in brackets if there is one.
@@ -28,7 +33,7 @@ struct Attribute {
 
 /// Returns the bins of an attribute's stored values.
 [[nodiscard]] inline ValueBins bins_of(const Attribute& attribute) {
-  return {attribute.min - attribute.offset, attribute.max - attribute.offset};
+  return {attribute.stored(attribute.min), attribute.stored(attribute.max)};
 }
 
 enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };

@@ -77,6 +77,12 @@ void write_records(std::span<const Splat> splats, std::span<const SplatBatch> ba
   });
 }
 
+/// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
+float nearest_float(double number) {
+  constexpr double largest = std::numeric_limits<float>::max();
+  return static_cast<float>(std::clamp(number, -largest, largest));
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Renderer>> Renderer::create(KernelKind kind) {
@@ -113,11 +119,14 @@ Status Renderer::prepare_quads() {
   return {};
 }
 
-Status Renderer::set_transfer_function(const TransferFunction& function, double value_offset) {
+Status Renderer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
+  TransferFunction function = world_function;
+  for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
   if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi))
     return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
-  value_low_ = static_cast<float>(function.lo - value_offset);
-  inverse_domain_ = static_cast<float>(1 / (function.hi - function.lo));
+  units_ = units;
+  value_low_ = nearest_float((function.lo - units.value_offset) / units.value_scale);
+  inverse_domain_ = nearest_float(units.value_scale / (function.hi - function.lo));
   ordered_view_.reset();
 
   const TransferTable table = make_transfer_table(function, kernel_.table_columns, kernel_.table_rows);
@@ -252,7 +261,7 @@ Status Renderer::upload_frame(const View& view) {
   const FrameBlock block{.rotation = {row(view.right), row(view.up), row(view.forward)},
                          .image_width = static_cast<float>(view.width),
                          .image_height = static_cast<float>(view.height),
-                         .focal = static_cast<float>(view.focal),
+                         .focal = nearest_float(view.orthographic ? view.focal * units_.length : view.focal),
                          .orthographic = view.orthographic ? 1.0F : 0.0F,
                          .value_low = value_low_,
                          .inverse_domain = inverse_domain_,
@@ -264,7 +273,7 @@ Status Renderer::upload_frame(const View& view) {
   std::vector<vec4> origins;
   origins.reserve(batch_origins_.size());
   for (std::size_t i = 0; i < batch_origins_.size(); ++i)
-    origins.emplace_back(vec3(view.to_view(batch_origins_[i])), batch_weights_[i]);
+    origins.emplace_back(vec3(view.to_view(batch_origins_[i]) / units_.length), batch_weights_[i]);
   origins_.write(origins.data(), origins.size() * sizeof(vec4));
 
   frame_.bind(GL_UNIFORM_BUFFER, 0);

@@ -45,10 +45,10 @@ class Renderer {
   [[nodiscard]] static Result<std::unique_ptr<Renderer>> create(KernelKind kind);
 
   /// Sets colour and extinction of the splats; `moments` averages them over each splat's values (transfer_table.h).
-  /// Call it before the first draw. The true values are `value_offset` plus those of the splats: only the difference to
-  /// the function's domain is rounded to single precision. Fails if the function has no control points or an empty
-  /// domain.
-  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, double value_offset = 0);
+  /// Call it before the first draw. `units`: of the splats that are set. Views, batches' origins and the function are
+  /// in world units; only their relation to the splats is rounded to single precision. Fails if the function has no
+  /// control points or an empty domain.
+  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units = {});
 
   /// Sets a light at the eye, or none: colours as they are.
   void set_lighting(const std::optional<Lighting>& lighting);
@@ -119,6 +119,7 @@ class Renderer {
   std::array<std::optional<Buffer>, 3> axis_orders_;  // made when first asked for
   Texture transfer_table_;
   Texture peak_table_;
+  DrawingUnits units_;
   float value_low_ = 0;
   float inverse_domain_ = 0;
   std::optional<Lighting> lighting_;

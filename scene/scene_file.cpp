@@ -14,7 +14,8 @@ namespace {
 using nlohmann::json;
 
 constexpr int largest_image_side = 16384;
-constexpr double largest_number = 1e37;  // pictures are drawn in single precision
+constexpr double largest_number = 1e100;  // of lengths and values: squares stay in the range of double precision
+constexpr double largest_light = 1e37;    // of colours and light, which are drawn in single precision
 
 /// Returns how many letters must be added, left out or replaced to turn one word into the other (Levenshtein).
 std::size_t edit_distance(std::string_view a, std::string_view b) {
@@ -71,8 +72,16 @@ class Field {
     if (!value_.is_number()) return wrong("not a number");
     const double number = value_.get<double>();
     if (!std::isfinite(number)) return wrong("not finite");
-    if (std::abs(number) > largest_number) return wrong("beyond single precision");
+    if (std::abs(number) > largest_number) return wrong("beyond {}", largest_number);
     return number;
+  }
+
+  /// As number, for colours and light: from 0 up.
+  Result<double> light() const {
+    SPLATVOL_TRY_ASSIGN(light, number());
+    if (light < 0) return wrong("{} is negative", light);
+    if (light > largest_light) return wrong("beyond {}", largest_light);
+    return light;
   }
 
   Result<std::vector<double>> numbers(std::size_t count) const {
@@ -117,15 +126,14 @@ Result<dvec3> vector_at(const Field& parent, const char* name) {
 
 Result<double> amount_at(const Field& parent, const char* name) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
-  SPLATVOL_TRY_ASSIGN(amount, field.number());
-  if (amount < 0) return field.wrong("{} is negative", amount);
-  return amount;
+  return field.light();
 }
 
 Result<dvec3> color_at(const Field& parent, const char* name) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
   SPLATVOL_TRY_ASSIGN(rgb, field.vector());
   if (rgb.r < 0 || rgb.g < 0 || rgb.b < 0) return field.wrong("negative colour");
+  for (std::size_t channel = 0; channel < 3; ++channel) SPLATVOL_TRY(field.element(channel).light());
   return rgb;
 }
 
@@ -187,8 +195,10 @@ Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const c
     SPLATVOL_TRY_ASSIGN(row, point.numbers(1 + channels));
     if (row[0] < 0 || row[0] > 1) return point.wrong("t = {} is outside [0, 1]", row[0]);
     if (!rows.empty() && row[0] < rows.back()[0]) return point.wrong("t = {} is below the one before", row[0]);
-    for (std::size_t channel = 1; channel <= channels; ++channel)
+    for (std::size_t channel = 1; channel <= channels; ++channel) {
       if (row[channel] < 0) return point.wrong("{} is negative", row[channel]);
+      if (channels > 1) SPLATVOL_TRY(point.element(channel).light());
+    }
     rows.push_back(std::move(row));
   }
   return rows;

@@ -28,9 +28,9 @@ struct Material {
 
 int signed_byte(std::uint32_t packed, int k) { return static_cast<std::int8_t>(packed >> 8 * k & 255); }
 
-Material unpack(const MomentsSplat& splat, const dvec3& origin) {
+Material unpack(const MomentsSplat& splat) {
   Material m;
-  m.center = origin + dvec3(splat.position);
+  m.center = dvec3(splat.position);
   m.axes = rotated_axes(splat.orientation);
   m.deviations = dvec3(splat.deviations);
   m.mass = static_cast<double>(splat.mass);
@@ -42,8 +42,8 @@ Material unpack(const MomentsSplat& splat, const dvec3& origin) {
   return m;
 }
 
-void pack(const Material& m, const dvec3& origin, MomentsSplat& splat) {
-  splat.position = vec3(m.center - origin);
+void pack(const Material& m, MomentsSplat& splat) {
+  splat.position = vec3(m.center);
   splat.deviations = vec3(m.deviations);
   splat.mass = static_cast<float>(m.mass);
   splat.value = static_cast<float>(m.value);
@@ -104,10 +104,10 @@ bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& spla
 
 }  // namespace
 
-void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box) {
+void clip(std::span<MomentsSplat> splats, const Box& box) {
   for (MomentsSplat& splat : splats) {
     if (!(splat.mass > 0)) continue;
-    Material m = unpack(splat, origin);
+    Material m = unpack(splat);
     // Most splats are so far inside that no face matters.
     const double reach = farthest * std::max({m.deviations.x, m.deviations.y, m.deviations.z});
     const dvec3 below = m.center - box.low, above = box.high - m.center;
@@ -120,15 +120,15 @@ void clip(std::span<MomentsSplat> splats, const dvec3& origin, const Box& box) {
              cut(m, -outwards, m.center[axis] - box.low[axis], splat);
     }
     if (left)
-      pack(m, origin, splat);
+      pack(m, splat);
     else
       splat.mass = 0;
   }
 }
 
-void clip(std::span<OctantSplat> splats, const dvec3& origin, const Box& box) {
+void clip(std::span<OctantSplat> splats, const Box& box) {
   for (OctantSplat& splat : splats) {
-    const dvec3 position = origin + dvec3(splat.position);
+    const dvec3 position(splat.position);
     if (!(glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high))))
       splat.value = std::numeric_limits<float>::quiet_NaN();
   }

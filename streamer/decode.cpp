@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "format/columns.h"
+#include "streamer/splat.h"
 
 namespace splatvol {
 
@@ -80,6 +81,7 @@ std::uint64_t largest_payload(ColumnKind kind, std::uint64_t points) {
 
 Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& entry, std::span<const std::byte> packed,
                                   std::uint32_t points, double edge, std::string_view what) {
+  const double length = drawing_length(edge);
   switch (kind) {
     case ColumnKind::position:
     case ColumnKind::centroid: {
@@ -97,7 +99,7 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
       SPLATVOL_TRY(format::unpack_octants(entry, packed, depths, counts, what));
       std::vector<float> sizes(points);
       for (std::size_t i = 0; i < sizes.size(); ++i)
-        sizes[i] = static_cast<float>(std::ldexp(edge, -depths[i]) / std::cbrt(counts[i]));
+        sizes[i] = static_cast<float>(std::ldexp(edge / length, -depths[i]) / std::cbrt(counts[i]));
       return DecodedChunk(std::move(sizes));
     }
     case ColumnKind::gradient:
@@ -107,7 +109,7 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
     case ColumnKind::moments:
       return decode_each<format::SplatShape>(
           points, [&](std::span<format::SplatShape> out) { return format::unpack_moments(entry, packed, out, what); },
-          [](const format::SplatShape& shape) { return compact(shape); });
+          [&](const format::SplatShape& shape) { return compact(shape, length); });
     case ColumnKind::value_moments:
       return decode_each<format::SplatValue>(
           points,
@@ -119,7 +121,7 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
   return fail(ErrorCode::unsupported, "{}: a column of an unknown kind", what);
 }
 
-MaterialShape compact(const format::SplatShape& shape) {
+MaterialShape compact(const format::SplatShape& shape, double length) {
   // Principal axes have no sign: a turn by 180 degrees about one of them reverses the other two and gives the same
   // ellipsoid. One of q, qi, qj, qk has the largest of q's components as its w, up to sign.
   glm::dquat q = shape.orientation;
@@ -137,7 +139,8 @@ MaterialShape compact(const format::SplatShape& shape) {
   dvec3 boundary = shape.boundary;
   for (std::uint32_t axis = 0; axis < 3; ++axis)
     if (turned < 3 && axis != turned) boundary[static_cast<int>(axis)] *= -1;
-  return {static_cast<float>(shape.mass * shape.density), vec3(shape.deviations), vec3(dvec3(q.x, q.y, q.z)),
+  const double mass = shape.mass / length / length / length;
+  return {static_cast<float>(mass * shape.density), vec3(shape.deviations / length), vec3(dvec3(q.x, q.y, q.z)),
           pack_boundary(boundary), turned};
 }
 

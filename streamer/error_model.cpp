@@ -71,7 +71,7 @@ ErrorModel::OfNode::OfNode(const ErrorModel& model, const Node& node)
 }
 
 ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t splats) const {
-  const double edge = node_.cube.edge;
+  const double edge = node_.cube.edge / model_.tree_.visibility().length();  // the unit of values_
   const double bound = std::min(model_.tree_.splat_bound_in_cube(node_, resolution), 2.0);
   const double count = std::max(static_cast<double>(splats), 1.0);
   const double share = std::min(std::exp2((bound - 2.0 / 3 * std::log2(count)) / 3), 1.0);  // h / L

@@ -32,8 +32,8 @@ EmptyReason why_empty(const View& view, const TransferFunction& function, const 
                       const Box& bounds) {
   if (!is_in_sight(view, bounds)) return {"the data lies outside of the view", "turn the camera to the data"};
   const ValueVisibility visibility(function, attribute);
-  const auto low = static_cast<float>(attribute.min - attribute.offset);
-  const auto high = static_cast<float>(attribute.max - attribute.offset);
+  const auto low = static_cast<float>(attribute.stored(attribute.min));
+  const auto high = static_cast<float>(attribute.stored(attribute.max));
   if (!visibility.shows(low, high, ~std::uint64_t{0}))
     return {"the transfer function hides every value", "raise the density, or widen the domain"};
   if (const auto& box = view.clip_box) {

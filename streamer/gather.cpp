@@ -27,8 +27,9 @@ struct OctantRow {
   std::span<const float> values, sizes;
   std::span<const std::uint32_t> gradients;
 
-  OctantSplat splat(std::size_t point, const dvec3& origin) const {
-    return {vec3(positions[point] - origin), values[point], sizes[point], gradients.empty() ? 0 : gradients[point]};
+  OctantSplat splat(std::size_t point, const dvec3& origin, double length) const {
+    return {vec3((positions[point] - origin) / length), values[point], sizes[point],
+            gradients.empty() ? 0 : gradients[point]};
   }
 };
 
@@ -38,7 +39,7 @@ struct MomentsRow {
   std::span<const MaterialShape> shapes;
   std::span<const MaterialValue> values;
 
-  MomentsSplat splat(std::size_t point, const dvec3& origin) const {
+  MomentsSplat splat(std::size_t point, const dvec3& origin, double length) const {
     const MaterialShape& shape = shapes[point];
     const MaterialValue& value = values[point];
     std::uint32_t correlations = 0;
@@ -47,7 +48,7 @@ struct MomentsRow {
       const int c = value.correlations[k];
       correlations |= static_cast<std::uint32_t>(static_cast<std::uint8_t>(reversed ? -c : c)) << 8 * k;
     }
-    return {vec3(centroids[point] - origin),
+    return {vec3((centroids[point] - origin) / length),
             shape.mass * value.coverage,
             shape.deviations,
             shape.orientation,
@@ -64,11 +65,12 @@ std::span<const T> elements(const CacheData& data) {
 }
 
 template <class Row, class Splat>
-void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, std::span<Splat> splats) {
+void copy_jobs(std::span<const CopyJob> jobs, const Cut& cut, const Row& row, double length, std::span<Splat> splats) {
   for (const CopyJob& job : jobs) {
     const Cube& cube = cut.items[job.item].cube;
     const dvec3 origin = cube.origin + 0.5 * cube.edge;
-    for (std::uint32_t i = 0; i < job.count; ++i) splats[job.destination + i] = row.splat(job.begin + i, origin);
+    for (std::uint32_t i = 0; i < job.count; ++i)
+      splats[job.destination + i] = row.splat(job.begin + i, origin, length);
   }
 }
 
@@ -290,15 +292,16 @@ void Gatherer::copy(std::span<const CopyJob> jobs, const Cut& cut, const Wave& w
   const auto held = [&](std::size_t i) -> const CacheData& {
     return *wave.held.at(chunk_key(jobs.front().resolution, jobs.front().group, columns_[i]));
   };
+  const double length = drawing_length(volume_->volume().info().cube.edge);
   if (kernel_ == KernelKind::moments) {
     copy_jobs(jobs, cut,
               MomentsRow{elements<dvec3>(held(0)), elements<MaterialShape>(held(1)), elements<MaterialValue>(held(2))},
-              splats.as<MomentsSplat>());
+              length, splats.as<MomentsSplat>());
     return;
   }
   OctantRow row{elements<dvec3>(held(0)), elements<float>(held(1)), elements<float>(held(2)), {}};
   if (columns_.size() > 3) row.gradients = elements<std::uint32_t>(held(3));
-  copy_jobs(jobs, cut, row, splats.as<OctantSplat>());
+  copy_jobs(jobs, cut, row, length, splats.as<OctantSplat>());
 }
 
 }  // namespace splatvol

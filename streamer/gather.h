@@ -96,8 +96,8 @@ class Gatherer {
   /// directory pages only.
   [[nodiscard]] Result<GatherPlan> plan(const Cut& cut, const ValueVisibility& visibility);
 
-  /// Reads the chunks that the cache does not hold, and makes plan.splats splats. Positions are relative to the centre
-  /// of the item's cube. Errors name the file and the chunk.
+  /// Reads the chunks that the cache does not hold, and makes plan.splats splats. They are in DrawingUnits, and
+  /// positions are relative to the centre of the item's cube. Errors name the file and the chunk.
   [[nodiscard]] Result<SplatArray> gather(const Cut& cut, const GatherPlan& plan);
 
   /// Returns the least bytes that `gather` needs at once, besides the splats: those of one row.

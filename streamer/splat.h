@@ -1,6 +1,7 @@
 // Splats for the renderer, in batches with a common origin.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -17,22 +18,44 @@ enum class KernelKind {
   moments,  // ellipsoids that match the material
 };
 
-/// A splat of the kernel `octant`, in the layout of the renderer's buffers.
+/// The units of splats. Single precision holds numbers near 1 best, whatever the units of the file.
+struct DrawingUnits {
+  double length = 1;        // in world units
+  double value_offset = 0;  // of the attribute
+  double value_scale = 1;   // of the attribute
+
+  /// Returns the value of a stored value.
+  [[nodiscard]] double value(double stored) const { return value_offset + value_scale * stored; }
+
+  /// Returns a volume in cubed world units.
+  [[nodiscard]] double volume(double cubed_units) const { return cubed_units * length * length * length; }
+
+  [[nodiscard]] bool operator==(const DrawingUnits&) const = default;
+};
+
+/// Returns the unit of length for a file whose cube has this edge: a power of two, 1 for an ordinary edge. It is about
+/// a thousandth of other edges. Then single precision holds the masses of splats down to 1e-15 of the edge.
+[[nodiscard]] inline double drawing_length(double edge) {
+  const int exponent = std::ilogb(edge);
+  return exponent >= -10 && exponent < 20 ? 1.0 : std::ldexp(1.0, exponent - 10);
+}
+
+/// A splat of the kernel `octant`, in the layout of the renderer's buffers. In DrawingUnits.
 struct OctantSplat {
-  vec3 position;  // relative to its batch's origin, world units
-  float value;    // less the attribute's offset, for which single precision is too coarse; NaN: missing, draws nothing
-  float size;     // d: thickness and diameter scale, world units
+  vec3 position;           // relative to its batch's origin
+  float value;             // stored value; NaN: missing, draws nothing
+  float size;              // d: thickness and diameter scale
   std::uint32_t gradient;  // direction of the value's gradient, for lighting: 4 signed bytes / 127, the last 0; 0: none
 };
 static_assert(sizeof(OctantSplat) == 24);
 
-/// A splat of the kernel `moments`, in the layout of the renderer's buffers.
+/// A splat of the kernel `moments`, in the layout of the renderer's buffers. In DrawingUnits.
 struct MomentsSplat {
-  vec3 position;               // centroid relative to its batch's origin, world units
+  vec3 position;               // centroid relative to its batch's origin
   float mass;                  // volume of the material that has a value, times its density; 0 draws nothing
-  vec3 deviations;             // along the principal axes, descending, world units
+  vec3 deviations;             // along the principal axes, descending
   vec3 orientation;            // x, y, z of the unit quaternion that turns x, y, z onto the principal axes; w >= 1/2
-  float value;                 // mean, less the attribute's offset
+  float value;                 // mean, stored value
   float value_deviation;       // standard deviation of the value
   std::uint32_t correlations;  // 4 signed bytes / 127: of the value with each principal axis; then the residual, [0, 1]
   std::uint32_t boundary;      // 3 signed numbers of 10 bits / 128, lowest first: format::SplatShape::boundary
@@ -60,7 +83,7 @@ using SplatSpan = std::variant<std::span<const OctantSplat>, std::span<const Mom
 /// Consecutive splats of one node with a common origin: positions relative to it keep their detail in single precision,
 /// even far from the world's origin.
 struct SplatBatch {
-  dvec3 origin;
+  dvec3 origin;  // world units
   std::uint64_t first;
   std::uint64_t count;
   float weight = 1;  // [0, 1]: factor on the splats' mass, and so on their optical depth; 0 draws nothing

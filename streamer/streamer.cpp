@@ -43,15 +43,16 @@ std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, Kernel
   return cut.memory_bytes() + cut.splats * splat_bytes(kernel) + cut.items.size() * item_bytes + jobs * sizeof(CopyJob);
 }
 
-void clip_items(const Cut& cut, const GatherPlan& plan, const Box& box, SplatArray& array) {
+void clip_items(const Cut& cut, const GatherPlan& plan, const Box& clip_box, double length, SplatArray& array) {
   tbb::parallel_for(std::size_t{0}, cut.items.size(), [&](std::size_t i) {
     const std::uint64_t begin = i > 0 ? plan.item_ends[i - 1] : 0;
     const dvec3 origin = cut.items[i].cube.origin + 0.5 * cut.items[i].cube.edge;
     const std::uint64_t count = plan.item_ends[i] - begin;
+    const Box box{(clip_box.low - origin) / length, (clip_box.high - origin) / length};
     if (std::holds_alternative<std::span<const MomentsSplat>>(array.splats()))
-      clip(array.as<MomentsSplat>().subspan(begin, count), origin, box);
+      clip(array.as<MomentsSplat>().subspan(begin, count), box);
     else
-      clip(array.as<OctantSplat>().subspan(begin, count), origin, box);
+      clip(array.as<OctantSplat>().subspan(begin, count), box);
   });
 }
 
@@ -173,7 +174,8 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
   pager_.reset();
   coarsest_frame_.reset();
   const auto cut_start = std::chrono::steady_clock::now();
-  const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
+  const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())],
+                                   units().length);
   auto choice = choose(detail, [&](const DetailOptions& tried) { return try_cut(view, visibility, tried); });
   cut_seconds_ = seconds_since(cut_start);
   fetch_seconds_ = 0;
@@ -294,7 +296,7 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
   const Cut& cut = fading.cut;
   SPLATVOL_TRY_ASSIGN(plan, gatherer_->plan(cut, visibility));
   SPLATVOL_TRY_ASSIGN(array, gatherer_->gather(cut, plan));
-  if (clip_box_) clip_items(cut, plan, *clip_box_, array);
+  if (clip_box_) clip_items(cut, plan, *clip_box_, units().length, array);
 
   FrameSplats splats;
   splats.data = array.splats();
@@ -351,7 +353,8 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
                                     std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
   SPLATVOL_TRY(start_paging());
   if (frame_) frame_->splats.progress.errors.clear();
-  const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())]);
+  const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())],
+                                   units().length);
   const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
   if (!steady) {
     view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;

@@ -61,7 +61,7 @@ struct FrameProgress {
 
 /// Splats for a view, back to front; owned by the streamer.
 struct FrameSplats {
-  SplatSpan data;                   // of all batches, one after another
+  SplatSpan data;                   // of all batches, one after another, in Streamer::units
   std::vector<SplatBatch> batches;  // one for each node that has splats
   std::uint64_t serial = 0;         // changes when the splats change; weights may change without it
 
@@ -135,9 +135,10 @@ class Streamer {
   /// Returns the nodes of the last frame, in the order of its batches; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 
-  /// Returns the offset that must be added to the splats' values.
-  [[nodiscard]] double value_offset() const {
-    return info().attributes[static_cast<std::size_t>(paged_.attribute())].offset;
+  /// Returns the units of the splats.
+  [[nodiscard]] DrawingUnits units() const {
+    const format::Attribute& attribute = info().attributes[static_cast<std::size_t>(paged_.attribute())];
+    return {drawing_length(info().cube.edge), attribute.offset, attribute.scale};
   }
 
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }

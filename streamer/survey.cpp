@@ -34,14 +34,14 @@ class RowReader {
 };
 
 SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, const format::SplatValue& value,
-                     double offset) {
+                     const format::Attribute& attribute) {
   SurveySplat splat;
   splat.center = centroid;
   splat.axes = glm::mat3_cast(shape.orientation);
   for (int k = 0; k < 3; ++k) splat.axes[k] *= shape.deviations[k];
   splat.volume = shape.mass * value.coverage;
-  splat.value = offset + value.mean;
-  splat.deviation = value.deviation;
+  splat.value = attribute.value(value.mean);
+  splat.deviation = attribute.scale * value.deviation;
   splat.has_value = value.coverage > 0 && shape.mass > 0;
   return splat;
 }
@@ -81,11 +81,11 @@ Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, i
     SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, shapes));
     SPLATVOL_TRY(reader.append(row, count, value_moments, &format::unpack_value_moments, values));
   }
-  const double offset = info.attributes[static_cast<std::size_t>(attribute)].offset;
+  const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<SurveySplat> splats;
   splats.reserve(centroids.size());
   for (std::size_t i = 0; i < centroids.size(); ++i)
-    splats.push_back(splat_of(centroids[i], shapes[i], values[i], offset));
+    splats.push_back(splat_of(centroids[i], shapes[i], values[i], described));
   return splats;
 }
 
@@ -101,10 +101,10 @@ Result<std::vector<double>> survey_values(const format::Volume& volume, int attr
     SPLATVOL_TRY(
         reader.append(volume.rows().row(group.segment, index), group.count, column, &format::unpack_values, stored));
   }
-  const double offset = info.attributes[static_cast<std::size_t>(attribute)].offset;
+  const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<double> values;
   values.reserve(stored.size());
-  for (const float value : stored) values.push_back(offset + static_cast<double>(value));
+  for (const float value : stored) values.push_back(described.value(value));
   return values;
 }
 

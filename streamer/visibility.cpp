@@ -19,9 +19,10 @@ bool extinction_within(const TransferFunction& function, double low, double high
   });
 }
 
-ValueContrast::ValueContrast(const TransferFunction& function, const format::Attribute& attribute) {
+ValueContrast::ValueContrast(const TransferFunction& function, const format::Attribute& attribute, double length) {
   if (std::isnan(attribute.min)) return;
-  bin_width_ = (attribute.max - attribute.min) / 64;
+  const double bin_width = (attribute.max - attribute.min) / 64;
+  bin_width_ = bin_width / attribute.scale;
 
   // Running sums over samples, of emission, extinction, and their weighted squares.
   constexpr std::size_t each = 8, count = 64 * each;
@@ -31,8 +32,8 @@ ValueContrast::ValueContrast(const TransferFunction& function, const format::Att
   };
   std::vector<Sums> sums(count + 1);
   for (std::size_t i = 0; i < count; ++i) {
-    const double value = attribute.min + (static_cast<double>(i) + 0.5) / each * bin_width_;
-    const double extinction = function.extinction(value);
+    const double value = attribute.min + (static_cast<double>(i) + 0.5) / each * bin_width;
+    const double extinction = length * function.extinction(value);
     const dvec3 emission = extinction * function.color(value);
     sums[i + 1] = {sums[i].emission + emission, sums[i].extinction + extinction,
                    sums[i].squares + glm::dot(emission, emission) + 0.5 * extinction * extinction};
@@ -80,8 +81,12 @@ double ValueContrast::Node::variance(double share) const {
   return (1 - part) * static_cast<double>(variances[below]) + part * static_cast<double>(variances[below + 1]);
 }
 
-ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute)
-    : function_(function), offset_(attribute.offset), contrast_(function, attribute) {
+ValueVisibility::ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length)
+    : function_(function),
+      offset_(attribute.offset),
+      scale_(attribute.scale),
+      length_(length),
+      contrast_(function, attribute, length) {
   if (std::isnan(attribute.min)) return;
 
   // By rounding, values near a border may be in either bin.
@@ -96,13 +101,14 @@ ValueVisibility::ValueVisibility(const TransferFunction& function, const format:
 
 bool ValueVisibility::shows(float min, float max, std::uint64_t occupancy) const {
   if (!(min <= max) || (occupancy & bins_) == 0) return false;
-  return extinction_within(function_, offset_ + static_cast<double>(min), offset_ + static_cast<double>(max));
+  return extinction_within(function_, offset_ + scale_ * static_cast<double>(min),
+                           offset_ + scale_ * static_cast<double>(max));
 }
 
 // The function is linear between control points, so it is least and largest at control points or at the ends.
 ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) const {
   if (!(min <= max)) return {};
-  const double low = offset_ + static_cast<double>(min), high = offset_ + static_cast<double>(max);
+  const double low = offset_ + scale_ * static_cast<double>(min), high = offset_ + scale_ * static_cast<double>(max);
   const auto [least, most] = std::minmax({function_.extinction(low), function_.extinction(high)});
   Extinctions result{least, most};
   for (const TransferFunction::Density& d : function_.densities) {
@@ -115,8 +121,9 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
 }
 
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
-  return bins_ == other.bins_ && offset_ == other.offset_ && function_.lo == other.function_.lo &&
-         function_.hi == other.function_.hi && function_.densities == other.function_.densities;
+  return bins_ == other.bins_ && offset_ == other.offset_ && scale_ == other.scale_ &&
+         function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
+         function_.densities == other.function_.densities;
 }
 
 }  // namespace splatvol

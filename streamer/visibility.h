@@ -18,7 +18,8 @@ class ValueContrast {
   static constexpr std::size_t scales = 8;
   using Variances = std::array<float, scales>;
 
-  ValueContrast(const TransferFunction& function, const format::Attribute& attribute);
+  /// `length`: the unit of length of all results, in world units. Single precision holds them best near 1.
+  ValueContrast(const TransferFunction& function, const format::Attribute& attribute, double length = 1);
 
   /// The contrast of the values of a node. All its occupied bins count equally.
   struct Node {
@@ -46,7 +47,8 @@ class ValueContrast {
 /// A transfer function, seen through the 64 bins of an attribute (spec/svol-1.md, section 7).
 class ValueVisibility {
  public:
-  ValueVisibility(const TransferFunction& function, const format::Attribute& attribute);
+  /// `length`: of `contrast`.
+  ValueVisibility(const TransferFunction& function, const format::Attribute& attribute, double length = 1);
 
   /// Returns the visible bins: bit b is set if a value of bin b, or at its borders, may have extinction above 0.
   [[nodiscard]] std::uint64_t bins() const { return bins_; }
@@ -58,17 +60,21 @@ class ValueVisibility {
   struct Extinctions {
     double least = 0, most = 0;
   };
-  /// Returns the range of extinction over the stored values in [min, max]; 0 for an empty range.
+  /// Returns the range of extinction, per world unit, over the stored values in [min, max]; 0 for an empty range.
   [[nodiscard]] Extinctions extinctions(float min, float max) const;
 
   [[nodiscard]] const ValueContrast& contrast() const { return contrast_; }
+
+  /// Returns the unit of length of `contrast`, in world units.
+  [[nodiscard]] double length() const { return length_; }
 
   /// Whether both leave the same values visible.
   [[nodiscard]] bool operator==(const ValueVisibility& other) const;
 
  private:
   TransferFunction function_;
-  double offset_;
+  double offset_, scale_;
+  double length_;
   std::uint64_t bins_ = 0;
   ValueContrast contrast_;
 };

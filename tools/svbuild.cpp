@@ -33,6 +33,7 @@ struct Options {
   bool gradients = false;
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
+  std::vector<double> missing;
   unsigned threads = 0;
   bool json = false;
 };
@@ -78,14 +79,17 @@ Counts census_lines(const BuildReport& report) {
   lines.emplace_back("cells hidden (blanked or ghost)", report.cells.hidden);
   lines.emplace_back("points hidden (blanked or ghost)", report.cells.hidden_points);
   lines.emplace_back("cells with more nodes than corners (corners taken)", report.cells.more_nodes);
-  lines.emplace_back("cells with a corner that is not finite (left out)", report.cells.non_finite);
   lines.emplace_back("cells that are not star-shaped", report.cells.not_star_shaped);
-  lines.emplace_back("points with a coordinate that is not finite (dropped)", report.points.not_finite);
+  lines.emplace_back("points with a coordinate that is not finite, a fill value, or far beyond all others (dropped)",
+                     report.points.not_finite);
+  lines.emplace_back("cells with such a corner (left out)", report.cells.non_finite);
   lines.emplace_back("points merged (same position and values, in cells)", report.points.merged);
   lines.emplace_back("points coincident with another (kept)", report.points.coincident);
   lines.emplace_back("points in no cell (kept)", report.points.in_no_cell);
+  lines.emplace_back("points in no cell, outside of the box round all cells (dropped)", report.points.left_out);
   lines.emplace_back("points joined without all that lies round them", report.uncertain);
   for (const auto& [name, count] : report.missing) lines.emplace_back("missing values: " + name, count);
+  for (const auto& [name, count] : report.fills) lines.emplace_back("fill values taken as missing: " + name, count);
   std::erase_if(lines, [](const auto& line) { return line.second == 0; });
   return lines;
 }
@@ -151,7 +155,7 @@ Status build(const Options& options) {
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time,
-                                                           cell_values_of(options.cells)}));
+                                                           cell_values_of(options.cells), options.missing}));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   StageBar bar(source->point_count().value_or(0));
@@ -226,6 +230,11 @@ void add_format_options(CLI::App& app, Options& options) {
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")
       ->check(CLI::IsMember({"x", "y", "z"}));
+  app.add_option("--missing", options.missing,
+                 "A number that stands for a value that is not there, such as -9999; repeatable (always: NaN, NetCDF's "
+                 "default fill values, the largest number of single precision)")
+      ->type_name("V")
+      ->allow_extra_args(false);
 }
 
 void add_machine_options(CLI::App& app, Options& options) {

@@ -127,8 +127,9 @@ json attributes_json(const format::VolumeInfo& info, const Survey& survey) {
   json list = json::array();
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {
     const format::Attribute& attribute = info.attributes[a];
-    json entry = {{"name", attribute.name}, {"unit", attribute.unit}, {"offset", attribute.offset},
-                  {"min", attribute.min},   {"max", attribute.max},   {"missing", attribute.missing}};
+    json entry = {{"name", attribute.name},      {"unit", attribute.unit}, {"offset", attribute.offset},
+                  {"scale", attribute.scale},    {"min", attribute.min},   {"max", attribute.max},
+                  {"missing", attribute.missing}};
     if (!survey.histograms.empty()) entry["histogram"] = survey.histograms[a];
     list.push_back(std::move(entry));
   }

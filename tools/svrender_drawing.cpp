@@ -198,8 +198,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);
-  const double offset = drawing.streamer->value_offset();
-  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, offset); !status)
+  const DrawingUnits units = drawing.streamer->units();
+  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, units); !status)
     return options.scene.empty() ? fail_in(options.volume, status.error()) : fail_in(options.scene, status.error());
   return drawing;
 }

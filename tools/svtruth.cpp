@@ -22,6 +22,7 @@ struct Options {
   std::string output;
   std::string size;
   std::string cells = "averaged";
+  std::vector<double> missing;
   int threads = 0;
   bool json = false;
 };
@@ -54,10 +55,12 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
-Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute, CellValues cells) {
+Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute, CellValues cells,
+                       const std::vector<double>& missing) {
   SourceOptions source_options;
   source_options.selection = {attribute};
   source_options.cells = cells;
+  source_options.missing = missing;
   SPLATVOL_TRY_ASSIGN(source, open_source(paths, source_options));
   ProgressBar bar("read");
   Mesh mesh;
@@ -100,7 +103,7 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells)));
+  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing));
 
   const double start = seconds_now();
   const auto picture = render_with_progress(mesh, scene, options.threads);
@@ -133,6 +136,9 @@ int main(int argc, char** argv) {
   app.add_option("-o,--output", options.output, "Picture to write")->required()->check(check_image_path);
   app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")->check(check_image_size);
   add_cells_option(app, options.cells, "draw constant cells, as 'svbuild --cells own' has them");
+  app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
+      ->type_name("V")
+      ->allow_extra_args(false);
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });

@@ -39,21 +39,21 @@ struct Gaussian {
 
 constexpr double thinnest = 1e-4;  // share of the largest deviation: a ray still meets a flat splat
 
-Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin) {
-  const dvec3 deviations(splat.deviations);
-  return {origin + dvec3(splat.position), rotated_axes(splat.orientation),
-          glm::max(deviations, dvec3(thinnest * deviations.x)), static_cast<double>(splat.mass),
-          static_cast<double>(splat.value)};
+Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin, const DrawingUnits& units) {
+  const dvec3 deviations = units.length * dvec3(splat.deviations);
+  return {origin + units.length * dvec3(splat.position), rotated_axes(splat.orientation),
+          glm::max(deviations, dvec3(thinnest * deviations.x)), units.volume(static_cast<double>(splat.mass)),
+          units.value(static_cast<double>(splat.value))};
 }
 
 // A ball whose centre is as opaque as the splat's.
-Gaussian gaussian_of(const OctantSplat& splat, const dvec3& origin) {
-  const double size = static_cast<double>(splat.size), deviation = 0.4 * size;
-  return {origin + dvec3(splat.position), dmat3(1), dvec3(deviation),
-          size * 2 * std::numbers::pi * deviation * deviation, static_cast<double>(splat.value)};
+Gaussian gaussian_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units) {
+  const double size = units.length * static_cast<double>(splat.size), deviation = 0.4 * size;
+  return {origin + units.length * dvec3(splat.position), dmat3(1), dvec3(deviation),
+          size * 2 * std::numbers::pi * deviation * deviation, units.value(static_cast<double>(splat.value))};
 }
 
-std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferFunction& function, double offset) {
+std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferFunction& function) {
   if (!(g.mass > 0) || !(g.deviations.x > 0) || std::isnan(g.value)) return {};
   // In units of the deviations the Gaussian is round.
   const dvec3 from = (ray.origin - g.center) * g.axes / g.deviations;
@@ -63,31 +63,31 @@ std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferF
   const dvec3 miss = from + nearest * along;
   const double far = glm::dot(miss, miss);
   if (far > reach * reach) return {};
-  const double value = offset + g.value;
   const double volume = std::pow(2 * std::numbers::pi, 1.5) * g.deviations.x * g.deviations.y * g.deviations.z;
   const double depth =
-      function.extinction(value) * g.mass / volume * std::exp(-far / 2) * std::sqrt(2 * std::numbers::pi / square);
+      function.extinction(g.value) * g.mass / volume * std::exp(-far / 2) * std::sqrt(2 * std::numbers::pi / square);
   if (!(depth > 0)) return {};
-  return Crossing{nearest, depth, value};
+  return Crossing{nearest, depth, g.value};
 }
 
 template <class Splat>
 void find_crossings(std::span<const Splat> splats, std::span<const SplatBatch> batches,
-                    const TransferFunction& function, double offset, const Ray& ray, std::vector<Crossing>& found) {
+                    const TransferFunction& function, const DrawingUnits& units, const Ray& ray,
+                    std::vector<Crossing>& found) {
   for (const SplatBatch& batch : batches)
     for (const Splat& splat : splats.subspan(batch.first, batch.count))
-      if (const auto crossing = cross(ray, gaussian_of(splat, batch.origin), function, offset))
+      if (const auto crossing = cross(ray, gaussian_of(splat, batch.origin, units), function))
         found.push_back(*crossing);
 }
 
 }  // namespace
 
 std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
-                           const TransferFunction& function, double value_offset, const View& view, double x,
+                           const TransferFunction& function, const DrawingUnits& units, const View& view, double x,
                            double y) {
   const Ray ray = ray_through(view, x, y);
   std::vector<Crossing> crossings;
-  std::visit([&](auto span) { find_crossings(span, batches, function, value_offset, ray, crossings); }, splats);
+  std::visit([&](auto span) { find_crossings(span, batches, function, units, ray, crossings); }, splats);
   std::ranges::sort(crossings, {}, &Crossing::distance);
   double depth = 0;
   for (const Crossing& crossing : crossings) depth += crossing.optical_depth;

@@ -18,9 +18,9 @@ struct Probe {
 
 /// Follows the ray through (x, y), pixels from the upper left corner, through a frame's splats. Each splat is an
 /// ellipsoidal Gaussian (octant: a round one) with the extinction of its mean value. None if the ray meets nothing
-/// visible. The true values are `value_offset` plus those of the splats.
+/// visible. `units`: of the splats.
 [[nodiscard]] std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
-                                         const TransferFunction& function, double value_offset, const View& view,
+                                         const TransferFunction& function, const DrawingUnits& units, const View& view,
                                          double x, double y);
 
 }  // namespace splatvol

@@ -72,7 +72,7 @@ Status Session::open_streamer() {
   SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
   const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
   histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
-  SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->value_offset()));
+  SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->units()));
   renderer_->set_lighting(scene.lighting);
   used_settings_ = settings;
   used_scene_ = scene;
@@ -94,6 +94,7 @@ Status Session::find_bounds() {
   DetailOptions detail;
   detail.resolution = 0;
   SPLATVOL_TRY_ASSIGN(frame, streamer_->request(view, all, detail));
+  const double length = streamer_->units().length;
   for (const SplatBatch& batch : frame->batches)
     for (std::uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
       dvec3 center, half;
@@ -110,7 +111,7 @@ Status Session::find_bounds() {
         const OctantSplat& splat = std::get<std::span<const OctantSplat>>(frame->data)[i];
         center = dvec3(splat.position), half = dvec3(0.5 * static_cast<double>(splat.size));
       }
-      bounds_.include({batch.origin + center - half, batch.origin + center + half});
+      bounds_.include({batch.origin + length * (center - half), batch.origin + length * (center + half)});
     }
   return {};
 }
@@ -144,8 +145,7 @@ Status Session::apply(const View& view) {
     }
   }
   const bool other_function = scene.transfer_function != used_scene_.transfer_function;
-  if (other_function)
-    SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->value_offset()));
+  if (other_function) SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->units()));
   if (scene.lighting != used_scene_.lighting) renderer_->set_lighting(scene.lighting);
   const bool other_size = view.width != view_.width || view.height != view_.height;
   if (other_file || other_function || other_size || scene.camera != used_scene_.camera ||

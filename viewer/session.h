@@ -72,7 +72,7 @@ class Session {
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
   [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->gpu_bytes(); }
-  [[nodiscard]] double value_offset() const { return streamer_->value_offset(); }
+  [[nodiscard]] DrawingUnits units() const { return streamer_->units(); }
 
   /// Returns the errors of parts that could not be read, the newest last.
   [[nodiscard]] const std::vector<std::string>& troubles() const { return troubles_; }

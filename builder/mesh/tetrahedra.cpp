@@ -5,6 +5,8 @@
 #include <optional>
 #include <utility>
 
+#include "builder/mesh/usable_numbers.h"
+
 namespace splatvol {
 namespace {
 
@@ -306,10 +308,7 @@ bool TetrahedronSplitter::lower(std::uint32_t a, std::uint32_t b) const {
 }
 
 bool TetrahedronSplitter::finite(std::span<const std::uint32_t> nodes) const {
-  return std::ranges::all_of(nodes, [this](std::uint32_t node) {
-    const dvec3& p = points_[node];
-    return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
-  });
+  return std::ranges::all_of(nodes, [this](std::uint32_t node) { return is_usable_position(points_[node]); });
 }
 
 double TetrahedronSplitter::volume_6(std::uint32_t apex, const Triangle& triangle) const {

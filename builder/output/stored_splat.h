@@ -10,6 +10,7 @@
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
 #include "format/columns.h"
+#include "format/volume_info.h"
 
 namespace splatvol {
 
@@ -29,7 +30,7 @@ struct StoredSplat {
   std::uint8_t count = 0;    // points in that leaf, at most 255
 };
 
-/// A splat's values of an attribute, less the attribute's offset.
+/// A splat's values of an attribute, as stored: by the attribute's offset and scale.
 struct StoredValue {
   format::SplatValue value;
   float min, max;  // of the material; min > max if it has no value
@@ -44,19 +45,20 @@ struct StoredValue {
   return make_stored_splat(position, point_error, moments, shape_of(moments), plane);
 }
 
-/// Distribution of an attribute's values in the splat `shape` of all material, less the attribute's offset.
+/// Distribution of an attribute's stored values in the splat `shape` of all material.
 [[nodiscard]] format::SplatValue splat_value(const ValueMoments& moments, const format::SplatShape& shape,
-                                             double offset);
+                                             const format::Attribute& attribute);
 
-/// Least and largest value of the material, less the attribute's offset; first > second if it has no value.
-[[nodiscard]] inline std::pair<float, float> stored_range(const ValueMoments& moments, double offset) {
+/// Least and largest stored value of the material; first > second if it has no value.
+[[nodiscard]] inline std::pair<float, float> stored_range(const ValueMoments& moments,
+                                                          const format::Attribute& attribute) {
   if (!(moments.mass > 0)) return {std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()};
-  return {static_cast<float>(moments.min - offset), static_cast<float>(moments.max - offset)};
+  return {static_cast<float>(attribute.stored(moments.min)), static_cast<float>(attribute.stored(moments.max))};
 }
 
 /// Makes both of these.
 [[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
-                                            double offset);
+                                            const format::Attribute& attribute);
 
 /// For emplace_back(MadeBy{make}): make() makes the element in the vector's memory, so that nothing is copied.
 template <class Make>

@@ -13,17 +13,19 @@ namespace splatvol {
 /// Counts of the input's points.
 struct PointCensus {
   std::uint64_t read = 0;
-  std::uint64_t not_finite = 0;  // dropped: a coordinate is NaN or infinite
+  std::uint64_t not_finite = 0;  // dropped: a coordinate is not usable (is_usable_position)
   std::uint64_t merged = 0;      // vertices of cells that repeat the position and values of an earlier one
   std::uint64_t coincident = 0;  // kept, though an earlier point has the same position
   std::uint64_t in_no_cell = 0;  // kept, though the input has cells and none uses them
+  std::uint64_t left_out = 0;    // dropped: no cell uses them, and they lie outside of the box round all cells
 };
 
 /// An input that has been read.
 struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box
-  std::vector<format::Attribute> attributes;  // name, offset, range
+  std::vector<format::Attribute> attributes;  // name, offset, scale, range
+  std::vector<std::uint64_t> fills;           // [attribute]: numbers read that stood for none
   CellCensus cells;
   PointCensus census;  // PointStream::next() counts merged and coincident points
   bool has_material = false;

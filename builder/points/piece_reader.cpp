@@ -8,6 +8,8 @@
 #include <cstring>
 #include <limits>
 
+#include "builder/mesh/usable_numbers.h"
+
 namespace splatvol {
 namespace {
 
@@ -15,11 +17,9 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 constexpr std::size_t points_at_once = 1 << 14;  // records that a task makes
 
-bool is_finite(const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
-
-// A value that single precision cannot hold is taken for some program's fill value, and so for missing.
+// A value that is too large for arithmetic is taken for some program's fill value, and so for missing.
 double present_or_nan(double value) {
-  return std::abs(value) <= std::numeric_limits<float>::max() ? value : std::numeric_limits<double>::quiet_NaN();
+  return std::abs(value) <= largest_value ? value : std::numeric_limits<double>::quiet_NaN();
 }
 
 }  // namespace
@@ -39,9 +39,11 @@ Status PieceReader::run(const std::function<void(double)>& progress,
 
 InputSummary PieceReader::summary() const {
   InputSummary summary;
-  summary.box = ranges_.box;
+  const PointRanges& ranges = census_.left_out > 0 ? in_cells_ : ranges_;
+  summary.box = box();
   for (std::size_t a = 0; a < layout_.attributes(); ++a)
-    summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges_.low[a], ranges_.high[a]));
+    summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));
+  summary.fills = fills_;
   summary.cells = cells_;
   summary.census = census_;
   summary.has_material = has_material_;
@@ -57,6 +59,7 @@ Status PieceReader::read(const Piece& piece) {
   census_.read += piece.points.size();
   census_.not_finite += piece.points.size() - kept.size();
   cells_ += piece.census;
+  for (std::size_t a = 0; a < piece.fills.size(); ++a) fills_[a] += piece.fills[a];
   make_records(piece, kept);
   return add_material(piece, kept);
 }
@@ -67,10 +70,26 @@ std::vector<std::size_t> PieceReader::find_finite(const Piece& piece) {
   std::size_t count = 0;
   for (std::size_t i = 0; i < piece.points.size(); ++i) {
     kept[count] = i;
-    count += is_finite(piece.points[i]) ? 1 : 0;
+    count += is_usable_position(piece.points[i]) ? 1 : 0;
   }
   kept.resize(count);
   return kept;
+}
+
+bool PieceReader::leave_out(const std::byte* record) {
+  if (!has_cells() || layout_.vertex(record).in_cell != 0) return false;
+  const dvec3 position = layout_.position(record);
+  if (squared_distance(in_cells_.box, position) > 0) {
+    ++census_.left_out;
+    --census_.in_no_cell;
+    return true;
+  }
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const double value = layout_.value(record, a);
+    in_cells_.low[a] = std::min(in_cells_.low[a], std::isnan(value) ? infinity : value);
+    in_cells_.high[a] = std::max(in_cells_.high[a], std::isnan(value) ? -infinity : value);
+  }
+  return false;
 }
 
 // Makes the records without material, and finds the ranges.
@@ -156,7 +175,14 @@ Status PieceReader::add_cell_material(const Piece& piece, std::span<const std::s
   std::vector<bool> used(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) used[corner] = true;
-  for (const std::size_t i : kept) census_.in_no_cell += used[i] ? 0 : 1;
+  std::vector<std::size_t> in_cells;
+  for (const std::size_t i : kept) {
+    census_.in_no_cell += used[i] ? 0 : 1;
+    if (used[i]) in_cells.push_back(i);
+  }
+  PointRanges ranges(layout_.attributes());
+  find_ranges(piece, in_cells, ranges);
+  in_cells_.include(ranges);
 
   std::vector<std::vector<double>> values = piece.values;
   for (std::vector<double>& of_attribute : values)

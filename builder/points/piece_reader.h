@@ -21,14 +21,24 @@ class PieceReader {
  public:
   /// `faces`: gets the outer faces of pieces with cells. References must outlive this.
   PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces)
-      : source_(source), layout_(layout), faces_(faces), ranges_(source.attributes().size()) {}
+      : source_(source),
+        layout_(layout),
+        faces_(faces),
+        ranges_(source.attributes().size()),
+        in_cells_(source.attributes().size()),
+        fills_(source.attributes().size()) {}
 
   /// Calls visit(records) for each piece, and progress(share of the pieces that are done). Fails if no point is left.
   [[nodiscard]] Status run(const std::function<void(double)>& progress,
                            const std::function<Status(std::span<const std::byte>)>& visit);
 
-  /// Box round the points so far.
-  [[nodiscard]] const Box& box() const { return ranges_.box; }
+  /// Box round the points so far: if there are cells, round those in cells.
+  [[nodiscard]] const Box& box() const { return has_cells() ? in_cells_.box : ranges_.box; }
+
+  /// Whether a record's point is to be left out: no cell uses it, though there are cells, and it lies outside of `box`.
+  /// It owns nothing, and should not widen the cube. Call it for all records once these have been read: counts those
+  /// left out, and takes the values of the others into the ranges.
+  [[nodiscard]] bool leave_out(const std::byte* record);
 
   /// All but the cube.
   [[nodiscard]] InputSummary summary() const;
@@ -43,6 +53,7 @@ class PieceReader {
   void add_known_material(const PointMaterial& material, std::span<const std::size_t> kept);
   [[nodiscard]] Status add_whole_cells(const Piece& piece, std::span<const std::size_t> kept);
   [[nodiscard]] Status add_cell_material(const Piece& piece, std::span<const std::size_t> kept);
+  [[nodiscard]] bool has_cells() const { return cells_.tetrahedra > 0 && layout_.has_material(); }
   [[nodiscard]] std::byte* record_of(std::size_t i) { return records_.data() + i * layout_.bytes(); }
 
   Source& source_;
@@ -50,6 +61,8 @@ class PieceReader {
   PieceFaces& faces_;
   std::vector<std::byte> records_;  // of the present piece
   PointRanges ranges_;
+  PointRanges in_cells_;              // of the points that cells use; at the end, of all that are not left out
+  std::vector<std::uint64_t> fills_;  // [attribute]
   CellCensus cells_;
   PointCensus census_;
   bool has_material_ = false;

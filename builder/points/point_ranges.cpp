@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "builder/mesh/usable_numbers.h"
+
 namespace splatvol {
 namespace {
 
@@ -14,6 +16,13 @@ double choose_offset(double low, double high) {
   const double largest = std::max(std::abs(low), std::abs(high));
   const bool fine = largest * std::exp2(-24) <= (high - low) * std::exp2(-16);
   return largest == 0 || fine ? 0.0 : low + (high - low) / 2;
+}
+
+// Single precision holds numbers from 1e-38 to 3e38, and their squares within the roots of these. A scale keeps the
+// largest stored value far from both ends.
+double choose_scale(double largest) {
+  constexpr double most = 0x1p64;
+  return largest == 0 || (largest >= 1 / most && largest <= most) ? 1.0 : std::exp2(std::ilogb(largest));
 }
 
 }  // namespace
@@ -31,8 +40,10 @@ void PointRanges::include(const PointRanges& other) {
 Result<Cube> bounding_cube(const Box& box) {
   const dvec3 extent = box.high - box.low;
   const double edge = std::max({extent.x, extent.y, extent.z});
-  if (!std::isfinite(edge)) return fail(ErrorCode::invalid_data, "the points lie too far apart for double precision");
-  return Cube{box.low, edge > std::numeric_limits<double>::min() ? edge : 1.0};
+  if (edge > 0 && edge < least_extent)
+    return fail(ErrorCode::invalid_data, "the points lie within {:g} of each other: give lengths in a smaller unit",
+                edge);
+  return Cube{box.low, edge > 0 ? edge : 1.0};
 }
 
 format::Attribute describe_attribute(const std::string& name, double low, double high) {
@@ -40,9 +51,10 @@ format::Attribute describe_attribute(const std::string& name, double low, double
   attribute.name = name;
   if (!(low <= high)) return attribute;
   attribute.offset = choose_offset(low, high);
+  attribute.scale = choose_scale(std::max(high - attribute.offset, attribute.offset - low));
   // The range is that of the stored values, so that bins agree with these to the last bit.
-  attribute.min = attribute.offset + static_cast<float>(low - attribute.offset);
-  attribute.max = attribute.offset + static_cast<float>(high - attribute.offset);
+  attribute.min = attribute.value(static_cast<float>(attribute.stored(low)));
+  attribute.max = attribute.value(static_cast<float>(attribute.stored(high)));
   return attribute;
 }
 

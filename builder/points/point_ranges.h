@@ -20,8 +20,8 @@ struct PointRanges {
   void include(const PointRanges& other);
 };
 
-/// The smallest cube round the points; of edge 1 if they all coincide, because a cube needs a size. Fails if double
-/// precision cannot hold its edge.
+/// The smallest cube round the points; of edge 1 if they all coincide, because a cube needs a size. Fails if the edge
+/// is under `least_extent`. Requires coordinates within `largest_coordinate`.
 [[nodiscard]] Result<Cube> bounding_cube(const Box& box);
 
 /// An attribute with the values [low, high]; without a range if low > high.

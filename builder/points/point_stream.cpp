@@ -63,9 +63,21 @@ class InputSorter {
     for (;;) {
       SPLATVOL_TRY_ASSIGN(records, spool.next());
       if (records.empty()) break;
-      SPLATVOL_TRY(points.add(records));
+      SPLATVOL_TRY(add_kept(records, reader, points));
     }
     return PointSort{cube, std::move(points)};
+  }
+
+  // Adds the records that the reader does not leave out, in as few parts as possible.
+  Status add_kept(std::span<const std::byte> records, PieceReader& reader, ExternalSorter& points) const {
+    const std::size_t bytes = layout_.bytes();
+    std::size_t begin = 0;
+    for (std::size_t end = 0; end < records.size(); end += bytes) {
+      if (!reader.leave_out(records.data() + end)) continue;
+      if (end > begin) SPLATVOL_TRY(points.add(records.subspan(begin, end - begin)));
+      begin = end + bytes;
+    }
+    return begin < records.size() ? points.add(records.subspan(begin)) : Status{};
   }
 
   Result<ExternalSorter> start_sort(const Cube& cube, std::size_t memory) const {

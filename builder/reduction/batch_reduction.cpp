@@ -46,7 +46,7 @@ class BatchReducer {
       leaf.depth = part.depth;
       leaf.summaries.resize(attributes());
       while (leaf_begin_ < part.end) reduce_leaf(leaf);
-      add_splats(std::span(result_.members).subspan(first_member), settings_.offsets);
+      add_splats(std::span(result_.members).subspan(first_member), settings_.attributes);
       include_members(leaf, first_member);
       result_.leaf_parts.back().members_end = result_.members.size();
     }
@@ -56,7 +56,7 @@ class BatchReducer {
 
  private:
   std::size_t attributes() const { return settings_.attributes.size(); }
-  double offset(std::size_t attribute) const { return settings_.attributes[attribute].offset; }
+  const format::Attribute& attribute(std::size_t a) const { return settings_.attributes[a]; }
   BoundaryPlane plane(std::size_t i) const { return batch_.planes.empty() ? BoundaryPlane{} : batch_.planes[i]; }
 
   // Reduces the next leaf of the octree over the points, which lies in an index leaf.
@@ -111,8 +111,8 @@ class BatchReducer {
     return spacing;
   }
 
-  float stored(std::size_t attribute, std::size_t i) const {
-    return static_cast<float>(batch_.values[attribute][i] - offset(attribute));
+  float stored(std::size_t a, std::size_t i) const {
+    return static_cast<float>(attribute(a).stored(batch_.values[a][i]));
   }
 
   // Makes each element in its final memory: the processor would have to wait before it copies what it just wrote.
@@ -132,8 +132,8 @@ class BatchReducer {
     columns.points.errors.push_back(error);
     for (std::size_t a = 0; a < attributes(); ++a) {
       const ValueMoments& material = batch_.value_moments[a][i];
-      columns.splat_values[a].moments.emplace_back(MadeBy{[&] { return splat_value(material, shape, offset(a)); }});
-      const auto [low, high] = stored_range(material, offset(a));
+      columns.splat_values[a].moments.emplace_back(MadeBy{[&] { return splat_value(material, shape, attribute(a)); }});
+      const auto [low, high] = stored_range(material, attribute(a));
       const float value = stored(a, i);
       columns.splat_values[a].min.push_back(low);
       columns.splat_values[a].max.push_back(high);
@@ -222,7 +222,7 @@ class BatchReducer {
       value.value = stored(a, kept);
       value.gradient = direction(batch_.gradients[a][kept]);
       member.stored_values.emplace_back(
-          MadeBy{[&] { return make_stored_value(batch_.value_moments[a][kept], splat.shape, offset(a)); }});
+          MadeBy{[&] { return make_stored_value(batch_.value_moments[a][kept], splat.shape, attribute(a)); }});
       for (const std::size_t i : cluster) merge(value.moments, batch_.value_moments[a][i], shift(i));
     }
     for (const std::size_t i : cluster) merge(member.moments, batch_.moments[i], shift(i));

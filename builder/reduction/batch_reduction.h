@@ -57,7 +57,6 @@ struct ReductionSettings {
   bool reduces;               // false: all points are finest
   bool wants_splats;          // in ReducedBatch
   std::span<const format::Attribute> attributes;
-  std::span<const double> offsets;  // of the attributes
 
   const RowPacker* packer = nullptr;  // packs whole rows of finest points; null: they are not packed
   std::size_t points_per_chunk = 0;

@@ -27,7 +27,7 @@ void MemberPool::release(std::vector<Handle>& members) {
   members.clear();
 }
 
-void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets) {
+void add_splats(std::span<const MemberPool::Handle> members, std::span<const format::Attribute> attributes) {
   for (; !members.empty(); members = members.subspan(std::min(members.size(), shapes_at_once))) {
     const std::size_t count = std::min(members.size(), shapes_at_once);
     std::array<const SpatialMoments*, shapes_at_once> moments{};
@@ -38,9 +38,9 @@ void add_splats(std::span<const MemberPool::Handle> members, std::span<const dou
       member.splats.emplace_back(MadeBy{[&] {
         return make_stored_splat(member.point.position, member.point.error, member.moments, shapes[m], member.plane);
       }});
-      for (std::size_t a = 0; a < offsets.size(); ++a)
+      for (std::size_t a = 0; a < attributes.size(); ++a)
         member.stored_values.emplace_back(
-            MadeBy{[&] { return make_stored_value(member.values[a].moments, shapes[m], offsets[a]); }});
+            MadeBy{[&] { return make_stored_value(member.values[a].moments, shapes[m], attributes[a]); }});
     }
   }
 }
@@ -50,12 +50,12 @@ void Cascade::add_to_last(const Member& other) {
   const MemberPool::Handle& handle = level.entries.back();
   Member& last = *handle;
   merge(last.moments, other.moments, dvec3(0));
-  for (std::size_t a = 0; a < offsets_.size(); ++a) merge(last.values[a].moments, other.values[a].moments, dvec3(0));
+  for (std::size_t a = 0; a < attributes_.size(); ++a) merge(last.values[a].moments, other.values[a].moments, dvec3(0));
   last.plane = merge_planes(std::array{last.plane, other.plane}, std::array{dvec3(0), dvec3(0)});
   const std::uint64_t number = last.splats.back().number;
   last.splats.pop_back();
-  last.stored_values.resize(last.stored_values.size() - offsets_.size());
-  add_splats({&handle, 1}, offsets_);
+  last.stored_values.resize(last.stored_values.size() - attributes_.size());
+  add_splats({&handle, 1}, attributes_);
   last.splats.back().number = number;
 }
 
@@ -69,7 +69,7 @@ void Cascade::close_nodes(bool at_end) {
   for (std::size_t level = 1; level < levels_.size() && levels_[level].count > 0; ++level) {
     if (!at_end && !levels_[level].reduces()) return;
     close_nodes(level, at_end);
-    add_splats(merged_, offsets_);
+    add_splats(merged_, attributes_);
     for (MemberPool::Handle& member : merged_) push(level + 1, std::move(member));
     merged_.clear();
     pool_.release(done_);

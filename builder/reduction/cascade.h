@@ -17,6 +17,7 @@
 #include "builder/output/member.h"
 #include "builder/reduction/clusters.h"
 #include "builder/sorting/morton.h"
+#include "format/volume_info.h"
 
 namespace splatvol {
 
@@ -39,8 +40,8 @@ class MemberPool {
   std::vector<Handle> free_;
 };
 
-/// Adds each member's splat at its next level, made from its moments. `offsets`: of the attributes.
-void add_splats(std::span<const MemberPool::Handle> members, std::span<const double> offsets);
+/// Adds each member's splat at its next level, made from its moments.
+void add_splats(std::span<const MemberPool::Handle> members, std::span<const format::Attribute> attributes);
 
 /// Returns the point of a leaf that goes on to the next coarser level: the one nearest to the leaf's centre (ties: the
 /// earlier). `position(i)` gives the positions of the leaf's `count` points.
@@ -69,14 +70,14 @@ class Cascade {
     std::function<void(std::size_t level, const Member& member)> point;
   };
 
-  /// `pool` gets the members that are done; must outlive this.
-  Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::vector<double> offsets, MemberPool& pool,
-          Sink sink)
+  /// `pool` gets the members that are done. Pool and attributes must outlive this.
+  Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::span<const format::Attribute> attributes,
+          MemberPool& pool, Sink sink)
       : cube_(cube),
         method_(method),
         leaf_points_(leaf_points),
         node_points_(most_in_reduction_node(method, leaf_points)),
-        offsets_(std::move(offsets)),
+        attributes_(attributes),
         pool_(pool),
         sink_(std::move(sink)),
         levels_(max_levels) {}
@@ -122,7 +123,7 @@ class Cascade {
   Reduction method_;
   std::uint32_t leaf_points_;
   std::uint64_t node_points_;
-  std::vector<double> offsets_;
+  std::span<const format::Attribute> attributes_;
   MemberPool& pool_;
   Sink sink_;
   std::vector<Level> levels_;  // level 0 is not used

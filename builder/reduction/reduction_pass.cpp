@@ -13,8 +13,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& ro
       rows_(rows),
       leaves_(std::move(leaves)),
       most_open_leaves_(most_open_leaves),
-      cascade_(settings.cube, settings.method, settings.leaf_points, {settings.offsets.begin(), settings.offsets.end()},
-               pool_,
+      cascade_(settings.cube, settings.method, settings.leaf_points, settings.attributes, pool_,
                {[this](std::size_t level, const Member& member, int node_depth) {
                   SplatBounds& bounds = leaf(member.leaf).splats_at(level);
                   bounds.include(member.splats[level], member.moments);

@@ -351,10 +351,10 @@ std::vector<ValueMoments> ScatteredEstimate::values(std::span<const double> valu
   return result;
 }
 
-std::vector<vec3> ScatteredEstimate::gradients(std::span<const double> values) const {
-  std::vector<vec3> result(spatial_.size(), vec3(0));
+std::vector<dvec3> ScatteredEstimate::gradients(std::span<const double> values) const {
+  std::vector<dvec3> result(spatial_.size(), dvec3(0));
   tbb::parallel_for(std::size_t{0}, result.size(), [&](std::size_t i) {
-    if (!std::isnan(values[i])) result[i] = vec3(fit(i, values).gradient);
+    if (!std::isnan(values[i])) result[i] = fit(i, values).gradient;
   });
   return result;
 }

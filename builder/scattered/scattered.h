@@ -48,7 +48,7 @@ class ScatteredEstimate {
   [[nodiscard]] std::vector<ValueMoments> values(std::span<const double> values) const;
 
   /// Returns these gradients; 0 where there is none. [point]
-  [[nodiscard]] std::vector<vec3> gradients(std::span<const double> values) const;
+  [[nodiscard]] std::vector<dvec3> gradients(std::span<const double> values) const;
 
  private:
   class Builder;

@@ -11,6 +11,7 @@
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/far_points.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/piece_ahead.h"
 #include "builder/sources/repeated_pieces.h"
@@ -123,9 +124,10 @@ std::vector<RowRange> divide(const std::vector<NpyFile>& files) {
 
 class NpySource final : public Source {
  public:
-  NpySource(std::vector<NpyFile> files, std::vector<std::string> attributes)
+  NpySource(std::vector<NpyFile> files, std::vector<std::string> attributes, const MissingValues& missing)
       : files_(std::move(files)),
         attributes_(std::move(attributes)),
+        missing_(missing),
         ranges_(divide(files_)),
         pieces_(ranges_.size(), [this](std::size_t piece) { return make_piece(ranges_[piece]); }) {}
 
@@ -165,10 +167,11 @@ class NpySource final : public Source {
     auto piece = std::make_unique<Piece>();
     piece->points.resize(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, piece->points));
+    drop_far_points(piece->points);
     for (const NpyColumn& column : file.values) {
       std::vector<double>& values = piece->values.emplace_back(rows.count);
       SPLATVOL_TRY(reader.get(column, values.data(), 1));
-      for (double& value : values) value = finite_or_missing(value);
+      piece->fills.push_back(missing_.replace(values));
     }
     return piece;
   }
@@ -179,16 +182,17 @@ class NpySource final : public Source {
     SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
     std::vector<dvec3> points(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, points));
+    drop_far_points(points);
     Box box;
     for (const dvec3& p : points) {
-      if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) continue;
-      box.include({p, p});
+      if (is_usable_position(p)) box.include({p, p});
     }
     return box;
   }
 
   std::vector<NpyFile> files_;
   std::vector<std::string> attributes_;
+  MissingValues missing_;
   std::vector<RowRange> ranges_;
   PieceAhead pieces_;
   std::size_t returned_ = 0;  // pieces
@@ -267,7 +271,7 @@ Result<std::unique_ptr<Source>> open_npy_files(const std::vector<std::string>& p
     files.push_back(std::move(file));
   }
   if (points == 0) return fail(ErrorCode::invalid_data, "{}: no points", paths[0]);
-  return std::make_unique<NpySource>(std::move(files), std::move(attributes));
+  return std::make_unique<NpySource>(std::move(files), std::move(attributes), MissingValues(options.missing));
 }
 
 }  // namespace splatvol

@@ -1,12 +1,14 @@
 // Inputs as streams of pieces: a partitioned mesh is never whole in memory.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/cell_census.h"
 #include "builder/mesh/moments.h"
+#include "builder/mesh/usable_numbers.h"
 
 namespace splatvol {
 
@@ -45,14 +48,32 @@ struct Piece {
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
   std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
   std::optional<PointCells> cells;                       // instead of tetrahedra
+  std::vector<std::uint64_t> fills;  // [attribute]: finite numbers that stood for none; may be empty
   CellCensus census;
 };
 
 /// Stands for a value that is not there.
 inline constexpr double missing_value = std::numeric_limits<double>::quiet_NaN();
 
-/// Returns the value, or `missing_value` if it is not finite.
-[[nodiscard]] inline double finite_or_missing(double value) { return std::isfinite(value) ? value : missing_value; }
+/// Tells values from what stands for none: numbers that are not finite or beyond `largest_value`, plain fill values,
+/// and those that the user names.
+class MissingValues {
+ public:
+  MissingValues() = default;
+  /// A number of `given` stands for itself and for its nearest number in single precision.
+  explicit MissingValues(const std::vector<double>& given);
+
+  [[nodiscard]] bool has(double value) const {
+    return !(std::abs(value) <= largest_value) || is_fill_value(value) ||
+           (!given_.empty() && std::ranges::find(given_, value) != given_.end());
+  }
+
+  /// Replaces the missing ones by `missing_value`. Returns how many of them were finite.
+  std::uint64_t replace(std::span<double> values) const;
+
+ private:
+  std::vector<double> given_;
+};
 
 /// One of the time steps that an input holds.
 struct TimeStep {
@@ -111,6 +132,7 @@ struct SourceOptions {
   std::vector<std::string> columns;    // names of the columns of .npy files; empty: the file's names, or the default
   std::optional<double> time = {};     // the step nearest to it is read; empty: the last
   CellValues cells = CellValues::averaged;
+  std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
 };
 
 }  // namespace splatvol

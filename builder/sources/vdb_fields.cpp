@@ -1,7 +1,6 @@
 #include "builder/sources/vdb_fields.h"
 
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "builder/sources/source.h"
@@ -20,8 +19,7 @@ class GridField final : public VdbField {
     const auto accessor = grid_->getConstUnsafeAccessor();
     for (std::size_t i = 0; i < voxels.size(); ++i) {
       typename Grid::ValueType stored;
-      const double value = accessor.probeValue(voxels[i], stored) ? number(stored, component) : missing_value;
-      values[i] = std::abs(value) <= std::numeric_limits<float>::max() ? value : missing_value;
+      values[i] = accessor.probeValue(voxels[i], stored) ? number(stored, component) : missing_value;
     }
   }
 

@@ -20,7 +20,7 @@ class VdbField {
   virtual void add_topology(openvdb::MaskTree& topology) const = 0;
 
   /// Sets values[i] to the grid's value at `voxels[i]`: a component, or the magnitude. NaN if the grid is not active
-  /// there, or if single precision cannot hold the value.
+  /// there.
   virtual void sample(std::span<const openvdb::Coord> voxels, int component, std::span<double> values) const = 0;
 };
 

@@ -70,20 +70,23 @@ struct RegionSamples {
 class VdbFile {
  public:
   /// Reads the attributes in `selection`, or all if it is empty.
-  static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const std::vector<std::string>& selection) {
+  static Result<std::unique_ptr<VdbFile>> open(const std::string& path, const std::vector<std::string>& selection,
+                                               const MissingValues& missing) {
     SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
     SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
       openvdb::initialize();
       openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // errors come as exceptions
-      auto file = std::make_unique<VdbFile>(path);
+      auto file = std::make_unique<VdbFile>(path, missing);
       SPLATVOL_TRY(file->read(selection));
       return file;
     });
   }
 
-  explicit VdbFile(std::string path)
-      : path_(std::move(path)), pieces_(0, [this](std::size_t piece) { return make_piece(piece); }) {}
+  VdbFile(std::string path, const MissingValues& missing)
+      : path_(std::move(path)),
+        missing_(missing),
+        pieces_(0, [this](std::size_t piece) { return make_piece(piece); }) {}
 
   [[nodiscard]] const std::vector<Attribute>& attributes() const { return attributes_; }
   [[nodiscard]] std::size_t piece_count() const { return pieces_.count(); }
@@ -94,7 +97,7 @@ class VdbFile {
     std::vector<Box> boxes(regions_.size());
     tbb::parallel_for(std::size_t{0}, regions_.size(), [&](std::size_t r) {
       visit_points(regions_[r], [&](std::size_t, std::size_t, const dvec3& p) {
-        if (std::isfinite(p.x + p.y + p.z)) boxes[r].include({p, p});
+        if (is_usable_position(p)) boxes[r].include({p, p});
       });
     });
     Box all;
@@ -272,6 +275,7 @@ class VdbFile {
     const Attribute& attribute = attributes_[a];
     std::vector<double> values(samples.voxels.size());
     fields_.at(attribute.grid)->sample(samples.voxels, attribute.component, values);
+    static_cast<void>(missing_.replace(values));
     const double edge = samples.region.edge;
     visit_points(samples.region, [&](std::size_t number, std::size_t voxel, const dvec3&) {
       const std::size_t i = samples.first_point + number;
@@ -309,6 +313,7 @@ class VdbFile {
   }
 
   std::string path_;
+  MissingValues missing_;
   std::vector<Attribute> attributes_;
   std::map<std::size_t, std::unique_ptr<VdbField>> fields_;  // by the number of their grid in the file
   std::optional<std::size_t> share_grid_;                    // holds the share of material in each box
@@ -324,7 +329,8 @@ class VdbFile {
 
 class VdbSource final : public Source {
  public:
-  VdbSource(std::vector<std::string> paths, std::unique_ptr<VdbFile> first) : paths_(std::move(paths)) {
+  VdbSource(std::vector<std::string> paths, std::unique_ptr<VdbFile> first, const MissingValues& missing)
+      : paths_(std::move(paths)), missing_(missing) {
     use(std::move(first));
     for (const Attribute& attribute : file_->attributes()) attributes_.push_back(attribute.name);
   }
@@ -339,7 +345,7 @@ class VdbSource final : public Source {
       if (piece && paths_.size() > 1) SPLATVOL_TRY(repeats_.add(paths_[opened_ - 1], *piece));
       if (piece || opened_ == paths_.size()) return piece;
       file_.reset();  // frees its memory before the next file is read
-      SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_));
+      SPLATVOL_TRY_ASSIGN(file, VdbFile::open(paths_[opened_], attributes_, missing_));
       use(std::move(file));
     }
   }
@@ -362,6 +368,7 @@ class VdbSource final : public Source {
   }
 
   std::vector<std::string> paths_;
+  MissingValues missing_;
   std::vector<std::string> attributes_;
   std::unique_ptr<VdbFile> file_;
   std::size_t opened_ = 0;         // files so far
@@ -372,9 +379,10 @@ class VdbSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths,
-                                               const std::vector<std::string>& selection) {
-  SPLATVOL_TRY_ASSIGN(first, VdbFile::open(paths[0], selection));
-  return std::make_unique<VdbSource>(paths, std::move(first));
+                                               const std::vector<std::string>& selection,
+                                               const MissingValues& missing) {
+  SPLATVOL_TRY_ASSIGN(first, VdbFile::open(paths[0], selection, missing));
+  return std::make_unique<VdbSource>(paths, std::move(first), missing);
 }
 
 }  // namespace splatvol

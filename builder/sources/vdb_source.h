@@ -20,7 +20,7 @@ inline constexpr std::string_view vdb_magic{" BDV\0\0\0\0", 8};
 /// attribute; a grid of vectors gives as many as a vector of a mesh; other grids give none. A grid without a name is
 /// called "value"; the second grid of a name is called "name[1]", and so on. The points are the union of the active
 /// values of the selected grids; a tile is one point if it is a tile in all of them. A value is missing (NaN) if its
-/// grid is not active there, or if it is not finite.
+/// grid is not active there, or if `missing` has it.
 ///
 /// A value is linear within its box, by central differences to the active values beside it; if one side is not active,
 /// by one-sided differences. A box has a boundary plane if no grid is active beside one of its faces.
@@ -31,6 +31,7 @@ inline constexpr std::string_view vdb_magic{" BDV\0\0\0\0", 8};
 /// All grids of a file are held while it is opened, then the selected ones. Fails as open_source, and if the selected
 /// grids have different transforms, if a transform is not linear, or if nothing is active. `paths` must not be empty.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vdb_files(const std::vector<std::string>& paths,
-                                                             const std::vector<std::string>& selection);
+                                                             const std::vector<std::string>& selection,
+                                                             const MissingValues& missing = {});
 
 }  // namespace splatvol

@@ -22,8 +22,8 @@ VolumeInfo example() {
   info.rows_per_directory_page = 3;
   info.reduction_method = "mis";
   info.leaf_points = 12;
-  info.attributes = {{"Density", "kg/m^3", 101325.25, 0.1, 1e300, 7},
-                     {"U[0] \"quoted\" \n \u00e9", "", 0, std::nan(""), std::nan(""), 100}};
+  info.attributes = {{"Density", "kg/m^3", 101325.25, 0x1p100, 0.1, 1e300, 7},
+                     {"U[0] \"quoted\" \n \u00e9", "", 0, 1, std::nan(""), std::nan(""), 100}};
   info.columns = {
       {ColumnKind::position, ColumnScope::segment, -1},   {ColumnKind::value, ColumnScope::segment, 0},
       {ColumnKind::value, ColumnScope::segment, 1},       {ColumnKind::octant, ColumnScope::resolution, -1},
@@ -54,6 +54,7 @@ TEST(Metadata, ComesBack) {
     EXPECT_EQ(back->attributes[a].name, info.attributes[a].name);
     EXPECT_EQ(back->attributes[a].unit, info.attributes[a].unit);
     EXPECT_EQ(back->attributes[a].offset, info.attributes[a].offset);
+    EXPECT_EQ(back->attributes[a].scale, info.attributes[a].scale);
     EXPECT_EQ(back->attributes[a].missing, info.attributes[a].missing);
   }
   EXPECT_EQ(back->attributes[0].min, 0.1);
@@ -204,11 +205,25 @@ TEST(Metadata, RefusesWhatIsOutOfRange) {
   }
 }
 
+TEST(Metadata, RefusesScalesThatAreNotAboveZero) {
+  json document = example_json();
+  for (const json& scale : {json(0), json(-1), json("1"), json(nullptr)}) {
+    document["attributes"][0]["scale"] = scale;
+    const auto info = metadata_from_json(document.dump());
+    ASSERT_FALSE(info) << scale.dump();
+    EXPECT_THAT(info.error().message, AllOf(HasSubstr("[R9]"), HasSubstr("scale")));
+  }
+  document["attributes"][0]["scale"] = 0x1p-1022;  // the range in stored values overflows
+  document["attributes"][0]["max"] = 1e10;
+  EXPECT_FALSE(metadata_from_json(document.dump()));
+}
+
 TEST(Metadata, RefusesRangesWhoseLengthIsInfinite) {
   json document = example_json();
   document["cube"] = {{"origin", {1e308, 0, 0}}, {"edge", 1e308}};
   EXPECT_FALSE(metadata_from_json(document.dump()));
   document = example_json();
+  document["attributes"][0]["scale"] = 1;
   document["attributes"][0]["min"] = -1.7e308;
   EXPECT_TRUE(metadata_from_json(document.dump()));
   document["attributes"][0]["max"] = 1.7e308;

@@ -31,7 +31,7 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
   const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
   const auto streamer = Streamer::open(open_file(file).value(), {plenty, "value", KernelKind::moments}).value();
   const auto renderer = Renderer::create(KernelKind::moments).value();
-  EXPECT_TRUE(renderer->set_transfer_function(function, streamer->value_offset()));
+  EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
   Path path;
   Image last;
   std::uint64_t serial = 0;

@@ -474,7 +474,7 @@ TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
   function.hi = offset + function.hi * static_cast<double>(scale);
   const std::vector<Splat> splats = {{{0, 0, -1}, value * scale, 5}};
   ASSERT_TRUE(set_splats(splats, {{dvec3(0), 0, 1}}));
-  ASSERT_TRUE(renderer_->set_transfer_function(function, offset));
+  ASSERT_TRUE(renderer_->set_transfer_function(function, {.value_offset = offset}));
   EXPECT_LE(compare_images(near_zero, redraw(view))->max, 1e-4);
 }
 

@@ -181,7 +181,8 @@ TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
   };
   refuses("domain", {1, 1}, "domain");
   refuses("domain", {2, 1}, "domain");
-  refuses("domain", {-1e38, 1}, "domain[0]");
+  refuses("domain", {-1.1e100, 1}, "domain[0]");
+  refuses("colors", {{0, 0, 1e38, 0}}, "colors[0][2]");
   refuses("density", {{0, 1e300}}, "density[0][1]");
   refuses("domain", json::array({1}), "domain");
   refuses("colors", json::array(), "colors");

@@ -45,7 +45,7 @@ Box half_space(int axis, double from, double to) {
 }
 
 MomentsSplat clipped(MomentsSplat splat, const dvec3& origin, const Box& box) {
-  clip(std::span(&splat, 1), origin, box);
+  clip(std::span(&splat, 1), {box.low - origin, box.high - origin});
   return splat;
 }
 
@@ -121,8 +121,8 @@ TEST(Clip, TakesThinAndEmptySplats) {
 
 TEST(Clip, OctantsGoByTheirPoint) {
   OctantSplat inside{{0, 0, 0}, 1, 1, 0}, outside{{2, 0, 0}, 1, 1, 0};
-  clip(std::span(&inside, 1), dvec3(1), {dvec3(0), dvec3(2)});
-  clip(std::span(&outside, 1), dvec3(1), {dvec3(0), dvec3(2)});
+  clip(std::span(&inside, 1), {dvec3(-1), dvec3(1)});
+  clip(std::span(&outside, 1), {dvec3(-1), dvec3(1)});
   EXPECT_EQ(inside.value, 1);
   EXPECT_TRUE(std::isnan(outside.value));
 }

@@ -81,7 +81,7 @@ class RendererTestOcclusion : public testing::Test {
     options.hide = hide;
     const auto streamer = Streamer::open(open_file(attribute == "value" ? mesh_ : file_).value(), options).value();
     const auto renderer = Renderer::create(KernelKind::moments).value();
-    EXPECT_TRUE(renderer->set_transfer_function(function, streamer->value_offset()));
+    EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
     EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact));

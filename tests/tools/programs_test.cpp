@@ -105,6 +105,30 @@ TEST_F(Programs, BuildRefusesBadInput) {
   expect_success("svbuild " + path("mesh.vtu") + to);
 }
 
+TEST_F(Programs, FillValuesAreMissingAndCounted) {
+  write("mesh.vtu", small_mesh(R"(<PointData>
+<DataArray type="Float64" Name="heat" format="ascii">0 9.969209968386869e36 2 -9999</DataArray>
+<DataArray type="Float32" Name="U" NumberOfComponents="3" format="ascii">1 2 2 0 3 4 -9999 -9999 0 2 3 6</DataArray>
+</PointData>)"));
+  const auto census = [&](const std::string& options) {
+    const Outcome outcome = run("svbuild " + path("mesh.vtu") + options + " --json -o " + path("out.svol"));
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    return json::parse(outcome.out)["census"];
+  };
+  const json plain = census("");
+  EXPECT_EQ(plain["missing values: heat"], 1);
+  EXPECT_EQ(plain["fill values taken as missing: heat"], 1);
+  EXPECT_FALSE(plain.contains("missing values: U"));
+  const json given = census(" --missing -9999 --missing 6");
+  EXPECT_EQ(given["missing values: heat"], 2);
+  EXPECT_EQ(given["fill values taken as missing: heat"], 2);
+  EXPECT_EQ(given["missing values: U"], 2) << "a vector lacks its length if it lacks a component";
+  EXPECT_EQ(given["missing values: U[0]"], 1);
+  EXPECT_EQ(given["missing values: U[2]"], 1);
+  expect_success("svinfo --verify " + path("out.svol"));
+  EXPECT_EQ(run("svbuild " + path("mesh.vtu") + " --missing none -o " + path("out.svol")).code, 2);
+}
+
 TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {
   const std::string old = "\x89SVOL\r\n\x1a, of which only the start counts";
   write("volume.svol", old);

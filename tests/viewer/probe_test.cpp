@@ -38,8 +38,8 @@ const SplatBatch far_batch{{1e6, 0, 0}, 0, 2};
 TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
   for (const bool orthographic : {false, true}) {
     const std::vector<MomentsSplat> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
-    const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), 100,
-                             view_along_z(orthographic), 100, 50);
+    const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000),
+                             {.value_offset = 100}, view_along_z(orthographic), 100, 50);
     ASSERT_TRUE(found);
     EXPECT_EQ(found->value, 105);  // the nearer one, with the offset
     EXPECT_NEAR(found->position.z, 2, 1e-9);
@@ -51,7 +51,7 @@ TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
 TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   constexpr double deviation = 0.3, mass = 0.02, extinction = 2;
   const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
-  const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), 0,
+  const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), {},
                            view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
   // A ray through the middle meets the mass over the Gaussian's area.
@@ -62,26 +62,26 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
 TEST(Probe, MeetsNothingBesideOrBehind) {
   const std::vector<MomentsSplat> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
   const auto at = [&](double x) {
-    return probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), 0, view_along_z(true), x, 50);
+    return probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), {}, view_along_z(true), x, 50);
   };
   EXPECT_FALSE(at(100));
   ASSERT_TRUE(at(100 + 1.5 * 25));
   EXPECT_FALSE(
-      probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(0), 0, view_along_z(true), 137.5, 50));
+      probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(0), {}, view_along_z(true), 137.5, 50));
 }
 
 TEST(Probe, SeesFlatSplatsAndOctants) {
   std::vector<MomentsSplat> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
   flat[0].deviations.z = 0;  // faces the eye
   const auto found =
-      probe(std::span<const MomentsSplat>(flat), {&far_batch, 1}, constant(10), 0, view_along_z(true), 100, 50);
+      probe(std::span<const MomentsSplat>(flat), {&far_batch, 1}, constant(10), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
   EXPECT_EQ(found->value, 3);
   EXPECT_NEAR(found->position.z, 0, 1e-9);
 
   const std::vector<OctantSplat> octants = {{{0, 0, 1}, 7, 0.5f, 0}, {{0, 0, 0}, std::nanf(""), 0.5f, 0}};
   const auto round =
-      probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), 0, view_along_z(true), 100, 50);
+      probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(round);
   EXPECT_EQ(round->value, 7);
 }

@@ -103,7 +103,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   const Scene saved = load_scene(path("scene.json")).value();
   const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
   const auto renderer = Renderer::create(KernelKind::moments).value();
-  ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->value_offset()));
+  ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->units()));
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {1.0, {}}).value();
   ASSERT_TRUE(renderer->set_splats(splats->data, splats->batches));

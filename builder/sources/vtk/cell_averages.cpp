@@ -1,7 +1,6 @@
 #include "builder/sources/vtk/cell_averages.h"
 
 #include <vtkCellType.h>
-#include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkIdList.h>
 #include <vtkNew.h>
@@ -52,11 +51,11 @@ CellAverages::CellAverages(vtkDataSet& data, std::vector<double> volumes)
   }
 }
 
-std::vector<double> CellAverages::means(vtkDataArray& values, int component) const {
+std::vector<double> CellAverages::means(std::span<const double> values) const {
   std::vector<double> sums(points_), means(points_, missing_value);
   for (std::size_t cell = 0; cell < weights_.size(); ++cell) {
     if (begins_[cell] == begins_[cell + 1]) continue;
-    const double value = values.GetComponent(static_cast<vtkIdType>(cell), component);
+    const double value = values[cell];
     if (!std::isfinite(value)) continue;
     for (std::uint64_t i = begins_[cell]; i < begins_[cell + 1]; ++i) {
       const std::uint32_t point = cell_points_[i];

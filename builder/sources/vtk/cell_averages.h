@@ -2,9 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
-class vtkDataArray;
 class vtkDataSet;
 
 namespace splatvol {
@@ -19,9 +19,9 @@ class CellAverages {
   /// same weight.
   CellAverages(vtkDataSet& data, std::vector<double> volumes);
 
-  /// Returns the means of a component at the points; cells whose value is not finite do not count. NaN at points of no
-  /// cell that counts. Requires as many values as cells.
-  [[nodiscard]] std::vector<double> means(vtkDataArray& values, int component) const;
+  /// Returns the means of the cells' values at the points; cells whose value is not finite do not count. NaN at points
+  /// of no cell that counts. Requires a value for each cell.
+  [[nodiscard]] std::vector<double> means(std::span<const double> values) const;
 
  private:
   std::size_t points_;

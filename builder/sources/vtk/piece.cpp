@@ -25,6 +25,7 @@
 
 #include "builder/mesh/cell_moments.h"
 #include "builder/mesh/tetrahedra.h"
+#include "builder/sources/far_points.h"
 #include "builder/sources/vtk/cell_averages.h"
 #include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/lattice.h"
@@ -60,8 +61,9 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
-  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells)
-      : path_(path), data_(data), attributes_(attributes), own_cells_(cells == CellValues::own) {}
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells,
+             const MissingValues& missing)
+      : path_(path), data_(data), attributes_(attributes), own_cells_(cells == CellValues::own), missing_(missing) {}
 
   Result<std::unique_ptr<Piece>> make() {
     const vtkIdType count = data_.GetNumberOfPoints();
@@ -69,6 +71,7 @@ class PieceMaker {
       return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
     piece_->points.resize(static_cast<std::size_t>(count));
     for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
+    drop_far_points(piece_->points);
     use_.assign(piece_->points.size(), unused);
 
     SPLATVOL_TRY(read_ghosts());
@@ -338,16 +341,33 @@ class PieceMaker {
   void read_values_of_points() {
     std::optional<CellAverages> averages;
     if (averages_) averages.emplace(data_, std::move(volumes_));
+    const std::vector<std::uint32_t> all = averages_ ? first_indices(data_.GetNumberOfCells()) : kept_;
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       const VtkValues& values = arrays_[a];
+      piece_->fills.push_back(0);
       piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
-        if (!values.of_cells) return component_values(*values.array, component, kept_);
-        const std::vector<double> means = averages->means(*values.array, component);
+        if (!values.of_cells) return read_component(values, component, kept_);
+        const std::vector<double> means = averages->means(read_component(values, component, all));
         std::vector<double> of_kept(kept_.size());
         std::ranges::transform(kept_, of_kept.begin(), [&](std::uint32_t point) { return means[point]; });
         return of_kept;
       }));
     }
+  }
+
+  /// Reads a component of the current attribute. The missing ones are NaN; the fill values among them are counted. The
+  /// components of a vector mostly lack the same ones, so the largest of their counts is that of the vector.
+  std::vector<double> read_component(const VtkValues& values, int component, std::span<const std::uint32_t> indices) {
+    std::vector<double> read = component_values(*values.array, component, indices);
+    std::uint64_t& fills = piece_->fills.back();
+    fills = std::max(fills, missing_.replace(read));
+    return read;
+  }
+
+  static std::vector<std::uint32_t> first_indices(vtkIdType count) {
+    std::vector<std::uint32_t> indices(static_cast<std::size_t>(count));
+    std::iota(indices.begin(), indices.end(), 0u);
+    return indices;
   }
 
   /// Makes each cell with a volume a point at its centroid. Requires the tetrahedra of all cells.
@@ -380,13 +400,13 @@ class PieceMaker {
 
   /// Reads the values of the cells that are kept. Arrays of points become means over the cells.
   void read_values_of_cells() {
-    std::vector<std::uint32_t> all(piece_->cells->corners.size());
-    std::iota(all.begin(), all.end(), 0u);
+    const std::vector<std::uint32_t> all = first_indices(data_.GetNumberOfPoints());
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       const VtkValues& values = arrays_[a];
+      piece_->fills.push_back(0);
       piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
-        if (values.of_cells) return component_values(*values.array, component, kept_);
-        const std::vector<double> of_corners = component_values(*values.array, component, all);
+        if (values.of_cells) return read_component(values, component, kept_);
+        const std::vector<double> of_corners = read_component(values, component, all);
         std::vector<double> means(kept_.size());
         for (std::size_t i = 0; i < kept_.size(); ++i)
           means[i] = cell_mean(piece_->cells->corners, tetrahedra_of(kept_[i]), of_corners);
@@ -399,6 +419,7 @@ class PieceMaker {
   vtkDataSet& data_;
   std::span<const VtkAttribute> attributes_;
   bool own_cells_;
+  const MissingValues& missing_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
@@ -420,9 +441,10 @@ class PieceMaker {
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                          std::span<const VtkAttribute> attributes, CellValues cells) {
+                                          std::span<const VtkAttribute> attributes, CellValues cells,
+                                          const MissingValues& missing) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells).make(); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells, missing).make(); }));
   return piece;
 }
 

@@ -17,6 +17,7 @@ namespace splatvol {
 /// their own the points are these cells, without those of no volume. Fails if cells are damaged or not supported, or if
 /// an attribute is not there; `path` begins the message. Safe on untrusted data sets.
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                                        std::span<const VtkAttribute> attributes, CellValues cells);
+                                                        std::span<const VtkAttribute> attributes, CellValues cells,
+                                                        const MissingValues& missing);
 
 }  // namespace splatvol

@@ -26,8 +26,8 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
 
 class VtkSource final : public Source {
  public:
-  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells)
-      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells) {}
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, const MissingValues& missing)
+      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells), missing_(missing) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
@@ -71,7 +71,7 @@ class VtkSource final : public Source {
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_, missing_));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);
@@ -119,6 +119,7 @@ class VtkSource final : public Source {
   std::unique_ptr<VtkDataSets> data_sets_;
   bool own_cells_;
   CellValues cells_;
+  MissingValues missing_;
   std::uint64_t points_ = 0;         // of the pieces so far
   std::set<std::string> converted_;  // attributes
   std::vector<VtkAttribute> attributes_;
@@ -131,22 +132,24 @@ class VtkSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time, CellValues cells) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells);
+                                               std::optional<double> time, CellValues cells,
+                                               const MissingValues& missing_values) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, missing_values);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
 
   // Only the selected arrays were read; the message lists all.
   const std::string path = files.front().path;
-  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time, cells));
+  SPLATVOL_TRY_ASSIGN(all, open_vtk_files(std::move(files), {}, time, cells, missing_values));
   return fail_no_attribute(path, missing, all->attributes());
 }
 
 Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
-                                            const std::vector<std::string>& selection, CellValues cells) {
+                                            const std::vector<std::string>& selection, CellValues cells,
+                                            const MissingValues& missing_values) {
   SPLATVOL_TRY_ASSIGN(blocks, read_plot3d(grid, solution));
-  auto source = std::make_unique<VtkSource>(std::move(blocks), cells);
+  auto source = std::make_unique<VtkSource>(std::move(blocks), cells, missing_values);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (!missing.empty()) return fail_no_attribute(grid, missing, source->available());

@@ -16,12 +16,14 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files,
                                                              const std::vector<std::string>& selection,
                                                              std::optional<double> time,
-                                                             CellValues cells = CellValues::averaged);
+                                                             CellValues cells = CellValues::averaged,
+                                                             const MissingValues& missing_values = {});
 
 /// Opens a PLOT3D grid and its solution (binary, any variant); every block is a piece. The attributes are
 /// Density, Momentum, StagnationEnergy, and Pressure for a ratio of specific heats of 1.4.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_plot3d(const std::string& grid, const std::string& solution,
                                                           const std::vector<std::string>& selection,
-                                                          CellValues cells = CellValues::averaged);
+                                                          CellValues cells = CellValues::averaged,
+                                                          const MissingValues& missing_values = {});
 
 }  // namespace splatvol

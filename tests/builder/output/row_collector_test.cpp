@@ -80,8 +80,7 @@ struct Rows {
     const RowPacker packer(info);
     RowFiles files(testing::TempDir(), finest);
     RowCollector rows(info, fits);
-    const double offset = 0;
-    const ReductionSettings settings{cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
+    const ReductionSettings settings{cube, leaf_points, true, true, info.attributes};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
     run(points, 100, pass, rows, packer, files);
     std::vector<PendingRow> rest = rows.extract_rest();
@@ -254,8 +253,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   const RowPacker packer(info);
   RowFiles files(testing::TempDir(), finest);
   RowCollector rows(info, false);
-  const double offset = 0;
-  const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes, std::span(&offset, 1)};
+  const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes};
   IndexLeafSpool spool(*TempFile::create(testing::TempDir()));
   ReductionPass pass(
       settings, rows, [&](const OpenIndexLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);

@@ -10,6 +10,7 @@
 #include <map>
 #include <tuple>
 
+#include "builder/points/point_ranges.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/whole_points.h"
 
@@ -246,8 +247,12 @@ TEST(PointStream, ZerosOfBothSignsAreOnePosition) {
 }
 
 TEST(PointStream, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
-  const Piece before = scattered(random_points(50, 1, dvec3(3))), after = scattered(random_points(60, 1, dvec3(-3)));
-  PieceSource source({before, mesh_piece(test::lattice(4), wave), after});
+  // The mesh has two parts, at x in [0, 1] and in [8, 9]; the points of the other pieces lie between them.
+  const Piece before = scattered(random_points(50, 0.5, dvec3(3, 0.2, 0.2)));
+  const Piece after = scattered(random_points(60, 0.5, dvec3(5, 0.2, 0.2)));
+  test::Mesh right = test::lattice(4);
+  for (dvec3& p : right.points) p.x += 8;
+  PieceSource source({before, mesh_piece(test::lattice(4), wave), mesh_piece(right, wave), after});
   const WholePoints whole = *read_points(source);
   const PointBatch& points = whole.points;
   EXPECT_EQ(whole.summary.census.in_no_cell, 110u);
@@ -256,13 +261,58 @@ TEST(PointStream, PiecesWithoutCellsHaveNoMaterialWhereOthersHaveSome) {
   double mass = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const dvec3& p = points.positions[i];
-    const bool inside = p.x >= 0 && p.x <= 1;
+    const bool inside = p.x <= 1 || p.x >= 8;
     EXPECT_EQ(points.moments[i].mass > 0, inside) << i;
     EXPECT_EQ(points.value_moments[0][i].mass, points.moments[i].mass);
     EXPECT_TRUE(inside || points.planes[i].area == dvec3(0));
     mass += points.moments[i].mass;
   }
-  EXPECT_NEAR(mass, 1, 1e-12);
+  EXPECT_NEAR(mass, 2, 1e-12);
+}
+
+TEST(PointStream, PointsOfNoCellDoNotWidenTheCube) {
+  Piece mesh = mesh_piece(test::lattice(4), wave);
+  const std::size_t vertices = mesh.points.size();
+  for (const dvec3& p : {dvec3(0.3, 0.31, 0.32), dvec3(1e9), dvec3(0.5, 0.5, -2)}) {
+    mesh.points.push_back(p);
+    mesh.values[0].push_back(1000 * p.x);
+  }
+  PieceSource source({mesh});
+  const WholePoints whole = *read_points(source);
+  EXPECT_EQ(whole.points.size(), vertices + 1);
+  EXPECT_EQ(whole.summary.cube.edge, 1);
+  EXPECT_EQ(whole.summary.census.in_no_cell, 1u);
+  EXPECT_EQ(whole.summary.census.left_out, 2u);
+  EXPECT_FLOAT_EQ(static_cast<float>(whole.summary.attributes[0].max), 300);  // of the points that are left
+  PieceSource no_cells({mesh});
+  EXPECT_EQ((*read_points(no_cells, false)).points.size(), vertices + 3);  // without cells they are points like others
+}
+
+TEST(PointStream, NumbersThatCannotBeCoordinatesAreDropped) {
+  const double most = std::numeric_limits<float>::max();
+  Piece piece =
+      scattered({{0, 0, 0}, {1, 1, 1}, {nan, 0, 0}, {0, 9.969209968386869e36, 0}, {0, 0, -most}, {1e51, 0, 0}});
+  PieceSource source({piece});
+  const WholePoints whole = *read_points(source);
+  EXPECT_EQ(whole.points.size(), 2u);
+  EXPECT_EQ(whole.summary.census.not_finite, 4u);
+  PieceSource flat({scattered({{0, 0, 0}, {1e-60, 0, 0}})});
+  EXPECT_FALSE(read_points(flat));
+}
+
+TEST(DescribeAttribute, ScalesWhatSinglePrecisionCannotHold) {
+  const auto scale = [](double low, double high) { return describe_attribute("a", low, high).scale; };
+  for (const auto& [low, high] :
+       {std::pair(0.0, 0.0), {0.0, 1.0}, {-1e15, 1e-15}, {1e-15, 1e-12}, {101325.0, 101326.0}})
+    EXPECT_EQ(scale(low, high), 1) << low;
+  for (const double size : {1e-100, 1e-40, 1e-25, 1e25, 1e51, 1e99}) {
+    const format::Attribute a = describe_attribute("a", -0.3 * size, size);
+    EXPECT_EQ(std::exp2(std::ilogb(a.scale)), a.scale);
+    EXPECT_GE(a.stored(a.max), 1);
+    EXPECT_LT(a.stored(a.max), 2);
+    EXPECT_NEAR(a.min / size, -0.3, 1e-7);
+    EXPECT_EQ(a.value(static_cast<float>(a.stored(a.max))), a.max);
+  }
 }
 
 TEST(PointStream, CellsAreLeftOutWhereTheyAreNotWanted) {

@@ -158,13 +158,11 @@ struct Streamed {
     points = std::move(whole.points);
     test::randomize_material(points);
     std::iota(points.values[0].begin(), points.values[0].end(), 0.0);
-    const double offset = 0;
     reduce({.cube = cube,
             .leaf_points = leaf_points,
             .reduces = points.size() > coarsest_target,
             .wants_splats = true,
             .attributes = std::span(&attribute_, 1),
-            .offsets = std::span(&offset, 1),
             .method = method},
            index_leaf_points);
     for (std::uint64_t i = 0; i < points.size(); ++i) levels[0].members.push_back(i);

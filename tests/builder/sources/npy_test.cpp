@@ -132,6 +132,46 @@ TEST_F(NpyTest, EveryLayoutOfTheSameNumbersIsRead) {
     }
 }
 
+TEST_F(NpyTest, FillValuesAreMissing) {
+  const std::vector<double> values = {5,  9.969209968386869e36, -2147483647, -9999, 1e20, 255, 9.96e36, 1e51, 1e101,
+                                      nan};
+  std::vector<double> numbers_in_file;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto x = static_cast<double>(i);
+    numbers_in_file.insert(numbers_in_file.end(), {x, x * x, -x, values[i]});
+  }
+  const std::string path = write("a.npy", npy(header("<f8", values.size(), 4), numbers<double>(numbers_in_file)));
+  const auto missing = [&](const std::vector<double>& given, std::uint64_t fills) {
+    SourceOptions options;
+    options.missing = given;
+    const auto piece = open_source({path}, options).value()->next().value();
+    EXPECT_THAT(piece->fills, ElementsAre(fills));
+    std::vector<std::size_t> indices;
+    for (std::size_t i = 0; i < values.size(); ++i)
+      if (std::isnan(piece->values[0][i])) indices.push_back(i);
+    return indices;
+  };
+  EXPECT_THAT(missing({}, 3), ElementsAre(1, 2, 8, 9));
+  EXPECT_THAT(missing({-9999, 255}, 5), ElementsAre(1, 2, 3, 5, 8, 9));
+  EXPECT_THAT(missing({1e20}, 4), ElementsAre(1, 2, 4, 8, 9));
+  EXPECT_TRUE(MissingValues({1e20}).has(static_cast<double>(1e20F))) << "as single precision has it";
+}
+
+TEST_F(NpyTest, PointsFarBeyondAllOthersAreDropped) {
+  std::vector<double> table;
+  for (int i = 0; i < 100; ++i) table.insert(table.end(), {0.1 * i, std::sin(i), std::cos(i), 1});
+  const auto expect = [&](double far, double high) {
+    std::vector<double> changed = table;
+    changed[4 * 40] = far;
+    const auto read_back = read({write("a.npy", npy(header("<f8", 100, 4), numbers<double>(changed)))});
+    EXPECT_EQ(read_back->bounds->high.x, high);
+    EXPECT_EQ(std::isnan(read_back->numbers[4 * 40]), far != high);
+  };
+  expect(1e12, 1e12);
+  expect(1e15, 0.1 * 99);
+  expect(1e30, 0.1 * 99);
+}
+
 TEST_F(NpyTest, IntegersAreRead) {
   const std::vector<double> whole = {0, 1, 2, 100, 3, 4, 5, 127};
   const auto expect = [&](const std::string& type, const std::string& data, bool single_precision) {

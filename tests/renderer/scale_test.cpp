@@ -1,0 +1,211 @@
+// From mesh to file to picture: a picture does not depend on the units of lengths and values.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "builder/build.h"
+#include "builder/sources/generator.h"
+#include "reference/reference.h"
+#include "renderer/context.h"
+#include "renderer/renderer.h"
+#include "streamer/default_scene.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+namespace {
+
+struct Scales {
+  double length = 1, value = 1;
+};
+
+/// A generated mesh in other units. Its attributes are "value"; "tiny", "huge" and "small", the same times 1e-40, 1e51
+/// and the least normal number of double precision; and "signed", which is 0 or -0.
+class ScaledMesh final : public Source {
+ public:
+  explicit ScaledMesh(const Scales& scales) : scales_(scales), mesh_(generate_mesh({.cells = 3000}).value()) {}
+
+  const std::vector<std::string>& attributes() const override {
+    static const std::vector<std::string> names = {"value", "tiny", "huge", "small", "signed"};
+    return names;
+  }
+  std::size_t piece_count() const override { return mesh_->piece_count(); }
+
+  Result<std::unique_ptr<Piece>> next() override {
+    SPLATVOL_TRY_ASSIGN(piece, mesh_->next());
+    if (!piece) return std::unique_ptr<Piece>();
+    for (dvec3& p : piece->points) p *= scales_.length;
+    const std::vector<double> values = piece->values[0];
+    piece->values.clear();
+    for (const double factor : {scales_.value, 1e-40, 1e51, std::numeric_limits<double>::min()}) {
+      piece->values.push_back(values);
+      for (double& value : piece->values.back()) value *= factor;
+    }
+    piece->values.emplace_back(values.size());
+    for (std::size_t i = 0; i < values.size(); ++i) piece->values.back()[i] = i % 2 == 0 ? 0.0 : -0.0;
+    return std::move(piece);
+  }
+
+ private:
+  Scales scales_;
+  std::unique_ptr<Source> mesh_;
+};
+
+TransferFunction function_in(const Scales& scales) {
+  TransferFunction function{
+      0.1, 0.9, {{0, dvec3(0.1, 0.2, 1)}, {1, dvec3(1, 0.4, 0)}}, {{0, 0.2}, {0.3, 0.1}, {0.6, 3}, {1, 5}}};
+  function.lo *= scales.value;
+  function.hi *= scales.value;
+  for (auto& density : function.densities) density.extinction /= scales.length;
+  return function;
+}
+
+Scene scene_in(const Scales& scales) {
+  Scene scene;
+  scene.camera.position = scales.length * dvec3(2, 2.5, 6);
+  scene.camera.focal_point = scales.length * dvec3(0.2, 0, 0);
+  scene.width = scene.height = 96;
+  scene.attribute = "value";
+  scene.transfer_function = function_in(scales);
+  return scene;
+}
+
+class RendererTestScales : public testing::TestWithParam<Scales> {
+ protected:
+  void SetUp() override {
+    build(plain_, {});
+    build(scaled_, GetParam());
+  }
+  void TearDown() override {
+    std::filesystem::remove(plain_);
+    std::filesystem::remove(scaled_);
+  }
+
+  static void build(const std::string& file, const Scales& scales) {
+    ScaledMesh source(scales);
+    const auto report = build_volume(source, file, {}, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+  }
+
+  static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const DetailOptions& detail) {
+    const View view = make_view(scene).value();
+    const auto streamer = Streamer::open(open_file(file).value(), {.memory_bytes = std::uint64_t{64} << 20,
+                                                                   .attribute = scene.attribute,
+                                                                   .kernel = kernel,
+                                                                   .gradients = scene.lighting.has_value()})
+                              .value();
+    const auto renderer = Renderer::create(kernel).value();
+    renderer->set_lighting(scene.lighting);
+    EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
+    const FrameSplats& frame = *streamer->request(view, scene.transfer_function, detail).value();
+    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    return renderer->read_image().value();
+  }
+
+  // Powers of two round nothing. Powers of ten round positions: of two points at one distance from the middle of a node
+  // the other may stay for the coarser resolution.
+  static double tolerance() {
+    const auto is_power_of_two = [](double number) { return std::exp2(std::ilogb(number)) == number; };
+    return is_power_of_two(GetParam().length) && is_power_of_two(GetParam().value) ? 0 : 3e-4;
+  }
+
+  static void expect_same(const Image& plain, const Image& scaled, double most) {
+    const ImageDifference difference = compare_images(plain, scaled).value();
+    EXPECT_LE(difference.rmse, most);
+    EXPECT_GT(difference.mean_a, 0.03) << "there is nothing to see";
+  }
+
+  // Draws both files by a change of the scene that `edit` makes, given the scales.
+  template <class Edit>
+  void check(KernelKind kernel, const DetailOptions& detail, const Edit& edit) const {
+    Scene plain = scene_in({}), scaled = scene_in(GetParam());
+    edit(plain, Scales{});
+    edit(scaled, GetParam());
+    expect_same(draw(plain_, plain, kernel, detail), draw(scaled_, scaled, kernel, detail), tolerance());
+  }
+
+  std::unique_ptr<HeadlessContext> context_ = HeadlessContext::create().value();
+  std::string plain_ = temporary("plain"), scaled_ = temporary("scaled");
+
+ private:
+  static std::string temporary(const char* name) {
+    return (std::filesystem::temp_directory_path() / fmt::format("splatvol_{}_{}.svol", name, ::getpid())).string();
+  }
+};
+
+TEST_P(RendererTestScales, DoNotChangeThePicture) {
+  const auto as_is = [](Scene&, const Scales&) {};
+  check(KernelKind::moments, {.tolerance_percent = 0}, as_is);
+  check(KernelKind::moments, {.tolerance_percent = 10}, as_is);
+  check(KernelKind::moments, {.goal = ErrorGoal{0, 300}}, as_is);
+  check(KernelKind::octant, {.tolerance_percent = 2}, as_is);
+}
+
+TEST_P(RendererTestScales, DoNotChangeLightClipBoxAndParallelRays) {
+  const auto light = [](Scene& scene, const Scales&) { scene.lighting = Lighting{}; };
+  check(KernelKind::moments, {.tolerance_percent = 1}, light);
+  check(KernelKind::octant, {.tolerance_percent = 1}, light);
+  const auto clip = [](Scene& scene, const Scales& scales) {
+    scene.clip_box = Box{scales.length * dvec3(-1.5, -1, -0.9), scales.length * dvec3(1, 1.3, 0.5)};
+  };
+  check(KernelKind::moments, {.tolerance_percent = 1}, clip);
+  check(KernelKind::octant, {.tolerance_percent = 1}, clip);
+  check(KernelKind::moments, {.tolerance_percent = 1}, [](Scene& scene, const Scales& scales) {
+    scene.camera.projection = Camera::Projection::orthographic;
+    scene.camera.parallel_height = 4 * scales.length;
+  });
+}
+
+// Attributes far beyond single precision, beside others.
+TEST_P(RendererTestScales, MixInOneFile) {
+  const Image plain = draw(plain_, scene_in({}), KernelKind::moments, {.tolerance_percent = 1});
+  for (const auto& [name, scale] :
+       {std::pair("tiny", 1e-40), std::pair("huge", 1e51), std::pair("small", std::numeric_limits<double>::min())}) {
+    Scene scene = scene_in({GetParam().length, scale});
+    scene.attribute = name;
+    // The squares of the smallest values vanish in double precision too: their splats have one value.
+    expect_same(plain, draw(scaled_, scene, KernelKind::moments, {.tolerance_percent = 1}),
+                scale < 1e-300 ? 0.05 : 3e-4);
+  }
+  const auto volume = format::Volume::open(open_file(scaled_).value()).value();
+  for (const format::Attribute& attribute : volume->info().attributes) EXPECT_EQ(attribute.missing, 0u);
+  EXPECT_EQ(volume->info().attributes[4].scale, 1);
+  EXPECT_EQ(volume->info().attributes[4].max, 0);
+}
+
+TEST_P(RendererTestScales, DoNotChangeTheDefaultScene) {
+  const auto open = [](const std::string& file) { return format::Volume::open(open_file(file).value()).value(); };
+  const Scene plain = default_scene(*open(plain_), "value").value();
+  const Scene scaled = default_scene(*open(scaled_), "value").value();
+  const double distance = glm::length(plain.camera.position);
+  EXPECT_NEAR(glm::length(scaled.camera.position / GetParam().length - plain.camera.position), 0, 1e-4 * distance);
+  EXPECT_NEAR(scaled.transfer_function.hi / GetParam().value, plain.transfer_function.hi, 1e-6);
+  expect_same(draw(plain_, plain, KernelKind::moments, {}), draw(scaled_, scaled, KernelKind::moments, {}),
+              5 * tolerance());
+}
+
+TEST_P(RendererTestScales, DoNotChangeTheExactPicture) {
+  const auto exact = [](const Scales& scales) {
+    ScaledMesh source(scales);
+    const auto piece = source.next().value();
+    Scene scene = scene_in(scales);
+    scene.width = scene.height = 32;
+    scene.lighting = Lighting{};
+    return render_reference({piece->points, piece->values[0], piece->tetrahedra}, scene, {}).value().image;
+  };
+  expect_same(exact({}), exact(GetParam()), 1e-6);
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, RendererTestScales,
+                         testing::Values(Scales{1e-30, 1}, Scales{1e-15, 1}, Scales{1e14, 1}, Scales{1e30, 1},
+                                         Scales{1, 1e-30}, Scales{1, 1e30}, Scales{1e-30, 1e30}, Scales{1e30, 1e-30},
+                                         Scales{0x1p-100, 0x1p100}, Scales{0x1p100, 0x1p-100}));
+
+}  // namespace
+}  // namespace splatvol
