@@ -97,7 +97,11 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
 
   // One camera for all attributes: that of the attribute that is shown first.
   std::vector<SurveySplat> visible;
-  SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
+  int first = index;
+  if (!attribute.empty()) {
+    SPLATVOL_TRY_ASSIGN(chosen, choose_first_attribute(volume));
+    first = chosen;
+  }
   if (first == index) {
     visible = visible_of(splats, scene.transfer_function);
   } else {

@@ -174,6 +174,7 @@ json to_json(const Volume& volume, const Survey& survey) {
   for (const format::SectionEntry& section : volume.sections())
     document["sections"].push_back(
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
+  if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = json::parse(info.provenance);
   if (survey.verified) document["verified"] = true;
   return document;
@@ -232,6 +233,7 @@ void print_text(const Volume& volume, const Survey& survey) {
   fmt::print("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
   fmt::print("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
              info.cube.edge);
+  if (info.up >= 0) fmt::print("{:<24} {}\n", "up", "xyz"[info.up]);
   fmt::print("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
   fmt::print("{:<24} {} nodes, {:.1f} bytes a node ({:.1f} without attributes)\n", "index", survey.index.nodes,
              per(survey.index.bytes, survey.index.nodes), per(survey.index.structure_bytes, survey.index.nodes));
@@ -287,7 +289,7 @@ int main(int argc, char** argv) {
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
                     ->check(splatvol::check_json_path)
                     ->type_name("OUT.json");
-  app.add_option("--attribute", options.attribute, "The scene's attribute (default: the first)")
+  app.add_option("--attribute", options.attribute, "The scene's attribute (default: a magnitude or pressure, else the first quantity)")
       ->type_name("NAME")
       ->needs(scene);
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::show(options); });
