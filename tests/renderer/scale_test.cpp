@@ -48,7 +48,7 @@ class ScaledMesh final : public Source {
     }
     piece->values.emplace_back(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) piece->values.back()[i] = i % 2 == 0 ? 0.0 : -0.0;
-    return std::move(piece);
+    return piece;
   }
 
  private:
