@@ -34,26 +34,26 @@ std::string describe_provenance(const BuildOptions& options, const BuildReport& 
   using nlohmann::json;
   const PointCensus& census = report.points;
   const CellCensus& cells = report.cells;
-  const json provenance = {{"builder", options.builder},
-                           {"inputs", options.inputs},
-                           {"connectivity", connectivity_name(report.connectivity)},
-                           {"points",
-                            {{"read", census.read},
-                             {"not_finite", census.not_finite},
-                             {"merged", census.merged},
-                             {"coincident", census.coincident},
-                             {"in_no_cell", census.in_no_cell},
-                             {"uncertain", report.uncertain}}},
-                           {"cells",
-                            {{"types", cells.cells},
-                             {"tetrahedra", cells.tetrahedra},
-                             {"inverted", cells.inverted},
-                             {"flat", cells.flat},
-                             {"without_volume", cells.without_volume},
-                             {"hidden", cells.hidden},
-                             {"left_out_flat", cells.left_out_flat},
-                             {"non_finite", cells.non_finite},
-                             {"not_star_shaped", cells.not_star_shaped}}}};
+  json provenance = {{"builder", options.builder},
+                     {"inputs", options.inputs},
+                     {"connectivity", connectivity_name(report.connectivity)},
+                     {"points",
+                      {{"read", census.read},
+                       {"not_finite", census.not_finite},
+                       {"merged", census.merged},
+                       {"coincident", census.coincident},
+                       {"in_no_cell", census.in_no_cell},
+                       {"uncertain", report.uncertain}}},
+                     {"cells",
+                      {{"types", cells.cells},
+                       {"tetrahedra", cells.tetrahedra},
+                       {"inverted", cells.inverted},
+                       {"flat", cells.flat},
+                       {"without_volume", cells.without_volume},
+                       {"hidden", cells.hidden},
+                       {"non_finite", cells.non_finite},
+                       {"not_star_shaped", cells.not_star_shaped}}}};
+  if (cells.left_out_flat > 0) provenance["cells"]["left_out_flat"] = cells.left_out_flat;
   return provenance.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
