@@ -102,7 +102,8 @@ void finish(ValueMoments& sums, double mass, double own) {
   sums.mean += own;
 }
 
-// Numbers of different matrices, side by side: the processor waits for their roots and quotients only once.
+// Numbers of different matrices or attributes, side by side: the processor waits for their roots and quotients only
+// once.
 constexpr std::size_t lanes = shapes_at_once;
 using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
 using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
@@ -117,6 +118,79 @@ inline bool any(const LaneBits& mask) {
   std::int64_t all = 0;
   for (std::size_t l = 0; l < lanes; ++l) all |= mask[l];
   return all != 0;
+}
+
+static_assert(lanes == ValueTable::lanes);
+
+inline Lanes lanes_of(const ValueTable::Row& row) { return std::bit_cast<Lanes>(row); }
+
+// A quarter, with all that does not depend on values.
+struct MeasuredQuarter {
+  Quarter quarter;
+  dvec3 sum;      // of the edges
+  dvec3 squares;  // of the edges' lengths
+};
+
+// Sums over the quarters of a vertex, as ValueMoments and a gradient before finish().
+struct LaneSums {
+  Lanes mass{}, mean{}, variance{};
+  Lanes min = Lanes{} + std::numeric_limits<double>::infinity();
+  Lanes max = Lanes{} - std::numeric_limits<double>::infinity();
+  Lanes centroid[3] = {}, covariance[3] = {}, gradient[3] = {};
+
+  [[nodiscard]] VertexValue value(std::size_t lane) const {
+    VertexValue result;
+    ValueMoments& moments = result.moments;
+    moments.mass = mass[lane], moments.mean = mean[lane], moments.variance = variance[lane];
+    moments.min = min[lane], moments.max = max[lane];
+    for (int k = 0; k < 3; ++k) {
+      moments.centroid[k] = centroid[k][lane];
+      moments.covariance[k] = covariance[k][lane];
+      result.gradient[k] = gradient[k][lane];
+    }
+    return result;
+  }
+};
+
+inline LaneBits is_finite(const Lanes& x) { return x - x == 0; }
+
+// As the add() of one value, in the same order of operations.
+inline void add_moments(LaneSums& sums, const MeasuredQuarter& measured, const Lanes (&rise)[3], const Lanes& own) {
+  const Lanes total = rise[0] + rise[1] + rise[2];
+  const LaneBits counts = is_finite(total);
+  const auto add = [&](Lanes& to, const Lanes& term) { to = counts ? to + term : to; };
+  const Quarter& quarter = measured.quarter;
+  const double weight = quarter.weight;
+  add(sums.mass, Lanes{} + quarter.mass);
+  add(sums.mean, weight * total);
+  add(sums.variance, weight * (own_square * (rise[0] * rise[0] + rise[1] * rise[1] + rise[2] * rise[2]) +
+                               common_square * total * total));
+  for (int k = 0; k < 3; ++k) {
+    add(sums.centroid[k], Lanes{} + weight * measured.sum[k]);
+    add(sums.covariance[k],
+        weight * own_square *
+            (rise[0] * quarter.edges[0][k] + rise[1] * quarter.edges[1][k] + rise[2] * quarter.edges[2][k]));
+    add(sums.covariance[k], weight * common_square * total * measured.sum[k]);
+  }
+  Lanes low{}, high{};
+  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, (rise[0] + rise[1]) / 3, (rise[1] + rise[2]) / 3,
+                              (rise[2] + rise[0]) / 3, total / 4}) {
+    low = corner < low ? corner : low;
+    high = corner > high ? corner : high;
+  }
+  low += own, high += own;
+  sums.min = (counts & (low < sums.min)) ? low : sums.min;
+  sums.max = (counts & (high > sums.max)) ? high : sums.max;
+}
+
+inline void add_gradient(LaneSums& sums, const MeasuredQuarter& measured, const Lanes (&rise)[3]) {
+  for (int e = 0; e < 3; ++e) {
+    const Lanes slope = rise[e] / measured.squares[e];
+    const dvec3& edge = measured.quarter.edges[static_cast<std::size_t>(e)];
+    const Lanes difference[3] = {slope * edge.x, slope * edge.y, slope * edge.z};
+    const LaneBits counts = is_finite(difference[0] + difference[1] + difference[2]);
+    for (int k = 0; k < 3; ++k) sums.gradient[k] = counts ? sums.gradient[k] + difference[k] : sums.gradient[k];
+  }
 }
 
 // Symmetric matrices while they become diagonal: at the end, eigenvalues, and eigenvectors as columns.
@@ -326,6 +400,30 @@ dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> value
     }
   });
   return gradient;
+}
+
+void VertexMaterial::find_values(std::size_t vertex, const ValueTable& table, std::span<VertexValue> values) const {
+  thread_local std::vector<MeasuredQuarter> quarters;
+  quarters.clear();
+  const double mass = visit(vertex, [&](const Quarter& quarter) {
+    const auto& [a, b, c] = quarter.edges;
+    quarters.push_back({quarter, quarter.sum(), {glm::dot(a, a), glm::dot(b, b), glm::dot(c, c)}});
+  });
+  for (std::size_t first = 0; first < table.attributes(); first += lanes) {
+    const std::span<const ValueTable::Row> rows = table.rows(first);
+    const Lanes own = lanes_of(rows[vertex]);
+    LaneSums sums;
+    for (const MeasuredQuarter& measured : quarters) {
+      const auto& [a, b, c] = measured.quarter.others;
+      const Lanes rise[3] = {lanes_of(rows[a]) - own, lanes_of(rows[b]) - own, lanes_of(rows[c]) - own};
+      if (measured.quarter.mass > 0) add_moments(sums, measured, rise, own);
+      add_gradient(sums, measured, rise);
+    }
+    for (std::size_t lane = 0; lane < lanes && first + lane < table.attributes(); ++lane) {
+      values[first + lane] = sums.value(lane);
+      finish(values[first + lane].moments, mass, own[lane]);
+    }
+  }
 }
 
 std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {

@@ -76,13 +76,6 @@ void finish_face(const OuterFace& outer, const std::array<dvec3, 3>& positions, 
   std::ranges::sort(face.corners, std::less<>());
 }
 
-// Indices of records, by the indices of points.
-std::vector<std::size_t> records_of_points(std::size_t points, std::span<const std::size_t> kept) {
-  std::vector<std::size_t> record_of(points);
-  for (std::size_t k = 0; k < kept.size(); ++k) record_of[kept[k]] = k;
-  return record_of;
-}
-
 }  // namespace
 
 std::size_t PieceFaces::least_memory() { return ExternalSorter::least_memory(sizeof(Face)); }
@@ -95,17 +88,15 @@ Status PieceFaces::start() {
   return {};
 }
 
-Status PieceFaces::add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records) {
+Status PieceFaces::add(const Piece& piece, const HashOfPoint& hash) {
   SPLATVOL_TRY(start());
-  const std::vector<std::size_t> record_of = records_of_points(piece.points.size(), kept);
   std::vector<Face> faces;
   for (const OuterFace& outer : find_outer_faces(piece.points, piece.tetrahedra)) {
     Face face{};
     std::array<dvec3, 3> positions;
     for (std::size_t c = 0; c < 3; ++c) {
       positions[c] = piece.points[outer.corners[c]] + 0.0;  // not -0
-      const std::byte* record = records.data() + record_of[outer.corners[c]] * layout_.bytes();
-      face.corners[c] = {positions[c], hash_values(layout_, record)};
+      face.corners[c] = {positions[c], hash(outer.corners[c])};
     }
     finish_face(outer, positions, face);
     faces.push_back(face);
@@ -113,12 +104,10 @@ Status PieceFaces::add(const Piece& piece, std::span<const std::size_t> kept, st
   return faces_->add(std::as_bytes(std::span(faces)));
 }
 
-Status PieceFaces::add_cells(const Piece& piece, std::span<const std::size_t> kept,
-                             std::span<const std::byte> records) {
+Status PieceFaces::add_cells(const Piece& piece, const HashOfPoint& hash) {
   SPLATVOL_TRY(start());
   of_cells_ = true;
   const PointCells& cells = *piece.cells;
-  const std::vector<std::size_t> record_of = records_of_points(piece.points.size(), kept);
   std::vector<Face> faces;
   for (const OuterFace& outer : find_outer_faces(cells.corners, cells.tetrahedra)) {
     Face face{};
@@ -131,9 +120,8 @@ Status PieceFaces::add_cells(const Piece& piece, std::span<const std::size_t> ke
     const std::uint32_t point = cells.points[outer.tetrahedron];
     if (point == PointCells::no_point) face.area = dvec3(0);
     if (point != PointCells::no_point) {
-      const std::byte* record = records.data() + record_of[point] * layout_.bytes();
-      const dvec3 position = layout_.position(record) + 0.0;
-      face.cell = {{position, hash_values(layout_, record)}, {face.area, glm::dot(face.area, positions[0] - position)}};
+      const dvec3 position = piece.points[point] + 0.0;
+      face.cell = {{position, hash(point)}, {face.area, glm::dot(face.area, positions[0] - position)}};
     }
     faces.push_back(face);
   }

@@ -2,8 +2,9 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <optional>
-#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -26,14 +27,15 @@ class PieceFaces {
 
   [[nodiscard]] static std::size_t least_memory();
 
-  /// Adds a piece. `kept`: indices of the points that have a record in `records`, among them every corner of a
-  /// tetrahedron.
-  [[nodiscard]] Status add(const Piece& piece, std::span<const std::size_t> kept, std::span<const std::byte> records);
+  /// Returns hash_values of a point's record, by its index in the piece. Called for points with finite positions only.
+  using HashOfPoint = std::function<std::uint64_t(std::size_t point)>;
+
+  /// Adds a piece with tetrahedra.
+  [[nodiscard]] Status add(const Piece& piece, const HashOfPoint& hash);
 
   /// Adds a piece whose points stand for whole cells. Faces are matched by their positions alone: two cells that touch
-  /// have no boundary between them, whatever their values. `kept` as above: indices of points.
-  [[nodiscard]] Status add_cells(const Piece& piece, std::span<const std::size_t> kept,
-                                 std::span<const std::byte> records);
+  /// have no boundary between them, whatever their values.
+  [[nodiscard]] Status add_cells(const Piece& piece, const HashOfPoint& hash);
 
   /// Sorts the corners of the whole mesh's faces. Returns none if no piece was added. Called once, after the last
   /// piece.

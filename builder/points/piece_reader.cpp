@@ -6,7 +6,10 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <limits>
+#include <memory>
+#include <utility>
 
 #include "builder/mesh/usable_numbers.h"
 
@@ -15,7 +18,9 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-constexpr std::size_t points_at_once = 1 << 14;  // records that a task makes
+// Records that are made at a time: their bytes bound the memory, whatever the number of points and attributes.
+constexpr std::size_t slice_bytes = std::size_t{1} << 23;
+constexpr std::size_t slice_tasks = 16;
 
 // A value that is too large for arithmetic is taken for some program's fill value, and so for missing.
 double present_or_nan(double value) {
@@ -24,17 +29,42 @@ double present_or_nan(double value) {
 
 }  // namespace
 
-Status PieceReader::run(const std::function<void(double)>& progress,
+Status PieceReader::run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
                         const std::function<Status(std::span<const std::byte>)>& visit) {
-  for (std::size_t pieces = 0;; ++pieces) {
+  SPLATVOL_TRY_ASSIGN(piece, source_.next());
+  std::unique_ptr<Piece> second;
+  bool ended = !piece;
+  if (piece && only && source_.piece_count() == 1) {
+    SPLATVOL_TRY_ASSIGN(next, source_.next());
+    second = std::move(next);
+    ended = !second;
+    const Box box = box_of(*piece);
+    if (ended && box.low.x <= box.high.x) SPLATVOL_TRY(only(box));
+  }
+  for (std::size_t pieces = 0; piece; ++pieces) {
     progress(static_cast<double>(pieces) / static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
-    SPLATVOL_TRY_ASSIGN(piece, source_.next());
-    if (!piece) break;
-    SPLATVOL_TRY(read(*piece));
-    SPLATVOL_TRY(visit(records_));
+    SPLATVOL_TRY(read(*piece, visit));
+    piece = std::move(second);
+    if (piece || ended) continue;
+    SPLATVOL_TRY_ASSIGN(next, source_.next());
+    piece = std::move(next);
   }
   if (!(box().low.x <= box().high.x)) return fail(ErrorCode::invalid_data, "no point with finite coordinates");
   return {};
+}
+
+// As box() tells once the piece has been read.
+Box PieceReader::box_of(const Piece& piece) const {
+  Box box;
+  const auto include = [&](const dvec3& p) {
+    if (is_usable_position(p)) box.include(p);
+  };
+  if (!layout_.has_material() || piece.tetrahedra.empty())
+    std::ranges::for_each(piece.points, include);
+  else
+    for (const auto& corners : piece.tetrahedra)
+      for (const std::uint32_t corner : corners) include(piece.points[corner]);
+  return box;
 }
 
 InputSummary PieceReader::summary() const {
@@ -51,7 +81,7 @@ InputSummary PieceReader::summary() const {
   return summary;
 }
 
-Status PieceReader::read(const Piece& piece) {
+Status PieceReader::read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit) {
   if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                 piece.tetrahedra.size());
@@ -60,8 +90,17 @@ Status PieceReader::read(const Piece& piece) {
   census_.not_finite += piece.points.size() - kept.size();
   cells_ += piece.census;
   for (std::size_t a = 0; a < piece.fills.size(); ++a) fills_[a] += piece.fills[a];
-  make_records(piece, kept);
-  return add_material(piece, kept);
+  for (std::vector<double>& values : piece.values)
+    tbb::parallel_for(std::size_t{0}, values.size(), [&](std::size_t i) { values[i] = present_or_nan(values[i]); });
+
+  const PieceMaterial material = prepare_material(piece, kept);
+  const std::size_t most = std::max<std::size_t>(slice_bytes / layout_.bytes(), slice_tasks);
+  for (std::size_t first = 0; first < kept.size(); first += most) {
+    const auto slice = std::span(kept).subspan(first, std::min(most, kept.size() - first));
+    make_records(piece, material, slice);
+    SPLATVOL_TRY(visit(records_));
+  }
+  return add_faces(piece, material);
 }
 
 // Indices of the points that are kept.
@@ -92,36 +131,45 @@ bool PieceReader::leave_out(const std::byte* record) {
   return false;
 }
 
-// Makes the records without material, and finds the ranges.
-void PieceReader::make_records(const Piece& piece, std::span<const std::size_t> kept) {
-  const std::size_t count = kept.size();
+// Makes records, and finds the ranges.
+void PieceReader::make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> slice) {
+  const std::size_t count = slice.size(), task_points = (count + slice_tasks - 1) / slice_tasks;
   records_.resize(count * layout_.bytes());
-  std::vector<PointRanges> ranges((count + points_at_once - 1) / points_at_once, PointRanges(layout_.attributes()));
-  tbb::parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t r) {
-    const std::size_t first = r * points_at_once;
-    const auto part = kept.subspan(first, std::min(points_at_once, count - first));
-    make_part(piece, part, record_of(first));
-    find_ranges(piece, part, ranges[r]);
+  const std::size_t tasks = (count + task_points - 1) / task_points;
+  std::vector<PointRanges> ranges(tasks, PointRanges(layout_.attributes())), in_cells = ranges;
+  tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t r) {
+    const std::size_t first = r * task_points;
+    const auto part = slice.subspan(first, std::min(task_points, count - first));
+    make_part(piece, material, part, records_.data() + first * layout_.bytes());
+    find_ranges(piece, material, part, ranges[r]);
+    std::vector<std::size_t> used;
+    std::ranges::copy_if(part, std::back_inserter(used), [&](std::size_t i) { return material.in_cells(piece, i); });
+    find_ranges(piece, material, used, in_cells[r]);
   });
-  for (const PointRanges& range : ranges) ranges_.include(range);  // in order, as 0 and -0 are equal
+  // In order, as 0 and -0 are equal.
+  for (const PointRanges& range : ranges) ranges_.include(range);
+  for (const PointRanges& range : in_cells) in_cells_.include(range);
 }
 
-void PieceReader::make_part(const Piece& piece, std::span<const std::size_t> kept, std::byte* record) const {
-  if (layout_.has_material()) std::memset(record, 0, kept.size() * layout_.bytes());
-  for (const std::size_t i : kept) {
+void PieceReader::make_part(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
+                            std::byte* record) const {
+  if (layout_.has_material()) std::memset(record, 0, part.size() * layout_.bytes());
+  std::vector<VertexValue> values(layout_.attributes());  // scratch
+  for (const std::size_t i : part) {
     layout_.set_position(record, piece.points[i]);
-    for (std::size_t a = 0; a < layout_.attributes(); ++a)
-      layout_.set_value(record, a, present_or_nan(piece.values[a][i]));
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, material.value(piece, a, i));
+    if (layout_.has_material()) set_material(piece, material, i, values, record);
     record += layout_.bytes();
   }
 }
 
-void PieceReader::find_ranges(const Piece& piece, std::span<const std::size_t> kept, PointRanges& ranges) const {
-  for (const std::size_t i : kept) ranges.box.include(piece.points[i]);
+void PieceReader::find_ranges(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
+                              PointRanges& ranges) const {
+  for (const std::size_t i : part) ranges.box.include(piece.points[i]);
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     double low = infinity, high = -infinity;
-    for (const std::size_t i : kept) {
-      const double value = present_or_nan(piece.values[a][i]);
+    for (const std::size_t i : part) {
+      const double value = material.value(piece, a, i);
       low = value < low ? value : low;
       high = value > high ? value : high;
     }
@@ -130,71 +178,81 @@ void PieceReader::find_ranges(const Piece& piece, std::span<const std::size_t> k
   }
 }
 
-Status PieceReader::add_material(const Piece& piece, std::span<const std::size_t> kept) {
-  if (layout_.has_material() && piece.material) {
-    add_known_material(*piece.material, kept);
-    return {};
+// Prepares for the records of a piece. With tetrahedra, takes the piece's values.
+PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span<const std::size_t> kept) {
+  PieceMaterial material;
+  const bool known = piece.material || piece.cells;
+  if (piece.cells)
+    for (const std::size_t i : kept) in_cells_.box.include(piece.points[i]);
+  if (!layout_.has_material() || (!known && piece.tetrahedra.empty())) {
+    census_.in_no_cell += kept.size();
+    return material;
   }
-  if (layout_.has_material() && piece.cells) return add_whole_cells(piece, kept);
-  if (layout_.has_material() && !piece.tetrahedra.empty()) return add_cell_material(piece, kept);
-  census_.in_no_cell += kept.size();
-  return {};
-}
+  has_material_ = has_material_ || !piece.cells || !piece.points.empty();
+  if (known) return material;
 
-void PieceReader::add_known_material(const PointMaterial& material, std::span<const std::size_t> kept) {
-  has_material_ = true;
-  tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
-    layout_.set_vertex(record_of(k), {1.0, material.moments[kept[k]]});
-    for (std::size_t a = 0; a < layout_.attributes(); ++a)
-      layout_.set_value_part(record_of(k), a, {material.value_moments[a][kept[k]], material.gradients[a][kept[k]]});
-    if (!material.planes.empty()) layout_.set_plane(record_of(k), material.planes[kept[k]]);
-  });
-}
-
-// Each point has a whole cell, and one value in it.
-Status PieceReader::add_whole_cells(const Piece& piece, std::span<const std::size_t> kept) {
-  has_material_ = has_material_ || !piece.points.empty();
-  tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
-    const SpatialMoments& moments = piece.cells->moments[kept[k]];
-    layout_.set_vertex(record_of(k), {1.0, moments});
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-      const double value = present_or_nan(piece.values[a][kept[k]]);
-      if (std::isnan(value)) continue;
-      PointRecords::ValuePart part;
-      part.moments.mass = moments.mass;
-      part.moments.centroid = moments.centroid;
-      part.moments.mean = part.moments.min = part.moments.max = value;
-      layout_.set_value_part(record_of(k), a, part);
-    }
-  });
-  return faces_.add_cells(piece, kept, records_);
-}
-
-Status PieceReader::add_cell_material(const Piece& piece, std::span<const std::size_t> kept) {
-  has_material_ = true;
-  std::vector<bool> used(piece.points.size());
+  material.used.resize(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
-    for (const std::uint32_t corner : corners) used[corner] = true;
-  std::vector<std::size_t> in_cells;
+    for (const std::uint32_t corner : corners) material.used[corner] = true;
   for (const std::size_t i : kept) {
-    census_.in_no_cell += used[i] ? 0 : 1;
-    if (used[i]) in_cells.push_back(i);
+    if (material.used[i]) in_cells_.box.include(piece.points[i]);
+    census_.in_no_cell += material.used[i] ? 0 : 1;
   }
-  PointRanges ranges(layout_.attributes());
-  find_ranges(piece, in_cells, ranges);
-  in_cells_.include(ranges);
+  ValueTable& table = material.values.emplace(piece.points.size(), layout_.attributes());
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const std::vector<double> values = std::exchange(piece.values[a], {});
+    for (std::size_t i = 0; i < values.size(); ++i) table.at(i, a) = values[i];
+  }
+  material.mesh.emplace(piece.points, piece.tetrahedra);
+  return material;
+}
 
-  std::vector<std::vector<double>> values = piece.values;
-  for (std::vector<double>& of_attribute : values)
-    std::ranges::transform(of_attribute, of_attribute.begin(), present_or_nan);
-  const VertexMaterial mesh(piece.points, piece.tetrahedra);
-  tbb::parallel_for(std::size_t{0}, kept.size(), [&](std::size_t k) {
-    layout_.set_vertex(record_of(k), {used[kept[k]] ? 1.0 : 0.0, mesh.moments(kept[k])});
+void PieceReader::set_material(const Piece& piece, const PieceMaterial& material, std::size_t point,
+                               std::span<VertexValue> values, std::byte* record) const {
+  if (piece.material) return set_known_material(*piece.material, point, record);
+  if (piece.cells) return set_whole_cell(piece, point, record);
+  if (material.mesh) set_vertex_material(material, point, values, record);
+}
+
+void PieceReader::set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const {
+  layout_.set_vertex(record, {1.0, material.moments[point]});
+  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+    layout_.set_value_part(record, a, {material.value_moments[a][point], material.gradients[a][point]});
+  if (!material.planes.empty()) layout_.set_plane(record, material.planes[point]);
+}
+
+// The point has a whole cell, and one value in it.
+void PieceReader::set_whole_cell(const Piece& piece, std::size_t point, std::byte* record) const {
+  const SpatialMoments& moments = piece.cells->moments[point];
+  layout_.set_vertex(record, {1.0, moments});
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const double value = piece.values[a][point];
+    if (std::isnan(value)) continue;
+    PointRecords::ValuePart part;
+    part.moments.mass = moments.mass;
+    part.moments.centroid = moments.centroid;
+    part.moments.mean = part.moments.min = part.moments.max = value;
+    layout_.set_value_part(record, a, part);
+  }
+}
+
+void PieceReader::set_vertex_material(const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
+                                      std::byte* record) const {
+  layout_.set_vertex(record, {material.used[point] ? 1.0 : 0.0, material.mesh->moments(point)});
+  material.mesh->find_values(point, *material.values, values);
+  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+    layout_.set_value_part(record, a, {values[a].moments, values[a].gradient});
+}
+
+Status PieceReader::add_faces(const Piece& piece, const PieceMaterial& material) {
+  std::vector<std::byte> record(layout_.bytes());
+  const auto hash = [&](std::size_t point) {
     for (std::size_t a = 0; a < layout_.attributes(); ++a)
-      layout_.set_value_part(record_of(k), a,
-                             {mesh.value_moments(kept[k], values[a]), mesh.gradient(kept[k], values[a])});
-  });
-  return faces_.add(piece, kept, records_);
+      layout_.set_value(record.data(), a, material.value(piece, a, point));
+    return hash_values(layout_, record.data());
+  };
+  if (layout_.has_material() && piece.cells && !piece.material) return faces_.add_cells(piece, hash);
+  return material.mesh ? faces_.add(piece, hash) : Status{};
 }
 
 }  // namespace splatvol

@@ -3,11 +3,13 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
+#include "builder/mesh/moments.h"
 #include "builder/points/input_summary.h"
 #include "builder/points/piece_faces.h"
 #include "builder/points/point_ranges.h"
@@ -28,8 +30,10 @@ class PieceReader {
         in_cells_(source.attributes().size()),
         fills_(source.attributes().size()) {}
 
-  /// Calls visit(records) for each piece, and progress(share of the pieces that are done). Fails if no point is left.
-  [[nodiscard]] Status run(const std::function<void(double)>& progress,
+  /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the pieces that are
+  /// done). If the input turns out to be one piece, calls only(box round its points) before the records; `only` may be
+  /// empty. Fails if no point is left.
+  [[nodiscard]] Status run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
                            const std::function<Status(std::span<const std::byte>)>& visit);
 
   /// Box round the points so far: if there are cells, round those in cells.
@@ -44,22 +48,43 @@ class PieceReader {
   [[nodiscard]] InputSummary summary() const;
 
  private:
-  [[nodiscard]] Status read(const Piece& piece);
+  // The values and the mesh of the present piece, if its points have their material from tetrahedra.
+  struct PieceMaterial {
+    std::vector<bool> used;  // [point]: by a tetrahedron
+    std::optional<ValueTable> values;
+    std::optional<VertexMaterial> mesh;
+
+    [[nodiscard]] bool in_cells(const Piece& piece, std::size_t point) const {
+      return piece.cells || (!used.empty() && used[point]);
+    }
+
+    [[nodiscard]] double value(const Piece& piece, std::size_t attribute, std::size_t point) const {
+      return values ? values->at(point, attribute) : piece.values[attribute][point];
+    }
+  };
+
+  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
   [[nodiscard]] std::vector<std::size_t> find_finite(const Piece& piece);
-  void make_records(const Piece& piece, std::span<const std::size_t> kept);
-  void make_part(const Piece& piece, std::span<const std::size_t> kept, std::byte* record) const;
-  void find_ranges(const Piece& piece, std::span<const std::size_t> kept, PointRanges& ranges) const;
-  [[nodiscard]] Status add_material(const Piece& piece, std::span<const std::size_t> kept);
-  void add_known_material(const PointMaterial& material, std::span<const std::size_t> kept);
-  [[nodiscard]] Status add_whole_cells(const Piece& piece, std::span<const std::size_t> kept);
-  [[nodiscard]] Status add_cell_material(const Piece& piece, std::span<const std::size_t> kept);
+  [[nodiscard]] Box box_of(const Piece& piece) const;
+  [[nodiscard]] PieceMaterial prepare_material(Piece& piece, std::span<const std::size_t> kept);
+  void make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> slice);
+  void make_part(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
+                 std::byte* record) const;
+  void find_ranges(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
+                   PointRanges& ranges) const;
+  void set_material(const Piece& piece, const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
+                    std::byte* record) const;
+  void set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const;
+  void set_whole_cell(const Piece& piece, std::size_t point, std::byte* record) const;
+  void set_vertex_material(const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
+                           std::byte* record) const;
+  [[nodiscard]] Status add_faces(const Piece& piece, const PieceMaterial& material);
   [[nodiscard]] bool has_cells() const { return cells_.tetrahedra > 0 && layout_.has_material(); }
-  [[nodiscard]] std::byte* record_of(std::size_t i) { return records_.data() + i * layout_.bytes(); }
 
   Source& source_;
   PointRecords layout_;
   PieceFaces& faces_;
-  std::vector<std::byte> records_;  // of the present piece
+  std::vector<std::byte> records_;  // some of the present piece
   PointRanges ranges_;
   PointRanges in_cells_;              // of the points that cells use; at the end, of all that are not left out
   std::vector<std::uint64_t> fills_;  // [attribute]

@@ -1,6 +1,7 @@
 #include "builder/points/point_stream.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "base/temp_file.h"
@@ -50,14 +51,24 @@ class InputSorter {
                                 const std::function<void(double)>& progress) const {
     SPLATVOL_TRY_ASSIGN(cube, bounding_cube(bounds));
     SPLATVOL_TRY_ASSIGN(points, start_sort(cube, memory_));
-    SPLATVOL_TRY(reader.run(progress, [&](std::span<const std::byte> records) { return points.add(records); }));
+    SPLATVOL_TRY(reader.run(progress, {}, [&](std::span<const std::byte> records) { return points.add(records); }));
     return PointSort{cube, std::move(points)};
   }
 
-  // Keys need the bounds of all points: the points wait until these are known.
+  // Keys need the bounds of all points: the points of several pieces wait until these are known.
   Result<PointSort> sort_after_reading(PieceReader& reader, const std::function<void(double)>& progress) const {
     RecordSpool spool(layout_.bytes(), memory_ / 4, folder_);
-    SPLATVOL_TRY(reader.run(progress, [&](std::span<const std::byte> records) { return spool.append(records); }));
+    std::optional<PointSort> only;
+    const auto start_only = [&](const Box& box) -> Status {
+      SPLATVOL_TRY_ASSIGN(cube, bounding_cube(box));
+      SPLATVOL_TRY_ASSIGN(points, start_sort(cube, memory_));
+      only.emplace(PointSort{cube, std::move(points)});
+      return {};
+    };
+    SPLATVOL_TRY(reader.run(progress, start_only, [&](std::span<const std::byte> records) {
+      return only ? add_kept(records, reader, only->points) : spool.append(records);
+    }));
+    if (only) return std::move(*only);
     SPLATVOL_TRY_ASSIGN(cube, bounding_cube(reader.box()));
     SPLATVOL_TRY_ASSIGN(points, start_sort(cube, memory_ / 2));
     for (;;) {

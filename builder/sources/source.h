@@ -120,7 +120,7 @@ class Source {
   [[nodiscard]] virtual bool single_precision() const { return false; }
 };
 
-/// What the points of a mesh are.
+/// The points that a mesh gives.
 enum class CellValues {
   averaged,  // the points of the mesh. Arrays of cells become means of the cells round each point
   own,       // the cells, each with one value. Arrays of points become means over each cell

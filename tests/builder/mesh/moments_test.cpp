@@ -342,6 +342,39 @@ TEST(VertexMaterial, MissingValuesLeaveOutTheirTetrahedra) {
   EXPECT_NEAR(merge_all(mesh, value_moments).mass + missing, merge_all(mesh, moments).mass, 1e-12);
 }
 
+// Several attributes at once, with missing values and flat cells, have the same bits as each by itself.
+TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
+  test::Mesh mesh = test::jittered(4, 0.3);
+  mesh.points[7] = mesh.points[8];
+  constexpr std::size_t attributes = 6;
+  ValueTable table(mesh.points.size(), attributes);
+  std::vector<std::vector<double>> values(attributes, std::vector<double>(mesh.points.size()));
+  for (std::size_t a = 0; a < attributes; ++a)
+    for (std::size_t v = 0; v < mesh.points.size(); ++v) {
+      const dvec3& p = mesh.points[v];
+      const bool missing = a % 2 == 1 && v % 11 == a;
+      values[a][v] = missing ? std::numeric_limits<double>::quiet_NaN()
+                             : std::sin(5 * p.x + static_cast<double>(a)) - p.y * p.z + (a == 4 ? 1e6 : 0);
+      table.at(v, a) = values[a][v];
+    }
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  std::vector<VertexValue> found(attributes);
+  const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
+  for (std::size_t v = 0; v < mesh.points.size(); ++v) {
+    material.find_values(v, table, found);
+    for (std::size_t a = 0; a < attributes; ++a) {
+      const ValueMoments one = material.value_moments(v, values[a]), &all = found[a].moments;
+      EXPECT_TRUE(same(all.mass, one.mass) && same(all.mean, one.mean) && same(all.variance, one.variance)) << v;
+      EXPECT_TRUE(same(all.min, one.min) && same(all.max, one.max)) << v;
+      const dvec3 gradient = material.gradient(v, values[a]);
+      for (int k = 0; k < 3; ++k) {
+        EXPECT_TRUE(same(all.centroid[k], one.centroid[k]) && same(all.covariance[k], one.covariance[k])) << v;
+        EXPECT_TRUE(same(found[a].gradient[k], gradient[k])) << v;
+      }
+    }
+  }
+}
+
 TEST(VertexMaterial, PiecesAddUpToTheWhole) {
   const Mesh mesh = test::jittered(4, 0.2);
   const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
