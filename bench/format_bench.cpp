@@ -95,12 +95,12 @@ void unpack_position(benchmark::State& state) {
 
 void pack_value(benchmark::State& state) {
   const auto in = values();
-  pack_column(state, sizeof(float), [&] { return pack_values(in, {-2, 2}); });
+  pack_column(state, sizeof(float), [&] { return pack_values(in, 1e-3, {-2, 2}); });
 }
 
 void unpack_value(benchmark::State& state) {
   std::vector<float> out(points);
-  unpack_column(state, sizeof(float), pack_values(values(), {-2, 2}),
+  unpack_column(state, sizeof(float), pack_values(values(), 1e-3, {-2, 2}),
                 [&](const PackedChunk& chunk) { return unpack_values(chunk.entry, chunk.bytes, out, "bench"); });
 }
 

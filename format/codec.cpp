@@ -24,6 +24,16 @@ ZSTD_DCtx* decompressor() {
   return context.get();
 }
 
+// Planes that are shorter than this share a block: the description of a plane's statistics takes some 50 bytes.
+constexpr std::size_t least_block_bytes = 256;
+
+// `size`: of the frame, or zstd's error.
+Bytes frame_or_raw(const Bytes& frame, std::size_t size, std::span<const std::byte> raw) {
+  if (ZSTD_isError(size) || size >= raw.size() || raw.size() > max_ratio * size + ratio_slack)
+    return Bytes(raw.begin(), raw.end());
+  return Bytes(frame.begin(), frame.begin() + static_cast<std::ptrdiff_t>(size));
+}
+
 }  // namespace
 
 std::uint64_t hash_bytes(std::span<const std::byte> bytes) { return XXH3_64bits(bytes.data(), bytes.size()); }
@@ -33,9 +43,27 @@ Bytes pack(std::span<const std::byte> raw) {
   packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size())));
   const std::size_t size =
       ZSTD_compressCCtx(compressor(), packed.data(), packed.size(), raw.data(), raw.size(), compression_level);
-  if (ZSTD_isError(size) || size >= raw.size() || raw.size() > max_ratio * size + ratio_slack)
-    return Bytes(raw.begin(), raw.end());
-  return Bytes(packed.begin(), packed.begin() + static_cast<std::ptrdiff_t>(size));
+  return frame_or_raw(packed, size, raw);
+}
+
+Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes) {
+  if (plane_bytes < least_block_bytes || raw.size() < header_bytes + plane_bytes) return pack(raw);
+  ZSTD_CCtx* context = compressor();
+  ZSTD_CCtx_reset(context, ZSTD_reset_session_and_parameters);
+  ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, compression_level);
+  ZSTD_CCtx_setPledgedSrcSize(context, raw.size());
+  thread_local Bytes packed;
+  const std::size_t blocks = (raw.size() - header_bytes) / plane_bytes;
+  packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size()) + 16 * (blocks + 1)));
+  ZSTD_outBuffer out = {packed.data(), packed.size(), 0};
+  std::size_t end = header_bytes;
+  for (std::size_t begin = 0; begin < raw.size(); begin = end) {
+    end = std::min(raw.size(), end + plane_bytes);
+    ZSTD_inBuffer in = {raw.data() + begin, end - begin, 0};
+    const std::size_t left = ZSTD_compressStream2(context, &out, &in, end == raw.size() ? ZSTD_e_end : ZSTD_e_flush);
+    if (left != 0) return pack(raw);
+  }
+  return frame_or_raw(packed, out.pos, raw);
 }
 
 Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {

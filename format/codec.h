@@ -23,6 +23,10 @@ using Bytes = std::vector<std::byte>;
 /// result as long as `raw` is `raw`. Deterministic. Thread-safe.
 [[nodiscard]] Bytes pack(std::span<const std::byte> raw);
 
+/// As `pack`, but each plane has a block of its own in the frame, with its own statistics: numbers of one plane are
+/// alike, and planes differ. `raw` is a header of `header_bytes`, then planes of `plane_bytes` each.
+[[nodiscard]] Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes);
+
 /// Undoes `pack` into exactly `unpacked_bytes` bytes. `what` begins the message of an error. Safe on untrusted input:
 /// allocates at most about 1024 times the packed size. Thread-safe.
 [[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,

@@ -51,6 +51,66 @@ bool make_grid(std::span<const dvec3> positions, double error, PositionHeader& h
   return true;
 }
 
+// A value on the grid. It may pass single precision only if the header is bad.
+float value_on_grid(const ValueHeader& header, std::int64_t number) {
+  return static_cast<float>(header.origin + header.quantisation_step * static_cast<double>(number));
+}
+
+// Encodes each value as the difference of its grid number from that of the value before it: 0 if it is missing. Rounds
+// the values to the grid. Returns false, and then leaves anything in its outputs, if no grid is shorter than the exact
+// values.
+bool encode_on_grid(double error, std::span<float> values, std::span<std::uint32_t> codes, ValueHeader& header) {
+  constexpr double most = 1 << 22;  // of quantisation steps; codes of differences then have three bytes
+  const auto present = [](float value) { return std::isfinite(value); };
+  const auto first = std::ranges::find_if(values, present);
+  header.form = form_grid;
+  if (first != values.end()) header.origin = *first;
+  const auto same = [&](float value) { return !present(value) || value == *first; };
+  if (!std::ranges::all_of(values, same)) {
+    if (!(error > 0) || !std::isfinite(error)) return false;
+    header.quantisation_step = std::ldexp(1.0, std::ilogb(error / rounding_error));
+    header.origin = std::round(header.origin / header.quantisation_step) * header.quantisation_step;
+  }
+  std::int64_t last = 0;
+  std::uint32_t all_bits = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!present(values[i])) {
+      codes[i] = 0;
+      continue;
+    }
+    const double steps =
+        header.quantisation_step > 0 ? (static_cast<double>(values[i]) - header.origin) / header.quantisation_step : 0;
+    if (!(std::abs(steps) < most)) return false;
+    const std::int64_t number = nearest_integer(steps);
+    codes[i] = static_cast<std::uint32_t>(zigzag(number - last) + 1);
+    all_bits |= codes[i];
+    last = number;
+    values[i] = value_on_grid(header, number);
+    if (!std::isfinite(values[i])) return false;
+  }
+  header.width = static_cast<std::uint8_t>(bytes_for(all_bits));
+  return true;
+}
+
+Status read_values_on_grid(const ValueHeader& header, std::span<const std::byte> planes, std::span<float> out,
+                           std::string_view what) {
+  std::vector<std::uint32_t> codes(out.size());
+  read_planes<std::uint32_t>(planes, codes, header.width);
+  std::int64_t last = 0;
+  bool finite = true;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    if (codes[i] == 0) {
+      out[i] = std::bit_cast<float>(missing_value_bits);
+      continue;
+    }
+    last += unzigzag(codes[i] - 1);
+    out[i] = value_on_grid(header, last);
+    finite = finite && std::isfinite(out[i]);
+  }
+  if (!finite) return fail(ErrorCode::invalid_data, "{}: a value is not finite [R17]", what);
+  return {};
+}
+
 Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count,
                                              std::string_view what) {
   if (payload.size() < sizeof(PositionHeader))
@@ -70,16 +130,17 @@ Result<PositionHeader> check_position_header(std::span<const std::byte> payload,
 
 }  // namespace
 
-PackedChunk pack_payload(const Bytes& payload) {
-  PackedChunk chunk{{}, pack(payload)};
+PackedChunk pack_payload(const Bytes& payload, std::size_t points) {
+  const std::size_t header = points > 0 ? payload.size() % points : payload.size();
+  PackedChunk chunk{{}, pack_planes(payload, header, points)};
   chunk.entry.hash = hash_bytes(chunk.bytes);
   chunk.entry.packed_bytes = static_cast<std::uint32_t>(chunk.bytes.size());
   chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
   return chunk;
 }
 
-PackedChunk pack_payload(const Bytes& payload, const ValueSummary& summary) {
-  PackedChunk chunk = pack_payload(payload);
+PackedChunk pack_payload(const Bytes& payload, std::size_t points, const ValueSummary& summary) {
+  PackedChunk chunk = pack_payload(payload, points);
   chunk.entry.min = summary.min;
   chunk.entry.max = summary.max;
   chunk.entry.occupancy = summary.occupancy;
@@ -116,23 +177,30 @@ PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
       append_planes<double>(payload, coordinates);
     }
   }
-  return pack_payload(payload);
+  return pack_payload(payload, positions.size());
 }
 
-PackedChunk pack_values(std::span<const float> stored, const ValueBins& bins) {
-  std::vector<std::uint32_t> bits(stored.size());
-  for (std::size_t i = 0; i < stored.size(); ++i)
-    bits[i] = std::isfinite(stored[i]) ? std::bit_cast<std::uint32_t>(stored[i]) : missing_value_bits;
+PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins) {
+  ValueHeader header{};
+  std::vector<float> rounded(stored.begin(), stored.end());
+  std::vector<std::uint32_t> codes(stored.size());
+  if (!encode_on_grid(error, rounded, codes, header)) {
+    header = {.form = form_exact, .width = sizeof(float), .zero = {}, .origin = 0, .quantisation_step = 0};
+    rounded.assign(stored.begin(), stored.end());
+    for (std::size_t i = 0; i < stored.size(); ++i)
+      codes[i] = std::isfinite(stored[i]) ? std::bit_cast<std::uint32_t>(stored[i]) : missing_value_bits;
+  }
   Bytes payload;
-  append_planes<std::uint32_t>(payload, bits);
-  return pack_payload(payload, bins.summarize(stored));
+  append_record(payload, header);
+  append_planes<std::uint32_t>(payload, codes, header.width);
+  return pack_payload(payload, stored.size(), bins.summarize(rounded));
 }
 
 PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts) {
   Bytes payload;
   append_planes(payload, depths);
   append_planes(payload, counts);
-  return pack_payload(payload);
+  return pack_payload(payload, depths.size());
 }
 
 Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
@@ -159,8 +227,18 @@ Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> pack
 Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                      std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
-  if (payload.size() != out.size_bytes()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
-  read_planes<float>(payload, out);
+  if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
+  const auto header = read_record<ValueHeader>(payload, 0);
+  const bool grid = header.form == form_grid;
+  const bool valid = (grid ? header.width <= 3 : header.form == form_exact && header.width == sizeof(float)) &&
+                     std::ranges::all_of(header.zero, [](std::uint8_t byte) { return byte == 0; }) &&
+                     std::isfinite(header.origin) && header.quantisation_step >= 0 &&
+                     std::isfinite(header.quantisation_step);
+  if (!valid || payload.size() != sizeof(ValueHeader) + out.size() * header.width)
+    return fail(ErrorCode::invalid_data, "{}: bad header of values [R17]", what);
+  const auto planes = std::span<const std::byte>(payload).subspan(sizeof(ValueHeader));
+  if (grid) return read_values_on_grid(header, planes, out, what);
+  read_planes<float>(planes, out);
   if (std::ranges::any_of(out, [](float value) { return std::isinf(value); }))
     return fail(ErrorCode::invalid_data, "{}: a value is infinite [R17]", what);
   return {};

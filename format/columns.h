@@ -82,8 +82,9 @@ struct PackedChunk {
 /// grid is shorter. Requires finite positions, at least one. Thread-safe, as are all functions here.
 [[nodiscard]] PackedChunk pack_positions(std::span<const dvec3> positions, double error);
 
-/// Packs stored values. Values that are not finite become missing.
-[[nodiscard]] PackedChunk pack_values(std::span<const float> stored, const ValueBins& bins);
+/// Packs stored values on a grid that moves none by more than `error` (>= 0), or exactly if no such grid is shorter.
+/// Values that are not finite become missing.
+[[nodiscard]] PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins);
 
 /// Packs octant depths and counts. Requires spans of one length.
 [[nodiscard]] PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts);
@@ -97,11 +98,12 @@ struct PackedChunk {
 
 /// Packs the distributions of a value. `summary` bounds the values of the material. Requires means in the range of
 /// single precision. These come back:
-/// - means within `error` (>= 0), or within twice the finest quantisation step that 32 bits and 2^-45 of the largest
-///   mean allow. Means outside of `summary`, by rounding, are moved into it first;
-/// - correlations within 1/254, residuals within 1/510;
+/// - means within 0.07 deviations, or within 0.51 least_step (>= 0) if this is more; in single precision if means are
+///   too far from each other for such steps. Means outside of `summary`, by rounding, are moved into it first;
+/// - deviations within a factor 2^(1/16), unless they are under 2^-8191 of the largest;
+/// - correlations within 1/30. Residuals follow from them;
 /// - coverages within 1/255. Only 0 becomes 0.
-[[nodiscard]] PackedChunk pack_value_moments(std::span<const SplatValue> values, double error,
+[[nodiscard]] PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step,
                                              const ValueSummary& summary);
 
 /// Packs directions of any length; 0 is no direction. The components of the unit vectors come back within 1/127.

@@ -120,15 +120,25 @@ struct MomentsHeader {             // spec 8
 };
 static_assert(sizeof(MomentsHeader) == 24);
 
-struct ValueMomentsHeader {  // spec 8
-  std::uint8_t width;        //  0: bytes of q
-  std::uint8_t zero[7];      //  1
-  double error;              //  8
-  double origin;             // 16
-  double quantisation_step;  // 24
-  double deviation_scale;    // 32
+struct ValueHeader {         // spec 8
+  std::uint8_t form;         //  0: 1 grid, 2 exact
+  std::uint8_t width;        //  1: bytes of a code
+  std::uint8_t zero[6];      //  2
+  double origin;             //  8
+  double quantisation_step;  // 16
 };
-static_assert(sizeof(ValueMomentsHeader) == 40 && offsetof(ValueMomentsHeader, deviation_scale) == 32);
+static_assert(sizeof(ValueHeader) == 24 && offsetof(ValueHeader, quantisation_step) == 16);
+
+struct ValueMomentsHeader {      // spec 8
+  std::uint8_t form;             //  0: of the means: 1 steps, 2 exact
+  std::uint8_t width;            //  1: bytes of a mean
+  std::uint8_t deviation_width;  //  2: bytes of a deviation
+  std::uint8_t zero[5];          //  3
+  double origin;                 //  8
+  double least_step;             // 16
+  double deviation_scale;        // 24
+};
+static_assert(sizeof(ValueMomentsHeader) == 32 && offsetof(ValueMomentsHeader, deviation_scale) == 24);
 
 struct Footer {              // spec 10
   std::uint8_t magic[8];     //  0

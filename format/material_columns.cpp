@@ -213,50 +213,92 @@ std::array<double, 256> make_densities() {
   return densities;
 }
 
-// --- Means: on a grid, as positions, of one axis.
-
-// In quantisation steps. Rounding to the grid moves a mean by at most 0.5. Codes stay under 2^32, and the origin under
-// 2^45, so that the rounding of their sum is far smaller.
+// In steps. Rounding moves a mean by at most 0.5; the rest is rounding of double precision.
 constexpr double rounding_error = 0.51;
-constexpr double max_mean_code = std::numeric_limits<std::uint32_t>::max() - 1;
 
-double power_of_two_above(double number) {
-  return std::ldexp(1.0, 1 + std::ilogb(std::max(number, std::numeric_limits<double>::denorm_min())));
-}
+// --- Values: a mean in steps as long as a share of its own deviation, from the mean before it.
 
-double mean_quantisation_step(double low, double high, double error) {
-  if (!(high > low)) return 0;
-  const double farthest = std::max(std::abs(low), std::abs(high));
-  const double finest = power_of_two_above(std::max((high - low) / max_mean_code, farthest * 0x1p-45));
-  const double enough = std::min(error, double{std::numeric_limits<float>::max()}) / rounding_error;
-  return enough > finest ? std::ldexp(1.0, std::ilogb(enough)) : finest;
-}
+constexpr std::uint8_t form_steps = 1;
+constexpr std::uint8_t form_exact = 2;
+constexpr double steps_per_deviation = 8;
+constexpr double most_steps = 1 << 23;  // codes then have three bytes
+constexpr int codes_per_octave_of_value = 8;
+constexpr double correlation_scale = 15;
 
-// Returns the grid code of each mean. Fills the header's numbers for means.
-std::vector<std::uint32_t> encode_means(std::span<const SplatValue> values, double error, ValueMomentsHeader& header) {
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  for (const SplatValue& value : values) {
-    if (!(value.coverage > 0)) continue;
-    low = std::min(low, value.mean);
-    high = std::max(high, value.mean);
+// Deviations of values: 0 if the code is 0, else scale 2^((1 - code) / 8).
+class ValueDeviations {
+ public:
+  static constexpr unsigned largest_code = 65535;
+
+  explicit ValueDeviations(double scale) : scale_(scale) {}
+
+  [[nodiscard]] unsigned encode(double deviation) const {
+    if (!(deviation > 0)) return 0;
+    const double octaves = std::log2(scale_) - std::log2(deviation);
+    return 1 + static_cast<unsigned>(
+                   std::clamp<std::int64_t>(nearest_integer(codes_per_octave_of_value * octaves), 0, largest_code - 1));
   }
-  const double quantisation_step = mean_quantisation_step(low, high, error);
-  header.quantisation_step = quantisation_step;
-  if (low <= high)
-    header.origin = quantisation_step > 0 ? std::round(low / quantisation_step) * quantisation_step : low;
+  [[nodiscard]] double operator()(unsigned code) const {
+    if (code == 0) return 0;
+    const unsigned below = code - 1;
+    return std::ldexp(scale_ * shares_[below % codes_per_octave_of_value],
+                      -static_cast<int>(below / codes_per_octave_of_value));
+  }
 
-  std::vector<std::uint32_t> codes(values.size());
+ private:
+  using Shares = std::array<double, codes_per_octave_of_value>;
+  static Shares make_shares() {
+    Shares shares;
+    for (int k = 0; k < codes_per_octave_of_value; ++k) shares[k] = std::exp2(-k / double{codes_per_octave_of_value});
+    return shares;
+  }
+  static const Shares& shares() {
+    static const Shares shares = make_shares();
+    return shares;
+  }
+
+  const Shares& shares_ = shares();
+  double scale_;
+};
+
+double step_of(const ValueMomentsHeader& header, double deviation) {
+  return std::max(header.least_step, deviation / steps_per_deviation);
+}
+
+// Encodes each mean as the number of steps from the mean before it, as a reader decodes that one. Returns false, and
+// then leaves anything in `codes`, if the means are too far from each other for their steps.
+bool encode_steps(std::span<const SplatValue> values, std::span<const double> deviations, ValueMomentsHeader& header,
+                  std::span<std::uint32_t> codes) {
+  const auto first = std::ranges::find_if(values, [](const SplatValue& value) { return value.coverage > 0; });
+  header.form = form_steps;
+  header.origin = first == values.end() ? 0 : first->mean;
+  double last = header.origin;
   std::uint32_t all_bits = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const double mean = values[i].mean;
+    codes[i] = 0;
     if (!(values[i].coverage > 0)) continue;
-    if (quantisation_step > 0)
-      codes[i] = static_cast<std::uint32_t>(nearest_integer(std::max(0.0, (mean - header.origin) / quantisation_step)));
+    const double rise = values[i].mean - last;
+    if (rise == 0) continue;
+    const double step = step_of(header, deviations[i]);
+    const double steps = rise / step;
+    if (!(std::abs(steps) < most_steps)) return false;
+    const std::int64_t number = nearest_integer(steps);
+    last += step * static_cast<double>(number);
+    if (!(std::abs(values[i].mean - last) <= rounding_error * step)) return false;
+    codes[i] = static_cast<std::uint32_t>(zigzag(number));
     all_bits |= codes[i];
-    header.error = std::max(header.error, std::abs(mean - (header.origin + quantisation_step * codes[i])));
   }
   header.width = static_cast<std::uint8_t>((std::bit_width(all_bits) + 7) / 8);
-  return codes;
+  return true;
+}
+
+// Encodes means in single precision, so that they come back as near as values do.
+void encode_exact(std::span<const SplatValue> values, ValueMomentsHeader& header, std::span<std::uint32_t> codes) {
+  header.form = form_exact;
+  header.origin = 0;
+  header.width = sizeof(float);
+  for (std::size_t i = 0; i < values.size(); ++i)
+    codes[i] = values[i].coverage > 0 ? std::bit_cast<std::uint32_t>(static_cast<float>(values[i].mean)) : 0;
 }
 
 // --- Planes.
@@ -268,6 +310,10 @@ bool all_zero(std::span<const std::uint8_t> bytes) {
 }
 
 std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest_integer(127 * number)); }
+
+std::int8_t correlation_code(double number) {
+  return static_cast<std::int8_t>(nearest_integer(correlation_scale * number));
+}
 
 std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
 
@@ -364,17 +410,20 @@ std::vector<SplatValue> within(const ValueSummary& summary, std::span<const Spla
   return present;
 }
 
-PlanesOf<std::uint16_t, 1> encode_deviations(std::span<const SplatValue> values, double scale) {
-  PlanesOf<std::uint16_t, 1> deviations(values.size());
-  const LogEncoder deviation_code(scale);
-  for (std::size_t i = 0; i < values.size(); i += lanes) {
-    Lanes numbers{};
-    for (std::size_t l = 0; l < lanes && i + l < values.size(); ++l) numbers[l] = values[i + l].deviation;
-    const LaneBits codes = deviation_code(numbers);
-    for (std::size_t l = 0; l < lanes && i + l < values.size(); ++l)
-      deviations[0][i + l] = static_cast<std::uint16_t>(codes[l]);
+// Encodes deviations. Fills `decoded` with the deviations as they come back.
+std::vector<std::uint16_t> encode_deviations(std::span<const SplatValue> values, ValueMomentsHeader& header,
+                                             std::span<double> decoded) {
+  for (const SplatValue& value : values) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
+  const ValueDeviations deviation(header.deviation_scale);
+  std::vector<std::uint16_t> codes(values.size());
+  unsigned largest = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    codes[i] = static_cast<std::uint16_t>(deviation.encode(values[i].deviation));
+    decoded[i] = deviation(codes[i]);
+    largest = std::max<unsigned>(largest, codes[i]);
   }
-  return deviations;
+  header.deviation_width = largest > 255 ? 2 : largest > 0 ? 1 : 0;
+  return codes;
 }
 
 }  // namespace
@@ -403,31 +452,32 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
   append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
   boundaries.append_to(payload);
   densities.append_to(payload);
-  return pack_payload(payload);
+  return pack_payload(payload, shapes.size());
 }
 
-PackedChunk pack_value_moments(std::span<const SplatValue> values, double error, const ValueSummary& summary) {
+PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step, const ValueSummary& summary) {
   const std::vector<SplatValue> present = within(summary, values);
   ValueMomentsHeader header{};
-  for (const SplatValue& value : present) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
-  const std::vector<std::uint32_t> means = encode_means(present, error, header);
-  PlanesOf<std::uint16_t, 1> deviations = encode_deviations(present, header.deviation_scale);
+  header.least_step = std::min(least_step, std::numeric_limits<double>::max());
+  std::vector<double> decoded(present.size());
+  const std::vector<std::uint16_t> deviations = encode_deviations(present, header, decoded);
+  std::vector<std::uint32_t> means(present.size());
+  if (!encode_steps(present, decoded, header, means)) encode_exact(present, header, means);
   PlanesOf<std::int8_t, 3> correlations(present.size());
-  PlanesOf<std::uint8_t, 2> shares(present.size());  // residual, coverage
+  PlanesOf<std::uint8_t, 1> coverages(present.size());
   for (std::size_t i = 0; i < present.size(); ++i) {
     const SplatValue& value = present[i];
-    for (int k = 0; k < 3; ++k) correlations[k][i] = signed_code(value.correlation[k]);
-    shares[0][i] = share_code(value.residual);
-    shares[1][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
+    for (int k = 0; k < 3; ++k) correlations[k][i] = correlation_code(value.correlation[k]);
+    coverages[0][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
   }
 
   Bytes payload;
   append_record(payload, header);
   append_planes<std::uint32_t>(payload, means, header.width);
-  deviations.append_to(payload);
+  append_planes<std::uint16_t>(payload, deviations, header.deviation_width);
   correlations.append_to(payload);
-  shares.append_to(payload);
-  return pack_payload(payload, summary);
+  coverages.append_to(payload);
+  return pack_payload(payload, present.size(), summary);
 }
 
 PackedChunk pack_gradients(std::span<const vec3> directions) {
@@ -440,7 +490,7 @@ PackedChunk pack_gradients(std::span<const vec3> directions) {
   }
   Bytes payload;
   codes.append_to(payload);
-  return pack_payload(payload);
+  return pack_payload(payload, directions.size());
 }
 
 Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
@@ -478,32 +528,63 @@ Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed
   return {};
 }
 
+namespace {
+
+bool is_valid(const ValueMomentsHeader& header, std::size_t payload_bytes, std::size_t points) {
+  const bool steps = header.form == form_steps && header.width <= 3;
+  const bool exact = header.form == form_exact && header.width == sizeof(float);
+  return (steps || exact) && header.deviation_width <= 2 && std::isfinite(header.origin) &&
+         is_scale(header.least_step) && is_scale(header.deviation_scale) && all_zero(header.zero) &&
+         payload_bytes == sizeof(ValueMomentsHeader) + points * (header.width + header.deviation_width + 4U);
+}
+
+// The means of a chunk, one after the other.
+class Means {
+ public:
+  explicit Means(const ValueMomentsHeader& header) : header_(header), last_(header.origin) {}
+
+  /// Returns the mean of this code.
+  double next(std::uint32_t code, double deviation) {
+    if (header_.form == form_exact) return double{std::bit_cast<float>(code)};
+    return last_ += step_of(header_, deviation) * static_cast<double>(unzigzag(code));
+  }
+  /// Returns by how far a mean may differ from that of the writer.
+  [[nodiscard]] double error(double deviation) const {
+    return header_.form == form_exact ? 0 : rounding_error * step_of(header_, deviation);
+  }
+
+ private:
+  const ValueMomentsHeader& header_;
+  double last_;
+};
+
+}  // namespace
+
 Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatValue> out,
                             std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
-  const std::size_t width = header.width;
-  if (width > 4 || !is_scale(header.error) || !std::isfinite(header.origin) || !is_scale(header.quantisation_step) ||
-      !is_scale(header.deviation_scale) || !all_zero(header.zero) ||
-      payload.size() != sizeof(ValueMomentsHeader) + out.size() * (width + 7))
+  if (!is_valid(header, payload.size(), out.size()))
     return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
 
+  const std::size_t width = header.width, correlations = width + header.deviation_width;
   const Planes planes(payload, sizeof(ValueMomentsHeader), out.size());
-  const LogCodes deviation(header.deviation_scale);
+  const ValueDeviations deviation(header.deviation_scale);
+  Means means(header);
   const auto low = static_cast<double>(entry.min), high = static_cast<double>(entry.max);
   bool valid = true;
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const int c[3] = {planes.signed_code(i, width + 2), planes.signed_code(i, width + 3),
-                      planes.signed_code(i, width + 4)};
-    out[i].mean = header.origin + header.quantisation_step *
-                                      static_cast<double>(static_cast<std::uint32_t>(planes.number(i, 0, width)));
-    out[i].deviation = deviation(planes.log_code(i, width));
-    out[i].correlation = dvec3(c[0], c[1], c[2]) / 127.0;
-    out[i].residual = static_cast<double>(planes.number(i, width + 5, 1)) / 255;
-    out[i].coverage = static_cast<double>(planes.number(i, width + 6, 1)) / 255;
-    const bool bounded = low - out[i].mean <= header.error && out[i].mean - high <= header.error;
+    const int c[3] = {planes.signed_code(i, correlations), planes.signed_code(i, correlations + 1),
+                      planes.signed_code(i, correlations + 2)};
+    out[i].deviation = deviation(static_cast<unsigned>(planes.number(i, width, header.deviation_width)));
+    out[i].mean = means.next(static_cast<std::uint32_t>(planes.number(i, 0, width)), out[i].deviation);
+    out[i].correlation = dvec3(c[0], c[1], c[2]) / correlation_scale;
+    out[i].residual = std::sqrt(std::max(0.0, 1 - squared_length(out[i].correlation)));
+    out[i].coverage = static_cast<double>(planes.number(i, correlations + 3, 1)) / 255;
+    const double error = means.error(out[i].deviation);
+    const bool bounded = low - out[i].mean <= error && out[i].mean - high <= error;
     valid = valid && std::isfinite(out[i].mean) && (bounded || out[i].coverage == 0) &&
-            std::min({c[0], c[1], c[2]}) >= -127;
+            std::max({std::abs(c[0]), std::abs(c[1]), std::abs(c[2])}) <= static_cast<int>(correlation_scale);
   }
   if (!valid) return fail(ErrorCode::invalid_data, "{}: a mean or a correlation is out of range [R17]", what);
   return {};

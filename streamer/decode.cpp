@@ -73,7 +73,9 @@ std::uint64_t largest_payload(ColumnKind kind, std::uint64_t points) {
     case ColumnKind::moments:
       return sizeof(format::MomentsHeader) + points * 23;  // mass 2, deviations 6, orientation 8, boundary 6, density 1
     case ColumnKind::value_moments:
-      return sizeof(format::ValueMomentsHeader) + points * 11;  // mean 4, deviation 2, a byte each
+      return sizeof(format::ValueMomentsHeader) + points * 10;  // mean 4, deviation 2, a byte each
+    case ColumnKind::value:
+      return sizeof(format::ValueHeader) + points * sizeof(float);
     default:
       return points * sizeof(float);
   }

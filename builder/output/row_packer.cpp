@@ -12,8 +12,14 @@ namespace {
 using format::Bytes;
 using format::PackedChunk;
 
-// Means need not be finer than this share of the attribute's range: no transfer function shows it.
-constexpr double error_per_range = 0x1p-20;
+// A value may move by this share of the smallest deviation of its chunk's splats. Positions may move by less of theirs:
+// values have more noise.
+constexpr double value_error_per_deviation = 1.0 / 16;
+
+// Least steps of means, for material whose values hardly vary: shares of the median deviation, and of the smallest mean
+// of material whose values do not vary.
+constexpr double step_per_median_deviation = 0x1p-12;
+constexpr double step_per_mean = 0x1p-16;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -39,7 +45,7 @@ class ChunkPacker {
       case format::ColumnKind::gradient:
         return format::pack_gradients(splats_.point_values[a].gradients);
       default:
-        return format::pack_values(splats_.point_values[a].values, format::bins_of(attributes_[a]));
+        return format::pack_values(splats_.point_values[a].values, value_error(a), format::bins_of(attributes_[a]));
     }
   }
 
@@ -48,16 +54,31 @@ class ChunkPacker {
     const format::ValueBins bins = format::bins_of(attributes_[attribute]);
     const SplatColumns::SplatValues& values = splats_.splat_values[attribute];
     format::ValueSummary summary;
-    double smallest = infinity;
-    for (std::size_t i = 0; i < splats_.size(); ++i) {
+    for (std::size_t i = 0; i < splats_.size(); ++i)
       summary.include(summarize_range(values.min[i], values.max[i], bins));
-      const double deviation = values.moments[i].deviation;
-      if (deviation > 0) smallest = std::min(smallest, deviation);
+    return format::pack_value_moments(values.moments, least_step(values.moments), summary);
+  }
+
+  // Depends on no value that is far from the others, such as a number that stands for no value.
+  static double least_step(std::span<const format::SplatValue> values) {
+    std::vector<double> deviations;
+    double smallest_mean = infinity;
+    for (const format::SplatValue& value : values) {
+      if (value.deviation > 0) deviations.push_back(value.deviation);
+      if (value.coverage > 0 && value.deviation == 0 && value.mean != 0)
+        smallest_mean = std::min(smallest_mean, std::abs(value.mean));
     }
-    const double range = bins.max > bins.min ? bins.max - bins.min : 0;
-    const double error =
-        std::max(range * error_per_range, std::isfinite(smallest) ? smallest * error_per_deviation : 0);
-    return format::pack_value_moments(values.moments, error, summary);
+    if (deviations.empty()) return 0;
+    const auto median = deviations.begin() + static_cast<std::ptrdiff_t>(deviations.size() / 2);
+    std::ranges::nth_element(deviations, median);
+    return std::min(step_per_median_deviation * *median, step_per_mean * smallest_mean);
+  }
+
+  double value_error(std::size_t attribute) const {
+    double smallest = infinity;
+    for (const format::SplatValue& value : splats_.splat_values[attribute].moments)
+      if (value.deviation > 0) smallest = std::min(smallest, value.deviation);
+    return std::isfinite(smallest) ? smallest * value_error_per_deviation : 0;
   }
 
   const SplatColumns& splats_;

@@ -243,7 +243,7 @@ TEST(ValueColumn, ComesBackBitByBit) {
   values[3] = -0.0F;
   values[4] = std::numeric_limits<float>::denorm_min();
   values[5] = std::numeric_limits<float>::max();
-  const PackedChunk chunk = pack_values(values, {-1, 1});
+  const PackedChunk chunk = pack_values(values, 0, {-1, 1});
   std::vector<float> out(values.size());
   ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
   for (std::size_t i = 0; i < values.size(); ++i)
@@ -258,7 +258,7 @@ TEST(ValueColumn, WhatIsNotFiniteIsMissing) {
                                      std::numeric_limits<float>::infinity(),
                                      -std::numeric_limits<float>::infinity(),
                                      3};
-  const PackedChunk chunk = pack_values(values, {1, 3});
+  const PackedChunk chunk = pack_values(values, 0, {1, 3});
   EXPECT_EQ(chunk.entry.min, 1);
   EXPECT_EQ(chunk.entry.max, 3);
   EXPECT_EQ(chunk.entry.occupancy, 1 | std::uint64_t{1} << 63);
@@ -269,7 +269,7 @@ TEST(ValueColumn, WhatIsNotFiniteIsMissing) {
 }
 
 TEST(ValueColumn, NoPresentValueHasAnEmptyRange) {
-  const PackedChunk chunk = pack_values(std::vector<float>(100, missing), ValueBins{std::nan(""), std::nan("")});
+  const PackedChunk chunk = pack_values(std::vector<float>(100, missing), 1, ValueBins{std::nan(""), std::nan("")});
   EXPECT_EQ(chunk.entry.min, std::numeric_limits<float>::infinity());
   EXPECT_EQ(chunk.entry.max, -std::numeric_limits<float>::infinity());
   EXPECT_EQ(chunk.entry.occupancy, 0u);
@@ -277,14 +277,100 @@ TEST(ValueColumn, NoPresentValueHasAnEmptyRange) {
 
 TEST(ValueColumn, RefusesInfinityAndOtherLengths) {
   Bytes payload;
+  append_record(payload, ValueHeader{2, 4, {}, 0, 0});
   append_planes<float>(payload, std::vector<float>{1, std::numeric_limits<float>::infinity()});
   const PackedChunk chunk = chunk_of(payload);
   std::vector<float> two(2), three(3), one(1);
   EXPECT_FALSE(unpack_values(chunk.entry, chunk.bytes, two, "test"));
-  const PackedChunk good = pack_values(std::vector<float>{1, 2}, {});
+  const PackedChunk good = pack_values(std::vector<float>{1, 2}, 0, {});
   EXPECT_TRUE(unpack_values(good.entry, good.bytes, two, "test"));
   EXPECT_FALSE(unpack_values(good.entry, good.bytes, three, "test"));
   EXPECT_FALSE(unpack_values(good.entry, good.bytes, one, "test"));
+}
+
+std::vector<float> random_values(std::size_t count, float low, float high) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> value(low, high);
+  std::vector<float> values(count);
+  for (float& v : values) v = value(random);
+  return values;
+}
+
+TEST(ValueColumn, OnAGridValuesStayWithinTheirError) {
+  for (const float scale : {1e-30F, 1.0F, 1e30F})
+    for (const double error : {10.0, 0.3, 1e-3, 1e-5, 1e-9}) {
+      std::vector<float> values = random_values(2000, -scale, 3 * scale);
+      for (std::size_t i = 0; i < values.size(); i += 7) values[i] = missing;
+      const double bound = error * double{scale};
+      const PackedChunk chunk = pack_values(values, bound, {-1, 3});
+      std::vector<float> out(values.size());
+      ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+      const ValueSummary summary = ValueBins{-1, 3}.summarize(out);
+      EXPECT_EQ(chunk.entry.min, summary.min);
+      EXPECT_EQ(chunk.entry.max, summary.max);
+      EXPECT_EQ(chunk.entry.occupancy, summary.occupancy);
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (std::isnan(values[i]))
+          EXPECT_TRUE(std::isnan(out[i]));
+        else
+          EXPECT_NEAR(out[i], values[i], bound + 1e-7 * std::abs(values[i]));
+    }
+}
+
+TEST(ValueColumn, AValueFarFromTheOthersMakesThemExact) {
+  std::vector<float> values = random_values(500, 1, 2);
+  values[100] = 9.97e36F;
+  const PackedChunk chunk = pack_values(values, 1e-3, {1, 1e37});
+  std::vector<float> out(values.size());
+  ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+  EXPECT_EQ(out, values);
+}
+
+TEST(ValueColumn, EqualValuesTakeNoBytes) {
+  const PackedChunk chunk = pack_values(std::vector<float>(1000, 0.1F), 0, {0, 1});
+  std::vector<float> out(1000);
+  ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+  EXPECT_EQ(out, std::vector<float>(1000, 0.1F));
+  EXPECT_LT(chunk.bytes.size(), 80u);
+}
+
+TEST(ValueColumn, IsReadAsTheSpecificationSays) {
+  Bytes payload;
+  append_record(payload, ValueHeader{1, 1, {}, 10, 0.5});
+  append_planes<std::uint8_t>(payload, std::vector<std::uint8_t>{1, 0, 2, 5});
+  const PackedChunk chunk = chunk_of(payload);
+  std::vector<float> out(4);
+  ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+  EXPECT_EQ(out[0], 10);
+  EXPECT_TRUE(std::isnan(out[1]));
+  EXPECT_EQ(out[2], 9.5F);
+  EXPECT_EQ(out[3], 10.5F);
+}
+
+TEST(ValueColumn, RefusesBadHeaders) {
+  const auto refuses = [](const ValueHeader& header, std::size_t bytes) {
+    Bytes payload;
+    append_record(payload, header);
+    payload.resize(payload.size() + bytes, std::byte{3});
+    const PackedChunk chunk = chunk_of(payload);
+    std::vector<float> out(4);
+    return !unpack_values(chunk.entry, chunk.bytes, out, "test");
+  };
+  const double none = std::nan("");
+  EXPECT_FALSE(refuses({1, 2, {}, 1, 1}, 8));
+  EXPECT_FALSE(refuses({2, 4, {}, 0, 0}, 16));
+  EXPECT_TRUE(refuses({1, 2, {}, 1, 1}, 7));
+  EXPECT_TRUE(refuses({0, 2, {}, 1, 1}, 8));
+  EXPECT_TRUE(refuses({3, 4, {}, 1, 1}, 16));
+  EXPECT_TRUE(refuses({1, 4, {}, 1, 1}, 16));
+  EXPECT_TRUE(refuses({2, 3, {}, 1, 1}, 12));
+  EXPECT_TRUE(refuses({1, 2, {0, 0, 0, 0, 0, 1}, 1, 1}, 8));
+  for (const double bad : {infinity, -infinity, none}) {
+    EXPECT_TRUE(refuses({1, 2, {}, bad, 1}, 8));
+    EXPECT_TRUE(refuses({1, 2, {}, 1, bad}, 8));
+  }
+  EXPECT_TRUE(refuses({1, 2, {}, 1, -1}, 8));
+  EXPECT_TRUE(refuses({1, 3, {}, 0, 1e38}, 12));  // infinite values
 }
 
 TEST(ValueBins, CoverTheRangeInEqualParts) {

@@ -398,73 +398,87 @@ ValueSummary everything() {
 
 ValueMomentsHeader header_of(const PackedChunk& chunk) { return read_record<ValueMomentsHeader>(payload_of(chunk), 0); }
 
-// Returns the largest error of a mean, as the header states it.
-double expect_values_near(const std::vector<SplatValue>& in, double error, const ValueSummary& summary = everything()) {
-  const PackedChunk chunk = pack_value_moments(in, error, summary);
+// Deviations come back within half of a code, an eighth of an octave.
+const double deviation_factor = std::exp2(1.0 / 16) * (1 + rounding);
+
+// Returns the largest error of a mean, in steps of this splat. Exact means have the rounding of single precision.
+double expect_values_near(const std::vector<SplatValue>& in, double least_step,
+                          const ValueSummary& summary = everything()) {
+  const PackedChunk chunk = pack_value_moments(in, least_step, summary);
   EXPECT_LE(chunk.entry.unpacked_bytes, 64 + 64 * in.size());  // R10
   EXPECT_EQ(chunk.entry.min, summary.min);
   EXPECT_EQ(chunk.entry.max, summary.max);
   EXPECT_EQ(chunk.entry.occupancy, summary.occupancy);
+  const bool exact = header_of(chunk).form == 2;
   const auto out = unpacked<SplatValue>(chunk, in.size(), unpack_signals);
   double largest = 0;
   for (std::size_t i = 0; i < in.size(); ++i) {
     EXPECT_EQ(out[i].coverage > 0, in[i].coverage > 0);
     EXPECT_NEAR(out[i].coverage, in[i].coverage, 1.0 / 255);
     if (!(in[i].coverage > 0)) continue;
-    largest = std::max(largest, std::abs(out[i].mean - in[i].mean));
-    EXPECT_TRUE(within_factor(in[i].deviation, out[i].deviation, log_code_factor));
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(out[i].correlation[k], in[i].correlation[k], 1.0 / 254 + rounding);
-    EXPECT_NEAR(out[i].residual, in[i].residual, 1.0 / 510 + rounding);
+    const double step = std::max(least_step, out[i].deviation / 8), error = std::abs(out[i].mean - in[i].mean);
+    if (exact)
+      EXPECT_LE(error, std::abs(in[i].mean) * 0x1p-24);
+    else if (error > 0)
+      largest = std::max(largest, error / step);
+    EXPECT_TRUE(within_factor(in[i].deviation, out[i].deviation, deviation_factor));
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(out[i].correlation[k], in[i].correlation[k], 1.0 / 30 + rounding);
+    const double squares = glm::dot(out[i].correlation, out[i].correlation);
+    EXPECT_EQ(out[i].residual, std::sqrt(std::max(0.0, 1 - squares)));
   }
-  EXPECT_EQ(header_of(chunk).error, largest);
   return largest;
 }
 
-TEST(ValueMomentsColumn, KeepsTheBoundThatWasAskedFor) {
+TEST(ValueMomentsColumn, MeansStayWithinHalfOfTheirSteps) {
   for (const double scale : {1e-30, 1e-6, 1.0, 1e30})
     for (const double away : {0.0, 1.0, -1.0, 1e3})
-      for (const double error : {10.0, 0.3, 1e-2, 1e-4, 1e-6, 1e-9})
-        EXPECT_LE(expect_values_near(random_signals(300, (away - 1) * scale, (away + 1) * scale), error * scale),
-                  error * scale);
+      for (const double step : {10.0, 0.3, 1e-2, 1e-4, 0.0})
+        EXPECT_LE(expect_values_near(random_signals(300, (away - 1) * scale, (away + 1) * scale), step * scale), 0.51);
 }
 
-TEST(ValueMomentsColumn, ComesAsNearAsThirtyTwoBitsReach) {
-  for (const double away : {0.0, 1e3, 1e9})
-    for (const double error : {0.0, 1e-300, 1e-12}) {
-      // Half of a quantisation step, which is at most twice the range / 2^32, or 2^-45 of the largest.
-      const double reach = std::max(2.0 / (0x1p32 - 2), (away + 1) * 0x1p-45);
-      const auto values = random_signals(300, away - 1, away + 1);
-      EXPECT_LE(expect_values_near(values, error), 1.02 * reach);
-      EXPECT_EQ(header_of(pack_value_moments(values, error, everything())).width, away < 1e9 ? 4 : 2);
-    }
+TEST(ValueMomentsColumn, ErrorsDoNotAddUp) {
+  const auto values = random_signals(60'000, -1, 1);
+  EXPECT_LE(expect_values_near(values, 0), 0.51);
 }
 
 TEST(ValueMomentsColumn, SpendsBytesOnlyWhereMeansDiffer) {
-  const auto width = [](double range, double error) {
-    return header_of(pack_value_moments(random_signals(500, 5, 5 + range), error, everything())).width;
+  const auto header = [](double range, double deviation, double step) {
+    std::vector<SplatValue> values = random_signals(500, 5, 5 + range);
+    for (SplatValue& value : values) value.deviation = deviation;
+    return header_of(pack_value_moments(values, step, everything()));
   };
-  EXPECT_EQ(width(1, 10), 0);
-  EXPECT_EQ(width(1, 1e-2), 1);
-  EXPECT_EQ(width(1, 1e-4), 2);
-  EXPECT_EQ(width(1, 1e-6), 3);
-  EXPECT_EQ(width(1, 1e-9), 4);
+  EXPECT_EQ(header(1, 0.1, 10).width, 0);
+  EXPECT_EQ(header(1, 0.1, 0).width, 1);
+  EXPECT_EQ(header(1, 0.01, 0).width, 2);
+  EXPECT_EQ(header(1, 1e-5, 0).width, 3);
+  EXPECT_EQ(header(1, 1e-7, 0).form, 2);
+  EXPECT_EQ(header(1, 1e-7, 0.01).width, 1);
+  EXPECT_EQ(header(1, 0, 0).form, 2);
+  EXPECT_EQ(header(1, 0, 0.01).deviation_width, 0);
   std::vector<SplatValue> equal = random_signals(50, 0, 1);
   for (SplatValue& value : equal) value.mean = 0.1;
-  for (const double error : {0.0, 1.0, 1e300, infinity}) {
-    EXPECT_EQ(header_of(pack_value_moments(equal, error, everything())).width, 0);
-    EXPECT_EQ(expect_values_near(equal, error), 0);
+  for (const double step : {0.0, 1.0, 1e300, infinity}) {
+    EXPECT_EQ(header_of(pack_value_moments(equal, step, everything())).width, 0);
+    EXPECT_EQ(unpacked<SplatValue>(pack_value_moments(equal, step, everything()), 50, unpack_signals)[49].mean, 0.1);
   }
+}
+
+TEST(ValueMomentsColumn, AFillValueCostsTheOthersNothing) {
+  std::vector<SplatValue> values = random_signals(500, 1, 2);
+  values[200].mean = 9.97e36;
+  values[200].deviation = values[201].deviation = 3e36;
+  values[202].deviation = 0;
+  expect_values_near(values, 0);
+  EXPECT_EQ(header_of(pack_value_moments(values, 0, everything())).deviation_width, 2);
 }
 
 TEST(ValueMomentsColumn, MissingValuesContributeNothing) {
   std::vector<SplatValue> values = random_signals(100, 1, 2);
-  const PackedChunk without = pack_value_moments(values, 1e-3, everything());
   for (std::size_t i = 0; i < values.size(); i += 3)
     values[i] = {not_a_number, infinity, dvec3(not_a_number), not_a_number, 0};
   values[1] = {1e30, 1e30, dvec3(0.5), 1, 0};
-  EXPECT_LE(expect_values_near(values, 1e-3), 1e-3);
-  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).quantisation_step,
-            header_of(without).quantisation_step);
+  EXPECT_LE(expect_values_near(values, 1e-3), 0.51);
+  EXPECT_EQ(header_of(pack_value_moments(values, 1e-3, everything())).width, 2);
   EXPECT_LT(header_of(pack_value_moments(values, 1e-3, everything())).deviation_scale, 1);
 
   expect_values_near(std::vector<SplatValue>(1), 0, {});
@@ -484,9 +498,10 @@ TEST(ValueMomentsColumn, TinyCoverageIsNotNone) {
 }
 
 TEST(ValueMomentsColumn, ExtremesComeBackExactly) {
-  const std::vector<SplatValue> values = {{1, 0, dvec3(1, -1, 0), 0, 1}, {1, 3, dvec3(0, 0, -1), 1, 1}};
-  const auto out = unpacked<SplatValue>(pack_value_moments(values, 0, {1, 1, 1}), 2, unpack_signals);
-  for (std::size_t i = 0; i < 2; ++i) {
+  const std::vector<SplatValue> values = {
+      {1, 0, dvec3(1, -1, 0), 0, 1}, {1, 3, dvec3(0, 0, -1), 0, 1}, {1, 3, dvec3(0), 1, 1}};
+  const auto out = unpacked<SplatValue>(pack_value_moments(values, 0, {1, 1, 1}), 3, unpack_signals);
+  for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(out[i].mean, values[i].mean);
     EXPECT_EQ(out[i].deviation, values[i].deviation);
     EXPECT_EQ(out[i].correlation, values[i].correlation);
@@ -501,13 +516,12 @@ TEST(ValueMomentsColumn, RoundingDoesNotCarryMeansPastTheirBounds) {
   values[0].mean = 0.1;
   values[1].mean = 0.3;
   const ValueSummary summary{0.1F, 0.3F, 1};
-  for (const double error : {0.0, 1e-9, 1e-3, 0.05, 10.0}) {
-    const PackedChunk chunk = pack_value_moments(values, error, summary);
-    const auto out = unpacked<SplatValue>(chunk, values.size(), unpack_signals);
-    const double stated = header_of(chunk).error;
-    for (const SplatValue& value : out) {
-      EXPECT_GE(value.mean, double{summary.min} - stated * (1 + rounding));
-      EXPECT_LE(value.mean, double{summary.max} + stated * (1 + rounding));
+  for (const double step : {0.0, 1e-9, 1e-3, 0.05, 10.0}) {
+    const PackedChunk chunk = pack_value_moments(values, step, summary);
+    for (const SplatValue& value : unpacked<SplatValue>(chunk, values.size(), unpack_signals)) {
+      const double error = 0.51 * std::max(step, value.deviation / 8);
+      EXPECT_GE(value.mean, double{summary.min} - error);
+      EXPECT_LE(value.mean, double{summary.max} + error);
     }
   }
 }
@@ -532,43 +546,59 @@ TEST(ValueMomentsColumn, RefusesMeansOutsideOfTheEntrysBounds) {
 }
 
 TEST(ValueMomentsColumn, IsReadAsTheSpecificationSays) {
-  PackedChunk chunk =
-      chunk_of_one(ValueMomentsHeader{2, {}, 0.125, -10, 0.25, 6}, {0x34, 0x12, 127, 255, 127, 0x81, 0, 51, 255});
-  chunk.entry.min = static_cast<float>(-10 + 0.25 * 0x1234 + 0.125);
+  PackedChunk chunk = chunk_of_one(ValueMomentsHeader{1, 2, 1, {}, -10, 0.25, 8}, {0x35, 0x12, 17, 15, 0xF1, 0, 255});
+  chunk.entry.min = static_cast<float>(-10 - 0.25 * 0x91B);
   chunk.entry.max = chunk.entry.min + 1;
   const SplatValue value = unpacked<SplatValue>(chunk, 1, unpack_signals)[0];
-  EXPECT_EQ(value.mean, -10 + 0.25 * 0x1234);
-  EXPECT_NEAR(value.deviation, 3, rounding);
+  EXPECT_EQ(value.deviation, 2);
+  EXPECT_EQ(value.mean, -10 - 0.25 * 0x91B);
   EXPECT_EQ(value.correlation, dvec3(1, -1, 0));
-  EXPECT_EQ(value.residual, 0.2);
+  EXPECT_EQ(value.residual, 0);
   EXPECT_EQ(value.coverage, 1);
+
+  PackedChunk exact = chunk_of_one(ValueMomentsHeader{2, 4, 0, {}, 0, 0, 0}, {0, 0, 0xC0, 0x3F, 9, 0, 12, 51});
+  exact.entry.min = exact.entry.max = 1.5F;
+  const SplatValue other = unpacked<SplatValue>(exact, 1, unpack_signals)[0];
+  EXPECT_EQ(other.mean, 1.5);
+  EXPECT_EQ(other.deviation, 0);
+  EXPECT_EQ(other.correlation, dvec3(9, 0, 12) / 15.0);
+  EXPECT_NEAR(other.residual, 0, 1e-7);
+  EXPECT_EQ(other.coverage, 0.2);
 }
 
 TEST(ValueMomentsColumn, RefusesBadHeaders) {
   const PackedChunk good = pack_value_moments(random_signals(10, 1, 2), 1e-3, everything());
   ASSERT_EQ(header_of(good).width, 2);
+  ASSERT_EQ(header_of(good).deviation_width, 1);
   const auto refuses = [&](const std::function<void(ValueMomentsHeader&, Bytes&)>& change) {
     return refused<ValueMomentsHeader, SplatValue>(good, 10, unpack_signals, change);
   };
   EXPECT_FALSE(refuses([](ValueMomentsHeader&, Bytes&) {}));
   for (const double bad : {-1.0, infinity, -infinity, not_a_number}) {
-    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.error = bad; }));
-    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = bad; }));
+    EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.least_step = bad; }));
     EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.deviation_scale = bad; }));
     if (!std::isfinite(bad)) {
       EXPECT_TRUE(refuses([bad](ValueMomentsHeader& h, Bytes&) { h.origin = bad; }));
     }
   }
-  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.quantisation_step = 1e308; }));  // infinite means
-  for (const std::size_t width : {5, 8, 255})
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.least_step = 1e308; }));  // infinite means
+  for (const std::size_t width : {4, 5, 255})
     EXPECT_TRUE(refuses([width](ValueMomentsHeader& h, Bytes& planes) {
       h.width = static_cast<std::uint8_t>(width);
-      planes.resize(10 * (7 + width));
+      planes.resize(10 * (5 + width));
     }));
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes& planes) {
+    h.deviation_width = 3;
+    planes.resize(10 * 9);
+  }));
   EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.width = 3; }));
-  for (int i = 0; i < 7; ++i) EXPECT_TRUE(refuses([i](ValueMomentsHeader& h, Bytes&) { h.zero[i] = 1; }));
-  for (const std::size_t plane : {4, 5, 6})
-    EXPECT_TRUE(refuses([plane](ValueMomentsHeader&, Bytes& planes) { planes[plane * 10 + 3] = std::byte{128}; }));
+  for (const int form : {0, 2, 3})
+    EXPECT_TRUE(refuses([form](ValueMomentsHeader& h, Bytes&) { h.form = static_cast<std::uint8_t>(form); }));
+  for (int i = 0; i < 5; ++i) EXPECT_TRUE(refuses([i](ValueMomentsHeader& h, Bytes&) { h.zero[i] = 1; }));
+  for (const std::size_t plane : {3, 4, 5})
+    for (const int code : {16, 240, 128})  // 16, -16, -128
+      EXPECT_TRUE(
+          refuses([&](ValueMomentsHeader&, Bytes& planes) { planes[plane * 10 + 3] = static_cast<std::byte>(code); }));
   expect_exact_size<SplatValue>(good, 10, unpack_signals);
 }
 

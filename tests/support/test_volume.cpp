@@ -386,14 +386,6 @@ double centroid_error(std::span<const format::SplatShape> shapes) {
   return std::isfinite(smallest) ? smallest / 65 : 0;
 }
 
-double mean_error(std::span<const format::SplatValue> values, const format::Attribute& attribute) {
-  double smallest = std::numeric_limits<double>::infinity();
-  for (const format::SplatValue& value : values)
-    if (value.deviation > 0) smallest = std::min(smallest, value.deviation);
-  const double range = std::isnan(attribute.min) ? 0 : attribute.max - attribute.min;
-  return std::isfinite(smallest) ? std::max(smallest / 65, 0x1p-20 * range) : 0x1p-20 * range;
-}
-
 std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format::RowLayout& rows, std::uint64_t row) {
   const format::Group group = rows.group(rows.group_of_row(row));
   const std::size_t resolution = rows.resolution_of_row(row);
@@ -405,7 +397,7 @@ std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format
     if (column.kind == format::ColumnKind::position)
       chunks.push_back(format::pack_positions(part(volume.positions), volume.position_error));
     if (column.kind == format::ColumnKind::value)
-      chunks.push_back(format::pack_values(part(volume.stored[a]), bins_of(volume.info.attributes[a])));
+      chunks.push_back(format::pack_values(part(volume.stored[a]), 0, bins_of(volume.info.attributes[a])));
     if (column.kind == format::ColumnKind::octant)
       chunks.push_back(format::pack_octants(part(volume.depths[resolution]), part(volume.counts[resolution])));
     if (column.kind == format::ColumnKind::centroid)
@@ -419,7 +411,7 @@ std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format
       format::ValueSummary summary;
       for (const format::ValueSummary& material : part(volume.materials[a][resolution])) summary.include(material);
       const auto values = part(volume.signals[a][resolution]);
-      chunks.push_back(format::pack_value_moments(values, mean_error(values, volume.info.attributes[a]), summary));
+      chunks.push_back(format::pack_value_moments(values, 0, summary));
     }
   }
   return chunks;
