@@ -32,4 +32,7 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 
+/// Replaces folders by the files in them, as open_source does.
+[[nodiscard]] Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs);
+
 }  // namespace splatvol

@@ -30,10 +30,10 @@ struct Samples {
 Status append_group(const format::Volume& volume, std::uint64_t group_index, int attribute, Samples& samples) {
   const format::Group group = volume.rows().group(group_index);
   const std::uint64_t row = volume.rows().row(group.segment, group_index);
-  SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row)));
   const auto read = [&](format::ColumnKind kind, int of_attribute, auto unpack, auto& all) -> Status {
     const int column = volume.info().find_column(kind, of_attribute);
     if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
+    SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row, column)));
     const format::ChunkLocation& location = volume.find_chunk(page, row, column);
     SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     all.resize(all.size() + group.count);

@@ -9,9 +9,14 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/file.h"
 #include "base/memory_limit.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
+#include "builder/series_build.h"
+#include "builder/series_files.h"
+#include "builder/series_inputs.h"
+#include "format/volume.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -29,6 +34,10 @@ struct Options {
   std::string temp_folder;
   std::vector<std::string> columns;
   std::optional<double> time;
+  std::string times;  // empty: one step
+  bool series = false;
+  bool series_of_files = false;
+  bool append = false;
   unsigned threads = 0;
   bool json = false;
 };
@@ -83,7 +92,13 @@ Counts census_lines(const BuildReport& report) {
   return lines;
 }
 
-void print_json(const Options& options, const Source& source, const BuildReport& report, double seconds) {
+// What was built of time steps.
+struct TimeReport {
+  std::optional<TimeStep> step;  // that was taken of several
+  std::vector<double> times;     // of a series
+};
+
+void print_json(const Options& options, const TimeReport& time, const BuildReport& report, double seconds) {
   nlohmann::ordered_json census = nlohmann::ordered_json::object();
   for (const auto& [name, count] : census_lines(report)) census[name] = count;
   nlohmann::ordered_json document = {{"output", options.output},
@@ -93,19 +108,22 @@ void print_json(const Options& options, const Source& source, const BuildReport&
                                      {"file_bytes", report.file_bytes},
                                      {"seconds", seconds},
                                      {"census", census}};
-  if (const auto step = source.time_step())
-    document["time_step"] = {{"time", step->time}, {"number", step->index + 1}, {"of", step->count}};
+  if (time.step)
+    document["time_step"] = {{"time", time.step->time}, {"number", time.step->index + 1}, {"of", time.step->count}};
+  if (!time.times.empty()) document["times"] = time.times;
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
-void print_text(const Options& options, const Source& source, const BuildReport& report, double seconds) {
+void print_text(const Options& options, const TimeReport& time, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
   fmt::print("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
              options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
              connectivity_name(report.connectivity), report.file_bytes,
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
-  if (const auto step = source.time_step())
-    fmt::print("  {:>12} time (step {} of {})\n", step->time, step->index + 1, step->count);
+  if (time.step) fmt::print("  {:>12} time (step {} of {})\n", time.step->time, time.step->index + 1, time.step->count);
+  if (!time.times.empty())
+    fmt::print("  {:>12} steps {}, times {} to {}\n", time.times.size(), options.append ? "appended" : "written",
+               time.times.front(), time.times.back());
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
@@ -132,6 +150,52 @@ void limit_allocator(std::uint64_t memory) {
   scalable_allocation_mode(TBBMALLOC_USE_HUGE_PAGES, 1);  // where the system has them: a twentieth faster
 }
 
+bool is_series(const Options& options) {
+  return options.series || options.series_of_files || options.append || !options.times.empty();
+}
+
+// The attributes to read: when steps are appended, those of the file.
+Result<std::vector<std::string>> selection_of(const Options& options) {
+  if (!options.append || options.series_of_files || !options.attributes.empty()) return options.attributes;
+  SPLATVOL_TRY_ASSIGN(file, open_file(options.output));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(file)));
+  std::vector<std::string> names;
+  if (volume->series())
+    for (const format::Attribute& attribute : volume->info().attributes) names.push_back(attribute.name);
+  return names;
+}
+
+Result<std::vector<SeriesStep>> steps_of(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
+  const SourceOptions source_options{selection, options.columns, {}};
+  if (options.times.empty()) return steps_of_files(options.inputs, source_options);
+  SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
+  return steps_of_input(options.inputs, source_options, range);
+}
+
+Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, TimeReport& time) {
+  SPLATVOL_TRY_ASSIGN(steps, steps_of(options));
+  StageBar bar(0);
+  const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
+  const auto report = options.series_of_files
+                          ? build_series_of_files(steps, options.output, options.append, build_options, progress)
+                      : options.append ? append_to_series(std::move(steps), options.output, build_options, progress)
+                                       : build_series(std::move(steps), options.output, build_options, progress);
+  bar.clear();
+  if (!report) return tl::unexpected(report.error());
+  time.times = report->times;
+  return report->build;
+}
+
+Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, TimeReport& time) {
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
+  StageBar bar(source->point_count().value_or(0));
+  auto report = build_volume(*source, options.output, build_options,
+                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  time.step = source->time_step();
+  return report;
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
@@ -139,21 +203,20 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time}));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
-  StageBar bar(source->point_count().value_or(0));
-  auto report = build_volume(*source, options.output, build_options,
-                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
-  bar.clear();
+  TimeReport time;
+  const auto report =
+      is_series(options) ? build_steps(options, build_options, time) : build_one(options, build_options, time);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(options.output) ||
                        report.error().message.find(options.inputs[0]) != std::string::npos;
-    return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
+    return named || is_series(options) ? Status(tl::unexpected(report.error()))
+                                       : Status(fail_in(options.inputs[0], report.error()));
   }
   const double seconds = seconds_now() - start;
-  options.json ? print_json(options, *source, *report, seconds) : print_text(options, *source, *report, seconds);
+  options.json ? print_json(options, time, *report, seconds) : print_text(options, time, *report, seconds);
   return {};
 }
 
@@ -208,6 +271,28 @@ void add_format_options(CLI::App& app, Options& options) {
       ->type_name("T");
 }
 
+void add_series_options(CLI::App& app, Options& options) {
+  auto* times = app.add_option("--times", options.times,
+                               "Build a time series: the steps of an input from time A to B, or all of them; mesh and "
+                               "order are written once")
+                    ->type_name("all|A:B")
+                    ->excludes(app.get_option("--time"))
+                    ->check([](const std::string& text) {
+                      const auto range = parse_times(text);
+                      return range ? "" : range.error().message;
+                    });
+  app.add_flag("--series", options.series,
+               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ...")
+      ->excludes(app.get_option("--time"))
+      ->excludes(times);
+  app.add_flag("--series-of-files", options.series_of_files,
+               "Build a file for each step and an index of them, OUT.svols: for meshes that change from step to step")
+      ->excludes(app.get_option("--time"));
+  app.add_flag("--append", options.append,
+               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted")
+      ->excludes(app.get_option("--time"));
+}
+
 void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
                  "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
@@ -231,6 +316,7 @@ int main(int argc, char** argv) {
   add_input_options(app, options);
   add_reduction_options(app, options);
   add_format_options(app, options);
+  add_series_options(app, options);
   add_machine_options(app, options);
   return run_tool(app, argc, argv, [&] { return build(options); });
 }

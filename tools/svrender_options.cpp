@@ -22,7 +22,8 @@ std::string check_sampling(const std::string& text) {
 }
 
 void add_file_options(CLI::App& app, RenderOptions& options) {
-  app.add_option("FILE", options.volume, "The .svol file, or its address (http:// or https://)")
+  app.add_option("FILE", options.volume,
+                 "The .svol file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
   app.add_option("--scene", options.scene, "Scene file (JSON)")->required()->type_name("S.json");
@@ -127,6 +128,19 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->type_name("OUT.json|-");
 }
 
+void add_series_options(CLI::App& app, RenderOptions& options) {
+  add_step_options(app, options.step);
+  app.add_option("--steps", options.steps,
+                 "Of a time series: draw the steps A to B, or all of them; --progress-frames writes a frame for each, "
+                 "with the number of its step")
+      ->type_name("all|A:B")
+      ->check(check_step_range)
+      ->needs(app.get_option("--progress-frames"))
+      ->excludes(app.get_option("--path"))
+      ->excludes(app.get_option("--time"))
+      ->excludes(app.get_option("--step"));
+}
+
 }  // namespace
 
 void add_options(CLI::App& app, RenderOptions& options) {
@@ -135,6 +149,7 @@ void add_options(CLI::App& app, RenderOptions& options) {
   add_drawing_options(app, options);
   add_budget_options(app, options);
   add_frame_options(app, options);
+  add_series_options(app, options);
 }
 
 }  // namespace splatvol

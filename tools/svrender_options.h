@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "streamer/streamer.h"
+#include "tools/steps.h"
 
 namespace splatvol {
 
@@ -19,7 +20,9 @@ struct RenderOptions {
   std::string stats;
   std::string progress_frames;  // folder; empty: none
   std::vector<double> path;     // frames, degrees, factor; empty: none
-  int fade = 1;                 // frames that a change of resolution takes
+  StepChoice step;
+  std::string steps;  // to draw one after another: "all" or "A:B"; empty: one
+  int fade = 1;       // frames that a change of resolution takes
   std::string memory = "512M";
   std::string gpu_memory = "1G";
   std::string sort = "exact";

@@ -48,7 +48,8 @@ inline constexpr double missing_value = std::numeric_limits<double>::quiet_NaN()
 struct TimeStep {
   double time = 0;
   std::size_t index = 0;
-  std::size_t count = 1;  // of the input's steps
+  std::size_t count = 1;           // of the input's steps
+  std::vector<double> times = {};  // of all of them
 };
 
 /// A stream of pieces. Not thread-safe.
@@ -75,6 +76,12 @@ class Source {
 
   /// The time step of the pieces; empty if the input has no time steps.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
+
+  /// The time of the pieces, if the input states one.
+  [[nodiscard]] virtual std::optional<double> stated_time() const {
+    const auto step = time_step();
+    return step ? std::optional(step->time) : std::nullopt;
+  }
 
   /// Whether a piece may have tetrahedra or bring its material.
   [[nodiscard]] virtual bool may_have_cells() const { return true; }
