@@ -246,7 +246,7 @@ Result<std::vector<std::string>> list_folder(const std::string& folder) {
 }
 
 /// Replaces folders by the files in them. An OpenFOAM case is a folder, but one input.
-Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
+Result<std::vector<std::string>> files_of(const std::vector<std::string>& inputs) {
   std::vector<std::string> paths;
   for (const std::string& input : inputs) {
     std::error_code error;
@@ -286,7 +286,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   if (generated != inputs.end() && options.cells == CellValues::own) return fail_no_cells(*generated);
   if (generated != inputs.end()) return open_generated(*generated, options);
 
-  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  SPLATVOL_TRY_ASSIGN(paths, files_of(inputs));
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
   if (options.cells == CellValues::own &&
@@ -313,6 +313,8 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
 }
 
 }  // namespace
+
+Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) { return files_of(inputs); }
 
 Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs, const SourceOptions& options) {
   SPLATVOL_TRY_ASSIGN(source, open_any(inputs, options));

@@ -49,25 +49,25 @@ std::uint64_t SplatReader::group_count() const {
   return rows.first_row(selection_.resolution + 1) - rows.first_row(selection_.resolution);
 }
 
-Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row) const {
-  const std::uint64_t number = volume_.directory_page_of_row(row);
-  const std::uint64_t first_row = volume_.rows().first_row_of_directory_page(number);
+Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row, int column) const {
+  const std::uint64_t number = volume_.directory_page_of_row(row, column);
   const std::scoped_lock lock(mutex_);
-  auto found = std::ranges::find(pages_, first_row, &format::DirectoryPage::first_row);
+  auto found = std::ranges::find(pages_, number, &HeldPage::number);
   if (found == pages_.end()) {
     SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
     if (pages_.size() == held_pages) pages_.erase(pages_.begin());
-    pages_.push_back(std::make_shared<const format::DirectoryPage>(std::move(page)));
-    return pages_.back();
+    pages_.push_back({number, std::make_shared<const format::DirectoryPage>(std::move(page))});
+    return pages_.back().page;
   }
   std::rotate(found, found + 1, pages_.end());
-  return pages_.back();
+  return pages_.back().page;
 }
 
 template <class Unpack>
 Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
-  SPLATVOL_TRY_ASSIGN(page, page_of(row));
-  const format::ChunkLocation& location = volume_.find_chunk(*page, row, volume_.info().find_column(kind, attribute));
+  const int column = volume_.info().find_column(kind, attribute);
+  SPLATVOL_TRY_ASSIGN(page, page_of(row, column));
+  const format::ChunkLocation& location = volume_.find_chunk(*page, row, column);
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return unpack(location.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), location.offset));
 }

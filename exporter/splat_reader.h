@@ -58,7 +58,11 @@ class SplatReader {
 
  private:
   using Page = std::shared_ptr<const format::DirectoryPage>;
-  [[nodiscard]] Result<Page> page_of(std::uint64_t row) const;
+  struct HeldPage {
+    std::uint64_t number;
+    Page page;
+  };
+  [[nodiscard]] Result<Page> page_of(std::uint64_t row, int column) const;
 
   /// Reads and unpacks a chunk of a row with unpack(entry, bytes, what).
   template <class Unpack>
@@ -68,7 +72,7 @@ class SplatReader {
   const format::Volume& volume_;
   const ExportSelection& selection_;
   mutable std::mutex mutex_;
-  mutable std::vector<Page> pages_;  // last used last
+  mutable std::vector<HeldPage> pages_;  // last used last
 };
 
 /// Reads all groups, several at a time, and calls visit(group) with each, in order. Stops at the first failure. Calls

@@ -19,6 +19,20 @@ using Bytes = std::vector<std::byte>;
 /// Returns the XXH3-64 hash with seed 0.
 [[nodiscard]] std::uint64_t hash_bytes(std::span<const std::byte> bytes);
 
+/// Hashes bytes that come in parts: the hash is that of the hashes of all parts.
+class PartsHash {
+ public:
+  void add(std::span<const std::byte> part) { add(hash_bytes(part)); }
+  void add(std::uint64_t hash) {
+    const std::uint64_t both[] = {hash_, hash};
+    hash_ = hash_bytes(std::as_bytes(std::span(both)));
+  }
+  [[nodiscard]] std::uint64_t value() const { return hash_; }
+
+ private:
+  std::uint64_t hash_ = 0;
+};
+
 /// Returns a zstd frame of `raw`, or `raw` itself if the frame is not smaller or breaks the ratio of spec rule R7. A
 /// result as long as `raw` is `raw`. Deterministic. Thread-safe.
 [[nodiscard]] Bytes pack(std::span<const std::byte> raw);

@@ -10,6 +10,7 @@ namespace splatvol::format {
 static_assert(std::endian::native == std::endian::little, "records are copied as they are");
 
 inline constexpr std::uint8_t magic[8] = {0x89, 'S', 'V', 'O', 'L', 0x0D, 0x0A, 0x1A};
+inline constexpr std::uint8_t step_magic[8] = {0x89, 'S', 'V', 'S', 'T', 0x0D, 0x0A, 0x1A};
 inline constexpr std::uint8_t footer_magic[8] = {'S', 'V', 'O', 'L', 'E', 'N', 'D', '\n'};
 inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
@@ -22,6 +23,7 @@ inline constexpr std::size_t max_size_bounds = 16;
 inline constexpr std::size_t max_octant_depth = 64;  // of the column
 inline constexpr std::size_t max_node_depth = 42;    // of the index: deeper nodes have no Morton key
 inline constexpr std::uint64_t max_page_nodes = 4096;
+inline constexpr std::uint32_t series_feature = 1;  // of Superblock::critical_features
 
 struct Superblock {                  // spec 2
   std::uint8_t magic[8];             //  0
@@ -33,7 +35,7 @@ struct Superblock {                  // spec 2
   std::uint32_t section_count;       // 32
   std::uint32_t reserved0;           // 36
   std::uint64_t section_table_hash;  // 40
-  std::uint64_t reserved1;           // 48
+  std::uint64_t step_directory;      // 48: its offset; 0: the file is no series
   std::uint64_t hash;                // 56: of bytes 0 to 55
 };
 static_assert(sizeof(Superblock) == 64 && offsetof(Superblock, hash) == 56);
@@ -47,6 +49,7 @@ enum class SectionKind : std::uint32_t {
   directory_pages = 6,
   histograms = 7,
   padding = 8,
+  summary_table = 9,  // of a step
 };
 
 /// Returns the largest unpacked size of metadata of `packed_bytes` (rule R7). JSON takes many times its length in
@@ -139,6 +142,39 @@ struct ValueMomentsHeader {      // spec 8
   double deviation_scale;        // 24
 };
 static_assert(sizeof(ValueMomentsHeader) == 32 && offsetof(ValueMomentsHeader, deviation_scale) == 24);
+
+struct SummaryPageRef {      // spec 11
+  std::uint64_t offset;      //  0: within the section of pages
+  std::uint32_t page_bytes;  //  8
+  std::uint32_t node_count;  // 12
+  std::uint64_t hash;        // 16: of the part table
+};
+static_assert(sizeof(SummaryPageRef) == 24);
+
+struct StepDirectoryHead {   // spec 11
+  std::uint64_t hash;        //  0: of all bytes of the step directory behind it
+  std::uint64_t entries;     //  8
+  std::uint64_t attributes;  // 16
+};
+static_assert(sizeof(StepDirectoryHead) == 24);
+
+enum class StepEntryKind : std::uint32_t { step = 0, dead = 1 };
+
+struct StepEntry {       // spec 11
+  double time;           //  0
+  std::uint64_t offset;  //  8
+  std::uint64_t bytes;   // 16
+  std::uint64_t hash;    // 24: of a step's superblock and section table; of all bytes of a dead part
+  StepEntryKind kind;    // 32
+  std::uint32_t zero;    // 36
+};
+static_assert(sizeof(StepEntry) == 40 && offsetof(StepEntry, kind) == 32);
+
+struct StepRange {  // spec 11: of an attribute over all steps; NaN: no value is present
+  double min;       //  0
+  double max;       //  8
+};
+static_assert(sizeof(StepRange) == 16);
 
 struct Footer {              // spec 10
   std::uint8_t magic[8];     //  0

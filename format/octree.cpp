@@ -6,8 +6,6 @@
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t summary_bytes = 16;  // of a node: min, max and occupancy
-
 // Enough nodes that a page is worth a read, few enough that most of them are used.
 constexpr std::uint32_t target_page_nodes = 256;
 
@@ -203,7 +201,7 @@ Status IndexPacker::end_node(NodeRecord record) {
   open_.pop_back();
   node.record = std::move(record);
   for (const Node& child : node.children) node.weight += child.weight;
-  SPLATVOL_TRY(page_out_children(node, open_.empty() ? target_root_nodes(shape_) : target_page_nodes));
+  SPLATVOL_TRY(page_out_children(node, open_.empty() ? target_root_nodes(page_shape()) : target_page_nodes));
   if (open_.empty())
     root_ = std::move(node);
   else
@@ -213,7 +211,16 @@ Status IndexPacker::end_node(NodeRecord record) {
 
 Result<PackedIndexPage> IndexPacker::finish() {
   if (!root_) return fail(ErrorCode::invalid_argument, "index: without a root");
-  return pack_page({&*root_});
+  const std::vector<const Node*> order = order_forest({&*root_});
+  SPLATVOL_TRY_ASSIGN(page, pack_page(order));
+  if (emit_summaries_) SPLATVOL_TRY(emit_page_summaries(order));
+  return page;
+}
+
+NodeShape IndexPacker::page_shape() const {
+  NodeShape shape = shape_;
+  if (emit_summaries_) shape.attributes = 0;
+  return shape;
 }
 
 std::uint64_t IndexPacker::memory_bytes() const {
@@ -237,30 +244,46 @@ Status IndexPacker::page_out_children(Node& node, std::uint32_t target) {
 Status IndexPacker::page_out(Node& node) {
   std::vector<const Node*> forest;
   for (const Node& child : node.children) forest.push_back(&child);
-  SPLATVOL_TRY_ASSIGN(page, pack_page(std::move(forest)));
+  const std::vector<const Node*> order = order_forest(std::move(forest));
+  SPLATVOL_TRY_ASSIGN(page, pack_page(order));
   page.ref.offset = offset_;
   offset_ += page.bytes.size();
+  SPLATVOL_TRY(emit_(page));
+  if (emit_summaries_) SPLATVOL_TRY(emit_page_summaries(order));
+  ++pages_;
   node.link = page.ref;
   node.children = std::vector<Node>();
   held_nodes_ -= std::exchange(node.weight, 1) - 1;
-  return emit_(page);
+  return {};
 }
 
-// Packs the forest with the given roots, down to leaves and linked nodes.
-Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) const {
-  for (std::size_t i = 0; i < order.size(); ++i)
-    for (const Node& child : order[i]->children) order.push_back(&child);
-  std::vector<Bytes> raw(1 + shape_.attributes);
+// Returns the nodes of the forest with the given roots, down to leaves and linked nodes, in breadth-first order.
+std::vector<const IndexPacker::Node*> IndexPacker::order_forest(std::vector<const Node*> roots) const {
+  for (std::size_t i = 0; i < roots.size(); ++i)
+    for (const Node& child : roots[i]->children) roots.push_back(&child);
+  return roots;
+}
+
+Status IndexPacker::emit_page_summaries(const std::vector<const Node*>& order) const {
+  PageSummaries summaries(shape_.attributes);
+  for (std::size_t a = 0; a < shape_.attributes; ++a)
+    for (const Node* node : order) summaries[a].push_back(node->record.summaries[a]);
+  return emit_summaries_(summaries);
+}
+
+Result<PackedIndexPage> IndexPacker::pack_page(const std::vector<const Node*>& order) const {
+  const std::size_t attributes = page_shape().attributes;
+  std::vector<Bytes> raw(1);
   for (const Node* node : order) append_node(raw[0], *node);
-  for (std::size_t a = 0; a < shape_.attributes; ++a) {
-    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].min);
-    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].max);
-    for (const Node* node : order) append_record(raw[1 + a], node->record.summaries[a].occupancy);
+  std::vector<ValueSummary> summaries(order.size());
+  for (std::size_t a = 0; a < attributes; ++a) {
+    for (std::size_t n = 0; n < order.size(); ++n) summaries[n] = order[n]->record.summaries[a];
+    raw.push_back(pack_summaries(summaries));
   }
 
   Bytes table, parts;
   append_record(table, static_cast<std::uint32_t>(order.size()));
-  append_record(table, std::uint32_t{0});
+  append_record(table, emit_summaries_ ? pages_ : std::uint32_t{0});
   std::uint64_t front_bytes = 0;
   for (const Bytes& part : raw) {
     const Bytes packed = pack(part);
@@ -272,7 +295,7 @@ Result<PackedIndexPage> IndexPacker::pack_page(std::vector<const Node*> order) c
   PackedIndexPage page{{0, 0, 0, hash_bytes(table)}, table};
   page.bytes.insert(page.bytes.end(), parts.begin(), parts.end());
   if (page.bytes.size() > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", shape_.attributes);
+    return fail(ErrorCode::unsupported, "an index page with {} attributes would pass 4 GiB", attributes);
   page.ref.front_bytes = static_cast<std::uint32_t>(table.size() + front_bytes);
   page.ref.page_bytes = static_cast<std::uint32_t>(page.bytes.size());
   return page;
@@ -299,6 +322,7 @@ Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std
   IndexPage page;
   page.nodes.shape = shape;
   page.top_nodes = expected_top_nodes;
+  page.number = read_record<std::uint32_t>(front, 4);
   SPLATVOL_TRY_ASSIGN(structure,
                       unpack_checked(part_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
   SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
@@ -312,16 +336,31 @@ SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attr
   return {offset, part_at(front, 1 + attribute)};
 }
 
+Bytes pack_summaries(std::span<const ValueSummary> summaries) {
+  Bytes raw;
+  for (const ValueSummary& summary : summaries) append_record(raw, summary.min);
+  for (const ValueSummary& summary : summaries) append_record(raw, summary.max);
+  for (const ValueSummary& summary : summaries) append_record(raw, summary.occupancy);
+  return raw;
+}
+
+Result<std::vector<ValueSummary>> unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed,
+                                                   std::size_t nodes, std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(raw, unpack_checked(part, packed, what));
+  if (raw.size() != nodes * summary_bytes)
+    return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);
+  std::vector<ValueSummary> summaries;
+  summaries.reserve(nodes);
+  for (std::size_t node = 0; node < nodes; ++node)
+    summaries.push_back({read_record<float>(raw, node * 4), read_record<float>(raw, (nodes + node) * 4),
+                         read_record<std::uint64_t>(raw, (nodes + node) * 8)});
+  return summaries;
+}
+
 Status unpack_summaries(const IndexPagePart& part, std::span<const std::byte> packed, std::string_view what,
                         IndexPage& page) {
-  SPLATVOL_TRY_ASSIGN(raw, unpack_checked(part, packed, what));
-  const std::size_t count = page.nodes.size();
-  if (raw.size() != count * summary_bytes)
-    return fail(ErrorCode::invalid_data, "{}: wrong length of the summaries [R13]", what);
-  page.nodes.summaries.clear();
-  for (std::size_t node = 0; node < count; ++node)
-    page.nodes.summaries.push_back({read_record<float>(raw, node * 4), read_record<float>(raw, (count + node) * 4),
-                                    read_record<std::uint64_t>(raw, (count + node) * 8)});
+  SPLATVOL_TRY_ASSIGN(summaries, unpack_summaries(part, packed, page.nodes.size(), what));
+  page.nodes.summaries = std::move(summaries);
   return {};
 }
 

@@ -19,6 +19,8 @@
 
 namespace splatvol::format {
 
+inline constexpr std::uint64_t summary_bytes = 16;  // of a node, in an attribute's part: min, max and occupancy
+
 /// Lengths of a node's arrays, from the metadata.
 struct NodeShape {
   std::size_t resolutions;  // R + 1
@@ -63,6 +65,7 @@ struct IndexPage {
 
   NodeArrays nodes;
   std::uint32_t top_nodes = 0;                // number of roots, which come first
+  std::uint32_t number = 0;                   // of the page, in a series; the root page comes last
   std::vector<std::uint32_t> first_children;  // [node]: no_node if it is a leaf, or its children are in another page
   std::vector<std::uint32_t> links;           // [node]: index into `pages`, or no_node
   std::vector<IndexPageRef> pages;
@@ -84,6 +87,9 @@ struct PackedIndex {
   TempFile pages;  // the other pages, in file order
 };
 
+/// The summaries of a page's nodes, apart from the page: [attribute][node].
+using PageSummaries = std::vector<std::vector<ValueSummary>>;
+
 /// The data of a node, without its children.
 struct NodeRecord {
   std::uint8_t first_resolution = 0;
@@ -101,6 +107,14 @@ class IndexPacker {
   using Emit = std::function<Status(const PackedIndexPage&)>;
 
   IndexPacker(NodeShape shape, Emit emit) : shape_(shape), emit_(std::move(emit)) {}
+
+  /// Receives the summaries of a page's nodes: of each page after it was emitted, and last of the root page.
+  using EmitSummaries = std::function<Status(const PageSummaries&)>;
+
+  /// Makes the pages of a series: they have a number and no summaries, which `emit_summaries` gets instead. How the
+  /// tree is cut does not depend on the number of attributes.
+  IndexPacker(NodeShape shape, Emit emit, EmitSummaries emit_summaries)
+      : shape_(shape), emit_(std::move(emit)), emit_summaries_(std::move(emit_summaries)) {}
 
   /// Enters the root, or a child of the node that was entered last and not left. Ignores the octant of the root. Fails
   /// if the octants of children do not rise, if the node is deeper than max_node_depth, or if the root was left.
@@ -126,11 +140,16 @@ class IndexPacker {
 
   [[nodiscard]] Status page_out_children(Node& node, std::uint32_t target);
   [[nodiscard]] Status page_out(Node& node);
-  [[nodiscard]] Result<PackedIndexPage> pack_page(std::vector<const Node*> order) const;
+  [[nodiscard]] std::vector<const Node*> order_forest(std::vector<const Node*> roots) const;
+  [[nodiscard]] Result<PackedIndexPage> pack_page(const std::vector<const Node*>& order) const;
+  [[nodiscard]] Status emit_page_summaries(const std::vector<const Node*>& order) const;
+  [[nodiscard]] NodeShape page_shape() const;
   void append_node(Bytes& structure, const Node& node) const;
 
   NodeShape shape_;
   Emit emit_;
+  EmitSummaries emit_summaries_;  // empty unless the pages are those of a series
+  std::uint32_t pages_ = 0;       // emitted
   std::uint64_t offset_ = 0;
   std::uint64_t held_nodes_ = 0;
   std::vector<Node> open_;  // from the root down
@@ -154,6 +173,13 @@ struct SummaryPart {
   std::uint64_t offset;  // from the start of the page
   IndexPagePart part;
 };
+
+/// Return the summaries of nodes as they are in a part, and undo it. The second fails if the part holds another number
+/// of nodes. Safe on untrusted bytes.
+[[nodiscard]] Bytes pack_summaries(std::span<const ValueSummary> summaries);
+[[nodiscard]] Result<std::vector<ValueSummary>> unpack_summaries(const IndexPagePart& part,
+                                                                 std::span<const std::byte> packed, std::size_t nodes,
+                                                                 std::string_view what);
 
 /// Finds the part of an attribute. Requires a front that unpack_index_page accepted, and attribute < shape.attributes.
 [[nodiscard]] SummaryPart find_summary_part(std::span<const std::byte> front, std::size_t attribute, NodeShape shape);

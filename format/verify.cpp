@@ -19,9 +19,18 @@ class Volume::Verifier {
 
   Status run() {
     SPLATVOL_TRY(check_footer());
-    SPLATVOL_TRY(check_sections());
+    SPLATVOL_TRY(check_dead_parts());
+    SPLATVOL_TRY(check_sections(*volume_.file_));
     SPLATVOL_TRY(check_index());
-    SPLATVOL_TRY(check_rows());
+    SPLATVOL_TRY(check_rows(0));
+    return volume_.series_ ? Status{} : check_counted_values();
+  }
+
+  /// Checks what the step adds.
+  Status run_step() {
+    SPLATVOL_TRY(check_sections(*volume_.step_part_));
+    SPLATVOL_TRY(check_step_summaries());
+    SPLATVOL_TRY(check_rows(1));
     return check_counted_values();
   }
 
@@ -29,29 +38,54 @@ class Volume::Verifier {
   Status check_footer() const {
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(volume_.file_bytes() - sizeof(Footer), sizeof(Footer)));
     const auto footer = read_record<Footer>(bytes, 0);
-    const std::uint64_t table_bytes = sizeof(Superblock) + volume_.sections_.size() * sizeof(SectionEntry);
     if (!std::ranges::equal(footer.magic, footer_magic) || footer.file_bytes != volume_.file_bytes() ||
-        footer.table_hash != hash_bytes(std::span(volume_.preamble_).first(table_bytes)) ||
+        footer.table_hash != volume_.file_->table_hash() ||
         footer.hash != hash_bytes(std::span(bytes).first(offsetof(Footer, hash))))
       return volume_.broken("footer: checksum mismatch");
     return {};
   }
 
   // The hash covers sections of unknown kinds too. An extent has no hash: those of its parts cover it.
-  Status check_sections() const {
-    for (const SectionEntry& section : volume_.sections_) {
+  static Status check_sections(const Container& container) {
+    for (const SectionEntry& section : container.sections()) {
       if (section.codec == Codec::extent) continue;
-      SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(section.offset, section.packed_bytes));
+      SPLATVOL_TRY_ASSIGN(bytes, container.read_bytes(section.offset, section.packed_bytes));
       if (hash_bytes(bytes) != section.hash)
-        return fail(ErrorCode::invalid_data, "{}: section {}: checksum mismatch", volume_.name(),
-                    static_cast<std::uint32_t>(section.kind));
+        return container.broken(fmt::format("section {}: checksum mismatch", static_cast<std::uint32_t>(section.kind)));
+    }
+    return {};
+  }
+
+  Status check_dead_parts() const {
+    if (!volume_.series_) return {};
+    if (volume_.series_->bytes_behind > 0)
+      return fail(ErrorCode::invalid_data,
+                  "{}: an append was interrupted: {} bytes behind the end are of no use, and the next append cuts them "
+                  "off",
+                  volume_.name(), volume_.series_->bytes_behind);
+    for (const StepEntry& entry : volume_.series_->entries) {
+      if (entry.kind != StepEntryKind::dead) continue;
+      if (entry.bytes > max_dead_bytes) return volume_.broken("a dead part is too large [R18]");
+      SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(entry.offset, entry.bytes));
+      if (hash_bytes(bytes) != entry.hash) return volume_.broken("a dead part: checksum mismatch [R18]");
+    }
+    return {};
+  }
+
+  Status check_step_summaries() const {
+    for (std::uint32_t number = 0; number < volume_.summaries_.size(); ++number) {
+      IndexPage page;
+      page.nodes.child_masks.resize(volume_.summaries_[number].node_count);
+      for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute)
+        SPLATVOL_TRY(volume_.read_step_summaries(number, attribute, page));
     }
     return {};
   }
 
   Status check_index() {
     SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root(-1));
-    SPLATVOL_TRY(check_summaries(volume_.root_ref(), volume_.find_section(SectionKind::index_root)->offset, root));
+    SPLATVOL_TRY(
+        check_summaries(volume_.root_ref(), volume_.file_->find_section(SectionKind::index_root)->offset, root));
     SPLATVOL_TRY(check_forest(root, 0));
 
     std::ranges::sort(pages_);
@@ -93,6 +127,7 @@ class Volume::Verifier {
   }
 
   Status check_summaries(const IndexPageRef& ref, std::uint64_t offset, IndexPage& page) const {
+    if (volume_.series_) return check_number(page);
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset, ref.page_bytes));
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       const auto [part_offset, part] = find_summary_part(bytes, attribute, volume_.node_shape());
@@ -102,26 +137,36 @@ class Volume::Verifier {
     return {};
   }
 
-  Status check_rows() {
+  // A step has summaries of the same nodes.
+  Status check_number(const IndexPage& page) const {
+    if (page.number >= volume_.summaries_.size() || volume_.summaries_[page.number].node_count != page.nodes.size())
+      return fail(ErrorCode::invalid_data, "{}: index page {} has no summaries [R20]", volume_.name(), page.number);
+    return {};
+  }
+
+  // `directory`: 0: the rows of the file; 1: those of the step.
+  Status check_rows(std::size_t directory) {
     const RowLayout& rows = volume_.rows_;
-    const SectionEntry& section = *volume_.find_section(SectionKind::rows);
-    std::uint64_t next = section.offset;
-    for (std::uint64_t page_index = 0; page_index < volume_.directory_refs_.size(); ++page_index) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(page_index));
-      const std::uint64_t last_row = std::min(rows.row_count(), page.first_row + info_.rows_per_directory_page);
+    const Container& container = *volume_.directories_[directory].container;
+    const SectionEntry& section = *container.find_section(SectionKind::rows);
+    const std::uint64_t begin = container.begin() + section.offset;
+    std::uint64_t next = begin;
+    const std::uint64_t first = directory == 0 ? 0 : volume_.directories_[0].refs.size();
+    for (std::uint64_t p = 0; p < volume_.directories_[directory].refs.size(); ++p) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(first + p));
       std::size_t chunk = 0;
-      for (std::uint64_t row = page.first_row; row < last_row; ++row) {
+      for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
         const Group group = rows.group(rows.group_of_row(row));
-        for (const int column : rows.columns_of_row(row)) {
+        for (const int column : volume_.columns_of_row(page, row)) {
           const ChunkLocation& location = page.chunks[chunk++];
           if (location.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
           next += location.entry.packed_bytes;
           SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
         }
-        progress_(static_cast<double>(next - section.offset) / static_cast<double>(section.packed_bytes));
+        progress_(static_cast<double>(next - begin) / static_cast<double>(section.packed_bytes));
       }
     }
-    if (next != section.offset + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
+    if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
     return {};
   }
 
@@ -206,8 +251,10 @@ class Volume::Verifier {
     return {};
   }
 
-  const SectionEntry& index_section() const { return *volume_.find_section(SectionKind::index_pages); }
+  const SectionEntry& index_section() const { return *volume_.file_->find_section(SectionKind::index_pages); }
 
+  // A dead part is a step directory and a footer.
+  static constexpr std::uint64_t max_dead_bytes = std::uint64_t{1} << 30;
   static constexpr const char* untiled_index = "index pages do not tile their section [R16]";
 
   const Volume& volume_;
@@ -219,6 +266,21 @@ class Volume::Verifier {
   std::vector<std::uint64_t> missing_;                          // by attribute
 };
 
-Status Volume::verify(const std::function<void(double)>& progress) const { return Verifier(*this, progress).run(); }
+Status Volume::verify(const std::function<void(double)>& progress) const {
+  const std::size_t steps = series_ ? series_->steps.size() : 0;
+  const auto part = [&](std::size_t index) {
+    return [&, index](double fraction) {
+      progress((static_cast<double>(index) + fraction) / static_cast<double>(steps + 1));
+    };
+  };
+  const std::function<void(double)> of_file = part(0);
+  SPLATVOL_TRY(Verifier(*this, of_file).run());
+  for (std::size_t step = 0; step < steps; ++step) {
+    SPLATVOL_TRY_ASSIGN(volume, at_step(step));
+    const std::function<void(double)> of_step = part(step + 1);
+    SPLATVOL_TRY(Verifier(*volume, of_step).run_step());
+  }
+  return {};
+}
 
 }  // namespace splatvol::format

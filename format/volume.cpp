@@ -1,177 +1,188 @@
 #include "format/volume.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
+#include <cmath>
 #include <numeric>
 
 namespace splatvol::format {
 namespace {
 
-constexpr std::uint64_t max_sections = 64;
-constexpr std::array required_sections = {SectionKind::metadata,       SectionKind::index_root,
-                                          SectionKind::directory_root, SectionKind::rows,
-                                          SectionKind::index_pages,    SectionKind::directory_pages};
-
 // An index page up to this size is read at once. Of a larger page, only the structure and the part of one attribute are
 // read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 
-bool is_known(SectionKind kind) {
-  return kind == SectionKind::histograms || std::ranges::find(required_sections, kind) != required_sections.end();
-}
-
-bool is_extent(SectionKind kind) {
-  return kind == SectionKind::index_root || kind == SectionKind::rows || kind == SectionKind::index_pages ||
-         kind == SectionKind::directory_pages;
-}
-
-// Checks rule R7: the bytes of a section bound the memory that it may need.
-bool has_valid_codec(const SectionEntry& section) {
-  switch (section.codec) {
-    case Codec::extent:
-      return is_extent(section.kind);
-    case Codec::raw:
-      return !is_extent(section.kind) && section.unpacked_bytes == section.packed_bytes;
-    case Codec::zstd:
-      break;
-  }
-  return section.codec == Codec::zstd && !is_extent(section.kind) && section.kind != SectionKind::directory_root &&
-         section.unpacked_bytes > section.packed_bytes &&
-         (section.kind != SectionKind::metadata || section.unpacked_bytes <= max_metadata_bytes(section.packed_bytes));
-}
-
 }  // namespace
 
-Volume::Volume(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}
+std::size_t Series::nearest(double time) const {
+  const auto best =
+      std::ranges::min_element(steps, {}, [&](const StepEntry& step) { return std::abs(step.time - time); });
+  return static_cast<std::size_t>(best - steps.begin());
+}
 
 Result<std::shared_ptr<const Volume>> Volume::open(std::unique_ptr<ByteSource> source) {
-  std::shared_ptr<Volume> volume(new Volume(std::move(source)));
-  SPLATVOL_TRY(volume->read_preamble());
+  std::shared_ptr<Volume> volume(new Volume());
+  volume->source_ = std::make_shared<CountedSource>();
+  volume->source_->source = std::move(source);
+  const std::uint64_t size = volume->source_->source->size();
+  SPLATVOL_TRY_ASSIGN(file, Container::open(volume->source_, Container::Kind::file, 0, size, volume->name()));
+  volume->file_ = std::move(file);
+  SPLATVOL_TRY(volume->read_metadata());
+  SPLATVOL_TRY(volume->read_directory_root(
+      {volume->file_.get(), RowLayout(volume->file_info_), 0, volume->file_info_.rows_per_directory_page, {}}));
+  if (!volume->file_info_.series) return volume;
+  SPLATVOL_TRY(volume->read_series());
+  SPLATVOL_TRY(volume->open_step(volume->series_->steps.size() - 1));
   return volume;
 }
 
-tl::unexpected<Error> Volume::broken(std::string_view rule) const {
-  return fail(ErrorCode::invalid_data, "{}: {}", name(), rule);
+Result<std::shared_ptr<const Volume>> Volume::at_step(std::size_t step) const {
+  if (!series_ || step >= series_->steps.size())
+    return fail(ErrorCode::invalid_argument, "{}: no step {}", name(), step);
+  std::shared_ptr<Volume> volume(new Volume());
+  volume->source_ = source_;
+  volume->file_ = file_;
+  volume->file_info_ = file_info_;
+  volume->directories_ = {directories_[0]};
+  volume->series_ = series_;
+  SPLATVOL_TRY(volume->open_step(step));
+  return volume;
 }
 
-Status Volume::read_preamble() {
-  const std::uint64_t size = source_->size();
-  if (size < sizeof(Superblock)) return broken("not a .svol file: too short");
-  preamble_.resize(std::min(size, std::clamp(size / 64, min_first_read_bytes, max_first_read_bytes)));
-  SPLATVOL_TRY(source_->read(0, preamble_));
-  bytes_read_ += preamble_.size();
+Status Volume::open_step(std::size_t step) {
+  step_ = step;
+  const StepEntry& entry = series_->steps[step];
+  const std::string what = fmt::format("{}: step {}", name(), step);
+  SPLATVOL_TRY_ASSIGN(part, Container::open(source_, Container::Kind::step, entry.offset, entry.bytes, what));
+  step_part_ = std::move(part);
+  if (step_part_->table_hash() != entry.hash) return step_part_->broken("checksum mismatch [R18]");
+  SPLATVOL_TRY(read_step_metadata());
+  return read_summary_table();
+}
 
-  SPLATVOL_TRY(read_section_table());
-  if (preamble_bytes_ > preamble_.size()) {
-    const std::size_t had = preamble_.size();
-    preamble_.resize(preamble_bytes_);
-    SPLATVOL_TRY(source_->read(had, std::span(preamble_).subspan(had)));
-    bytes_read_ += preamble_.size() - had;
+Status Volume::read_step_metadata() {
+  SPLATVOL_TRY_ASSIGN(raw, step_part_->read_section(*step_part_->find_section(SectionKind::metadata)));
+  const auto info = step_from_json(std::string(reinterpret_cast<const char*>(raw.data()), raw.size()), file_info_);
+  if (!info) return fail_in(name(), info.error());
+  if (info->time != time()) return step_part_->broken("its time is not that of the step directory [R18]");
+  info_ = format::at_step(file_info_, *info);
+  rows_ = RowLayout(info_);
+  return read_directory_root({step_part_.get(),
+                              RowLayout(file_info_, *info),
+                              static_cast<int>(file_info_.columns.size()),
+                              info->rows_per_directory_page,
+                              {}});
+}
+
+// The pages tile their section, and the last entry is that of the root page.
+Status Volume::read_summary_table() {
+  const SectionEntry& section = *step_part_->find_section(SectionKind::summary_table);
+  if (section.packed_bytes == 0 || section.packed_bytes % sizeof(SummaryPageRef) != 0)
+    return step_part_->broken("the summary table has the wrong length [R20]");
+  SPLATVOL_TRY_ASSIGN(raw, step_part_->read_section(section));
+  const SectionEntry& pages = *step_part_->find_section(SectionKind::index_pages);
+  const SectionEntry& root = *step_part_->find_section(SectionKind::index_root);
+  const std::uint64_t table_bytes = info_.attributes.size() * sizeof(IndexPagePart);
+  std::uint64_t end = 0;
+  for (std::size_t at = 0; at < raw.size(); at += sizeof(SummaryPageRef)) {
+    const auto ref = read_record<SummaryPageRef>(raw, at);
+    const bool last = at + sizeof(SummaryPageRef) == raw.size();
+    const std::uint64_t most = last ? root.packed_bytes : pages.packed_bytes - end;
+    if (ref.offset != (last ? 0 : end) || ref.page_bytes > most || ref.page_bytes < table_bytes || ref.node_count < 1 ||
+        ref.node_count > max_page_nodes || (last && ref.page_bytes != root.packed_bytes))
+      return step_part_->broken("the summary pages do not tile their section [R20]");
+    if (!last) end += ref.page_bytes;
+    summaries_.push_back(ref);
   }
-  SPLATVOL_TRY(check_sections());
-  SPLATVOL_TRY(read_metadata());
-  return read_directory_root();
-}
-
-Status Volume::read_section_table() {
-  const auto superblock = read_record<Superblock>(preamble_, 0);
-  if (!std::ranges::equal(superblock.magic, magic)) return broken("not a .svol file");
-  if (superblock.major_version != major_version)
-    return fail(ErrorCode::unsupported, "{}: written in format {}.{}; this program reads 1.x", name(),
-                superblock.major_version, superblock.minor_version);
-  if (hash_bytes(std::span(preamble_).first(offsetof(Superblock, hash))) != superblock.hash)
-    return broken("superblock: checksum mismatch [R4]");
-  if (superblock.critical_features != 0)
-    return fail(ErrorCode::unsupported, "{}: needs a feature that this program lacks", name());
-  if (superblock.file_bytes != source_->size())
-    return fail(ErrorCode::invalid_data, "{}: truncated or grown: {} bytes instead of {} [R2]", name(), source_->size(),
-                superblock.file_bytes);
-  if (superblock.section_count == 0 || superblock.section_count > max_sections)
-    return broken("section count out of range [R3]");
-
-  const std::uint64_t table_bytes = superblock.section_count * sizeof(SectionEntry);
-  preamble_bytes_ = superblock.preamble_bytes;
-  if (preamble_bytes_ < sizeof(Superblock) + table_bytes ||
-      preamble_bytes_ > std::min(superblock.file_bytes, max_preamble_bytes) ||
-      sizeof(Superblock) + table_bytes > preamble_.size())
-    return broken("preamble length out of range [R1]");
-  const auto table = std::span(preamble_).subspan(sizeof(Superblock), table_bytes);
-  if (hash_bytes(table) != superblock.section_table_hash) return broken("section table: checksum mismatch [R4]");
-  for (std::size_t i = 0; i < superblock.section_count; ++i)
-    sections_.push_back(read_record<SectionEntry>(table, i * sizeof(SectionEntry)));
+  if (end != pages.packed_bytes) return step_part_->broken("the summary pages do not tile their section [R20]");
   return {};
-}
-
-Status Volume::check_sections() const {
-  if (source_->size() < sizeof(Footer)) return broken("no footer [R6]");
-  std::uint64_t end = sizeof(Superblock) + sections_.size() * sizeof(SectionEntry);
-  const std::uint64_t limit = source_->size() - sizeof(Footer);
-  for (const SectionEntry& section : sections_) {
-    if (!is_known(section.kind) && (section.flags & 1) != 0)
-      return fail(ErrorCode::unsupported, "{}: needs section kind {}, which this program lacks [R5]", name(),
-                  static_cast<std::uint32_t>(section.kind));
-    if (section.offset != end || end > limit || section.packed_bytes > limit - end)
-      return broken("sections do not tile the file [R6]");
-    if (!has_valid_codec(section)) return broken("a section has the wrong codec or length [R7]");
-    end += section.packed_bytes;
-  }
-  if (end != limit) return broken("sections do not tile the file [R6]");
-  for (const SectionKind kind : required_sections)
-    if (std::ranges::count(sections_, kind, &SectionEntry::kind) != 1)
-      return broken("a section is absent or appears twice [R8]");
-  if (std::ranges::count(sections_, SectionKind::histograms, &SectionEntry::kind) > 1)
-    return broken("histograms appear twice [R8]");
-  for (const SectionKind kind : {SectionKind::metadata, SectionKind::index_root, SectionKind::directory_root}) {
-    const SectionEntry& section = *find_section(kind);
-    if (section.offset + section.packed_bytes > preamble_bytes_) return broken("a section passes the preamble [R1]");
-  }
-  const SectionEntry& root = *find_section(SectionKind::index_root);
-  if (root.unpacked_bytes > root.packed_bytes) return broken("root index page out of range [R15]");
-  return {};
-}
-
-const SectionEntry* Volume::find_section(SectionKind kind) const {
-  const auto found = std::ranges::find(sections_, kind, &SectionEntry::kind);
-  return found == sections_.end() ? nullptr : &*found;
-}
-
-Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) const {
-  if (offset <= preamble_.size() && count <= preamble_.size() - offset)
-    return Bytes(preamble_.begin() + static_cast<std::ptrdiff_t>(offset),
-                 preamble_.begin() + static_cast<std::ptrdiff_t>(offset + count));
-  if (offset > source_->size() || count > source_->size() - offset)
-    return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end [R6]", name(), count, offset);
-  Bytes bytes(count);
-  SPLATVOL_TRY(source_->read(offset, bytes));
-  bytes_read_ += count;
-  return bytes;
-}
-
-Result<Bytes> Volume::read_section(const SectionEntry& section) const {
-  SPLATVOL_TRY_ASSIGN(packed, read_bytes(section.offset, section.packed_bytes));
-  const std::string what = fmt::format("{}: section {}", name(), static_cast<std::uint32_t>(section.kind));
-  return unpack_checked(section, packed, what);
 }
 
 Status Volume::read_metadata() {
-  SPLATVOL_TRY_ASSIGN(raw, read_section(*find_section(SectionKind::metadata)));
+  SPLATVOL_TRY_ASSIGN(raw, file_->read_section(*file_->find_section(SectionKind::metadata)));
   auto info = metadata_from_json(std::string(reinterpret_cast<const char*>(raw.data()), raw.size()));
   if (!info) return fail_in(name(), info.error());
-  info_ = std::move(*info);
+  if (info->series.has_value() != (file_->superblock().step_directory != 0))
+    return broken("its superblock does not say whether it has steps [R18]");
+  info_ = file_info_ = std::move(*info);
   rows_ = RowLayout(info_);
   return {};
 }
 
-Status Volume::read_directory_root() {
-  const SectionEntry& section = *find_section(SectionKind::directory_root);
-  const SectionEntry& tail = *find_section(SectionKind::directory_pages);
-  SPLATVOL_TRY_ASSIGN(root, read_section(section));
-  const std::uint64_t pages = rows_.directory_page_count();
+Status Volume::read_series() {
+  const std::uint64_t begin = file_->superblock().step_directory;
+  const std::uint64_t limit = file_->bytes() - sizeof(Footer), attributes = file_info_.series->size();
+  const std::uint64_t ranges = attributes * sizeof(StepRange);
+  if (begin < file_->sections_end() || begin > limit || limit - begin < sizeof(StepDirectoryHead) + ranges)
+    return broken("the step directory is out of range [R18]");
+  SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(begin, limit - begin));
+  const auto head = read_record<StepDirectoryHead>(bytes, 0);
+  if (hash_bytes(std::span(bytes).subspan(sizeof(head.hash))) != head.hash)
+    return broken("step directory: checksum mismatch [R18]");
+  const std::uint64_t entry_bytes = bytes.size() - sizeof(head) - ranges;
+  if (head.attributes != attributes || entry_bytes % sizeof(StepEntry) != 0 ||
+      entry_bytes / sizeof(StepEntry) != head.entries)
+    return broken("the step directory has the wrong length [R18]");
+
+  auto series = std::make_shared<Series>();
+  for (std::size_t at = sizeof(head); at < bytes.size() - ranges; at += sizeof(StepEntry))
+    series->entries.push_back(read_record<StepEntry>(bytes, at));
+  for (std::size_t at = bytes.size() - ranges; at < bytes.size(); at += sizeof(StepRange))
+    series->ranges.push_back(read_record<StepRange>(bytes, at));
+  std::ranges::copy_if(series->entries, std::back_inserter(series->steps),
+                       [](const StepEntry& entry) { return entry.kind == StepEntryKind::step; });
+  SPLATVOL_TRY(check_entries(*series));
+  series->bytes_behind = source_->source->size() - file_->bytes();
+  series_ = std::move(series);
+  return {};
+}
+
+Status Volume::check_entries(const Series& series) const {
+  std::uint64_t end = file_->sections_end();
+  for (const StepEntry& entry : series.entries) {
+    if (entry.kind != StepEntryKind::step && entry.kind != StepEntryKind::dead)
+      return broken("the step directory has an entry of an unknown kind [R18]");
+    if (entry.offset != end || entry.bytes > file_->superblock().step_directory - end)
+      return broken("the steps do not tile the file [R18]");
+    end += entry.bytes;
+  }
+  if (end != file_->superblock().step_directory) return broken("the steps do not tile the file [R18]");
+  if (series.steps.empty()) return broken("a series without steps [R18]");
+  for (std::size_t i = 0; i < series.steps.size(); ++i)
+    if (!std::isfinite(series.steps[i].time) || (i > 0 && !(series.steps[i].time > series.steps[i - 1].time)))
+      return broken("the times of the steps do not rise [R19]");
+  return {};
+}
+
+std::uint64_t Volume::memory_bytes() const {
+  std::uint64_t bytes = file_->memory_bytes() + summaries_.size() * sizeof(SummaryPageRef);
+  for (const Directory& directory : directories_) bytes += directory.refs.size() * sizeof(DirectoryPageRef);
+  if (series_) bytes += step_part_->memory_bytes() + 2 * series_->entries.size() * sizeof(StepEntry);
+  return bytes;
+}
+
+std::vector<SectionEntry> Volume::step_sections() const {
+  return step_part_ ? step_part_->sections() : std::vector<SectionEntry>();
+}
+
+bool Volume::is_of_step(int column) const { return series_ && column >= static_cast<int>(file_info_.columns.size()); }
+
+Result<Bytes> Volume::read_bytes(std::uint64_t offset, std::uint64_t count) const {
+  if (step_part_ && offset >= step_part_->begin() && offset - step_part_->begin() < step_part_->bytes())
+    return step_part_->read_bytes(offset - step_part_->begin(), count);
+  return file_->read_bytes(offset, count);
+}
+
+Status Volume::read_directory_root(Directory directory) {
+  const Container& container = *directory.container;
+  const SectionEntry& section = *container.find_section(SectionKind::directory_root);
+  const SectionEntry& tail = *container.find_section(SectionKind::directory_pages);
+  SPLATVOL_TRY_ASSIGN(root, container.read_section(section));
+  const std::uint64_t pages = directory.rows.directory_page_count();
   const std::uint64_t fixed = sizeof(std::uint64_t) + pages * sizeof(DirectoryPageRef);
   if (root.size() < sizeof(std::uint64_t) || read_record<std::uint64_t>(root, 0) != pages ||
       pages > root.size() / sizeof(DirectoryPageRef) || root.size() < fixed)
-    return broken("directory: wrong number of pages [R11]");
+    return container.broken("directory: wrong number of pages [R11]");
 
   std::uint64_t next = section.offset + fixed;
   for (std::uint64_t page = 0; page < pages; ++page) {
@@ -179,20 +190,23 @@ Status Volume::read_directory_root() {
     const std::uint64_t section_end =
         page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
     if (ref.offset != next || ref.bytes > section_end - next || ref.bytes < sizeof(std::uint64_t) ||
-        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != rows_.chunks_of_directory_page(page) ||
+        (ref.bytes - sizeof(std::uint64_t)) / sizeof(ChunkEntry) != directory.rows.chunks_of_directory_page(page) ||
         ref.bytes % sizeof(ChunkEntry) != sizeof(std::uint64_t))
-      return broken("directory: pages do not tile their section [R11]");
+      return container.broken("directory: pages do not tile their section [R11]");
     next += ref.bytes;
-    if (page == 0 && next != section_end) return broken("directory: pages do not tile their section [R11]");
+    if (page == 0 && next != section_end) return container.broken("directory: pages do not tile their section [R11]");
     if (page == 0) next = tail.offset;
-    directory_refs_.push_back(ref);
+    directory.refs.push_back(ref);
   }
-  if (next != tail.offset + tail.packed_bytes) return broken("directory: pages do not tile their section [R11]");
+  if (next != tail.offset + tail.packed_bytes)
+    return container.broken("directory: pages do not tile their section [R11]");
+  directories_.push_back(std::move(directory));
   return {};
 }
 
+// Index pages of a series have no summaries.
 NodeShape Volume::node_shape() const {
-  return {info_.resolutions(), info_.size_bounds.size(), info_.attributes.size()};
+  return {info_.resolutions(), info_.size_bounds.size(), file_info_.attributes.size()};
 }
 
 std::vector<std::uint64_t> Volume::segment_counts() const {
@@ -213,69 +227,151 @@ Status Volume::check_top_counts(const IndexPage& page, std::span<const std::uint
 Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
                                     std::uint64_t links_end, int attribute) const {
   const std::string what = name() + ": index page";
-  const bool whole = attribute >= 0 && ref.page_bytes <= one_read_bytes;
-  SPLATVOL_TRY_ASSIGN(bytes, read_bytes(offset, whole ? ref.page_bytes : ref.front_bytes));
+  const bool in_page = attribute >= 0 && !series_;
+  const bool whole = in_page && ref.page_bytes <= one_read_bytes;
+  SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(offset, whole ? ref.page_bytes : ref.front_bytes));
   const auto front = std::span<const std::byte>(bytes).first(ref.front_bytes);
   SPLATVOL_TRY_ASSIGN(page, unpack_index_page(ref, front, node_shape(), top_nodes, links_end, what));
-  if (attribute < 0) return page;
+  if (attribute >= 0 && series_)
+    SPLATVOL_TRY(read_step_summaries(page.number, static_cast<std::size_t>(attribute), page));
+  if (!in_page) return page;
 
   const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
   if (whole) {
     SPLATVOL_TRY(
         unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes), what, page));
   } else {
-    SPLATVOL_TRY_ASSIGN(packed, read_bytes(offset + part_offset, part.packed_bytes));
+    SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offset + part_offset, part.packed_bytes));
     SPLATVOL_TRY(unpack_summaries(part, packed, what, page));
   }
   return page;
 }
 
+// Reads the part of an attribute from the step's summaries of an index page.
+Status Volume::read_step_summaries(std::uint32_t number, std::size_t attribute, IndexPage& page) const {
+  const std::string what = fmt::format("{}: summaries of index page {}", name(), number);
+  if (number >= summaries_.size() || summaries_[number].node_count != page.nodes.size())
+    return fail(ErrorCode::invalid_data, "{}: not there [R20]", what);
+  const SummaryPageRef& ref = summaries_[number];
+  const bool root = number + 1 == summaries_.size();
+  const SectionEntry& section = *step_part_->find_section(root ? SectionKind::index_root : SectionKind::index_pages);
+  const std::uint64_t offset = section.offset + ref.offset;
+  const std::uint64_t table_bytes = info_.attributes.size() * sizeof(IndexPagePart);
+  const bool whole = ref.page_bytes <= one_read_bytes;
+  SPLATVOL_TRY_ASSIGN(bytes, step_part_->read_bytes(offset, whole ? ref.page_bytes : table_bytes));
+  if (hash_bytes(std::span(bytes).first(table_bytes)) != ref.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+
+  std::uint64_t part_offset = table_bytes, end = table_bytes;
+  for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+    const auto part = read_record<IndexPagePart>(bytes, a * sizeof(IndexPagePart));
+    if (part.packed_bytes > ref.page_bytes - end || part.unpacked_bytes != ref.node_count * summary_bytes)
+      return fail(ErrorCode::invalid_data, "{}: a part has the wrong length [R20]", what);
+    end += part.packed_bytes;
+    if (a < attribute) part_offset = end;
+  }
+  if (end != ref.page_bytes) return fail(ErrorCode::invalid_data, "{}: bytes left over [R20]", what);
+
+  const auto part = read_record<IndexPagePart>(bytes, attribute * sizeof(IndexPagePart));
+  if (whole)
+    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes), what,
+                            page);
+  SPLATVOL_TRY_ASSIGN(packed, step_part_->read_bytes(offset + part_offset, part.packed_bytes));
+  return unpack_summaries(part, packed, what, page);
+}
+
 IndexPageRef Volume::root_ref() const {
-  const SectionEntry& section = *find_section(SectionKind::index_root);
+  const SectionEntry& section = *file_->find_section(SectionKind::index_root);
   return {0, static_cast<std::uint32_t>(section.unpacked_bytes), static_cast<std::uint32_t>(section.packed_bytes),
           section.hash};
 }
 
 Result<IndexPage> Volume::read_index_root(int attribute) const {
-  const std::uint64_t links_end = find_section(SectionKind::index_pages)->packed_bytes;
-  SPLATVOL_TRY_ASSIGN(page,
-                      read_page(root_ref(), find_section(SectionKind::index_root)->offset, 1, links_end, attribute));
+  const std::uint64_t links_end = file_->find_section(SectionKind::index_pages)->packed_bytes;
+  SPLATVOL_TRY_ASSIGN(
+      page, read_page(root_ref(), file_->find_section(SectionKind::index_root)->offset, 1, links_end, attribute));
   SPLATVOL_TRY(check_top_counts(page, segment_counts()));
   return page;
 }
 
 Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                           std::span<const std::uint64_t> parent_counts, int attribute) const {
-  const std::uint64_t offset = find_section(SectionKind::index_pages)->offset + ref.offset;
+  const std::uint64_t offset = file_->find_section(SectionKind::index_pages)->offset + ref.offset;
   const auto children = static_cast<std::uint32_t>(std::popcount(child_mask));
   SPLATVOL_TRY_ASSIGN(page, read_page(ref, offset, children, ref.offset, attribute));
   SPLATVOL_TRY(check_top_counts(page, parent_counts));
   return page;
 }
 
+Volume::Page Volume::page_at(std::uint64_t page) const {
+  const std::size_t of_file = directories_[0].refs.size();
+  return page < of_file ? Page{directories_[0], 0, page} : Page{directories_[1], 1, page - of_file};
+}
+
+std::uint64_t Volume::directory_page_of_row(std::uint64_t row, int column) const {
+  const std::uint64_t before = is_of_step(column) ? directories_[0].refs.size() : 0;
+  return before + directory_of(column).rows.directory_page_of_row(row);
+}
+
+std::uint64_t Volume::directory_page_count() const {
+  std::uint64_t count = 0;
+  for (const Directory& directory : directories_) count += directory.refs.size();
+  return count;
+}
+
+std::uint64_t Volume::most_chunks_of_directory_pages() const {
+  std::uint64_t chunks = 0;
+  for (const Directory& directory : directories_) {
+    const std::uint64_t columns = directory.rows.columns_of_row(0).size();  // all: the row is its group's first
+    chunks += std::min<std::uint64_t>(rows_.row_count(), directory.rows_per_page) * columns;
+  }
+  return chunks;
+}
+
+std::uint64_t Volume::chunks_of_directory_page(std::uint64_t page) const {
+  const Page found = page_at(page);
+  return found.directory.rows.chunks_of_directory_page(found.number);
+}
+
+std::uint64_t Volume::end_row(const DirectoryPage& page) const {
+  return std::min(rows_.row_count(), page.first_row + directories_[page.directory].rows_per_page);
+}
+
+std::vector<int> Volume::columns_of_row(const DirectoryPage& page, std::uint64_t row) const {
+  const Directory& directory = directories_[page.directory];
+  std::vector<int> columns = directory.rows.columns_of_row(row);
+  for (int& column : columns) column += directory.first_column;
+  return columns;
+}
+
 Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
-  const DirectoryPageRef& ref = directory_refs_[page];
-  SPLATVOL_TRY_ASSIGN(bytes, read_bytes(ref.offset, ref.bytes));
+  const auto [directory, directory_number, number] = page_at(page);
+  const Container& container = *directory.container;
+  const RowLayout& rows = directory.rows;
+  const DirectoryPageRef& ref = directory.refs[number];
+  SPLATVOL_TRY_ASSIGN(bytes, container.read_bytes(ref.offset, ref.bytes));
   if (hash_bytes(bytes) != ref.hash)
-    return fail(ErrorCode::invalid_data, "{}: directory page {}: checksum mismatch", name(), page);
+    return container.broken(fmt::format("directory page {}: checksum mismatch", number));
 
   DirectoryPage result;
-  result.first_row = rows_.first_row_of_directory_page(page);
-  result.first_chunk = rows_.chunks_before(result.first_row);
+  result.directory = directory_number;
+  result.first_row = rows.first_row_of_directory_page(number);
+  result.first_chunk = rows.chunks_before(result.first_row);
   result.chunks.reserve((bytes.size() - sizeof(std::uint64_t)) / sizeof(ChunkEntry));
-  const SectionEntry& section = *find_section(SectionKind::rows);
+  const SectionEntry& section = *container.find_section(SectionKind::rows);
   const std::uint64_t end = section.offset + section.packed_bytes;
   std::uint64_t offset = read_record<std::uint64_t>(bytes, 0);
   if (offset < section.offset || offset > end)
-    return fail(ErrorCode::invalid_data, "{}: directory page {} points outside [R12]", name(), page);
+    return container.broken(fmt::format("directory page {} points outside [R12]", number));
   std::size_t at = sizeof(std::uint64_t);
   for (std::uint64_t row = result.first_row; at < bytes.size(); ++row) {
-    const std::uint64_t points = rows_.group(rows_.group_of_row(row)).count;
-    for (std::size_t c = 0; c < rows_.columns_of_row(row).size(); ++c, at += sizeof(ChunkEntry)) {
+    const std::uint64_t points = rows.group(rows.group_of_row(row)).count;
+    for (std::size_t c = 0; c < rows.columns_of_row(row).size(); ++c, at += sizeof(ChunkEntry)) {
       const auto entry = read_record<ChunkEntry>(bytes, at);
-      if (entry.packed_bytes == 0 || entry.packed_bytes > end - offset) return broken("a chunk passes the rows [R12]");
-      if (entry.unpacked_bytes > 64 + 64 * points) return broken("a chunk is too large [R10]");
-      result.chunks.push_back({offset, entry});
+      if (entry.packed_bytes == 0 || entry.packed_bytes > end - offset)
+        return container.broken("a chunk passes the rows [R12]");
+      if (entry.unpacked_bytes > 64 + 64 * points) return container.broken("a chunk is too large [R10]");
+      result.chunks.push_back({container.begin() + offset, entry});
       offset += entry.packed_bytes;
     }
   }
@@ -283,20 +379,40 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
 }
 
 const ChunkLocation& Volume::find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const {
-  const auto& columns = rows_.columns_of_row(row);
-  const auto index = std::ranges::find(columns, column) - columns.begin();
-  return page.chunks[rows_.chunks_before(row) - page.first_chunk + static_cast<std::uint64_t>(index)];
+  const Directory& directory = directories_[page.directory];
+  const auto& columns = directory.rows.columns_of_row(row);
+  const auto index = std::ranges::find(columns, column - directory.first_column) - columns.begin();
+  return page.chunks[directory.rows.chunks_before(row) - page.first_chunk + static_cast<std::uint64_t>(index)];
 }
 
 Result<Histograms> Volume::read_histograms() const {
-  const SectionEntry* section = find_section(SectionKind::histograms);
+  const SectionEntry* section = values().find_section(SectionKind::histograms);
   if (section == nullptr) return Histograms{};
   Histograms histograms(info_.attributes.size());
   const auto out = std::as_writable_bytes(std::span(histograms));
   if (section->unpacked_bytes != out.size()) return broken("histograms have the wrong size");
-  SPLATVOL_TRY_ASSIGN(raw, read_section(*section));
+  SPLATVOL_TRY_ASSIGN(raw, values().read_section(*section));
   std::ranges::copy(raw, out.begin());
   return histograms;
+}
+
+Result<std::uint64_t> Volume::geometry_hash() const {
+  PartsHash hash;
+  for (std::uint64_t page = 0; page < directories_[0].refs.size(); ++page) {
+    SPLATVOL_TRY_ASSIGN(directory, read_directory_page(page));
+    for (const ChunkLocation& chunk : directory.chunks) hash.add(chunk.entry.hash);
+  }
+  PartsHash index;
+  for (const SectionKind kind : {SectionKind::index_pages, SectionKind::index_root}) {
+    const SectionEntry& section = *file_->find_section(kind);
+    for (std::uint64_t at = 0; at < section.packed_bytes; at += geometry_part_bytes) {
+      const std::uint64_t count = std::min(geometry_part_bytes, section.packed_bytes - at);
+      SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(section.offset + at, count));
+      index.add(bytes);
+    }
+  }
+  hash.add(index.value());
+  return hash.value();
 }
 
 }  // namespace splatvol::format

@@ -11,12 +11,16 @@
 #include "base/error.h"
 #include "base/file.h"
 #include "format/columns.h"
+#include "format/container.h"
 #include "format/layout.h"
 #include "format/octree.h"
 #include "format/volume_info.h"
 #include "format/volume_writer.h"
 
 namespace splatvol::format {
+
+/// Bytes of the index that go into Volume::geometry_hash together.
+inline constexpr std::uint64_t geometry_part_bytes = std::uint64_t{1} << 20;
 
 /// The offset of a chunk, with its directory entry.
 struct ChunkLocation {
@@ -29,35 +33,72 @@ struct DirectoryPage {
   std::uint64_t first_row = 0;
   std::uint64_t first_chunk = 0;  // number of its first chunk
   std::vector<ChunkLocation> chunks;
+  std::size_t directory = 0;  // 0: of the file; 1: of the step
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
     return sizeof(DirectoryPage) + chunks.size() * sizeof(ChunkLocation);
   }
 };
 
-/// An open file. Checks every byte against its hash and its rules before using it. Errors begin with the file's name.
-/// Thread-safe, as its ByteSource is.
+/// A time series: its steps, and the range of each attribute over all of them (NaN: no value is present).
+struct Series {
+  std::vector<StepEntry> entries;  // the step directory, in file order
+  std::vector<StepEntry> steps;    // without dead parts; times rise
+  std::vector<StepRange> ranges;   // [attribute]
+  std::uint64_t bytes_behind = 0;  // bytes of the file behind its end: an append that was interrupted
+
+  /// Returns the number of the step nearest to a time; of two, the earlier.
+  [[nodiscard]] std::size_t nearest(double time) const;
+};
+
+/// An open file; of a time series, at one of its steps. Checks every byte against its hash and its rules before using
+/// it. Errors begin with the file's name. Thread-safe, as its ByteSource is.
 class Volume {
  public:
-  /// Reads the preamble, in one read if the writer followed the advice of the specification.
+  /// Reads the preamble, in one read if the writer followed the advice of the specification; of a series, then the step
+  /// directory and the preamble of the last step.
   [[nodiscard]] static Result<std::shared_ptr<const Volume>> open(std::unique_ptr<ByteSource> source);
 
+  /// Of a series, its columns and attributes are those that all steps share, then those of the step.
   [[nodiscard]] const VolumeInfo& info() const { return info_; }
   [[nodiscard]] const RowLayout& rows() const { return rows_; }
-  [[nodiscard]] const std::string& name() const { return source_->name(); }
-  [[nodiscard]] std::uint64_t file_bytes() const { return source_->size(); }
-  [[nodiscard]] std::uint64_t preamble_bytes() const { return preamble_bytes_; }
 
-  /// Sections, in file order.
-  [[nodiscard]] const std::vector<SectionEntry>& sections() const { return sections_; }
+  /// What all steps of a series share. Of other files the same as info().
+  [[nodiscard]] const VolumeInfo& file_info() const { return file_info_; }
+  [[nodiscard]] const std::string& name() const { return source_->source->name(); }
+  [[nodiscard]] std::uint64_t file_bytes() const { return file_->bytes(); }
+  [[nodiscard]] std::uint64_t preamble_bytes() const { return file_->preamble_bytes(); }
 
-  /// Bytes held: the preamble and the directory root. For budgets.
-  [[nodiscard]] std::uint64_t memory_bytes() const {
-    return preamble_.size() + directory_refs_.size() * sizeof(DirectoryPageRef);
-  }
+  /// Returns the hash of superblock and section table.
+  [[nodiscard]] std::uint64_t table_hash() const { return file_->table_hash(); }
 
-  /// Returns how many bytes were read from the source so far.
-  [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
+  /// Sections, in file order; without those of steps.
+  [[nodiscard]] const std::vector<SectionEntry>& sections() const { return file_->sections(); }
+
+  /// Null unless the file is a time series.
+  [[nodiscard]] const Series* series() const { return series_.get(); }
+
+  /// Return the number of the step, and its time. Require a series.
+  [[nodiscard]] std::size_t step() const { return step_; }
+  [[nodiscard]] double time() const { return series_->steps[step_].time; }
+
+  /// Opens the same series at another step; shares what was read. Fails if there is no such step, or it is damaged.
+  [[nodiscard]] Result<std::shared_ptr<const Volume>> at_step(std::size_t step) const;
+
+  /// Whether both are steps of one series, opened once.
+  [[nodiscard]] bool is_same_file(const Volume& other) const { return file_ == other.file_; }
+
+  /// Returns the sections of the step, with offsets from its beginning; none unless the file is a series.
+  [[nodiscard]] std::vector<SectionEntry> step_sections() const;
+
+  /// Whether the file holds a column once for each step.
+  [[nodiscard]] bool is_of_step(int column) const;
+
+  /// Bytes held: the preambles and the directory roots. For budgets.
+  [[nodiscard]] std::uint64_t memory_bytes() const;
+
+  /// Returns how many bytes were read from the source so far, at all steps.
+  [[nodiscard]] std::uint64_t bytes_read() const { return source_->bytes_read; }
 
   /// Reads the page with the root node, and its summaries of `attribute`; -1: no summaries.
   [[nodiscard]] Result<IndexPage> read_index_root(int attribute) const;
@@ -67,55 +108,99 @@ class Volume {
   [[nodiscard]] Result<IndexPage> read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                                   std::span<const std::uint64_t> parent_counts, int attribute) const;
 
-  [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row) const {
-    return rows_.directory_page_of_row(row);
-  }
+  /// Returns the number of the directory page that has the chunk of a column in a row. Without a column: of the first
+  /// column that all steps share. The pages of a step follow those of the file.
+  [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row, int column = 0) const;
+  [[nodiscard]] std::uint64_t directory_page_count() const;
+
+  /// Whether a directory page is one of the step.
+  [[nodiscard]] bool is_page_of_step(std::uint64_t page) const { return page >= directories_[0].refs.size(); }
+
+  /// Returns a bound on the chunks of a directory page; of a series, of one of the file and one of the step together.
+  [[nodiscard]] std::uint64_t most_chunks_of_directory_pages() const;
+
+  /// Returns how many chunks a directory page has.
+  [[nodiscard]] std::uint64_t chunks_of_directory_page(std::uint64_t page) const;
+
+  /// Returns the row behind the last one of a directory page.
+  [[nodiscard]] std::uint64_t end_row(const DirectoryPage& page) const;
+
+  /// Returns the columns of a row that a directory page has, as indices into VolumeInfo::columns.
+  [[nodiscard]] std::vector<int> columns_of_row(const DirectoryPage& page, std::uint64_t row) const;
+
   [[nodiscard]] Result<DirectoryPage> read_directory_page(std::uint64_t page) const;
 
-  /// Finds a chunk in the page that covers its row. Requires a column that the row has.
+  /// Finds a chunk in the page that covers its row and column. Requires a column that the row has.
   [[nodiscard]] const ChunkLocation& find_chunk(const DirectoryPage& page, std::uint64_t row, int column) const;
 
-  /// Reads packed bytes: from the preamble if it holds them, else from the source, which `bytes_read` counts.
+  /// Reads packed bytes: from a preamble if it holds them, else from the source, which `bytes_read` counts.
   [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
 
   /// See ByteSource.
-  [[nodiscard]] std::uint64_t cheap_gap() const { return source_->cheap_gap(); }
+  [[nodiscard]] std::uint64_t cheap_gap() const { return source_->source->cheap_gap(); }
 
   /// Reads the counts of values for each attribute. Returns none if the file has no such section.
   [[nodiscard]] Result<Histograms> read_histograms() const;
 
+  /// Returns a hash of everything that does not depend on the step: of the chunks that all steps share and the
+  /// structure of the index. Reads the directory and the index pages.
+  [[nodiscard]] Result<std::uint64_t> geometry_hash() const;
+
   /// Reads and checks every byte of the file: hashes, tiling, every column, counts of the index, values against ranges,
-  /// occupancy and histograms, positions against the cube, footer. Calls `progress` with the share done, in [0, 1].
-  /// Memory does not grow with the number of points.
+  /// occupancy and histograms, positions against the cube, footer; of a series, all steps. Calls `progress` with the
+  /// share done, in [0, 1]. Memory does not grow with the number of points. Fails if an append was interrupted.
   [[nodiscard]] Status verify(const std::function<void(double)>& progress) const;
 
  private:
-  explicit Volume(std::unique_ptr<ByteSource> source);
-  [[nodiscard]] Status read_preamble();
-  [[nodiscard]] Status read_section_table();
-  [[nodiscard]] Status check_sections() const;
-  [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const;
+  // The rows of the file, or those of the step.
+  struct Directory {
+    const Container* container = nullptr;
+    RowLayout rows;
+    int first_column = 0;  // of VolumeInfo::columns
+    std::uint32_t rows_per_page = 1;
+    std::vector<DirectoryPageRef> refs;
+  };
+  struct Page {
+    const Directory& directory;
+    std::size_t directory_number;
+    std::uint64_t number;  // in the directory
+  };
+
+  Volume() = default;
+  [[nodiscard]] tl::unexpected<Error> broken(std::string_view rule) const { return file_->broken(rule); }
   [[nodiscard]] Status read_metadata();
-  [[nodiscard]] Status read_directory_root();
-  [[nodiscard]] const SectionEntry* find_section(SectionKind kind) const;
-  [[nodiscard]] Result<Bytes> read_section(const SectionEntry& section) const;
+  [[nodiscard]] Status read_series();
+  [[nodiscard]] Status check_entries(const Series& series) const;
+  [[nodiscard]] Status open_step(std::size_t step);
+  [[nodiscard]] Status read_step_metadata();
+  [[nodiscard]] Status read_summary_table();
+  [[nodiscard]] Status read_directory_root(Directory directory);
+  [[nodiscard]] Page page_at(std::uint64_t page) const;
+  [[nodiscard]] const Directory& directory_of(int column) const { return directories_[is_of_step(column) ? 1 : 0]; }
+  [[nodiscard]] const Container& values() const { return step_part_ ? *step_part_ : *file_; }
   [[nodiscard]] IndexPageRef root_ref() const;
   [[nodiscard]] Result<IndexPage> read_page(const IndexPageRef& ref, std::uint64_t offset, std::uint32_t top_nodes,
                                             std::uint64_t links_end, int attribute) const;
+  [[nodiscard]] Status read_step_summaries(std::uint32_t number, std::size_t attribute, IndexPage& page) const;
+  [[nodiscard]] Result<std::uint64_t> summary_page_offset(std::uint32_t number, const SummaryPageRef& ref) const;
   [[nodiscard]] Status check_top_counts(const IndexPage& page, std::span<const std::uint64_t> expected) const;
   [[nodiscard]] std::vector<std::uint64_t> segment_counts() const;
   [[nodiscard]] NodeShape node_shape() const;
 
   class Verifier;
 
-  std::unique_ptr<ByteSource> source_;
-  mutable std::atomic<std::uint64_t> bytes_read_ = 0;
-  std::uint64_t preamble_bytes_ = 0;
-  Bytes preamble_;  // the first read, which is at least the preamble
-  std::vector<SectionEntry> sections_;
+  std::shared_ptr<CountedSource> source_;
+  std::shared_ptr<const Container> file_;
+  VolumeInfo file_info_;  // without what the step adds
   VolumeInfo info_;
   RowLayout rows_;
-  std::vector<DirectoryPageRef> directory_refs_;
+  std::vector<Directory> directories_;  // of the file; of a series also of the step
+
+  // Of a series only.
+  std::shared_ptr<const Series> series_;
+  std::size_t step_ = 0;
+  std::shared_ptr<const Container> step_part_;
+  std::vector<SummaryPageRef> summaries_;  // [index page], the root last
 };
 
 }  // namespace splatvol::format

@@ -144,8 +144,35 @@ std::vector<Column> read_columns(const json& nodes, std::size_t attributes) {
             "a column appears twice");
     columns.push_back(column);
   }
-  require(seen.contains({ColumnKind::position, -1}), "'columns' has no position");
   return columns;
+}
+
+std::vector<Attribute> read_attributes(const json& nodes, std::uint64_t points) {
+  std::vector<Attribute> attributes;
+  std::vector<std::string> names;
+  for (const json& node : nodes) {
+    attributes.push_back(read_attribute(node));
+    names.push_back(attributes.back().name);
+    require(attributes.back().missing <= points, "'missing' is above the number of points");
+  }
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
+  require(attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
+  return attributes;
+}
+
+std::vector<SeriesAttribute> read_series(const json& nodes) {
+  std::vector<SeriesAttribute> attributes;
+  std::vector<std::string> names;
+  for (const json& node : nodes) {
+    attributes.push_back({text(node, "name"), text(node, "unit")});
+    names.push_back(attributes.back().name);
+  }
+  require(!attributes.empty() && attributes.size() <= max_attributes,
+          fmt::format("'series' has not 1 to {} attributes", max_attributes));
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
+  return attributes;
 }
 
 std::vector<std::uint64_t> read_counts(const json& nodes) {
@@ -175,16 +202,13 @@ VolumeInfo read_info(const json& root) {
   info.leaf_points =
       static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
 
-  std::vector<std::string> names;
-  for (const json& node : list(root, "attributes")) {
-    info.attributes.push_back(read_attribute(node));
-    names.push_back(info.attributes.back().name);
-    require(info.attributes.back().missing <= info.point_count(), "'missing' is above the number of points");
-  }
-  if (const auto duplicate = find_duplicate(std::move(names)))
-    throw RuleBroken(fmt::format("attribute '{}' appears twice", *duplicate));
-  require(info.attributes.size() <= max_attributes, fmt::format("more than {} attributes", max_attributes));
+  info.attributes = read_attributes(list(root, "attributes"), info.point_count());
   info.columns = read_columns(list(root, "columns"), info.attributes.size());
+  require(info.find_column(ColumnKind::position) >= 0, "'columns' has no position");
+  if (root.contains("series")) {
+    info.series = read_series(list(root, "series"));
+    require(info.attributes.empty(), "a series has attributes besides those of its steps");
+  }
 
   info.size_bounds.clear();
   for (const json& node : list(root, "size_bounds")) {
@@ -233,6 +257,35 @@ json to_json(const Column& column) {
   return node;
 }
 
+json to_json(const StepInfo& step) {
+  json root = {{"time", step.time},
+               {"attributes", json::array()},
+               {"columns", json::array()},
+               {"rows_per_directory_page", step.rows_per_directory_page},
+               {"provenance", parse_shallow(step.provenance)}};
+  for (const Attribute& attribute : step.attributes) root["attributes"].push_back(to_json(attribute));
+  for (const Column& column : step.columns) root["columns"].push_back(to_json(column));
+  return root;
+}
+
+StepInfo read_step(const json& root, const VolumeInfo& info) {
+  StepInfo step;
+  step.time = finite(member(root, "time"), "time");
+  step.attributes = read_attributes(list(root, "attributes"), info.point_count());
+  require(info.series.has_value() && std::ranges::equal(step.attributes, *info.series,
+                                                        [](const Attribute& a, const SeriesAttribute& b) {
+                                                          return a.name == b.name && a.unit == b.unit;
+                                                        }),
+          "the attributes are not those of the series");
+  step.columns = read_columns(list(root, "columns"), step.attributes.size());
+  for (const Column& column : step.columns)
+    require(column.kind == ColumnKind::unknown || column.attribute >= 0, "a step has a column without an attribute");
+  step.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
+  require(member(root, "provenance").is_object(), "'provenance' is not an object");
+  step.provenance = root.at("provenance").dump();
+  return step;
+}
+
 json to_json(const VolumeInfo& info) {
   json root;
   root["cube"] = {{"origin", {info.cube.origin.x, info.cube.origin.y, info.cube.origin.z}}, {"edge", info.cube.edge}};
@@ -248,6 +301,10 @@ json to_json(const VolumeInfo& info) {
   root["provenance"] = parse_shallow(info.provenance);
   require(info.up >= -1 && info.up < 3, "'up' is no axis");
   if (info.up >= 0) root["up"] = std::string(1, "xyz"[info.up]);
+  if (!info.series) return root;
+  root["series"] = json::array();
+  for (const SeriesAttribute& attribute : *info.series)
+    root["series"].push_back({{"name", attribute.name}, {"unit", attribute.unit}});
   return root;
 }
 
@@ -299,6 +356,38 @@ Result<VolumeInfo> metadata_from_json(const std::string& text) {
     return bad_metadata(ErrorCode::invalid_data, error);
   }
 }
+
+Result<std::string> step_to_json(const StepInfo& step, const VolumeInfo& info) {
+  try {
+    std::string text = to_json(step).dump(-1, ' ', false, json::error_handler_t::replace);
+    read_step(parse_shallow(text), info);
+    return text;
+  } catch (const std::exception& error) {
+    return bad_metadata(ErrorCode::invalid_argument, error);
+  }
+}
+
+Result<StepInfo> step_from_json(const std::string& text, const VolumeInfo& info) {
+  try {
+    return read_step(parse_shallow(text), info);
+  } catch (const std::exception& error) {
+    return bad_metadata(ErrorCode::invalid_data, error);
+  }
+}
+
+VolumeInfo at_step(VolumeInfo info, const StepInfo& step) {
+  info.attributes = step.attributes;
+  info.columns.insert(info.columns.end(), step.columns.begin(), step.columns.end());
+  return info;
+}
+
+RowLayout::RowLayout(const VolumeInfo& info, const StepInfo& step)
+    : RowLayout([&] {
+        VolumeInfo of_step = info;
+        of_step.columns = step.columns;
+        of_step.rows_per_directory_page = step.rows_per_directory_page;
+        return of_step;
+      }()) {}
 
 RowLayout::RowLayout(const VolumeInfo& info)
     : counts_(info.resolution_counts),

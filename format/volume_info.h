@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,14 @@ struct Attribute {
   return {attribute.stored(attribute.min), attribute.stored(attribute.max)};
 }
 
+/// An attribute of a time series. Ranges and offsets are those of each step.
+struct SeriesAttribute {
+  std::string name;
+  std::string unit;
+
+  [[nodiscard]] bool operator==(const SeriesAttribute&) const = default;
+};
+
 enum class ColumnKind { position, value, octant, centroid, moments, value_moments, gradient, unknown };
 enum class ColumnScope { segment, resolution };
 
@@ -61,6 +70,10 @@ struct VolumeInfo {
   std::string provenance = "{}";  // a JSON object
   int up = -1;                    // axis that points upwards in pictures: 0 x, 1 y, 2 z; -1: not known
 
+  // Of a time series: the attributes that every step has. The file's own `attributes` are then empty, and its columns
+  // are those that all steps share.
+  std::optional<std::vector<SeriesAttribute>> series = std::nullopt;
+
   [[nodiscard]] std::size_t resolutions() const { return resolution_counts.size(); }
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts.back(); }
 
@@ -80,6 +93,23 @@ struct VolumeInfo {
 [[nodiscard]] Result<std::string> metadata_to_json(const VolumeInfo& info);
 [[nodiscard]] Result<VolumeInfo> metadata_from_json(const std::string& json);
 
+/// The metadata of a time step (spec section 11).
+struct StepInfo {
+  double time = 0;
+  std::vector<Attribute> attributes;
+  std::vector<Column> columns;  // each of one attribute
+  std::uint32_t rows_per_directory_page = 256;
+  std::string provenance = "{}";  // a JSON object
+};
+
+/// As metadata_to_json and metadata_from_json, for a step of the series that `info` describes.
+[[nodiscard]] Result<std::string> step_to_json(const StepInfo& step, const VolumeInfo& info);
+[[nodiscard]] Result<StepInfo> step_from_json(const std::string& json, const VolumeInfo& info);
+
+/// Returns the description of a series at a step: the columns of the step behind those of the series, and the step's
+/// attributes.
+[[nodiscard]] VolumeInfo at_step(VolumeInfo info, const StepInfo& step);
+
 /// Consecutive points of one segment, whose columns are chunks.
 struct Group {
   std::size_t segment;
@@ -92,6 +122,9 @@ class RowLayout {
  public:
   RowLayout() = default;
   explicit RowLayout(const VolumeInfo& info);
+
+  /// The layout of the rows of a step: its columns are numbered from 0.
+  RowLayout(const VolumeInfo& info, const StepInfo& step);
 
   [[nodiscard]] std::uint64_t group_count() const { return first_group_.back(); }
   [[nodiscard]] std::uint64_t row_count() const { return first_row_.back(); }

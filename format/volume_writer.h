@@ -10,8 +10,10 @@
 #include "base/file.h"
 #include "base/temp_file.h"
 #include "format/columns.h"
+#include "format/directory_writer.h"
 #include "format/layout.h"
 #include "format/octree.h"
+#include "format/step_writer.h"
 #include "format/volume_info.h"
 
 namespace splatvol::format {
@@ -50,7 +52,10 @@ class VolumeWriter {
   /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows.
   [[nodiscard]] Status finish(const Histograms& histograms);
 
-  [[nodiscard]] const RowLayout& rows() const { return rows_; }
+  /// The same for a time series, with all of its steps, in the order of their times.
+  [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps);
+
+  [[nodiscard]] const RowLayout& rows() const { return directory_.rows(); }
 
   /// Bytes of the finished file; 0 before.
   [[nodiscard]] std::uint64_t file_bytes() const { return file_bytes_; }
@@ -58,12 +63,10 @@ class VolumeWriter {
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
   [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
-  [[nodiscard]] std::uint64_t directory_refs_bytes() const;
-  [[nodiscard]] Status close_directory_page();
+  [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps);
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);
-  [[nodiscard]] std::uint64_t choose_preamble_bytes() const;
 
   // The sections behind the rows: histograms, index pages, directory pages.
   struct Tail {
@@ -74,28 +77,23 @@ class VolumeWriter {
     std::uint64_t end = 0;
   };
   [[nodiscard]] Result<Tail> append_tail(const Histograms& histograms);
-  [[nodiscard]] Bytes pack_directory_root(std::uint64_t tail_offset);
+  [[nodiscard]] Status append_steps(std::span<const std::unique_ptr<StepWriter>> steps);
   void add_sections(const Tail& tail, const Bytes& directory_root, const Bytes& padding);
   [[nodiscard]] Bytes pack_section_table() const;
-  [[nodiscard]] Status append_footer(std::uint64_t table_hash);
 
   AtomicFile file_;
   VolumeInfo info_;
-  RowLayout rows_;
+  DirectoryWriter directory_;
   std::uint64_t front_bytes_ = 0;  // superblock and section table
   std::uint64_t padding_offset_ = 0;
   std::uint64_t rows_offset_ = 0;
-  std::uint64_t rows_end_ = 0;  // of the rows so far
-  std::uint64_t next_row_ = 0;
+  std::uint64_t rows_end_ = 0;        // of the rows so far
+  std::uint64_t shared_bytes_ = 0;    // of the file without its steps
+  std::uint64_t step_directory_ = 0;  // its offset; 0: no series
   std::uint64_t file_bytes_ = 0;
   Bytes metadata_raw_;
   Bytes metadata_;
   PackedIndex index_;
-  Bytes directory_page_;                          // the page being filled
-  Bytes directory_head_;                          // page 0, kept for the preamble
-  TempFile directory_tail_;                       // the other pages
-  std::vector<DirectoryPageRef> directory_refs_;  // until `finish`, offsets count from the start of the tail
-  std::vector<std::uint64_t> resolution_ends_;    // [resolution]: where its rows end
   std::vector<SectionEntry> sections_;
 };
 

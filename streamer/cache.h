@@ -17,12 +17,13 @@
 namespace splatvol {
 
 /// Names a part of the file. `number` is the offset of an index page, the number of a directory page, or the row of a
-/// chunk.
+/// chunk. `step` is 0 for what all steps of a series share, and for files without steps; else the step's number + 1.
 struct CacheKey {
   enum class Kind { index_root, index_page, directory_page, chunk };
   Kind kind;
   std::uint64_t number;
   int column = -1;  // of a chunk
+  std::uint64_t step = 0;
 
   [[nodiscard]] auto operator<=>(const CacheKey&) const = default;
 };

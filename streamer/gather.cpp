@@ -138,7 +138,7 @@ CacheKey Gatherer::chunk_key(std::size_t resolution, std::uint64_t group, int co
   const format::RowLayout& rows = volume_->volume().rows();
   const bool by_resolution = column(column_index).scope == format::ColumnScope::resolution;
   const std::uint64_t row = rows.row(by_resolution ? resolution : rows.group(group).segment, group);
-  return {CacheKey::Kind::chunk, row, column_index};
+  return volume_->chunk_key(row, column_index);
 }
 
 Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibility) {
@@ -204,7 +204,7 @@ std::uint64_t Gatherer::resident_bytes(const Cut& cut) const {
     const bool by_resolution = column(index).scope == format::ColumnScope::resolution;
     for (const std::uint64_t number : by_resolution ? rows : groups) {
       const std::uint64_t group = number & ~(std::uint64_t{255} << 56);
-      pages.insert(volume.directory_page_of_row(chunk_key(number >> 56, group, index).number));
+      pages.insert(volume.directory_page_of_row(chunk_key(number >> 56, group, index).number, index));
       bytes += decoded_bytes(column(index).kind, volume.rows().group(group).count);
     }
   }

@@ -31,7 +31,8 @@ std::optional<std::size_t> find_finest_held(const format::Volume& volume, const 
   for (std::size_t r = 0; r < volume.info().resolutions(); ++r) {
     const std::uint64_t last = rows.first_row(r + 1) - 1;
     if (volume.directory_page_of_row(last) > 0) break;
-    const format::ChunkLocation& location = volume.find_chunk(directory, last, rows.columns_of_row(last).back());
+    const format::ChunkLocation& location =
+        volume.find_chunk(directory, last, volume.columns_of_row(directory, last).back());
     if (location.offset + location.entry.packed_bytes > volume.preamble_bytes()) break;
     finest = r;
   }

@@ -13,7 +13,7 @@ Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_
   };
   if (const Cache::Pointer held = cache_.find(key)) return typed(held);
   const auto too_large = [&](std::uint64_t bytes) {
-    return fail(ErrorCode::out_of_budget, "{}: no memory for a page of {} bytes", volume_.name(), bytes);
+    return fail(ErrorCode::out_of_budget, "{}: no memory for a page of {} bytes", volume_->name(), bytes);
   };
   auto reservation = cache_.reserve(packed_bytes);
   if (!reservation) return too_large(packed_bytes);
@@ -26,29 +26,28 @@ Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_
 }
 
 Result<std::shared_ptr<const IndexPage>> PagedVolume::root() {
-  return page<IndexPage>({CacheKey::Kind::index_root, 0}, 0, [&] { return volume_.read_index_root(attribute_); });
+  return page<IndexPage>(root_key(), 0, [&] { return volume_->read_index_root(attribute_); });
 }
 
 Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& parent, std::uint32_t node) {
   const format::IndexPageRef& ref = parent.pages[parent.links[node]];
-  return page<IndexPage>({CacheKey::Kind::index_page, ref.offset}, ref.page_bytes, [&] {
-    return volume_.read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
+  return page<IndexPage>(index_key(ref.offset), ref.page_bytes, [&] {
+    return volume_->read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
   });
 }
 
 Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::uint64_t number) {
   const std::uint64_t bytes = directory_page_chunks(number) * sizeof(format::ChunkEntry) + directory_page_bytes(number);
-  return page<DirectoryPage>({CacheKey::Kind::directory_page, number}, bytes,
-                             [&] { return volume_.read_directory_page(number); });
+  return page<DirectoryPage>(directory_key(number), bytes, [&] { return volume_->read_directory_page(number); });
 }
 
 std::uint64_t PagedVolume::directory_page_chunks(std::uint64_t number) const {
-  return volume_.rows().chunks_of_directory_page(number);
+  return volume_->chunks_of_directory_page(number);
 }
 
 Result<format::ChunkLocation> PagedVolume::find_chunk(std::uint64_t row, int column) {
-  SPLATVOL_TRY_ASSIGN(page, directory_page(volume_.directory_page_of_row(row)));
-  return volume_.find_chunk(*page, row, column);
+  SPLATVOL_TRY_ASSIGN(page, directory_page(volume_->directory_page_of_row(row, column)));
+  return volume_->find_chunk(*page, row, column);
 }
 
 }  // namespace splatvol

@@ -82,10 +82,10 @@ Status Pager::pin_directory_pages(std::uint64_t groups) {
   for (std::uint64_t group = 0; group < groups; ++group)
     for (const int column : gatherer_.columns()) {
       const std::uint64_t row = gatherer_.chunk_key(0, group, column).number;
-      const std::uint64_t page = paged_.volume().directory_page_of_row(row);
+      const std::uint64_t page = paged_.volume().directory_page_of_row(row, column);
       if (!pages.insert(page).second) continue;
       SPLATVOL_TRY(paged_.find_chunk(row, column));
-      pinned_.push_back(cache_.find({CacheKey::Kind::directory_page, page}));
+      pinned_.push_back(cache_.find(paged_.directory_key(page)));
       pinned_bytes_ += paged_.directory_page_bytes(page);
     }
   return {};
@@ -94,7 +94,7 @@ Status Pager::pin_directory_pages(std::uint64_t groups) {
 Status Pager::pin_root() {
   SPLATVOL_TRY_ASSIGN(root, paged_.root());
   largest_index_page_ = 4 * root->memory_bytes();
-  pinned_.push_back(cache_.find({CacheKey::Kind::index_root, 0}));
+  pinned_.push_back(cache_.find(paged_.root_key()));
   pinned_bytes_ += root->memory_bytes();
   return {};
 }
@@ -121,13 +121,11 @@ Cache::Pointer Pager::find_page(const CacheKey& key) {
   return page;
 }
 
-Result<std::shared_ptr<const IndexPage>> Pager::root() {
-  return typed<IndexPage>(find_page({CacheKey::Kind::index_root, 0}));
-}
+Result<std::shared_ptr<const IndexPage>> Pager::root() { return typed<IndexPage>(find_page(paged_.root_key())); }
 
 Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, std::uint32_t node) {
   const format::IndexPageRef& ref = page.pages[page.links[node]];
-  const CacheKey key{CacheKey::Kind::index_page, ref.offset};
+  const CacheKey key = paged_.index_key(ref.offset);
   if (!pages_.held.contains(key) && !pages_.missing.contains(key)) pages_.packed_bytes += ref.front_bytes;
   const Cache::Pointer found = find_page(key);
   if (found) return typed<IndexPage>(found);
@@ -136,8 +134,9 @@ Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, st
   return nullptr;
 }
 
-const DirectoryPage* Pager::find_directory_page(std::uint64_t row) {
-  const Cache::Pointer page = find_page({CacheKey::Kind::directory_page, paged_.volume().directory_page_of_row(row)});
+const DirectoryPage* Pager::find_directory_page(const CacheKey& chunk) {
+  const std::uint64_t number = paged_.volume().directory_page_of_row(chunk.number, chunk.column);
+  const Cache::Pointer page = find_page(paged_.directory_key(number));
   return page ? &std::get<DirectoryPage>(*page) : nullptr;
 }
 
@@ -157,7 +156,7 @@ Pager::State Pager::state_of(std::uint32_t resolution, std::uint64_t group) {
 
 void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
   const CacheKey value = gatherer_.chunk_key(resolution, group, gatherer_.value_column());
-  const DirectoryPage* page = find_directory_page(value.number);
+  const DirectoryPage* page = find_directory_page(value);
   if (!page) return;
   const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.number, value.column).entry;
   row.state = State::hidden;
@@ -170,7 +169,7 @@ void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
       row.chunks.push_back(std::move(chunk));
     else
       row.state = State::missing;
-    if (!find_directory_page(key.number)) row.state = State::missing;
+    if (!find_directory_page(key)) row.state = State::missing;
   }
 }
 
@@ -245,7 +244,7 @@ void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vecto
     miss(key, missing_.pages, what.ref.page_bytes);
     add(key, what);
   }
-  for (const std::uint64_t number : directory_pages) add({CacheKey::Kind::directory_page, number}, DirectoryPageLoad());
+  for (const std::uint64_t number : directory_pages) add(paged_.directory_key(number), DirectoryPageLoad());
 }
 
 // Adds the chunks of a row that are not there, or the directory pages that name their locations if these are missing.
@@ -256,11 +255,11 @@ void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std:
   if (state == State::hidden) return;
   for (const int column : gatherer_.columns()) {
     const CacheKey key = gatherer_.chunk_key(want.resolution, want.group, column);
-    const DirectoryPage* page = find_directory_page(key.number);
+    const DirectoryPage* page = find_directory_page(key);
     if (!page) {
-      const std::uint64_t number = volume.directory_page_of_row(key.number);
+      const std::uint64_t number = volume.directory_page_of_row(key.number, column);
       if (directory_pages.insert(number).second && want.needed)
-        miss({CacheKey::Kind::directory_page, number}, missing_.pages,
+        miss(paged_.directory_key(number), missing_.pages,
              paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry));
       continue;
     }

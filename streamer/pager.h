@@ -133,7 +133,7 @@ class Pager final : public IndexPages, public Residency {
   [[nodiscard]] Status pin_directory_pages(std::uint64_t groups);
   [[nodiscard]] Status pin_root();
   [[nodiscard]] Cache::Pointer find_page(const CacheKey& key);
-  [[nodiscard]] const format::DirectoryPage* find_directory_page(std::uint64_t row);
+  [[nodiscard]] const format::DirectoryPage* find_directory_page(const CacheKey& chunk);
   [[nodiscard]] State state_of(std::uint32_t resolution, std::uint64_t group);
   void look_up(std::uint32_t resolution, std::uint64_t group, Row& row);
   [[nodiscard]] std::vector<Request> requests();

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <utility>
 
 #include "streamer/clip.h"
@@ -57,8 +58,7 @@ void clip_items(const Cut& cut, const GatherPlan& plan, const Box& clip_box, dou
 }
 
 std::uint64_t directory_page_bytes(const format::Volume& volume) {
-  const std::uint64_t rows = std::min<std::uint64_t>(volume.rows().row_count(), volume.info().rows_per_directory_page);
-  return rows * volume.info().columns.size() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkLocation));
+  return volume.most_chunks_of_directory_pages() * (sizeof(format::ChunkEntry) + sizeof(format::ChunkLocation));
 }
 
 // The coarseness is the number that is raised for less detail: the tolerance, or the inverse of a goal's splats.
@@ -124,6 +124,11 @@ Streamer::~Streamer() = default;
 
 Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> source, const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+  return open(std::move(volume), options);
+}
+
+Result<std::unique_ptr<Streamer>> Streamer::open(std::shared_ptr<const format::Volume> volume,
+                                                 const StreamerOptions& options) {
   SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(volume->info(), options.attribute, volume->name()));
   std::unique_ptr<Streamer> streamer(new Streamer(std::move(volume), attribute, options));
   SPLATVOL_TRY_ASSIGN(gatherer,
@@ -133,13 +138,100 @@ Result<std::unique_ptr<Streamer>> Streamer::open(std::unique_ptr<ByteSource> sou
   return streamer;
 }
 
+Status Streamer::set_step(std::size_t step) {
+  if (prefetch_ && prefetch_->step() == step) {
+    StepPrefetch::Result read = prefetch_->extract();
+    prefetch_.reset();
+    if (read.volume) {
+      std::shared_ptr<const format::Volume> volume = read.volume;
+      take_prefetched(std::move(read));
+      return set_step(std::move(volume));
+    }
+  }
+  SPLATVOL_TRY_ASSIGN(volume, volume_->at_step(step));
+  return set_step(std::move(volume));
+}
+
+void Streamer::take_prefetched(StepPrefetch::Result result) {
+  for (PartLoad& part : result.parts) cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
+}
+
+// The chunks of the step that the frame consists of, coarse before fine.
+std::vector<CacheKey> Streamer::step_chunks_of_frame() {
+  std::vector<CacheKey> keys;
+  const auto plan = gatherer_->plan(frame_->fading.cut, frame_->visibility);
+  if (!plan) return keys;
+  for (const CopyJob& job : plan->jobs)
+    for (const int column : gatherer_->columns())
+      if (volume_->is_of_step(column)) keys.push_back(gatherer_->chunk_key(job.resolution, job.group, column));
+  std::ranges::sort(keys);
+  keys.erase(std::ranges::unique(keys).begin(), keys.end());
+  return keys;
+}
+
+void Streamer::prefetch_step(std::size_t step) {
+  if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
+  if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
+  prefetch_.reset();
+  const std::uint64_t points = std::min<std::uint64_t>(info().points_per_chunk, info().point_count());
+  const std::uint64_t payload = largest_payload(format::ColumnKind::value_moments, points);
+  auto working = cache_.reserve_spare(format::max_preamble_bytes + StepPrefetch::run_bytes + payload +
+                                      decoding_bytes(format::ColumnKind::value_moments, points, payload));
+  if (!working) return;
+
+  std::vector<PartLoad> pages, chunks;
+  std::set<std::uint64_t> numbers;
+  for (CacheKey key : step_chunks_of_frame()) {
+    const std::uint64_t number = volume_->directory_page_of_row(key.number, key.column);
+    key.step = step + 1;
+    if (cache_.find(key)) continue;
+    if (!numbers.contains(number)) {
+      auto room = cache_.reserve_spare(paged_.directory_page_bytes(number));
+      if (!room) break;
+      numbers.insert(number);
+      const CacheKey page{CacheKey::Kind::directory_page, number, -1, step + 1};
+      pages.push_back({page, DirectoryPageLoad(), std::move(*room), {}, CacheData()});
+    }
+    const format::ColumnKind kind = gatherer_->column(key.column).kind;
+    const std::uint32_t count = volume_->rows().group(volume_->rows().group_of_row(key.number)).count;
+    auto room = cache_.reserve_spare(decoded_bytes(kind, count));
+    if (!room) break;
+    chunks.push_back(chunk_load(key, {kind, count, {}}));
+    chunks.back().decoded = std::move(*room);
+  }
+  prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attribute(), std::move(pages), std::move(chunks),
+                                             std::move(*working));
+}
+
+// The pager, the frame and what hides others belong to the step before.
+Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
+  const std::string& name = info().attributes[static_cast<std::size_t>(paged_.attribute())].name;
+  SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(volume->info(), name, volume->name()));
+  const bool gradients = gatherer_->columns().size() > 3;
+  prefetch_.reset();
+  pager_.reset();
+  aim_.reset();
+  frame_.reset();
+  coarsest_frame_.reset();
+  occlusion_.reset();
+  filled_ = {};
+  view_before_.reset();
+  if (!volume->is_same_file(*volume_)) cache_.clear();
+  volume_ = std::move(volume);
+  paged_.set_step(*volume_, attribute);
+  SPLATVOL_TRY_ASSIGN(gatherer, Gatherer::create(paged_, cache_, kernel_, gradients));
+  gatherer_ = std::move(gatherer);
+  fixed_ = Reservation();
+  return set_memory_aside();
+}
+
 // Reserves the fixed parts of the budget, such as the preamble. Leaves room to work in: for the pages on the path to a
 // node, and for the chunks of a row.
 Status Streamer::set_memory_aside() {
   SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attribute());
-  auto fixed = budget_.reserve(fixed_bytes());
+  auto fixed = cache_.reserve(fixed_bytes());
   if (!fixed || frame_limit() == 0)
     return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even opening it needs {}",
                 volume_->name(), budget_.capacity(), budget_for(1));

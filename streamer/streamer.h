@@ -22,6 +22,7 @@
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
 #include "streamer/splat.h"
+#include "streamer/step_prefetch.h"
 
 namespace splatvol {
 
@@ -98,6 +99,10 @@ class Streamer {
   /// has), or lacks columns for the kernel, and if the preamble alone passes the budget.
   [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::unique_ptr<ByteSource> source,
                                                               const StreamerOptions& options);
+
+  /// The same for a file that is open, at its step.
+  [[nodiscard]] static Result<std::unique_ptr<Streamer>> open(std::shared_ptr<const format::Volume> volume,
+                                                              const StreamerOptions& options);
   Streamer(const Streamer&) = delete;
   Streamer& operator=(const Streamer&) = delete;
   ~Streamer();
@@ -131,6 +136,19 @@ class Streamer {
   [[nodiscard]] Result<const FrameSplats*> advance(const View& view, const TransferFunction& function,
                                                    const DetailOptions& detail, double wait_seconds = 0,
                                                    double change = 1);
+
+  /// Changes to another step of a time series. What all steps share stays in memory, and so do parts of other steps
+  /// while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged, or if
+  /// it does not fit the budget; then only destruction is allowed.
+  [[nodiscard]] Status set_step(std::size_t step);
+
+  /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.
+  [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume);
+
+  /// Begins to read what the last frame shows of another step of the same series, on a thread of its own, while memory
+  /// is free: nothing gives way to it. `set_step` then finds it in memory. Does nothing without a frame, for a file
+  /// that is no series, and if there is no such step.
+  void prefetch_step(std::size_t step);
 
   /// Returns the nodes of the last frame, in the order of its batches; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
@@ -171,6 +189,8 @@ class Streamer {
   [[nodiscard]] bool shows(const ValueVisibility& visibility) const;
   [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
 
+  [[nodiscard]] std::vector<CacheKey> step_chunks_of_frame();
+  void take_prefetched(StepPrefetch::Result result);
   [[nodiscard]] Status start_paging();
   [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   void want_stages(const View& view, const ValueVisibility& visibility);
@@ -202,6 +222,7 @@ class Streamer {
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when memory is spent
   std::unique_ptr<Frame> frame_;
   std::optional<Box> clip_box_;  // of the view that is asked for
+  std::unique_ptr<StepPrefetch> prefetch_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;
   double fetch_seconds_ = 0;

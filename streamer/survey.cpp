@@ -15,7 +15,7 @@ class RowReader {
   // Appends a column of a row to `all`. `unpack` is one of format's functions for it.
   template <class Element, class Unpack>
   Status append(std::uint64_t row, std::uint32_t count, int column, const Unpack& unpack, std::vector<Element>& all) {
-    const std::uint64_t number = volume_.directory_page_of_row(row);
+    const std::uint64_t number = volume_.directory_page_of_row(row, column);
     if (page_.chunks.empty() || number != page_number_) {
       SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
       page_ = std::move(page);

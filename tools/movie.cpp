@@ -77,15 +77,15 @@ Result<Movie> Movie::create(const std::string& movie, const std::string& folder,
 
 std::string Movie::frame_path(int number) const { return fmt::format("{}/frame-{:04}.png", folder_, number); }
 
-Status Movie::finish(int count) const {
+Status Movie::finish(int first, int count) const {
   if (movie_.empty()) return {};
   const std::string part = movie_ + ".part", log = folder_ + "/ffmpeg.log", frames = folder_ + "/frame-%04d.png";
   const std::string rate = fmt::format("{}", frames_per_second_);
   // Players want sides of even length and colours that are halved; the last row or column is repeated if need be.
   const int code =
-      run_program({"ffmpeg", "-y", "-loglevel", "error", "-framerate", rate, "-start_number", "0", "-i", frames,
-                   "-frames:v", fmt::format("{}", count), "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2,format=yuv420p",
-                   "-movflags", "+faststart", "-f", "mp4", part},
+      run_program({"ffmpeg", "-y", "-loglevel", "error", "-framerate", rate, "-start_number", fmt::format("{}", first),
+                   "-i", frames, "-frames:v", fmt::format("{}", count), "-vf",
+                   "pad=ceil(iw/2)*2:ceil(ih/2)*2,format=yuv420p", "-movflags", "+faststart", "-f", "mp4", part},
                   log);
   std::error_code error;
   if (code != 0) {
@@ -95,14 +95,14 @@ Status Movie::finish(int count) const {
     if (code == 127)
       return fail(ErrorCode::io,
                   "{}: no ffmpeg in PATH: the {} frames are in {}; install it, then: ffmpeg -framerate {} "
-                  "-i {} {}",
-                  movie_, count, folder_, rate, frames, movie_);
+                  "-start_number {} -i {} {}",
+                  movie_, count, folder_, rate, first, frames, movie_);
     return fail(ErrorCode::io, "{}: ffmpeg failed ({}); the {} frames are in {}", movie_, words, count, folder_);
   }
   fs::rename(part, movie_, error);
   if (error) return fail(ErrorCode::io, "{}: {}", movie_, error.message());
   fs::remove(log, error);
-  for (int i = 0; own_folder_ && i < count; ++i) fs::remove(frame_path(i), error);
+  for (int i = 0; own_folder_ && i < count; ++i) fs::remove(frame_path(first + i), error);
   if (own_folder_) fs::remove(folder_, error);
   return {};
 }

@@ -18,12 +18,12 @@ class Movie {
   [[nodiscard]] static Result<Movie> create(const std::string& movie, const std::string& folder,
                                             double frames_per_second);
 
-  /// Returns the path of a frame, counted from 0.
+  /// Returns the path of a frame, with its number.
   [[nodiscard]] std::string frame_path(int number) const;
 
-  /// Joins the frames 0 to `count` - 1 with the ffmpeg that PATH finds. The movie appears whole or not at all. Fails if
+  /// Joins `count` frames, beginning with the frame `first`, with the ffmpeg that PATH finds. The movie appears whole or not at all. Fails if
   /// there is no ffmpeg or it fails: the message tells where the frames are, which stay. Does nothing without a movie.
-  [[nodiscard]] Status finish(int count) const;
+  [[nodiscard]] Status finish(int first, int count) const;
 
  private:
   Movie(std::string movie, std::string folder, double frames_per_second, bool own_folder);

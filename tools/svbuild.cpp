@@ -9,9 +9,14 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/file.h"
 #include "base/memory_limit.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
+#include "builder/series_build.h"
+#include "builder/series_files.h"
+#include "builder/series_inputs.h"
+#include "format/volume.h"
 #include "tools/cells_option.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -34,6 +39,10 @@ struct Options {
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
   std::vector<double> missing;
+  std::string times;  // empty: one step
+  bool series = false;
+  bool series_of_files = false;
+  bool append = false;
   unsigned threads = 0;
   bool json = false;
 };
@@ -94,7 +103,14 @@ Counts census_lines(const BuildReport& report) {
   return lines;
 }
 
-void print_json(const Options& options, const Source& source, const BuildReport& report, double seconds) {
+// What was read of the input.
+struct InputNotes {
+  std::optional<TimeStep> step;          // that was taken of several
+  std::vector<double> times;             // of a series
+  std::vector<std::string> conversions;  // Source::conversions()
+};
+
+void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
   nlohmann::ordered_json census = nlohmann::ordered_json::object();
   for (const auto& [name, count] : census_lines(report)) census[name] = count;
   nlohmann::ordered_json document = {{"output", options.output},
@@ -104,21 +120,25 @@ void print_json(const Options& options, const Source& source, const BuildReport&
                                      {"file_bytes", report.file_bytes},
                                      {"seconds", seconds},
                                      {"census", census}};
-  if (const auto conversions = source.conversions(); !conversions.empty()) document["conversions"] = conversions;
-  if (const auto step = source.time_step())
-    document["time_step"] = {{"time", step->time}, {"number", step->index + 1}, {"of", step->count}};
+  if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
+  if (notes.step)
+    document["time_step"] = {{"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->count}};
+  if (!notes.times.empty()) document["times"] = notes.times;
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
-void print_text(const Options& options, const Source& source, const BuildReport& report, double seconds) {
+void print_text(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
   fmt::print("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
              options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
              connectivity_name(report.connectivity), report.file_bytes,
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
-  if (const auto step = source.time_step())
-    fmt::print("  {:>12} time (step {} of {})\n", step->time, step->index + 1, step->count);
-  for (const std::string& conversion : source.conversions()) fmt::print("  {}\n", conversion);
+  if (notes.step)
+    fmt::print("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->count);
+  if (!notes.times.empty())
+    fmt::print("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
+               notes.times.front(), notes.times.back());
+  for (const std::string& conversion : notes.conversions) fmt::print("  {}\n", conversion);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
 }
 
@@ -147,6 +167,58 @@ void limit_allocator(std::uint64_t memory) {
   scalable_allocation_mode(TBBMALLOC_USE_HUGE_PAGES, 1);  // where the system has them: a twentieth faster
 }
 
+bool is_series(const Options& options) {
+  return options.series || options.series_of_files || options.append || !options.times.empty();
+}
+
+// The attributes to read: when steps are appended, those of the file.
+Result<std::vector<std::string>> selection_of(const Options& options) {
+  if (!options.append || options.series_of_files || !options.attributes.empty()) return options.attributes;
+  SPLATVOL_TRY_ASSIGN(file, open_file(options.output));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(file)));
+  std::vector<std::string> names;
+  if (volume->series())
+    for (const format::Attribute& attribute : volume->info().attributes) names.push_back(attribute.name);
+  return names;
+}
+
+SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {
+  return {selection, options.columns, options.time, cell_values_of(options.cells), options.missing};
+}
+
+Result<std::vector<SeriesStep>> steps_of(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
+  const SourceOptions source_options = source_options_of(options, selection);
+  if (options.times.empty()) return steps_of_files(options.inputs, source_options);
+  SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
+  return steps_of_input(options.inputs, source_options, range);
+}
+
+Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, InputNotes& notes) {
+  SPLATVOL_TRY_ASSIGN(steps, steps_of(options));
+  StageBar bar(0);
+  const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
+  const auto report = options.series_of_files
+                          ? build_series_of_files(steps, options.output, options.append, build_options, progress)
+                      : options.append ? append_to_series(std::move(steps), options.output, build_options, progress)
+                                       : build_series(std::move(steps), options.output, build_options, progress);
+  bar.clear();
+  if (!report) return tl::unexpected(report.error());
+  notes.times = report->times;
+  notes.conversions = report->conversions;
+  return report->build;
+}
+
+Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, InputNotes& notes) {
+  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, source_options_of(options, options.attributes)));
+  StageBar bar(source->point_count().value_or(0));
+  auto report = build_volume(*source, options.output, build_options,
+                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  notes.step = source->time_step();
+  notes.conversions = source->conversions();
+  return report;
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
@@ -154,22 +226,20 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, {options.attributes, options.columns, options.time,
-                                                           cell_values_of(options.cells), options.missing}));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
-  StageBar bar(source->point_count().value_or(0));
-  auto report = build_volume(*source, options.output, build_options,
-                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
-  bar.clear();
+  InputNotes notes;
+  const auto report =
+      is_series(options) ? build_steps(options, build_options, notes) : build_one(options, build_options, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(options.output) ||
                        report.error().message.find(options.inputs[0]) != std::string::npos;
-    return named ? Status(tl::unexpected(report.error())) : Status(fail_in(options.inputs[0], report.error()));
+    return named || is_series(options) ? Status(tl::unexpected(report.error()))
+                                       : Status(fail_in(options.inputs[0], report.error()));
   }
   const double seconds = seconds_now() - start;
-  options.json ? print_json(options, *source, *report, seconds) : print_text(options, *source, *report, seconds);
+  options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};
 }
 
@@ -237,6 +307,28 @@ void add_format_options(CLI::App& app, Options& options) {
       ->allow_extra_args(false);
 }
 
+void add_series_options(CLI::App& app, Options& options) {
+  auto* times = app.add_option("--times", options.times,
+                               "Build a time series: the steps of an input from time A to B, or all of them; mesh and "
+                               "order are written once")
+                    ->type_name("all|A:B")
+                    ->excludes(app.get_option("--time"))
+                    ->check([](const std::string& text) {
+                      const auto range = parse_times(text);
+                      return range ? "" : range.error().message;
+                    });
+  app.add_flag("--series", options.series,
+               "Build a time series: each input is a step, with the time that it states, or 0, 1, 2, ...")
+      ->excludes(app.get_option("--time"))
+      ->excludes(times);
+  app.add_flag("--series-of-files", options.series_of_files,
+               "Build a file for each step and an index of them, OUT.svols: for meshes that change from step to step")
+      ->excludes(app.get_option("--time"));
+  app.add_flag("--append", options.append,
+               "Append steps to the time series OUT.svol, which stays as it was if this fails or is interrupted")
+      ->excludes(app.get_option("--time"));
+}
+
 void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
                  "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
@@ -260,6 +352,7 @@ int main(int argc, char** argv) {
   add_input_options(app, options);
   add_reduction_options(app, options);
   add_format_options(app, options);
+  add_series_options(app, options);
   add_machine_options(app, options);
   return run_tool(app, argc, argv, [&] { return build(options); });
 }

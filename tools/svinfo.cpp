@@ -2,9 +2,9 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "base/http_source.h"
 #include "format/volume.h"
 #include "streamer/default_scene.h"
+#include "tools/steps.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -17,6 +17,7 @@ struct Options {
   std::string file;
   std::string scene;
   std::string attribute;
+  StepChoice step;
   bool json = false;
   bool verify = false;
 };
@@ -59,22 +60,31 @@ const char* name_of(format::SectionKind kind) {
       return "histograms";
     case format::SectionKind::padding:
       return "padding";
+    case format::SectionKind::summary_table:
+      return "summary_table";
   }
   return "unknown";
 }
 
+// Bytes of the file's section of a kind; of a series, without its steps.
 std::uint64_t section_bytes(const Volume& volume, format::SectionKind kind) {
   return std::ranges::find(volume.sections(), kind, &format::SectionEntry::kind)->packed_bytes;
 }
 
+// Bytes of the step's section of a kind; 0 if the file is no series.
+std::uint64_t step_section_bytes(const Volume& volume, format::SectionKind kind) {
+  const std::vector<format::SectionEntry> sections = volume.step_sections();
+  const auto found = std::ranges::find(sections, kind, &format::SectionEntry::kind);
+  return found == sections.end() ? 0 : found->packed_bytes;
+}
+
 Result<std::vector<ColumnBytes>> survey_columns(const Volume& volume) {
-  const format::RowLayout& rows = volume.rows();
   std::vector<ColumnBytes> columns(volume.info().columns.size());
-  for (std::uint64_t row = 0; row < rows.row_count();) {
-    SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(volume.directory_page_of_row(row)));
-    const std::uint64_t end = std::min(rows.row_count(), page.first_row + volume.info().rows_per_directory_page);
-    for (auto chunk = page.chunks.begin(); row < end; ++row)
-      for (const int column : rows.columns_of_row(row)) {
+  for (std::uint64_t number = 0; number < volume.directory_page_count(); ++number) {
+    SPLATVOL_TRY_ASSIGN(page, volume.read_directory_page(number));
+    auto chunk = page.chunks.begin();
+    for (std::uint64_t row = page.first_row; row < volume.end_row(page); ++row)
+      for (const int column : volume.columns_of_row(page, row)) {
         ColumnBytes& bytes = columns[static_cast<std::size_t>(column)];
         ++bytes.chunks;
         bytes.packed += chunk->entry.packed_bytes;
@@ -153,7 +163,19 @@ json columns_json(const format::VolumeInfo& info, const Survey& survey) {
   return list;
 }
 
-json to_json(const Volume& volume, const Survey& survey) {
+// The steps of a series, and the number of the one that is shown.
+json series_json(const Volume& volume) {
+  const format::Series& series = *volume.series();
+  json steps = json::array(), ranges = json::array();
+  for (const format::StepEntry& step : series.steps)
+    steps.push_back({{"time", step.time}, {"offset", step.offset}, {"bytes", step.bytes}});
+  for (std::size_t a = 0; a < series.ranges.size(); ++a)
+    ranges.push_back(
+        {{"name", volume.info().attributes[a].name}, {"min", series.ranges[a].min}, {"max", series.ranges[a].max}});
+  return {{"step", volume.step()}, {"time", volume.time()}, {"steps", steps}, {"attributes", ranges}};
+}
+
+json to_json(const Volume& volume, const Steps& steps, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   json document;
   document["file"] = volume.name();
@@ -176,6 +198,10 @@ json to_json(const Volume& volume, const Survey& survey) {
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = json::parse(info.provenance);
+  if (volume.series())
+    document["series"] = series_json(volume);
+  else if (!steps.times().empty())
+    document["times"] = steps.times();
   if (survey.verified) document["verified"] = true;
   return document;
 }
@@ -207,6 +233,13 @@ void print_bytes(const Volume& volume, const Survey& survey) {
                                   section_bytes(volume, format::SectionKind::directory_pages);
   kinds.emplace_back("index", survey.index.bytes);
   kinds.emplace_back("directory", directory);
+  if (volume.series()) {
+    kinds.emplace_back("summaries", step_section_bytes(volume, format::SectionKind::index_root) +
+                                        step_section_bytes(volume, format::SectionKind::index_pages) +
+                                        step_section_bytes(volume, format::SectionKind::summary_table));
+    kinds.emplace_back("directory (step)", step_section_bytes(volume, format::SectionKind::directory_root) +
+                                               step_section_bytes(volume, format::SectionKind::directory_pages));
+  }
   fmt::print("\n{:<24} {:>13} {:>13}\n", "part", "bytes", "bytes/point");
   for (const auto& [name, bytes] : kinds)
     fmt::print("{:<24} {:>13} {:>13.2f}\n", name, bytes, per(bytes, info.point_count()));
@@ -225,7 +258,17 @@ void print_provenance(const json& value, const std::string& path) {
   fmt::print("{:<24} {}\n", path, value.is_string() ? value.get<std::string>() : value.dump());
 }
 
-void print_text(const Volume& volume, const Survey& survey) {
+// Prints a line for each step of a series, and marks the one whose values are shown.
+void print_steps(const Volume& volume, const Steps& steps, std::size_t shown) {
+  if (steps.times().empty()) return;
+  fmt::print("\n{:<24} {:>13} {:>13}\n", "step", "time", volume.series() ? "bytes" : "");
+  for (std::size_t step = 0; step < steps.times().size(); ++step) {
+    const std::string bytes = volume.series() ? fmt::format("{}", volume.series()->steps[step].bytes) : "";
+    fmt::print("{:<24} {:>13.6g} {:>13}{}\n", step, steps.times()[step], bytes, step == shown ? "  shown here" : "");
+  }
+}
+
+void print_text(const Volume& volume, const Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   const dvec3& origin = info.cube.origin;
   fmt::print("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
@@ -240,6 +283,7 @@ void print_text(const Volume& volume, const Survey& survey) {
   fmt::print("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
   print_attributes(volume, survey);
   print_bytes(volume, survey);
+  print_steps(volume, steps, step);
   fmt::print("\n");
   print_provenance(json::parse(info.provenance), "");
   if (survey.verified) fmt::print("\nevery byte checked\n");
@@ -251,13 +295,28 @@ Status write_scene(const Volume& volume, const Options& options) {
   return write_text_file(options.scene, scene_to_json(scene));
 }
 
+// Checks the file; of an index, the files of all steps.
+Status verify(const Steps& steps, const Volume& shown) {
+  ProgressBar bar("verifying");
+  const std::size_t files = shown.series() ? 1 : std::max<std::size_t>(1, steps.times().size());
+  for (std::size_t file = 0; file < files; ++file) {
+    const auto update = [&](double fraction) {
+      bar.update((static_cast<double>(file) + fraction) / static_cast<double>(files));
+    };
+    if (files == 1) return shown.verify(update);
+    SPLATVOL_TRY_ASSIGN(volume, steps.volume(file));
+    SPLATVOL_TRY(volume->verify(update));
+  }
+  return {};
+}
+
 Status show(const Options& options) {
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.file));
-  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+  SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.file));
+  SPLATVOL_TRY_ASSIGN(step, steps.find(options.step));
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {
-    ProgressBar bar("verifying");
-    SPLATVOL_TRY(volume->verify([&](double fraction) { bar.update(fraction); }));
+    SPLATVOL_TRY(verify(steps, *volume));
     survey.verified = true;
   }
   if (!options.scene.empty()) return write_scene(*volume, options);
@@ -269,9 +328,9 @@ Status show(const Options& options) {
   survey.index = index;
   survey.histograms = std::move(histograms);
   if (options.json)
-    fmt::print("{}\n", to_json(*volume, survey).dump(1, ' ', false, json::error_handler_t::replace));
+    fmt::print("{}\n", to_json(*volume, steps, survey).dump(1, ' ', false, json::error_handler_t::replace));
   else
-    print_text(*volume, survey);
+    print_text(*volume, steps, step, survey);
   return {};
 }
 
@@ -281,9 +340,11 @@ Status show(const Options& options) {
 int main(int argc, char** argv) {
   splatvol::Options options;
   CLI::App app("Shows the contents of a .svol file", "svinfo");
-  app.add_option("file", options.file, "The file, or its address (http:// or https://)")
+  app.add_option("file", options.file,
+                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
+  splatvol::add_step_options(app, options.step);
   app.add_flag("--json", options.json, "Print JSON, with histograms");
   app.add_flag("--verify", options.verify, "Read and check every byte first");
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")

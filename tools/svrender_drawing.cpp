@@ -5,7 +5,6 @@
 #include <glm/gtc/quaternion.hpp>
 #include <limits>
 
-#include "base/http_source.h"
 #include "renderer/sampling.h"
 #include "streamer/frame_pacer.h"
 #include "tools/movie.h"
@@ -32,7 +31,7 @@ int sample_spacing(const RenderOptions& options, const View& view, const FrameSp
 // Returns the splats of the next frame. Alone with --progress-frames, only those that are there already.
 Result<const FrameSplats*> next_splats(const RenderOptions& options, const Scene& scene, const View& view,
                                        const Drawing& drawing) {
-  if (!options.moves() && options.progress_frames.empty())
+  if (!options.moves() && (options.plays() || options.progress_frames.empty()))
     return drawing.streamer->request(view, scene.transfer_function, drawing.detail);
   const double wait_seconds = options.moves() ? 1e6 : 0;
   return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, wait_seconds, 1.0 / options.fade);
@@ -171,7 +170,45 @@ Status draw_path(const RenderOptions& options, const Composition& composition, D
     last = std::move(image);
     bar.update((number + 1.0) / frame_count(options));
   }
-  return movie ? movie->finish(frame_count(options)) : Status{};
+  return movie ? movie->finish(0, frame_count(options)) : Status{};
+}
+
+Status set_transfer_function(const RenderOptions& options, const Scene& scene, Drawing& drawing) {
+  const Status status = drawing.renderer->set_transfer_function(scene.transfer_function, drawing.streamer->units());
+  return status ? status : Status(fail_in(options.scene.empty() ? options.volume : options.scene, status.error()));
+}
+
+// Changes to a step, which the streamer may have read already.
+Status show_step(const RenderOptions& options, const Scene& scene, std::size_t step, Drawing& drawing) {
+  if (drawing.streamer->volume().series()) {
+    SPLATVOL_TRY(drawing.streamer->set_step(step));
+  } else {
+    SPLATVOL_TRY_ASSIGN(volume, drawing.steps->volume(step));
+    SPLATVOL_TRY(drawing.streamer->set_step(std::move(volume)));
+  }
+  return set_transfer_function(options, scene, drawing);
+}
+
+// Draws and writes a frame for each step, while the next step is read.
+Status draw_steps(const RenderOptions& options, const Composition& composition, const View& view, Drawing& drawing,
+                  Timings& timings) {
+  const Scene& scene = composition.scene;
+  SPLATVOL_TRY_ASSIGN(range, parse_steps(options.steps, drawing.steps->times().size()));
+  SPLATVOL_TRY_ASSIGN(movie, Movie::create(options.movie, options.progress_frames, options.frames_per_second));
+  for (std::size_t step = range.first; step <= range.last; ++step) {
+    const double start = seconds_now();
+    const std::uint64_t before = drawing.streamer->volume().bytes_read();
+    SPLATVOL_TRY(show_step(options, scene, step, drawing));
+    SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
+    const double seconds = seconds_now() - start;
+    const std::uint64_t after = drawing.streamer->volume().bytes_read();
+    timings.steps.push_back(
+        {step, drawing.steps->times()[step], seconds, drawing.frame->splats, after >= before ? after - before : after});
+    if (step < range.last) drawing.streamer->prefetch_step(step + 1);
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    SPLATVOL_TRY(write_frame(options, composition, view, drawing, movie.frame_path(static_cast<int>(step)), image));
+  }
+  return movie.finish(static_cast<int>(range.first), static_cast<int>(range.last - range.first + 1));
 }
 
 }  // namespace
@@ -180,9 +217,13 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   Drawing drawing;
   const KernelKind kernel = kernel_of(options);
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.volume));
+  SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.volume));
+  if (!options.steps.empty() && steps.times().empty())
+    return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", options.volume);
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(options.step));
+  drawing.steps = std::move(steps);
   SPLATVOL_TRY_ASSIGN(streamer,
-                      Streamer::open(std::move(source), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
+                      Streamer::open(std::move(volume), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
   drawing.streamer = std::move(streamer);
   SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
   drawing.context = std::move(context);
@@ -198,15 +239,17 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);
-  const DrawingUnits units = drawing.streamer->units();
-  if (Status status = drawing.renderer->set_transfer_function(scene.transfer_function, units); !status)
-    return options.scene.empty() ? fail_in(options.volume, status.error()) : fail_in(options.scene, status.error());
+  SPLATVOL_TRY(set_transfer_function(options, scene, drawing));
   return drawing;
 }
 
 Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Composition& composition, const View& view,
                                         Drawing& drawing, Timings& timings, double start) {
   const Scene& scene = composition.scene;
+  if (options.plays()) {
+    SPLATVOL_TRY(draw_steps(options, composition, view, drawing, timings));
+    return std::vector<Error>();
+  }
   if (!options.moves() && !options.milliseconds && !options.progress_frames.empty())
     return draw_progress(options, composition, view, drawing, timings, start);
   if (options.moves())
@@ -245,6 +288,10 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
                            {"renderer", drawing.context->description()}};
+  if (drawing.streamer->volume().series()) {
+    provenance["step"] = fmt::format("{}", drawing.streamer->volume().step());
+    provenance["time"] = fmt::format("{}", drawing.streamer->volume().time());
+  }
   if (frame.detail.goal)
     provenance["expected_error"] = fmt::format("{}", frame.expected_error);
   else if (frame.detail.resolution)

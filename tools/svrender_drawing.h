@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "renderer/context.h"
@@ -27,10 +28,19 @@ struct PathFrame {
   double change;  // RMSE against the frame before
 };
 
+/// A frame of --steps.
+struct StepFrame {
+  std::size_t step;
+  double time;
+  double seconds;  // from the change to this step to its picture
+  std::uint64_t splats, bytes_read;
+};
+
 /// Times in seconds. `fetch` and `upload` are those of the first frame; the vectors hold a number for each frame.
 struct Timings {
   std::vector<ProgressFrame> progress;
   std::vector<PathFrame> path;
+  std::vector<StepFrame> steps;
   std::vector<std::uint64_t> pacing;  // splats of the frames that --milliseconds tried
   double first_image = 0;
   double fetch = 0;
@@ -39,6 +49,7 @@ struct Timings {
 };
 
 struct Drawing {
+  std::optional<Steps> steps;
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<HeadlessContext> context;
   std::unique_ptr<Renderer> renderer;

@@ -24,7 +24,8 @@ std::string check_sampling(const std::string& text) {
 }
 
 void add_file_options(CLI::App& app, RenderOptions& options) {
-  app.add_option("FILE", options.volume, "The .svol file, or its address (http:// or https://)")
+  app.add_option("FILE", options.volume,
+                 "The .svol file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
   auto* scene = app.add_option("--scene", options.scene, "Scene file (JSON); default: a scene that fits the data")
@@ -124,8 +125,11 @@ void check_frames(const RenderOptions& options) {
     throw CLI::ValidationError("--path", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
   if (options.turntable > 0 && !kept)
     throw CLI::ValidationError("--turntable", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
-  if (!options.movie.empty() && !options.moves())
-    throw CLI::ValidationError("--movie", "needs frames: give --turntable N or --path FRAMES,DEGREES,FACTOR");
+  if (options.plays() && !kept)
+    throw CLI::ValidationError("--steps", "its frames go nowhere: give --progress-frames DIR or --movie OUT.mp4");
+  if (!options.movie.empty() && !options.moves() && !options.plays())
+    throw CLI::ValidationError("--movie",
+                               "needs frames: give --turntable N, --path FRAMES,DEGREES,FACTOR or --steps A:B");
   if (options.output.empty() && options.movie.empty()) throw CLI::RequiredError("--output");
 }
 
@@ -174,6 +178,20 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->check(check_json_path);
 }
 
+void add_series_options(CLI::App& app, RenderOptions& options) {
+  add_step_options(app, options.step);
+  app.add_option("--steps", options.steps,
+                 "Of a time series: draw the steps A to B, or all of them; --progress-frames or --movie takes a frame "
+                 "for each, with the number of its step")
+      ->type_name("all|A:B")
+      ->check(check_step_range)
+      ->excludes(app.get_option("--milliseconds"))
+      ->excludes(app.get_option("--path"))
+      ->excludes(app.get_option("--turntable"))
+      ->excludes(app.get_option("--time"))
+      ->excludes(app.get_option("--step"));
+}
+
 }  // namespace
 
 void add_options(CLI::App& app, RenderOptions& options) {
@@ -183,6 +201,7 @@ void add_options(CLI::App& app, RenderOptions& options) {
   add_drawing_options(app, options);
   add_budget_options(app, options);
   add_frame_options(app, options);
+  add_series_options(app, options);
 }
 
 }  // namespace splatvol

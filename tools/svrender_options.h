@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "streamer/streamer.h"
+#include "tools/steps.h"
 
 namespace splatvol {
 
@@ -21,7 +22,9 @@ struct RenderOptions {
   std::string progress_frames;  // folder; empty: none
   std::vector<double> path;     // frames, degrees, factor; empty: none
   int turntable = 0;            // frames of a full turn; 0: none
-  std::string movie;            // .mp4; empty: none
+  StepChoice step;
+  std::string steps;  // to draw one after another: "all" or "A:B"; empty: one
+  std::string movie;  // .mp4; empty: none
   double frames_per_second = 30;
   std::string background;  // see parse_color; empty: the scene's
   std::string title;
@@ -41,6 +44,9 @@ struct RenderOptions {
 
   /// Whether frames of a moving camera are drawn.
   [[nodiscard]] bool moves() const { return !path.empty() || turntable > 0; }
+
+  /// Whether frames of several steps are drawn.
+  [[nodiscard]] bool plays() const { return !steps.empty(); }
 };
 
 /// Adds all options to `app`. Parsing writes into `options`, which must live as long as `app`.

@@ -3,7 +3,6 @@
 #include <charconv>
 #include <memory>
 
-#include "base/http_source.h"
 #include "scene/contrast.h"
 #include "scene/srgb.h"
 #include "streamer/default_scene.h"
@@ -101,8 +100,8 @@ Result<Composition> compose(const RenderOptions& options) {
                             (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
-    SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.volume));
-    SPLATVOL_TRY_ASSIGN(opened, format::Volume::open(std::move(source)));
+    SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.volume));
+    SPLATVOL_TRY_ASSIGN(opened, steps.volume(options.step));
     volume = std::move(opened);
   }
   if (options.scene.empty()) {

@@ -69,6 +69,12 @@ void add_frames(const Timings& timings, json& document) {
                                            {"splats", shown.splats},
                                            {"bytes_read", shown.bytes_read},
                                            {"missing_bytes", shown.missing_bytes}});
+  for (const StepFrame& drawn : timings.steps)
+    document["step_frames"].push_back({{"step", drawn.step},
+                                       {"time", drawn.time},
+                                       {"seconds", drawn.seconds},
+                                       {"splats", drawn.splats},
+                                       {"bytes_read", drawn.bytes_read}});
   for (const PathFrame& drawn : timings.path)
     document["path_frames"].push_back({{"splats", drawn.splats}, {"fading", drawn.fading}, {"step", drawn.change}});
 }

@@ -53,6 +53,13 @@ class IndexStream {
   IndexStream(const Cube& cube, std::size_t resolutions, std::size_t attributes, format::IndexPacker::Emit emit)
       : cube_(cube), shape_(shape(resolutions, attributes)), packer_(shape_, std::move(emit)) {}
 
+  /// For a time series; `emit_summaries` as for IndexPacker.
+  IndexStream(const Cube& cube, std::size_t resolutions, std::size_t attributes, format::IndexPacker::Emit emit,
+              format::IndexPacker::EmitSummaries emit_summaries)
+      : cube_(cube),
+        shape_(shape(resolutions, attributes)),
+        packer_(shape_, std::move(emit), std::move(emit_summaries)) {}
+
   /// Fails if the leaf has another shape or does not follow the last one, or if `emit` fails.
   [[nodiscard]] Status add(IndexLeaf leaf);
 

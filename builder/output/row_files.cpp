@@ -33,8 +33,8 @@ Status RowFiles::write(const PendingRow& row) {
   SPLATVOL_TRY_ASSIGN(stream, open_stream(row));
   std::span<const std::byte> bytes = row.packed.bytes;
   const std::span<const std::byte> chunks = bytes.subspan(row.packed.entry_bytes);
-  if (row.segment == 0) {
-    SPLATVOL_TRY(finest_.append(chunks));
+  if (row.segment == 0 && finest_) {
+    SPLATVOL_TRY(finest_->append(chunks));
     bytes = bytes.first(row.packed.entry_bytes);
   } else {
     coarse_bytes_ += chunks.size();

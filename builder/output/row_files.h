@@ -25,7 +25,10 @@ class RowFiles {
  public:
   /// `folder`: for the temporary files. `finest`: gets the chunks of segment 0 at level 0, side by side; must outlive
   /// this.
-  RowFiles(std::string folder, AtomicFile& finest) : folder_(std::move(folder)), finest_(finest) {}
+  RowFiles(std::string folder, AtomicFile& finest) : folder_(std::move(folder)), finest_(&finest) {}
+
+  /// All chunks go into temporary files.
+  explicit RowFiles(std::string folder) : folder_(std::move(folder)) {}
   RowFiles(const RowFiles&) = delete;
   RowFiles& operator=(const RowFiles&) = delete;
 
@@ -35,7 +38,7 @@ class RowFiles {
   /// Bytes of all chunks that went into temporary files.
   [[nodiscard]] std::uint64_t coarse_bytes() const { return coarse_bytes_; }
 
-  /// Gets the entries of a row's chunks, and the chunks side by side; for the finest rows no chunks.
+  /// Gets the entries of a row's chunks, and the chunks side by side; none if they are where they are to stay.
   using Visit = std::function<Status(std::span<const format::ChunkEntry>, std::span<const std::byte>)>;
 
   /// Visits each row in file order, and gives its disk space back. `levels`: how many there are.
@@ -56,7 +59,7 @@ class RowFiles {
   [[nodiscard]] static Status read(Stream& stream, const Visit& visit);
 
   std::string folder_;
-  AtomicFile& finest_;
+  AtomicFile* finest_ = nullptr;
   std::uint64_t coarse_bytes_ = 0;
   std::deque<TempFile> files_;
   std::vector<std::vector<Stream>> streams_;  // [segment][level]

@@ -27,9 +27,11 @@ KeyFunction key_function(Key key) {
   };
 }
 
-// Equal faces get equal keys. Other faces that get the same key cost a comparison.
+// Equal faces get equal keys. Other faces that get the same key cost a comparison. Values do not count: the order in
+// which areas add up must be the same at all steps of a time series.
 MortonKey face_key(const Face& face) {
-  const std::uint64_t hash = format::hash_bytes(std::as_bytes(std::span(face.corners)));
+  const std::array<dvec3, 3> positions = {face.corners[0].position, face.corners[1].position, face.corners[2].position};
+  const std::uint64_t hash = format::hash_bytes(std::as_bytes(std::span(positions)));
   return {hash >> 1, 0};
 }
 

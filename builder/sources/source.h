@@ -79,7 +79,8 @@ class MissingValues {
 struct TimeStep {
   double time = 0;
   std::size_t index = 0;
-  std::size_t count = 1;  // of the input's steps
+  std::size_t count = 1;           // of the input's steps
+  std::vector<double> times = {};  // of all of them
 };
 
 /// A stream of pieces. Not thread-safe.
@@ -106,6 +107,12 @@ class Source {
 
   /// The time step of the pieces; empty if the input has no time steps.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
+
+  /// The time of the pieces, if the input states one.
+  [[nodiscard]] virtual std::optional<double> stated_time() const {
+    const auto step = time_step();
+    return step ? std::optional(step->time) : std::nullopt;
+  }
 
   /// The attributes of the pieces so far that are not as in the input: "density: of cells, averaged to points".
   [[nodiscard]] virtual std::vector<std::string> conversions() const { return {}; }

@@ -65,7 +65,7 @@ std::optional<TimeStep> choose_step(const std::vector<double>& times, std::optio
     const bool better = time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best];
     if (better) best = i;
   }
-  return TimeStep{times[best], best, times.size()};
+  return TimeStep{times[best], best, times.size(), times};
 }
 
 std::optional<double> time_of(const std::optional<TimeStep>& step) {

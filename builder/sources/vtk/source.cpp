@@ -1,9 +1,12 @@
 #include "builder/sources/vtk/source.h"
 
+#include <vtkDataArray.h>
 #include <vtkDataSet.h>
+#include <vtkFieldData.h>
 #include <vtkSmartPointer.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <set>
 #include <utility>
@@ -24,6 +27,16 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
   return names;
 }
 
+// The time that a file states, as ParaView writes it (TimeValue) or older writers (TIME).
+std::optional<double> time_in_fields(vtkDataSet& data) {
+  for (const char* name : {"TimeValue", "TIME"}) {
+    vtkDataArray* array = data.GetFieldData()->GetArray(name);
+    if (array && array->GetNumberOfValues() == 1 && std::isfinite(array->GetComponent(0, 0)))
+      return array->GetComponent(0, 0);
+  }
+  return std::nullopt;
+}
+
 class VtkSource final : public Source {
  public:
   VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, const MissingValues& missing)
@@ -32,12 +45,14 @@ class VtkSource final : public Source {
   const std::vector<std::string>& attributes() const override { return names_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
+  std::optional<double> stated_time() const override { return data_sets_->time_step() ? Source::stated_time() : time_; }
 
   /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
   /// not among them.
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
     if (!pending_) return fail_no_points();
+    time_ = time_in_fields(*pending_);
     const std::vector<VtkAttribute> all = attributes_of(*pending_, cells_);
     if (all.empty() && selection.empty())
       return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
@@ -125,6 +140,7 @@ class VtkSource final : public Source {
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
+  std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
   RepeatedPieces repeats_;
 };

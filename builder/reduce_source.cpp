@@ -1,0 +1,131 @@
+#include "builder/reduce_source.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "builder/connect.h"
+#include "builder/describe.h"
+#include "builder/output/row_collector.h"
+#include "builder/points/batch_cutter.h"
+#include "builder/points/material_estimator.h"
+#include "builder/reduction/reduction_pipeline.h"
+
+namespace splatvol {
+namespace {
+
+// Most points whose densities are fitted.
+constexpr std::uint64_t most_fitted_points = std::uint64_t{1} << 19;
+
+// Reduces points that are joined. Called once.
+class Reducer {
+ public:
+  Reducer(const BuildOptions& options, const PointStream& points, Connection connection, std::string folder,
+          const BuildProgress& progress)
+      : options_(options),
+        points_(points),
+        connection_(std::move(connection)),
+        folder_(std::move(folder)),
+        progress_(progress),
+        info_(describe_volume(options, input().cube, input().attributes)),
+        fits_(connection_.points <= most_fitted_points) {}
+
+  Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
+    const RowPacker packer(info_);
+    RowCollector rows(info_, fits_);
+    SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
+    IndexLeafSpool leaves(std::move(leaf_file));
+    const ReductionSettings settings = reduction_settings(packer);
+    ReductionPass pass(settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); });
+    SPLATVOL_TRY(reduce(pass, rows, packer, files));
+    progress_("fitting densities", 0);
+    std::vector<PendingRow> rest = rows.extract_rest();
+    SPLATVOL_TRY(write_rows(rest, packer, files));
+    progress_("indexing", 0);
+    BuildReport report = finish_description(pass);
+    SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass}));
+    return report;
+  }
+
+ private:
+  [[nodiscard]] const InputSummary& input() const { return points_.summary(); }
+
+  ReductionSettings reduction_settings(const RowPacker& packer) const {
+    return {.cube = input().cube,
+            .leaf_points = options_.leaf_points,
+            .reduces = connection_.points > coarsest_target,
+            .wants_splats = fits_,
+            .attributes = input().attributes,
+            .packer = fits_ ? nullptr : &packer,
+            .points_per_chunk = options_.points_per_chunk,
+            .method = options_.reduction};
+  }
+
+  Status reduce(ReductionPass& pass, RowCollector& rows, const RowPacker& packer, RowFiles& files) const {
+    const std::size_t attributes = input().attributes.size();
+    const std::uint64_t leaf_points = std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
+    BatchCutter batches(connection_.next, attributes, leaf_points);
+    MaterialEstimator estimator(input().box, input().cube);
+    const ReductionStages stages{batches, connection_.needs_estimate ? &estimator : nullptr, pass, rows, packer, files};
+    return run_reduction(stages, attributes, [&](std::uint64_t done) {
+      progress_("reducing", static_cast<double>(done) / static_cast<double>(points_.count()));
+    });
+  }
+
+  // Completes the volume's description, and returns the report, without the file's size.
+  BuildReport finish_description(const ReductionPass& pass) {
+    const std::vector<std::uint64_t> counts = pass.counts();
+    info_.resolution_counts.assign(counts.rbegin(), counts.rend());
+    BuildReport report{.resolution_counts = info_.resolution_counts,
+                       .connectivity = connection_.used,
+                       .points = input().census,
+                       .cells = input().cells,
+                       .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0};
+    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
+      info_.attributes[a].missing = pass.missing()[a];
+      report.missing.emplace_back(info_.attributes[a].name, pass.missing()[a]);
+      report.fills.emplace_back(info_.attributes[a].name, input().fills[a]);
+    }
+    info_.provenance = describe_provenance(options_, report);
+    return report;
+  }
+
+  const BuildOptions& options_;
+  const PointStream& points_;
+  Connection connection_;
+  std::string folder_;
+  const BuildProgress& progress_;
+  format::VolumeInfo info_;
+  bool fits_;  // densities
+};
+
+}  // namespace
+
+Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
+                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write) {
+  if (options.leaf_points < 8)
+    return fail(ErrorCode::invalid_argument,
+                "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
+                options.leaf_points);
+  const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
+  SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,
+                                                  [&](double fraction) { progress("reading", fraction); }));
+  progress("connecting", 0);
+  SPLATVOL_TRY_ASSIGN(connection, connect(options, points, folder));
+  return Reducer(options, points, std::move(connection), folder, progress).run(files, write);
+}
+
+Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
+                                       const format::IndexPacker::EmitSummaries& emit_summaries) {
+  const std::size_t resolutions = reduced.info.resolutions(), attributes = reduced.info.attributes.size();
+  SPLATVOL_TRY_ASSIGN(pages, TempFile::create(folder));
+  const auto emit = [&](const format::PackedIndexPage& page) { return pages.append(page.bytes); };
+  IndexStream index = emit_summaries ? IndexStream(reduced.info.cube, resolutions, attributes, emit, emit_summaries)
+                                     : IndexStream(reduced.info.cube, resolutions, attributes, emit);
+  SPLATVOL_TRY(reduced.leaves.read(resolutions, reduced.pass.late_leaves(),
+                                   [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
+  SPLATVOL_TRY_ASSIGN(root, index.finish());
+  const format::NodeShape shape = IndexStream::shape(resolutions, emit_summaries ? 0 : attributes);
+  return format::PackedIndex{shape, std::move(root), std::move(pages)};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,39 @@
+// From a source to packed rows and index leaves: the part of a build that comes before the file.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include "base/error.h"
+#include "builder/build.h"
+#include "builder/output/index_leaf_spool.h"
+#include "builder/output/index_stream.h"
+#include "builder/output/row_files.h"
+#include "builder/reduction/reduction_pass.h"
+#include "builder/sources/source.h"
+#include "format/volume_info.h"
+
+namespace splatvol {
+
+/// A source, reduced.
+struct ReducedSource {
+  format::VolumeInfo info;  // whole
+  const BuildReport& report;
+  RowFiles& files;
+  IndexLeafSpool& leaves;
+  const ReductionPass& pass;
+};
+
+using WriteReduced = std::function<Status(ReducedSource)>;
+
+/// Reads the whole source, reduces it, and calls `write` with the result. `files` gets the rows; `folder`: for
+/// temporary files. Returns the report without the file's size. Fails as build_volume, and if `write` fails.
+[[nodiscard]] Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
+                                                const std::string& folder, const BuildProgress& progress,
+                                                const WriteReduced& write);
+
+/// Packs the index. With `emit_summaries`: that of a time series (format::IndexPacker). Called once.
+[[nodiscard]] Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,
+                                                     const format::IndexPacker::EmitSummaries& emit_summaries = {});
+
+}  // namespace splatvol

@@ -1,0 +1,99 @@
+#include "builder/series_files.h"
+
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <utility>
+
+#include "base/file.h"
+#include "format/series_index.h"
+
+namespace splatvol {
+namespace {
+
+using format::SeriesIndex;
+
+class FilesBuild {
+ public:
+  FilesBuild(const std::string& output, SeriesIndex index, const BuildOptions& options, const BuildProgress& progress)
+      : output_(output), index_(std::move(index)), options_(options), progress_(progress) {}
+
+  Result<SeriesReport> run(const std::vector<SeriesStep>& steps) {
+    const auto report = build_all(steps);
+    if (report) return report;
+    std::error_code error;
+    for (const std::string& path : written_) std::filesystem::remove(path, error);
+    return tl::unexpected(report.error());
+  }
+
+ private:
+  Result<SeriesReport> build_all(const std::vector<SeriesStep>& steps) {
+    SeriesReport report;
+    std::uint64_t bytes = 0;
+    for (const SeriesStep& step : steps) {
+      SPLATVOL_TRY_ASSIGN(built, build_step(step));
+      bytes += built.file_bytes;
+      report.times.push_back(index_.steps.back().time);
+      if (report.times.size() == 1) report.build = std::move(built);
+    }
+    report.build.file_bytes = bytes;
+    SPLATVOL_TRY(write_text_file(output_, format::to_json(index_)));
+    return report;
+  }
+
+  Result<BuildReport> build_step(const SeriesStep& step) {
+    SPLATVOL_TRY_ASSIGN(source, step.open());
+    const std::optional<double> stated = step.time ? step.time : source->stated_time();
+    if (!has_times_) has_times_ = stated.has_value();
+    if (*has_times_ != stated.has_value())
+      return fail(ErrorCode::invalid_data, "{}: {}", step.name,
+                  stated ? "states a time, and earlier steps do not" : "states no time, and earlier steps do");
+    const double last = index_.steps.empty() ? -1 : index_.steps.back().time;
+    const double time = stated.value_or(std::floor(last) + 1);
+    if (!index_.steps.empty() && !(time > last))
+      return fail(ErrorCode::invalid_data, "{}: the time {} is not behind {}, the time of the step before", step.name,
+                  time, last);
+
+    const std::filesystem::path index_path(output_);
+    const std::string file = fmt::format("{}-{:04}.svol", index_path.stem().string(), index_.steps.size());
+    const std::string path = (index_path.parent_path() / file).string();
+    if (std::filesystem::exists(path))
+      return fail(ErrorCode::io, "{}: exists already: remove it, or choose another name for {}", path, output_);
+    BuildOptions options = options_;
+    options.inputs = {step.name};
+    SPLATVOL_TRY_ASSIGN(report, build_volume(*source, path, options, progress_));
+    written_.push_back(path);
+    index_.steps.push_back({time, file});
+    return report;
+  }
+
+  const std::string& output_;
+  SeriesIndex index_;
+  const BuildOptions& options_;
+  const BuildProgress& progress_;
+  std::optional<bool> has_times_;
+  std::vector<std::string> written_;
+};
+
+Result<SeriesIndex> read_index(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
+  auto index = format::series_index_from_json(text);
+  if (!index) return fail_in(path, index.error());
+  return index;
+}
+
+}  // namespace
+
+Result<SeriesReport> build_series_of_files(const std::vector<SeriesStep>& steps, const std::string& output, bool append,
+                                           const BuildOptions& options, const BuildProgress& progress) {
+  if (!format::is_series_index(output))
+    return fail(ErrorCode::invalid_argument, "{}: the index of a series of files is called NAME.svols", output);
+  SeriesIndex index;
+  if (append) {
+    SPLATVOL_TRY_ASSIGN(old, read_index(output));
+    index = std::move(old);
+  }
+  return FilesBuild(output, std::move(index), options, progress).run(steps);
+}
+
+}  // namespace splatvol

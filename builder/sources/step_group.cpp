@@ -1,0 +1,114 @@
+#include "builder/sources/step_group.h"
+
+#include <algorithm>
+#include <cstring>
+#include <iterator>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+template <class T>
+bool same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
+  return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
+}
+
+// Says in which way the mesh of a piece differs from that of the first step; empty: in none.
+std::string difference(const Piece& first, const Piece& other) {
+  if (other.points.size() != first.points.size())
+    return fmt::format("it has {} points instead of {}", other.points.size(), first.points.size());
+  if (!same_bytes(first.points, other.points)) return "its points are at other positions";
+  if (!same_bytes(first.tetrahedra, other.tetrahedra)) return "its cells are others";
+  if (first.material.has_value() != other.material.has_value()) return "its cells are others";
+  if (first.cells.has_value() != other.cells.has_value()) return "its cells are others";
+  if (first.cells && (!same_bytes(first.cells->corners, other.cells->corners) ||
+                      !same_bytes(first.cells->tetrahedra, other.cells->tetrahedra)))
+    return "its cells are others";
+  if (first.material && !same_bytes(first.material->moments, other.material->moments)) return "its voxels are others";
+  return {};
+}
+
+template <class T>
+void append(std::vector<T>& all, std::vector<T>& more) {
+  std::ranges::move(more, std::back_inserter(all));
+}
+
+}  // namespace
+
+StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first)
+    : steps_(std::move(steps)),
+      first_(std::move(first)),
+      others_(steps_.size()),
+      finished_(steps_.size()),
+      step_attributes_(first_->attributes()),
+      stated_times_(steps_.size()) {
+  for (std::size_t step = 0; step < steps_.size(); ++step)
+    attributes_.insert(attributes_.end(), step_attributes_.begin(), step_attributes_.end());
+  stated_times_[0] = first_->stated_time();
+}
+
+Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps) {
+  SPLATVOL_TRY_ASSIGN(first, steps.front().open());
+  return std::unique_ptr<StepGroup>(new StepGroup(std::move(steps), std::move(first)));
+}
+
+Result<std::unique_ptr<Piece>> StepGroup::next() {
+  SPLATVOL_TRY_ASSIGN(piece, first_->next());
+  for (std::size_t step = 1; step < steps_.size(); ++step) {
+    if (!others_[step] && !finished_[step]) SPLATVOL_TRY(open_other(step));
+    std::unique_ptr<Piece> other;
+    if (!finished_[step]) {
+      SPLATVOL_TRY_ASSIGN(next, others_[step]->next());
+      other = std::move(next);
+    }
+    if ((piece == nullptr) != (other == nullptr))
+      return fail(ErrorCode::invalid_data, "{}: it has {} pieces than {}: {}", steps_[step].name,
+                  piece ? "fewer" : "more", steps_[0].name, series_of_files_hint);
+    if (!piece) continue;
+    SPLATVOL_TRY(add(step, std::move(other), *piece));
+    SPLATVOL_TRY(close_finished(step));
+  }
+  return piece;
+}
+
+Status StepGroup::open_other(std::size_t step) {
+  const std::string& name = steps_[step].name;
+  SPLATVOL_TRY_ASSIGN(source, steps_[step].open());
+  if (source->attributes() != step_attributes_)
+    return fail(ErrorCode::invalid_data, "{}: its attributes are not those of {}: choose common ones by --attribute",
+                name, steps_[0].name);
+  if ((first_->single_precision() && !source->single_precision()) ||
+      source->brings_material() != first_->brings_material())
+    return fail(ErrorCode::invalid_data, "{}: its numbers are of another kind than those of {}", name, steps_[0].name);
+  stated_times_[step] = source->stated_time();
+  others_[step] = std::move(source);
+  return {};
+}
+
+// Adds the values of a step.
+Status StepGroup::add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) const {
+  const std::string different = difference(piece, *other);
+  if (!different.empty())
+    return fail(ErrorCode::invalid_data, "{}: its mesh is not that of {}: {}; {}", steps_[step].name, steps_[0].name,
+                different, series_of_files_hint);
+  append(piece.values, other->values);
+  append(piece.fills, other->fills);
+  if (!piece.material) return {};
+  append(piece.material->value_moments, other->material->value_moments);
+  append(piece.material->gradients, other->material->gradients);
+  return {};
+}
+
+// A source of a single piece is closed at once: it may hold a whole mesh.
+Status StepGroup::close_finished(std::size_t step) {
+  if (others_[step]->piece_count() != 1) return {};
+  SPLATVOL_TRY_ASSIGN(next, others_[step]->next());
+  if (next)
+    return fail(ErrorCode::invalid_data, "{}: it has more pieces than {}: {}", steps_[step].name, steps_[0].name,
+                series_of_files_hint);
+  others_[step].reset();
+  finished_[step] = true;
+  return {};
+}
+
+}  // namespace splatvol

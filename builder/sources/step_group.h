@@ -1,0 +1,64 @@
+// Several time steps of one mesh as one source.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// A time step that can be opened.
+struct SeriesStep {
+  std::string name;            // for messages and provenance
+  std::optional<double> time;  // none: the time that its source states, if any
+  std::function<Result<std::unique_ptr<Source>>()> open;
+};
+
+/// The attributes of several steps, one step after another, as attributes of one source. The mesh is that of the first
+/// step; next() fails if another step has other points, cells or attributes. Holds a piece of each step, and its source
+/// if it has several pieces.
+class StepGroup final : public Source {
+ public:
+  /// Opens the first step. Requires a step.
+  [[nodiscard]] static Result<std::unique_ptr<StepGroup>> open(std::vector<SeriesStep> steps);
+
+  /// The attributes of one step.
+  [[nodiscard]] const std::vector<std::string>& step_attributes() const { return step_attributes_; }
+
+  /// [step]: as Source::stated_time(). Known after the first piece.
+  [[nodiscard]] const std::vector<std::optional<double>>& stated_times() const { return stated_times_; }
+
+  [[nodiscard]] const std::vector<std::string>& attributes() const override { return attributes_; }
+  [[nodiscard]] std::size_t piece_count() const override { return first_->piece_count(); }
+  [[nodiscard]] Result<std::unique_ptr<Piece>> next() override;
+  [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }
+  [[nodiscard]] std::optional<std::uint64_t> point_count() const override { return first_->point_count(); }
+  [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
+  [[nodiscard]] bool may_have_cells() const override { return first_->may_have_cells(); }
+  [[nodiscard]] bool brings_material() const override { return first_->brings_material(); }
+  [[nodiscard]] bool single_precision() const override { return first_->single_precision(); }
+
+ private:
+  StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> first);
+  [[nodiscard]] Status open_other(std::size_t step);
+  [[nodiscard]] Status add(std::size_t step, std::unique_ptr<Piece> other, Piece& piece) const;
+  [[nodiscard]] Status close_finished(std::size_t step);
+
+  std::vector<SeriesStep> steps_;
+  std::unique_ptr<Source> first_;
+  std::vector<std::unique_ptr<Source>> others_;  // [step]; null: not open yet, or finished
+  std::vector<bool> finished_;                   // [step]
+  std::vector<std::string> step_attributes_, attributes_;
+  std::vector<std::optional<double>> stated_times_;
+};
+
+/// The hint of messages that refuse a mesh that changes.
+inline constexpr const char* series_of_files_hint =
+    "the steps of one file need one mesh; svbuild --series-of-files writes a file for each step";
+
+}  // namespace splatvol

@@ -1,0 +1,83 @@
+#include "streamer/step_prefetch.h"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+namespace splatvol {
+
+using format::DirectoryPage;
+
+StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute,
+                           std::vector<PartLoad> pages, std::vector<PartLoad> chunks, Reservation working)
+    : from_(std::move(from)),
+      step_(step),
+      attribute_(attribute),
+      pages_(std::move(pages)),
+      chunks_(std::move(chunks)),
+      working_(std::move(working)),
+      thread_([this] { run(); }) {}
+
+StepPrefetch::~StepPrefetch() {
+  stopping_ = true;
+  if (thread_.joinable()) thread_.join();
+}
+
+StepPrefetch::Result StepPrefetch::extract() {
+  thread_.join();
+  return std::move(result_);
+}
+
+void StepPrefetch::run() {
+  auto opened = from_->at_step(step_);
+  if (!opened) return;
+  result_.volume = std::move(*opened);
+  if (!has_same_layout()) return;
+  read_pages();
+  read_chunks();
+  working_ = Reservation();
+}
+
+// Steps may have their columns in another order; a writer has no reason to.
+bool StepPrefetch::has_same_layout() const {
+  const auto same = [](const format::Column& a, const format::Column& b) {
+    return a.kind == b.kind && a.scope == b.scope && a.attribute == b.attribute;
+  };
+  return std::ranges::equal(from_->info().columns, result_.volume->info().columns, same) &&
+         from_->directory_page_count() == result_.volume->directory_page_count();
+}
+
+void StepPrefetch::read_pages() {
+  for (PartLoad& part : pages_) {
+    if (stopping_) return;
+    auto page = result_.volume->read_directory_page(part.key.number);
+    if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
+    part.data = CacheData(std::move(*page));
+    result_.parts.push_back(std::move(part));
+  }
+}
+
+bool StepPrefetch::find_location(PartLoad& chunk) const {
+  const format::Volume& volume = *result_.volume;
+  const std::uint64_t number = volume.directory_page_of_row(chunk.key.number, chunk.key.column);
+  for (const PartLoad& part : result_.parts) {
+    if (part.key.number != number) continue;
+    const auto& page = std::get<DirectoryPage>(*part.data);
+    std::get<ChunkLoad>(chunk.what).location = volume.find_chunk(page, chunk.key.number, chunk.key.column);
+    return true;
+  }
+  return false;
+}
+
+void StepPrefetch::read_chunks() {
+  std::erase_if(chunks_, [&](PartLoad& chunk) { return !find_location(chunk); });
+  std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(chunks_), run_bytes);
+  for (LoadRun& run : runs) {
+    if (stopping_) return;
+    read_run(*result_.volume, attribute_, run);
+    for (PartLoad& part : run)
+      if (part.data) result_.parts.push_back(std::move(part));
+  }
+}
+
+}  // namespace splatvol

@@ -1,0 +1,61 @@
+// Reads a step of a time series while another one is drawn.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "base/error.h"
+#include "format/volume.h"
+#include "streamer/budget.h"
+#include "streamer/loader.h"
+
+namespace splatvol {
+
+/// Opens a step on a thread of its own, and reads parts of it, in order. Parts that cannot be read are left out:
+/// whoever shows the step meets the error.
+class StepPrefetch {
+ public:
+  /// Largest load run, packed. One is held at a time, in `working`.
+  static constexpr std::uint64_t run_bytes = std::uint64_t{256} << 10;
+
+  /// `pages` and `chunks` have the keys of `step`, and reservations for their data. The locations of the chunks are not
+  /// known yet; the pages must have them. `working` is for all else: the step's preamble and a load run.
+  StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute, std::vector<PartLoad> pages,
+               std::vector<PartLoad> chunks, Reservation working);
+  StepPrefetch(const StepPrefetch&) = delete;
+  StepPrefetch& operator=(const StepPrefetch&) = delete;
+
+  /// Stops as soon as the load run in progress is read.
+  ~StepPrefetch();
+
+  [[nodiscard]] std::size_t step() const { return step_; }
+
+  struct Result {
+    std::shared_ptr<const format::Volume> volume;  // null if the step could not be opened
+    std::vector<PartLoad> parts;                   // that were read, with their data
+  };
+
+  /// Waits until all is read, and moves it out. Called once.
+  [[nodiscard]] Result extract();
+
+ private:
+  void run();
+  void read_pages();
+  void read_chunks();
+  [[nodiscard]] bool has_same_layout() const;
+  [[nodiscard]] bool find_location(PartLoad& chunk) const;
+
+  std::shared_ptr<const format::Volume> from_;
+  const std::size_t step_;
+  const int attribute_;
+  std::vector<PartLoad> pages_, chunks_;
+  Reservation working_;
+  Result result_;
+  std::atomic<bool> stopping_ = false;
+  std::thread thread_;  // last: begins when all else is there
+};
+
+}  // namespace splatvol

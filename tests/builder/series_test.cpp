@@ -1,0 +1,243 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "builder/series_build.h"
+#include "builder/series_inputs.h"
+#include "format/volume.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+
+namespace splatvol {
+namespace {
+
+using testing::HasSubstr;
+
+class Series : public testing::Test {
+ protected:
+  Series() { static_cast<void>(::mkdtemp(folder_.data())); }
+  ~Series() override { std::filesystem::remove_all(folder_); }
+
+  [[nodiscard]] std::string path(const std::string& name) const { return folder_ + "/" + name; }
+
+ private:
+  std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-series-XXXXXX").string();
+};
+
+// The field of a step: it moves and grows.
+double field(std::size_t step, dvec3 p) {
+  const auto t = static_cast<double>(step);
+  return (1 + t) * std::sin(6 * p.x + t) + p.y * p.z + 10 * t;
+}
+
+std::vector<Piece> pieces_of(std::size_t step, std::uint32_t cells, std::size_t count) {
+  const test::Mesh mesh = test::lattice(cells, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
+  return test::cut(test::mesh_piece(mesh, [&](dvec3 p) { return field(step, p); }), count);
+}
+
+SeriesStep step_of(std::size_t step, std::vector<Piece> pieces) {
+  return {fmt::format("step {}", step), 0.5 * static_cast<double>(step),
+          [pieces]() -> Result<std::unique_ptr<Source>> { return std::make_unique<test::PieceSource>(pieces); }};
+}
+
+std::vector<SeriesStep> steps(std::size_t begin, std::size_t end, std::uint32_t cells = 12) {
+  std::vector<SeriesStep> list;
+  for (std::size_t step = begin; step < end; ++step) list.push_back(step_of(step, pieces_of(step, cells, 3)));
+  return list;
+}
+
+const auto silent = [](const char*, double) {};
+
+void build_or_fail(std::vector<SeriesStep> list, const std::string& path, const BuildOptions& options = {}) {
+  const auto report = build_series(std::move(list), path, options, silent);
+  ASSERT_TRUE(report) << report.error().message;
+}
+
+std::shared_ptr<const format::Volume> open(const std::string& path) {
+  auto volume = format::Volume::open(open_file(path).value());
+  EXPECT_TRUE(volume) << volume.error().message;
+  return volume.value();
+}
+
+Status verify(const std::string& path) {
+  return open(path)->verify([](double) {});
+}
+
+// Every chunk of a file at a step, by row and kind of column, packed.
+std::vector<format::Bytes> chunks_of(const format::Volume& volume) {
+  using format::ColumnKind;
+  std::vector<format::Bytes> chunks;
+  const format::RowLayout& rows = volume.rows();
+  for (std::uint64_t row = 0; row < rows.row_count(); ++row)
+    for (const int column : rows.columns_of_row(row)) {
+      const auto page = volume.read_directory_page(volume.directory_page_of_row(row, column)).value();
+      const format::ChunkLocation& location = volume.find_chunk(page, row, column);
+      chunks.push_back(volume.read_bytes(location.offset, location.entry.packed_bytes).value());
+    }
+  return chunks;
+}
+
+// The bytes of a step, as they are in the file.
+std::string bytes_of_step(const std::string& path, std::size_t step) {
+  const format::StepEntry entry = open(path)->series()->steps[step];
+  return read_text_file(path).value().substr(entry.offset, entry.bytes);
+}
+
+TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
+  build_or_fail(steps(0, 4), path("series.svol"));
+  ASSERT_TRUE(verify(path("series.svol")));
+  const auto series = open(path("series.svol"));
+  ASSERT_NE(series->series(), nullptr);
+  ASSERT_EQ(series->series()->steps.size(), 4U);
+  EXPECT_EQ(series->step(), 3U);
+  for (std::size_t step = 0; step < 4; ++step) {
+    test::PieceSource source(pieces_of(step, 12, 3));
+    ASSERT_TRUE(build_volume(source, path("single.svol"), {}, silent));
+    const auto single = open(path("single.svol"));
+    const auto at_step = series->at_step(step).value();
+    EXPECT_EQ(at_step->time(), 0.5 * static_cast<double>(step));
+    EXPECT_EQ(at_step->info().resolution_counts, single->info().resolution_counts);
+    EXPECT_EQ(at_step->info().attributes[0].min, single->info().attributes[0].min);
+    EXPECT_EQ(at_step->info().attributes[0].offset, single->info().attributes[0].offset);
+    EXPECT_EQ(at_step->read_histograms().value(), single->read_histograms().value());
+    EXPECT_EQ(chunks_of(*at_step), chunks_of(*single));
+
+    const auto root = at_step->read_index_root(0).value(), expected = single->read_index_root(0).value();
+    EXPECT_EQ(root.nodes.summaries[0].min, expected.nodes.summaries[0].min);
+    EXPECT_EQ(root.nodes.summaries[0].occupancy, expected.nodes.summaries[0].occupancy);
+  }
+}
+
+TEST_F(Series, MemoryDoesNotChangeTheFile) {
+  build_or_fail(steps(0, 5), path("together.svol"));
+  BuildOptions little;
+  little.memory = 1 << 20;  // fewer steps at a time
+  build_or_fail(steps(0, 5), path("apart.svol"), little);
+  EXPECT_EQ(read_text_file(path("together.svol")).value(), read_text_file(path("apart.svol")).value());
+}
+
+TEST_F(Series, AppendingGivesTheSameSteps) {
+  build_or_fail(steps(0, 5), path("at_once.svol"));
+  build_or_fail(steps(0, 2), path("grown.svol"));
+  ASSERT_TRUE(append_to_series(steps(2, 3), path("grown.svol"), {}, silent));
+  ASSERT_TRUE(verify(path("grown.svol")));
+  ASSERT_TRUE(append_to_series(steps(3, 5), path("grown.svol"), {}, silent));
+  const Status verified = verify(path("grown.svol"));
+  ASSERT_TRUE(verified) << verified.error().message;
+  const auto grown = open(path("grown.svol")), at_once = open(path("at_once.svol"));
+  ASSERT_EQ(grown->series()->steps.size(), 5U);
+  EXPECT_EQ(grown->series()->entries.size(), 7U);  // two dead parts
+  EXPECT_EQ(grown->series()->ranges[0].min, at_once->series()->ranges[0].min);
+  EXPECT_EQ(grown->series()->ranges[0].max, at_once->series()->ranges[0].max);
+  for (std::size_t step = 0; step < 5; ++step)
+    EXPECT_EQ(bytes_of_step(path("grown.svol"), step), bytes_of_step(path("at_once.svol"), step)) << step;
+}
+
+TEST_F(Series, AnInterruptedAppendLeavesTheFileReadable) {
+  build_or_fail(steps(0, 2), path("series.svol"));
+  const std::string before = read_text_file(path("series.svol")).value();
+  ASSERT_TRUE(append_to_series(steps(2, 4), path("series.svol"), {}, silent));
+  const std::string after = read_text_file(path("series.svol")).value();
+
+  // The superblock changes last.
+  for (const double share : {0.0, 0.3, 0.9, 1.0}) {
+    const std::size_t written =
+        before.size() + static_cast<std::size_t>(share * static_cast<double>(after.size() - before.size()));
+    std::string cut = before + after.substr(before.size(), written - before.size());
+    ASSERT_TRUE(write_text_file(path("cut.svol"), cut));
+    const auto volume = open(path("cut.svol"));
+    EXPECT_EQ(volume->series()->steps.size(), 2U);
+    EXPECT_EQ(volume->series()->bytes_behind, cut.size() - before.size());
+    const Status verified = volume->verify([](double) {});
+    EXPECT_EQ(verified.has_value(), share == 0);
+    if (!verified) {
+      EXPECT_THAT(verified.error().message, HasSubstr("append was interrupted"));
+    }
+
+    ASSERT_TRUE(append_to_series(steps(2, 4), path("cut.svol"), {}, silent));
+    EXPECT_EQ(read_text_file(path("cut.svol")).value(), after);
+  }
+}
+
+TEST_F(Series, AFailedAppendLeavesTheFileAsItWas) {
+  build_or_fail(steps(0, 3), path("series.svol"));
+  const std::string before = read_text_file(path("series.svol")).value();
+  const auto expect_refused = [&](std::vector<SeriesStep> list, const std::string& why) {
+    const auto report = append_to_series(std::move(list), path("series.svol"), {}, silent);
+    ASSERT_FALSE(report);
+    EXPECT_THAT(report.error().message, HasSubstr(why));
+    EXPECT_EQ(read_text_file(path("series.svol")).value(), before);
+  };
+  expect_refused(steps(3, 5, 10), "--series-of-files");
+  expect_refused(steps(1, 2), "not behind");
+}
+
+TEST_F(Series, AMeshThatChangesIsRefused) {
+  for (const bool same_count : {false, true}) {
+    std::vector<SeriesStep> list = steps(0, 2);
+    std::vector<Piece> moved = pieces_of(2, same_count ? 12 : 11, 3);
+    moved[1].points[5].x += 1e-9;
+    list.push_back(step_of(2, std::move(moved)));
+    const auto report = build_series(std::move(list), path("series.svol"), {}, silent);
+    ASSERT_FALSE(report);
+    EXPECT_THAT(report.error().message, HasSubstr("step 2: its mesh is not that of step 0"));
+    EXPECT_THAT(report.error().message, HasSubstr("--series-of-files"));
+    EXPECT_FALSE(std::filesystem::exists(path("series.svol")));
+  }
+}
+
+TEST_F(Series, TimesMustRise) {
+  std::vector<SeriesStep> list = steps(0, 2);
+  list[1].time = 0.0;
+  const auto report = build_series(std::move(list), path("series.svol"), {}, silent);
+  ASSERT_FALSE(report);
+  EXPECT_THAT(report.error().message, HasSubstr("the time 0 is not behind 0"));
+}
+
+TEST_F(Series, StepsWithoutTimesAreNumbered) {
+  std::vector<SeriesStep> list = steps(0, 3);
+  for (SeriesStep& step : list) step.time.reset();
+  build_or_fail(std::move(list), path("series.svol"));
+  list = steps(3, 4);
+  list[0].time.reset();
+  ASSERT_TRUE(append_to_series(std::move(list), path("series.svol"), {}, silent));
+  const auto volume = open(path("series.svol"));
+  for (std::size_t step = 0; step < 4; ++step) EXPECT_EQ(volume->series()->steps[step].time, static_cast<double>(step));
+  EXPECT_EQ(volume->series()->nearest(1.4), 1U);
+  EXPECT_EQ(volume->series()->nearest(-7), 0U);
+  EXPECT_EQ(volume->series()->nearest(1e9), 3U);
+
+  list = steps(4, 6);
+  list[1].time.reset();
+  EXPECT_FALSE(append_to_series(std::move(list), path("series.svol"), {}, silent));
+}
+
+TEST_F(Series, ScatteredPointsHaveStepsToo) {
+  std::vector<SeriesStep> list;
+  for (std::size_t step = 0; step < 3; ++step) {
+    Piece piece = test::scattered(test::random_points(3000));
+    for (double& value : piece.values[0]) value += static_cast<double>(step);
+    list.push_back(step_of(step, {piece}));
+  }
+  build_or_fail(std::move(list), path("series.svol"));
+  const Status verified = verify(path("series.svol"));
+  EXPECT_TRUE(verified) << verified.error().message;
+}
+
+TEST(SeriesInputs, TimesAreAllOrARange) {
+  EXPECT_TRUE(parse_times("all"));
+  EXPECT_EQ(parse_times("0.5:2").value().first, 0.5);
+  EXPECT_EQ(parse_times("0.5:").value().first, 0.5);
+  EXPECT_EQ(parse_times(":2").value().last, 2);
+  for (const char* text : {"", "1", "2:1", "a:b", "nan:1", "1:2:3", "1: 2"}) EXPECT_FALSE(parse_times(text)) << text;
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,145 @@
+// Time steps of one file, read one after the other.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+
+#include "builder/series_build.h"
+#include "streamer/streamer.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::size_t step_count = 4;
+
+class StepsOfAFile : public testing::TestWithParam<KernelKind> {
+ protected:
+  static void SetUpTestSuite() {
+    static_cast<void>(::mkdtemp(folder_.data()));
+    std::vector<SeriesStep> steps;
+    for (std::size_t step = 0; step < step_count; ++step) {
+      steps.push_back(step_at(step));
+      const auto source = steps.back().open().value();
+      ASSERT_TRUE(build_volume(*source, single(step), {}, [](const char*, double) {}));
+    }
+    ASSERT_TRUE(build_series(std::move(steps), path(), {}, [](const char*, double) {}));
+  }
+  static void TearDownTestSuite() { std::filesystem::remove_all(folder_); }
+
+  static SeriesStep step_at(std::size_t step) {
+    return {fmt::format("step {}", step), std::nullopt, [step]() -> Result<std::unique_ptr<Source>> {
+              const auto t = static_cast<double>(step);
+              const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
+              return std::make_unique<test::PieceSource>(
+                  std::vector{test::mesh_piece(mesh, [t](dvec3 p) { return std::sin(5 * p.x + t) + 100 * t; })});
+            }};
+  }
+  static std::string path() { return folder_ + "/series.svol"; }
+  static std::string single(std::size_t step) { return fmt::format("{}/{}.svol", folder_, step); }
+
+  static std::unique_ptr<Streamer> open(const std::string& file, std::uint64_t memory = 512u << 20) {
+    return Streamer::open(open_file(file).value(), {memory, "value", GetParam()}).value();
+  }
+  static View view() {
+    Camera camera;
+    camera.position = {0.4, 0.7, 3};
+    camera.focal_point = {0.5, 0.5, 0.5};
+    camera.up = {0, 1, 0};
+    return make_view(camera, 120, 90).value();
+  }
+  static TransferFunction function() { return {-1, 301, {{0, {1, 0, 0}}, {1, {0, 0, 1}}}, {{0, 2}, {1, 3}}}; }
+
+  static void expect_same_frames(Streamer& streamer, const std::string& file, const DetailOptions& detail) {
+    const FrameSplats& frame = *streamer.request(view(), function(), detail).value();
+    const auto fresh = open(file);
+    const FrameSplats& expected = *fresh->request(view(), function(), detail).value();
+    ASSERT_EQ(frame.splats, expected.splats);
+    EXPECT_EQ(streamer.value_offset(), fresh->value_offset());
+    const auto bytes = [](const FrameSplats& of) {
+      return std::visit([](auto splats) { return std::as_bytes(splats); }, of.data);
+    };
+    EXPECT_TRUE(std::ranges::equal(bytes(frame), bytes(expected)));
+  }
+
+  static inline std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-steps-XXXXXX").string();
+};
+INSTANTIATE_TEST_SUITE_P(Kernels, StepsOfAFile, testing::Values(KernelKind::octant, KernelKind::moments),
+                         [](const auto& kernel) { return kernel.param == KernelKind::octant ? "octant" : "moments"; });
+
+TEST_P(StepsOfAFile, SplatsAreThoseOfAFileOfTheStep) {
+  const auto streamer = open(path());
+  for (const std::size_t step : {0u, 2u, 1u, 3u, 3u}) {
+    ASSERT_TRUE(streamer->set_step(step));
+    for (const double tolerance : {0.0, 8.0}) expect_same_frames(*streamer, single(step), {tolerance, {}});
+  }
+  EXPECT_FALSE(streamer->set_step(step_count));
+}
+
+TEST_P(StepsOfAFile, AStepReadsItsOwnBytesOnly) {
+  const auto streamer = open(path());
+  static_cast<void>(streamer->request(view(), function(), {0, {}}).value());
+  for (std::size_t step = 0; step + 1 < step_count; ++step) {
+    const std::uint64_t before = streamer->statistics().bytes_read;
+    ASSERT_TRUE(streamer->set_step(step));
+    static_cast<void>(streamer->request(view(), function(), {0, {}}).value());
+    const std::uint64_t read = streamer->statistics().bytes_read - before;
+    const format::Volume& volume = streamer->volume();
+    std::uint64_t index_bytes = 0;
+    for (const format::SectionEntry& section : volume.sections())
+      if (section.kind == format::SectionKind::index_pages) index_bytes = section.packed_bytes;
+    EXPECT_LE(read, volume.series()->steps[step].bytes + index_bytes);
+    EXPECT_LT(read, std::filesystem::file_size(single(step)) / 2);
+  }
+}
+
+TEST_P(StepsOfAFile, APrefetchedStepReadsNothingMore) {
+  const auto streamer = open(path());
+  ASSERT_TRUE(streamer->set_step(0));
+  static_cast<void>(streamer->request(view(), function(), {0, {}}).value());
+  for (std::size_t step = 1; step < step_count; ++step) {
+    streamer->prefetch_step(step);
+    ASSERT_TRUE(streamer->set_step(step));
+    const std::uint64_t before = streamer->statistics().bytes_read;
+    expect_same_frames(*streamer, single(step), {0, {}});
+    const std::uint64_t index_pages = 64u << 10;
+    EXPECT_LT(streamer->statistics().bytes_read - before, index_pages);
+  }
+}
+
+TEST_P(StepsOfAFile, MemoryIsNeverPassed) {
+  const std::uint64_t memory = 6u << 20;
+  const auto streamer = open(path(), memory);
+  for (std::size_t round = 0; round < 2; ++round)
+    for (std::size_t step = 0; step < step_count; ++step) {
+      ASSERT_TRUE(streamer->set_step(step));
+      ASSERT_TRUE(streamer->request(view(), function(), {0, {}}));
+      streamer->prefetch_step((step + 1) % step_count);
+      EXPECT_LE(streamer->statistics().bytes_resident_peak, memory);
+    }
+}
+
+TEST_P(StepsOfAFile, PagingStartsAnew) {
+  const auto streamer = open(path());
+  for (const std::size_t step : {1u, 0u}) {
+    ASSERT_TRUE(streamer->set_step(step));
+    const FrameSplats* frame = streamer->advance(view(), function(), {2, {}}).value();
+    for (int i = 0; i < 1000 && !frame->progress.complete; ++i)
+      frame = streamer->advance(view(), function(), {2, {}}, 1).value();
+    EXPECT_TRUE(frame->progress.complete);
+    EXPECT_TRUE(frame->progress.errors.empty());
+  }
+}
+
+TEST_P(StepsOfAFile, AStepInAnotherFileIsShownToo) {
+  const auto streamer = open(single(0));
+  ASSERT_TRUE(streamer->request(view(), function(), {0, {}}));
+  ASSERT_TRUE(streamer->set_step(format::Volume::open(open_file(single(2)).value()).value()));
+  expect_same_frames(*streamer, single(2), {0, {}});
+}
+
+}  // namespace
+}  // namespace splatvol
