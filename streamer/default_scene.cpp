@@ -61,7 +61,8 @@ Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySpl
   const Camera near = fit_camera(visible, up, aspect, info.cube.edge, picture.turns);
   const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
-  return distance(near) >= share_of_domain * distance(far) ? far : near;
+  const bool fills = distance(near) >= share_of_domain * distance(far);
+  return fills && distance(near) < distance(far) ? far : near;
 }
 
 // Four digits are enough for a file that a person edits.
