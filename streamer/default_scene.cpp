@@ -61,7 +61,8 @@ Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySpl
   const Camera near = fit_camera(visible, up, aspect, info.cube.edge, picture.turns);
   const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
-  return distance(near) >= share_of_domain * distance(far) ? far : near;
+  const bool fills = distance(near) >= share_of_domain * distance(far);
+  return fills && distance(near) < distance(far) ? far : near;
 }
 
 // Four digits are enough for a file that a person edits.
@@ -93,7 +94,7 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  scene.transfer_function = choose_transfer_function(splats, volume.info().attributes[static_cast<std::size_t>(index)]);
+  scene.transfer_function = choose_transfer_function(splats);
 
   // One camera for all attributes: that of the attribute that is shown first.
   std::vector<SurveySplat> visible;
@@ -106,8 +107,7 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
     visible = visible_of(splats, scene.transfer_function);
   } else {
     SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first));
-    visible = visible_of(first_splats, choose_transfer_function(
-                                           first_splats, volume.info().attributes[static_cast<std::size_t>(first)]));
+    visible = visible_of(first_splats, choose_transfer_function(first_splats));
   }
   scene.camera = choose_camera(volume.info(), splats, visible, picture);
 

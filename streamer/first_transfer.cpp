@@ -29,13 +29,11 @@ struct WeightedValue {
 };
 using Values = std::vector<WeightedValue>;
 
-Values values_of(const std::vector<SurveySplat>& splats, const Interval& limits) {
+// Takes the means alone: next to an outlier, deviations are large in many splats.
+Values values_of(const std::vector<SurveySplat>& splats) {
   Values values;
   for (const SurveySplat& splat : splats)
-    for (const Node& node : nodes)
-      if (splat.has_value)
-        values.push_back({std::clamp(splat.value + node.deviations * splat.deviation, limits.low, limits.high),
-                          node.weight, node.weight * splat.volume});
+    if (splat.has_value) values.push_back({splat.value, 1, splat.volume});
   std::ranges::sort(values, {}, &WeightedValue::value);
   return values;
 }
@@ -196,8 +194,8 @@ TransferFunction constant_function(double value) {
 
 }  // namespace
 
-TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats, const format::Attribute& attribute) {
-  const Values values = values_of(splats, {attribute.min, attribute.max});
+TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats) {
+  const Values values = values_of(splats);
   const Findings findings = study(values);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));
   if (!(findings.range.width() > 1e-6 * largest)) return constant_function(quantile(values, 0.5));

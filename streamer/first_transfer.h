@@ -10,8 +10,7 @@ namespace splatvol {
 
 /// Returns colours and relative densities, at most 1, for the values of a survey of an attribute. At least one splat
 /// must have a value.
-[[nodiscard]] TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats,
-                                                        const format::Attribute& attribute);
+[[nodiscard]] TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats);
 
 /// Returns the mean extinction over a splat's values, taken as normally distributed; 0 without a value.
 [[nodiscard]] double mean_extinction(const TransferFunction& function, const SurveySplat& splat);

@@ -231,6 +231,13 @@ TEST_F(RendererTestFirstPicture, ColoursDivergeOnlyIfThereAreTwoSides) {
   EXPECT_GT(ramp.transfer_function.extinction(1.9), ramp.transfer_function.extinction(1.2));
 }
 
+TEST_F(RendererTestFirstPicture, OutliersDoNotFlattenTheRest) {
+  const auto field = [](const dvec3& p) { return p == dvec3(0.5) ? 200 : p == dvec3(0.25) ? -150 : 5 + p.x; };
+  const Scene scene = scene_of({16, 16, 16}, box(dvec3(0), dvec3(1)), {{"a", field}});
+  EXPECT_GT(scene.transfer_function.lo, -5);
+  EXPECT_LT(scene.transfer_function.hi, 15);
+}
+
 TEST_F(RendererTestFirstPicture, ChoosesAQuantityAndOneCamera) {
   int count = 0;
   const auto number = [&](const dvec3&) { return ++count; };

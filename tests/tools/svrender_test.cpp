@@ -288,15 +288,15 @@ TEST_F(Svrender, SaysWhyAPictureIsEmpty) {
 }
 
 TEST_F(Svrender, NamesTheMemoryThatLimitsTheSplats) {
-  bool limited = false;  // by the smallest memory that holds the picture
-  for (int kibibytes = 256; kibibytes <= 65536 && !limited; kibibytes += kibibytes / 8) {
-    const std::string memory = fmt::format("{}K", kibibytes);
-    const Outcome outcome = run("v.svol --scene s.json -o out.png --tolerance 0 --gpu-memory " + memory);
-    if (outcome.code != 0) continue;
-    limited = true;
-    EXPECT_THAT(outcome.text, HasSubstr("splats that --gpu-memory " + memory + " holds"));
+  const auto draw = [&](int kibibytes) {
+    return run(fmt::format("v.svol --scene s.json -o out.png --tolerance 0 --gpu-memory {}K", kibibytes));
+  };
+  int too_little = 1, enough = 65536;  // the smallest memory that holds a picture
+  while (enough - too_little > 8) {
+    const int middle = (too_little + enough) / 2;
+    (draw(middle).code == 0 ? enough : too_little) = middle;
   }
-  EXPECT_TRUE(limited);
+  EXPECT_THAT(draw(enough).text, HasSubstr(fmt::format("splats that --gpu-memory {}K holds", enough)));
 }
 
 TEST_F(Svrender, AFileWithoutTheColumnsSaysWhatToDo) {
