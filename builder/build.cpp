@@ -44,7 +44,7 @@ class VolumeBuild {
   Result<BuildReport> run(AtomicFile file) {
     const RowPacker packer(info_);
     RowFiles files(folder_, file);
-    RowCollector rows(info_, fits_);
+    RowCollector rows(info_, fits_, &packer);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
     IndexLeafSpool leaves(std::move(leaf_file));
     const ReductionSettings settings = reduction_settings(packer);
