@@ -83,9 +83,8 @@ void RowCollector::pack_waiting(Queue& queue) const {
   for (auto row = queue.rbegin(); row != queue.rend() && row->chunks.empty(); ++row)
     if (row->splats && is_complete(*row)) rows.push_back(&*row);
   // Without isolation, this thread could take up other stages of the pipeline that calls.
-  tbb::this_task_arena::isolate([&] {
-    tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t r) { packer_->pack_early(*rows[r]); });
-  });
+  tbb::this_task_arena::isolate(
+      [&] { tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t r) { packer_->pack_early(*rows[r]); }); });
 }
 
 void RowCollector::fit() {
