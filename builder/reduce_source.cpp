@@ -31,7 +31,7 @@ class Reducer {
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_);
-    RowCollector rows(info_, fits_);
+    RowCollector rows(info_, fits_, &packer);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
     IndexLeafSpool leaves(std::move(leaf_file));
     const ReductionSettings settings = reduction_settings(packer);

@@ -1,5 +1,8 @@
 #include "builder/output/row_collector.h"
 
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <span>
 #include <utility>
@@ -12,7 +15,7 @@ std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
 }
 
 bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || row.splats->size() == points_per_chunk_;
+  return !row.splats || !row.chunks.empty() || row.splats->size() == points_per_chunk_;
 }
 
 // The row that the next splat belongs to.
@@ -61,13 +64,27 @@ void RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
   recycle(rows);
   for (std::vector<Queue>& of_segment : queues_)
     for (std::size_t level = 0; level < of_segment.size(); ++level) {
-      if (!at_end && fits_ && level == 0) continue;
       Queue& queue = of_segment[level];
+      if (!at_end && fits_ && level == 0) {
+        pack_waiting(queue);
+        continue;
+      }
       while (!queue.empty() && (at_end || is_complete(queue.front()))) {
         rows.push_back(std::move(queue.front()));
         queue.pop_front();
       }
     }
+}
+
+// Packs the complete rows of level 0 as far as their densities allow.
+void RowCollector::pack_waiting(Queue& queue) const {
+  if (!packer_) return;
+  std::vector<PendingRow*> rows;
+  for (auto row = queue.rbegin(); row != queue.rend() && row->chunks.empty(); ++row)
+    if (row->splats && is_complete(*row)) rows.push_back(&*row);
+  // Without isolation, this thread could take up other stages of the pipeline that calls.
+  tbb::this_task_arena::isolate(
+      [&] { tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t r) { packer_->pack_early(*rows[r]); }); });
 }
 
 void RowCollector::fit() {

@@ -19,9 +19,10 @@ namespace splatvol {
 /// density 1: a fit holds for one resolution, and most pictures mix resolutions (docs/accuracy.md).
 class RowCollector {
  public:
-  /// `info`: attributes and points_per_chunk. `fits`: whether the densities of level 0 are to be fitted.
-  RowCollector(const format::VolumeInfo& info, bool fits)
-      : attributes_(info.attributes.size()), points_per_chunk_(info.points_per_chunk), fits_(fits) {}
+  /// `info`: attributes and points_per_chunk. `fits`: whether the densities of level 0 are to be fitted. `packer`:
+  /// packs most of the rows that wait for their densities, so that they take less memory; may be null.
+  RowCollector(const format::VolumeInfo& info, bool fits, const RowPacker* packer = nullptr)
+      : attributes_(info.attributes.size()), points_per_chunk_(info.points_per_chunk), fits_(fits), packer_(packer) {}
   RowCollector(const RowCollector&) = delete;
   RowCollector& operator=(const RowCollector&) = delete;
 
@@ -53,11 +54,13 @@ class RowCollector {
   SplatColumns& open_row(std::size_t segment, std::size_t level);
   void recycle(std::vector<PendingRow>& rows);
   void extract(std::vector<PendingRow>& rows, bool at_end);
+  void pack_waiting(Queue& queue) const;
   void fit();
 
   std::size_t attributes_;
   std::size_t points_per_chunk_;
   bool fits_;
+  const RowPacker* packer_;
   std::vector<std::vector<Queue>> queues_;            // [segment][level]
   std::vector<std::unique_ptr<SplatColumns>> spare_;  // empty ones, whose memory the next rows use
   std::vector<FittedSplat> fitted_;                   // [splat of level 0]; empty if nothing is fitted

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 #include <span>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -113,7 +114,29 @@ PackedRow RowPacker::pack(const SplatColumns& splats) const {
 }
 
 void RowPacker::pack(PendingRow& row) const {
-  if (row.splats) row.packed = pack(*row.splats);
+  if (!row.splats) return;
+  if (row.chunks.empty()) {
+    row.packed = pack(*row.splats);
+    return;
+  }
+  const std::vector<format::Column>& columns = row.has_points ? all_columns_ : resolution_columns_;
+  for (std::size_t c = 0; c < columns.size(); ++c)
+    if (columns[c].kind == format::ColumnKind::moments)
+      row.chunks[c] = ChunkPacker(*row.splats, attributes_).pack(columns[c]);
+  row.packed = serialize(row.chunks);
+  row.chunks = {};
+}
+
+void RowPacker::pack_early(PendingRow& row) const {
+  SplatColumns& splats = *row.splats;
+  const ChunkPacker packer(splats, attributes_);
+  row.has_points = !splats.points.positions.empty();
+  for (const format::Column& column : row.has_points ? all_columns_ : resolution_columns_)
+    row.chunks.push_back(column.kind == format::ColumnKind::moments ? format::PackedChunk{} : packer.pack(column));
+  SplatColumns rest(attributes_.size());
+  rest.splats.shapes = std::move(splats.splats.shapes);
+  rest.splats.numbers = std::move(splats.splats.numbers);
+  splats = std::move(rest);
 }
 
 }  // namespace splatvol

@@ -22,6 +22,8 @@ struct PendingRow {
   std::size_t segment = 0, level = 0;    // the segment is named by the last level that has its points
   std::unique_ptr<SplatColumns> splats;  // null: packed already
   PackedRow packed;
+  std::vector<format::PackedChunk> chunks = {};  // after pack_early: of all columns, but that of the moments is empty
+  bool has_points = false;                       // after pack_early
 };
 
 /// Packs rows. Thread-safe.
@@ -35,6 +37,10 @@ class RowPacker {
 
   /// Packs a row that is not packed yet.
   void pack(PendingRow& row) const;
+
+  /// Packs the columns that do not depend on densities, and frees what they were packed from. Before pack(row) only
+  /// the densities may change. Requires a whole row.
+  void pack_early(PendingRow& row) const;
 
  private:
   std::vector<format::Attribute> attributes_;
