@@ -770,7 +770,7 @@ TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
   function.hi = 1000.001;
   function.colors = {{0, {1, 0, 0}}, {1, {0, 1, 0}}};
   function.densities = {{0, 0}, {1, 1}};
-  ASSERT_TRUE(renderer_->set_transfer_function(function, 1000));
+  ASSERT_TRUE(renderer_->set_transfer_function(function, {.value_offset = 1000}));
   const MomentsSplat splat =
       pack({.position = {0, 0, -10}, .mass = 50, .deviations = dvec3(3), .value_deviation = 10, .residual = 1});
   const SplatBatch batch{dvec3(0), 0, 1};

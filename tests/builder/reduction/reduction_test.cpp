@@ -173,7 +173,7 @@ struct Streamed {
 
   void reduce(const ReductionSettings& settings, std::size_t index_leaf_points) {
     Cascade cascade(
-        cube, settings.method, settings.leaf_points, {0}, pool_,
+        cube, settings.method, settings.leaf_points, settings.attributes, pool_,
         {[this](std::size_t level, const Member& member, int node_depth) { add_splat(level, member, node_depth); },
          [this](std::size_t level, const Member& member) { ends[number(member)].push_back(level); }});
     BatchCutter batches(stream_of(points), 1, index_leaf_points);
