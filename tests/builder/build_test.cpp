@@ -240,7 +240,7 @@ TEST(Build, NarrowRangesFarFromZeroKeepTheirDetail) {
   for (const float v : contents.values) stored.push_back(offset + v);
   std::ranges::sort(stored);
   std::ranges::sort(piece.values[0]);
-  for (std::size_t i = 0; i < stored.size(); ++i) EXPECT_NEAR(stored[i], piece.values[0][i], 1e-10);
+  for (std::size_t i = 0; i < stored.size(); ++i) EXPECT_NEAR(stored[i], piece.values[0][i], 1e-4 / 16);
 }
 
 TEST(Build, VerticesThatPiecesShareAreMergedScatteredPointsAreNot) {
@@ -425,7 +425,7 @@ TEST(BuildMoments, TheWholeIsTheSameAtEveryResolution) {
         total.add(shape.mass, centroid, covariance, value,
                   axes * (value.correlation * shape.deviations * value.deviation));
       }
-      expect_same(total, finest, 0.01);
+      expect_same(total, finest, 0.02);
     }
   }
 }
@@ -520,7 +520,7 @@ TEST(BuildMoments, PositionsAndMeansStayWithinTheirShareOfTheDeviations) {
     }
     const ValueMoments& value = merged.materials[last].value_moments[0][i];
     const double mean = contents.volume->info().attributes[0].offset + splat.value.mean;
-    EXPECT_LE(std::abs(mean - value.mean), std::max(std::sqrt(value.variance) / 64, range * 0x1p-20) * 1.001);
+    EXPECT_LE(std::abs(mean - value.mean), std::max(std::sqrt(value.variance) * 0.07, range * 0x1p-20));
   }
 }
 
@@ -740,8 +740,9 @@ TEST(BuildIndex, BoundsTheSplatsThatComeOutOfTheFile) {
         if (merged.segments[i] > r) continue;
         const Splat& splat = contents.splats[r][index_in_file[i]];
         const double mean = splat.value.mean + contents.volume->info().attributes[0].offset;
-        EXPECT_GE(mean, summary.min - 1e-5);
-        EXPECT_LE(mean, summary.max + 1e-5);
+        const double error = 0.07 * splat.value.deviation + 1e-5;
+        EXPECT_GE(mean, summary.min - error);
+        EXPECT_LE(mean, summary.max + error);
         largest = std::max(largest, moments_size(splat, center, half));
       }
       if (largest == 0) continue;

@@ -323,11 +323,11 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
   return result;
 }
 
-// Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/254, deviations
-// within 0.3 %, and axes that move by 1/16 of a shorter axis.
+// Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/30, deviations of
+// values within 4.4 %, and axes that move by 1/16 of a shorter axis.
 double gradient_bound(const format::SplatShape& shape, const format::SplatValue& value) {
-  const dvec3 codes = value.deviation / 254 / shape.deviations;
-  return glm::length(codes) + (0.006 + 1.0 / 8) * glm::length(slope);
+  const dvec3 codes = value.deviation / 30 / shape.deviations;
+  return glm::length(codes) + (0.05 + 1.0 / 8) * glm::length(slope);
 }
 
 void expect_slope(const format::Volume& volume, std::size_t resolution, const Exported& exported) {
@@ -345,7 +345,7 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
   const auto selection = select(volume, resolution, {}, ExportSelection().box).value();
   EXPECT_TRUE(for_each_group(SplatReader(volume, selection), {.material = true}, compare, no_progress));
   EXPECT_EQ(i, gradients.size());
-  EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.02 * glm::length(slope));
+  EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.06 * glm::length(slope));
 }
 
 // Both gradients of a linear field, for every way to join the points. The gradient of the moments is that of the field,
