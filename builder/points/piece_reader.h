@@ -52,7 +52,7 @@ class PieceReader {
   [[nodiscard]] Status add_material(const Piece& piece, std::span<const std::size_t> kept);
   void add_known_material(const PointMaterial& material, std::span<const std::size_t> kept);
   [[nodiscard]] Status add_cell_material(const Piece& piece, std::span<const std::size_t> kept);
-  [[nodiscard]] bool has_cells() const { return cells_.tetrahedra > 0 && layout_.has_material(); }
+  [[nodiscard]] bool has_cells() const { return in_cells_.box.low.x <= in_cells_.box.high.x; }
   [[nodiscard]] std::byte* record_of(std::size_t i) { return records_.data() + i * layout_.bytes(); }
 
   Source& source_;
