@@ -182,7 +182,7 @@ void PieceReader::find_ranges(const Piece& piece, const PieceMaterial& material,
 PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span<const std::size_t> kept) {
   PieceMaterial material;
   const bool known = piece.material || piece.cells;
-  if (piece.cells)
+  if (layout_.has_material() && piece.cells)
     for (const std::size_t i : kept) in_cells_.box.include(piece.points[i]);
   if (!layout_.has_material() || (!known && piece.tetrahedra.empty())) {
     census_.in_no_cell += kept.size();

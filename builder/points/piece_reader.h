@@ -79,7 +79,7 @@ class PieceReader {
   void set_vertex_material(const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
                            std::byte* record) const;
   [[nodiscard]] Status add_faces(const Piece& piece, const PieceMaterial& material);
-  [[nodiscard]] bool has_cells() const { return cells_.tetrahedra > 0 && layout_.has_material(); }
+  [[nodiscard]] bool has_cells() const { return in_cells_.box.low.x <= in_cells_.box.high.x; }
 
   Source& source_;
   PointRecords layout_;
