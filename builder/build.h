@@ -25,7 +25,8 @@ struct BuildOptions {
   std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
   Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
-  std::string builder = "splatvol";                     // name and version of the program
+  std::vector<std::pair<std::string, std::string>> units = {};  // attribute, unit: instead of the source's
+  std::string builder = "splatvol";                             // name and version of the program
 };
 
 struct BuildReport {
@@ -46,7 +47,8 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
 /// points, their order and the options, never on threads or memory. Fails if leaf_points is under 8 (a node that is
-/// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none.
+/// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none. Fails
+/// also if a unit is given for an attribute that is not there. The unit of a vector is that of its components too.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

@@ -1,7 +1,12 @@
 #include "builder/sources/vtk/attributes.h"
 
+#include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
+#include <vtkDoubleArray.h>
+#include <vtkInformation.h>
+#include <vtkInformationStringKey.h>
+#include <vtkNew.h>
 #include <vtkPointData.h>
 
 #include <algorithm>
@@ -60,6 +65,28 @@ std::vector<VtkAttribute> attributes_of(vtkDataSet& data) {
     for (int c = 0; c < components; ++c) attributes.push_back({fmt::format("{}[{}]", name, c), name, components, c});
   }
   return attributes;
+}
+
+void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes) {
+  for (const ArrayShape& shape : shapes) {
+    if (data.GetPointData()->HasArray(shape.name.c_str())) continue;
+    const vtkNew<vtkDoubleArray> array;
+    array->SetName(shape.name.c_str());
+    array->SetNumberOfComponents(shape.components);
+    array->SetNumberOfTuples(data.GetNumberOfPoints());
+    array->Fill(missing_value);
+    data.GetPointData()->AddArray(array);
+  }
+}
+
+std::string unit_label(vtkDataSet& data, const std::string& array) {
+  for (vtkDataSetAttributes* arrays :
+       std::initializer_list<vtkDataSetAttributes*>{data.GetPointData(), data.GetCellData()}) {
+    vtkAbstractArray* found = arrays->GetAbstractArray(array.c_str());
+    if (found && found->HasInformation() && found->GetInformation()->Has(vtkDataArray::UNITS_LABEL()))
+      return found->GetInformation()->Get(vtkDataArray::UNITS_LABEL());
+  }
+  return {};
 }
 
 Result<std::vector<std::vector<double>>> read_attributes(const std::string& path, vtkDataSet& data,

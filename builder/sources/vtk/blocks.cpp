@@ -1,8 +1,8 @@
 #include "builder/sources/vtk/blocks.h"
 
 #include <vtkCompositeDataIterator.h>
+#include <vtkDataArray.h>
 #include <vtkDataSet.h>
-#include <vtkDoubleArray.h>
 #include <vtkInformation.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockDataSetAlgorithm.h>
@@ -21,23 +21,11 @@
 #include "builder/sources/vtk/block_readers.h"
 #include "builder/sources/vtk/cell_averages.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/shared_points.h"
 #include "builder/sources/vtk/trial.h"
 
 namespace splatvol {
 namespace {
-
-/// Adds the arrays that a block lacks, filled with NaN.
-void add_missing(vtkDataSet& data, const std::vector<ArrayShape>& shapes) {
-  for (const ArrayShape& shape : shapes) {
-    if (data.GetPointData()->HasArray(shape.name.c_str())) continue;
-    const vtkNew<vtkDoubleArray> array;
-    array->SetName(shape.name.c_str());
-    array->SetNumberOfComponents(shape.components);
-    array->SetNumberOfTuples(data.GetNumberOfPoints());
-    array->Fill(missing_value);
-    data.GetPointData()->AddArray(array);
-  }
-}
 
 /// The times of the steps that a reader found in its file.
 std::vector<double> times_of(vtkAlgorithm& algorithm) {
@@ -96,14 +84,17 @@ class BlockDataSets final : public VtkDataSets {
     }));
     std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
     algorithm_ = algorithm;
-    return {};
+    SPLATVOL_TRY(check_steps(file_, step_ ? step_->count : 0));
+    return reader_->portions_share_points() ? share_points() : Status{};
   }
 
   std::size_t count() const override {
     return returned_ + blocks_.size() + static_cast<std::size_t>(std::max(0, reader_->portions() - portion_));
   }
   const std::string& path() const override { return file_.path; }
+  std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
+  std::size_t surfaces() const override { return surfaces_; }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
@@ -115,6 +106,23 @@ class BlockDataSets final : public VtkDataSets {
   }
 
  private:
+  /// Reads all portions once, for the values at the points that several have.
+  Status share_points() {
+    for (int portion = 0; portion < reader_->portions(); ++portion)
+      SPLATVOL_TRY(run_vtk(file_.path, [&] {
+        reader_->read(portion, time_of(step_));
+        if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) collect(*tree);
+        for (std::size_t i = 0; i < blocks_.size(); ++i) {
+          average_cell_data(*blocks_[i], selection_);
+          shared_.add(*blocks_[i], block_names_[i]);
+        }
+        blocks_.clear();
+        block_names_.clear();
+      }));
+    shared_.finish();
+    return {};
+  }
+
   /// Appends a portion's blocks to blocks_, with all arrays at their points.
   Status read_portion() {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
@@ -124,6 +132,8 @@ class BlockDataSets final : public VtkDataSets {
         tree->Initialize();
       }
       for (auto& block : blocks_) average_cell_data(*block, selection_);
+      for (std::size_t i = 0; i < blocks_.size(); ++i) shared_.apply(*blocks_[i], block_names_[i]);
+      block_names_.clear();
       for (auto& block : blocks_) learn_arrays(*block);
       for (auto& block : blocks_) add_missing(*block, shapes_);
     }));
@@ -135,9 +145,30 @@ class BlockDataSets final : public VtkDataSets {
     const auto entry = vtkSmartPointer<vtkCompositeDataIterator>::Take(tree.NewIterator());
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
-      if (!data || data->GetNumberOfPoints() == 0 || is_surface(*data)) continue;
+      if (!data || data->GetNumberOfPoints() == 0) continue;
+      if (is_surface(*data)) {
+        ++surfaces_;
+        continue;
+      }
       blocks_.push_back(copy_sharing_arrays(*data));
+      block_names_.push_back(name_of_top(tree, *data));
     }
+  }
+
+  /// The name of the top block that holds a data set: in OpenFOAM, its region.
+  static std::string name_of_top(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
+    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
+      const char* name = tree.HasMetaData(i) ? tree.GetMetaData(i)->Get(vtkCompositeDataSet::NAME()) : nullptr;
+      if (name && contains(tree.GetBlock(i), data)) return name;
+    }
+    return {};
+  }
+
+  static bool contains(vtkDataObject* object, vtkDataSet& data) {
+    auto* tree = vtkMultiBlockDataSet::SafeDownCast(object);
+    for (unsigned int i = 0; tree && i < tree->GetNumberOfBlocks(); ++i)
+      if (contains(tree->GetBlock(i), data)) return true;
+    return object == &data;
   }
 
   /// Adds a block's arrays to the known ones.
@@ -161,7 +192,10 @@ class BlockDataSets final : public VtkDataSets {
   std::vector<ArrayShape> shapes_;  // known so far
   int portion_ = 0;                 // the next to be read
   std::size_t returned_ = 0;
+  std::size_t surfaces_ = 0;                        // left out
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
+  std::vector<std::string> block_names_;            // of blocks_, while a portion is read
+  SharedPoints shared_;
 };
 
 }  // namespace

@@ -55,6 +55,20 @@ class CellAverages {
     return means;
   }
 
+  /// Returns the sum of the weights of the cells round each point.
+  [[nodiscard]] std::vector<double> weights() const {
+    std::vector<double> sums(static_cast<std::size_t>(data_.GetNumberOfPoints()));
+    const vtkNew<vtkIdList> points;
+    for (vtkIdType cell = 0; cell < data_.GetNumberOfCells(); ++cell) {
+      if (!used_[static_cast<std::size_t>(cell)]) continue;
+      data_.GetCellPoints(cell, points);
+      for (vtkIdType i = 0; i < points->GetNumberOfIds(); ++i)
+        if (points->GetId(i) >= 0 && points->GetId(i) < data_.GetNumberOfPoints())
+          ++sums[static_cast<std::size_t>(points->GetId(i))];
+    }
+    return sums;
+  }
+
  private:
   void average(vtkDataArray& values, int component, vtkDoubleArray& means, std::vector<std::uint32_t>& counts) const {
     std::ranges::fill(counts, 0u);
@@ -89,6 +103,8 @@ bool is_surface(vtkDataSet& data) {
   }
   return area;
 }
+
+std::vector<double> cell_weights(vtkDataSet& data) { return CellAverages(data).weights(); }
 
 void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection) {
   vtkCellData& cells = *data.GetCellData();

@@ -16,4 +16,7 @@ namespace splatvol {
 /// count. An array of the points takes precedence over an array of the cells with the same name.
 void average_cell_data(vtkDataSet& data, const std::vector<std::string>& selection);
 
+/// The weight of each point's means: the sum of the weights of the cells round it that count in average_cell_data().
+[[nodiscard]] std::vector<double> cell_weights(vtkDataSet& data);
+
 }  // namespace splatvol

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/error.h"
 #include "builder/sources/source.h"
@@ -16,9 +17,26 @@ namespace splatvol {
 
 /// A file for one of VTK's readers.
 struct VtkFile {
-  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy, exodus, ensight, openfoam, cgns };
+  enum class Kind {
+    unstructured,
+    structured,
+    rectilinear,
+    image,
+    poly,
+    legacy,
+    exodus,
+    ensight,
+    openfoam,
+    cgns,
+    composite,
+    gmsh,
+    su2,
+    vtkhdf
+  };
   std::string path;
   Kind kind;
+  std::vector<VtkFile> blocks = {};  // of a composite file: what it names
+  std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -34,6 +52,12 @@ class VtkDataSets {
 
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;
+
+  /// The unit of an array of the data sets returned so far; empty if the files do not tell.
+  [[nodiscard]] virtual std::string unit(const std::string& /*array*/) const { return {}; }
+
+  /// Number of blocks that have been left out because they are surfaces.
+  [[nodiscard]] virtual std::size_t surfaces() const { return 0; }
 
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }

@@ -9,6 +9,8 @@
 
 #include <cstdio>
 #include <exception>
+#include <regex>
+#include <string_view>
 
 namespace splatvol {
 namespace {
@@ -21,13 +23,17 @@ class ErrorWindow final : public vtkOutputWindow {
 
       void DisplayText(const char*) override {}
   void DisplayErrorText(const char* text) override {
-    if (first_error.empty()) first_error = text;
+    // Errors of VTK's pipeline only follow from the reader's own.
+    const bool follows = std::string_view(text).find("Algorithm vtk") != std::string_view::npos ||
+                         std::string_view(text).find("output port") != std::string_view::npos;
+    (follows ? later_error : first_error) = (follows || first_error.empty()) ? text : first_error;
   }
   void DisplayWarningText(const char*) override {}
   void DisplayGenericWarningText(const char*) override {}
   void DisplayDebugText(const char*) override {}
 
   std::string first_error;
+  std::string later_error;
 };
 vtkStandardNewMacro(ErrorWindow);
 
@@ -44,6 +50,18 @@ std::string one_line(std::string text) {
   return line;
 }
 
+/// Replaces the names of VTK's classes, and the addresses behind them, by plain words.
+std::string without_internals(const std::string& line) {
+  static const std::regex object("vtk[A-Z][A-Za-z0-9]*(::[A-Za-z]+)?( ?\\(0x[0-9a-f]+\\))?:?");
+  return std::regex_replace(line.substr(0, line.find(" If you are trying to read")), object, "the reader");
+}
+
+std::string failure_of(const ErrorWindow& window) {
+  const std::string line = without_internals(one_line(window.first_error));
+  if (!line.empty() || window.later_error.empty()) return line;
+  return "VTK's reader gives up on it: damaged, or not of the format that its name says";
+}
+
 }  // namespace
 
 Status run_vtk(const std::string& path, const std::function<void()>& call) {
@@ -54,7 +72,9 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   std::string failure;
   try {
     call();
-    failure = one_line(window->first_error);
+    failure = failure_of(*window);
+  } catch (const ReaderError& error) {
+    failure = error.what();
   } catch (const std::exception& exception) {
     failure = fmt::format("VTK's reader failed: {}", exception.what());
   }

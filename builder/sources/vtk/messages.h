@@ -2,14 +2,22 @@
 #pragma once
 
 #include <functional>
+#include <stdexcept>
 #include <string>
 
 #include "base/error.h"
 
 namespace splatvol {
 
+/// An error that a reader of ours throws: its text is for users.
+class ReaderError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 /// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error that
-/// begins with `path`. Not thread-safe: VTK has one window for messages in the whole process.
+/// begins with `path`, without the names and addresses of VTK's objects. Not thread-safe: VTK has one window for
+/// messages in the whole process.
 [[nodiscard]] Status run_vtk(const std::string& path, const std::function<void()>& call);
 
 /// While it lives, the process writes nothing to stderr: for libraries below VTK that always print. Not thread-safe.

@@ -18,30 +18,16 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/collections.h"
+#include "builder/sources/vtk/gmsh_reader.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/su2_reader.h"
 #include "builder/sources/vtk/unstructured_reader.h"
+#include "builder/sources/vtk/vtkhdf_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
 
 namespace splatvol {
 namespace {
-
-vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
-  switch (kind) {
-    case VtkFile::Kind::unstructured:
-      return make_unstructured_reader();
-    case VtkFile::Kind::structured:
-      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
-    case VtkFile::Kind::rectilinear:
-      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
-    case VtkFile::Kind::image:
-      return vtkSmartPointer<vtkXMLImageDataReader>::New();
-    case VtkFile::Kind::poly:
-      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
-    default:
-      break;
-  }
-  return nullptr;
-}
 
 /// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
@@ -54,12 +40,15 @@ class FileDataSets final : public VtkDataSets {
     return files_.size() + extra_pieces_ + blocks;
   }
   const std::string& path() const override { return path_; }
+  std::string unit(const std::string& array) const override { return blocks_ ? blocks_->unit(array) : std::string(); }
   std::optional<TimeStep> time_step() const override { return step_; }
+  std::size_t surfaces() const override { return surfaces_ + (blocks_ ? blocks_->surfaces() : 0); }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (blocks_) {
       SPLATVOL_TRY_ASSIGN(block, blocks_->next());
       if (block) return block;
+      surfaces_ += blocks_->surfaces();
       extra_pieces_ += std::max<std::size_t>(blocks_->count(), 1) - 1;
       blocks_ = nullptr;
     }
@@ -69,7 +58,7 @@ class FileDataSets final : public VtkDataSets {
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_blocks(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_));
+      SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
       blocks_ = std::move(blocks);
       if (!step_) step_ = blocks_->time_step();
       return next();
@@ -81,7 +70,23 @@ class FileDataSets final : public VtkDataSets {
  private:
   static bool is_blocks(VtkFile::Kind kind) {
     return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
-           kind == VtkFile::Kind::cgns;
+           kind == VtkFile::Kind::cgns || kind == VtkFile::Kind::composite || kind == VtkFile::Kind::gmsh ||
+           kind == VtkFile::Kind::su2 || kind == VtkFile::Kind::vtkhdf;
+  }
+
+  Result<std::unique_ptr<VtkDataSets>> open_any(const VtkFile& file) const {
+    switch (file.kind) {
+      case VtkFile::Kind::composite:
+        return read_composite(file, selection_, time_);
+      case VtkFile::Kind::gmsh:
+        return open_gmsh(file, selection_, time_);
+      case VtkFile::Kind::su2:
+        return open_su2(file, selection_);
+      case VtkFile::Kind::vtkhdf:
+        return open_vtkhdf(file, selection_, time_);
+      default:
+        return open_blocks(file, selection_, time_);
+    }
   }
 
   Status open_xml(VtkFile::Kind kind) {
@@ -151,6 +156,7 @@ class FileDataSets final : public VtkDataSets {
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
+  std::size_t surfaces_ = 0;              // left out of files that are read
   std::string path_;                      // of the current file
   std::unique_ptr<VtkDataSets> blocks_;   // of the current file, while it has blocks left
   vtkSmartPointer<vtkXMLReader> reader_;  // of the current file, while it has pieces left
@@ -159,6 +165,24 @@ class FileDataSets final : public VtkDataSets {
 };
 
 }  // namespace
+
+vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
+  switch (kind) {
+    case VtkFile::Kind::unstructured:
+      return make_unstructured_reader();
+    case VtkFile::Kind::structured:
+      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
+    case VtkFile::Kind::rectilinear:
+      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
+    case VtkFile::Kind::image:
+      return vtkSmartPointer<vtkXMLImageDataReader>::New();
+    case VtkFile::Kind::poly:
+      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
+    default:
+      break;
+  }
+  return nullptr;
+}
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
                                             std::optional<double> time) {

@@ -33,16 +33,21 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
 
 class VtkSource final : public Source {
  public:
-  explicit VtkSource(std::unique_ptr<VtkDataSets> data_sets) : data_sets_(std::move(data_sets)) {}
+  explicit VtkSource(std::unique_ptr<VtkDataSets> data_sets, std::optional<TimeStep> step = {})
+      : data_sets_(std::move(data_sets)), step_(step) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
+  std::vector<std::string> units() const override { return units_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
-  std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
+  std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
 
   /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
   /// not among them.
   Status start(const std::vector<std::string>& selection, std::string& missing) {
     SPLATVOL_TRY(load());
+    if (!pending_ && data_sets_->surfaces() > 0)
+      return fail(ErrorCode::invalid_data, "{}: only surfaces ({} blocks); splatvol draws volumes", data_sets_->path(),
+                  data_sets_->surfaces());
     if (!pending_) return fail(ErrorCode::invalid_data, "{}: the mesh has no points", data_sets_->path());
     const std::vector<VtkAttribute> all = attributes_of(*pending_);
     if (all.empty() && selection.empty()) return fail_no_point_data(data_sets_->path(), *pending_);
@@ -56,6 +61,10 @@ class VtkSource final : public Source {
       if (attribute != all.end()) attributes_.push_back(*attribute);
     }
     names_ = names_of(attributes_);
+    for (const VtkAttribute& attribute : attributes_) {
+      const std::string unit = data_sets_->unit(attribute.array);
+      units_.push_back(unit.empty() ? unit_label(*pending_, attribute.array) : unit);
+    }
     return {};
   }
 
@@ -80,8 +89,10 @@ class VtkSource final : public Source {
   }
 
   std::unique_ptr<VtkDataSets> data_sets_;
+  std::optional<TimeStep> step_;  // instead of that of data_sets_
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
+  std::vector<std::string> units_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   vtkSmartPointer<vtkDataSet> pending_;
 };
@@ -89,8 +100,8 @@ class VtkSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time));
+                                               std::optional<double> time, std::optional<TimeStep> step) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time), step);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
