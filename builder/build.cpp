@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "base/temp_file.h"
 #include "builder/connect.h"
 #include "builder/describe.h"
@@ -162,6 +163,9 @@ Result<BuildReport> build_volume(Source& source, const std::string& output, cons
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
+  for (const auto& [name, unit] : options.units)
+    if (std::ranges::find(source.attributes(), name) == source.attributes().end())
+      return fail_no_attribute("unit " + unit, name, source.attributes());
   // If the file cannot be written, this fails before the work.
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
   // A folder with room for the file has room for parts of it.

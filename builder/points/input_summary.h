@@ -23,7 +23,7 @@ struct PointCensus {
 struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box
-  std::vector<format::Attribute> attributes;  // name, offset, range
+  std::vector<format::Attribute> attributes;  // name, unit, offset, range
   CellCensus cells;
   PointCensus census;  // PointStream::next() counts merged and coincident points
   bool has_material = false;

@@ -40,8 +40,11 @@ Status PieceReader::run(const std::function<void(double)>& progress,
 InputSummary PieceReader::summary() const {
   InputSummary summary;
   summary.box = ranges_.box;
-  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+  const std::vector<std::string> units = source_.units();
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges_.low[a], ranges_.high[a]));
+    summary.attributes.back().unit = units[a];
+  }
   summary.cells = cells_;
   summary.census = census_;
   summary.has_material = has_material_;

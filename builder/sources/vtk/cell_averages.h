@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "builder/sources/source.h"
+
 class vtkDataArray;
 class vtkDataSet;
 
@@ -11,6 +13,9 @@ namespace splatvol {
 
 /// Whether a data set has cells with an area, and none with a volume.
 [[nodiscard]] bool is_surface(vtkDataSet& data);
+
+/// Counts the cells of a data set, and those without volume.
+[[nodiscard]] CellCensus census_of(vtkDataSet& data);
 
 /// Averages arrays of the cells: a point gets the mean of the cells round it, each with its volume as weight.
 class CellAverages {
@@ -21,7 +26,9 @@ class CellAverages {
 
   /// Returns the means of a component at the points; cells whose value is not finite do not count. NaN at points of no
   /// cell that counts. Requires as many values as cells.
-  [[nodiscard]] std::vector<double> means(vtkDataArray& values, int component) const;
+  /// `weights`: if not null, becomes the sum of the weights of the cells in each mean.
+  [[nodiscard]] std::vector<double> means(vtkDataArray& values, int component,
+                                          std::vector<double>* weights = nullptr) const;
 
  private:
   std::size_t points_;

@@ -60,18 +60,16 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
-  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells)
-      : path_(path), data_(data), attributes_(attributes), own_cells_(cells == CellValues::own) {}
+  PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells,
+             const ChangeMeans& change_means)
+      : path_(path),
+        data_(data),
+        attributes_(attributes),
+        own_cells_(cells == CellValues::own),
+        change_means_(change_means) {}
 
   Result<std::unique_ptr<Piece>> make() {
-    const vtkIdType count = data_.GetNumberOfPoints();
-    if (count > std::numeric_limits<std::uint32_t>::max())
-      return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
-    piece_->points.resize(static_cast<std::size_t>(count));
-    for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
-    use_.assign(piece_->points.size(), unused);
-
-    SPLATVOL_TRY(read_ghosts());
+    SPLATVOL_TRY(read_points());
     SPLATVOL_TRY(find_arrays());
     SPLATVOL_TRY(read_cells());
     if (own_cells_) {
@@ -84,8 +82,26 @@ class PieceMaker {
     return std::move(piece_);
   }
 
+  Result<CellAverages> make_averages() {
+    SPLATVOL_TRY(read_points());
+    averages_ = true;
+    SPLATVOL_TRY(find_arrays());
+    SPLATVOL_TRY(read_cells());
+    return CellAverages(data_, std::move(volumes_));
+  }
+
  private:
   enum Use : std::uint8_t { unused, by_hidden_cells, by_visible_cells };
+
+  Status read_points() {
+    const vtkIdType count = data_.GetNumberOfPoints();
+    if (count > std::numeric_limits<std::uint32_t>::max())
+      return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
+    piece_->points.resize(static_cast<std::size_t>(count));
+    for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
+    use_.assign(piece_->points.size(), unused);
+    return read_ghosts();
+  }
 
   Status read_ghosts() {
     cell_ghosts_ = data_.GetCellGhostArray();
@@ -342,7 +358,8 @@ class PieceMaker {
       const VtkValues& values = arrays_[a];
       piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
         if (!values.of_cells) return component_values(*values.array, component, kept_);
-        const std::vector<double> means = averages->means(*values.array, component);
+        std::vector<double> means = averages->means(*values.array, component);
+        if (change_means_) change_means_(attributes_[a].array, component, means);
         std::vector<double> of_kept(kept_.size());
         std::ranges::transform(kept_, of_kept.begin(), [&](std::uint32_t point) { return means[point]; });
         return of_kept;
@@ -399,6 +416,7 @@ class PieceMaker {
   vtkDataSet& data_;
   std::span<const VtkAttribute> attributes_;
   bool own_cells_;
+  const ChangeMeans& change_means_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
@@ -420,10 +438,17 @@ class PieceMaker {
 }  // namespace
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                          std::span<const VtkAttribute> attributes, CellValues cells) {
+                                          std::span<const VtkAttribute> attributes, CellValues cells,
+                                          const ChangeMeans& change_means) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells).make(); }));
+  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells, change_means).make(); }));
   return piece;
+}
+
+Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
+  std::optional<Result<CellAverages>> averages;
+  SPLATVOL_TRY(run_vtk(path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}).make_averages(); }));
+  return std::move(*averages);
 }
 
 }  // namespace splatvol

@@ -26,12 +26,13 @@ std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
 
 class VtkSource final : public Source {
  public:
-  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells)
-      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells) {}
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, std::optional<TimeStep> step = {})
+      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells), step_(step) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
+  std::vector<std::string> units() const override { return units_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
-  std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
+  std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
 
   /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
   /// not among them.
@@ -59,6 +60,10 @@ class VtkSource final : public Source {
       attributes_.back().name = name;
     }
     names_ = names_of(attributes_);
+    for (const VtkAttribute& attribute : attributes_) {
+      const std::string unit = data_sets_->unit(attribute.array);
+      units_.push_back(unit.empty() ? unit_label(*pending_, attribute.array) : unit);
+    }
     return {};
   }
 
@@ -71,7 +76,10 @@ class VtkSource final : public Source {
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_,
+                                          [&](const std::string& array, int component, std::span<double> means) {
+                                            data_sets_->share_means(*data, array, component, means);
+                                          }));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);
@@ -121,8 +129,10 @@ class VtkSource final : public Source {
   CellValues cells_;
   std::uint64_t points_ = 0;         // of the pieces so far
   std::set<std::string> converted_;  // attributes
+  std::optional<TimeStep> step_;     // instead of that of data_sets_
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
+  std::vector<std::string> units_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   vtkSmartPointer<vtkDataSet> pending_;
   RepeatedPieces repeats_;
@@ -131,8 +141,9 @@ class VtkSource final : public Source {
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
-                                               std::optional<double> time, CellValues cells) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells);
+                                               std::optional<double> time, CellValues cells,
+                                               std::optional<TimeStep> step) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, step);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;
