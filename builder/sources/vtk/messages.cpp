@@ -57,7 +57,7 @@ std::string without_internals(const std::string& line) {
 }
 
 std::string failure_of(const ErrorWindow& window) {
-  const std::string line = without_internals(one_line(window.first_error));
+  std::string line = without_internals(one_line(window.first_error));
   if (!line.empty() || window.later_error.empty()) return line;
   return "VTK's reader gives up on it: damaged, or not of the format that its name says";
 }
