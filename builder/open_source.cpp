@@ -279,6 +279,9 @@ Result<std::vector<std::string>> list_folder(const std::string& folder) {
   }
   if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
   if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
+  // A .pvd names the files beside it, and tells their times.
+  const auto is_pvd = [](const std::string& name) { return name.ends_with(".pvd"); };
+  if (std::ranges::count_if(names, is_pvd) == 1) names = {*std::ranges::find_if(names, is_pvd)};
   // Names that differ only in leading zeros are compared by their bytes.
   std::ranges::sort(names, [](const std::string& a, const std::string& b) {
     return name_before(a, b) || (!name_before(b, a) && a < b);

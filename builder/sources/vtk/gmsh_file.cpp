@@ -153,6 +153,7 @@ class GmshReader {
                   path_, version_, path_);
     if (size != 8) return fail(ErrorCode::unsupported, "{}: numbers of {} bytes instead of 8", path_, size);
     in_.set_binary(type == 1);
+    file_.may_repeat = version_ == 2.2;
     if (type == 1 && in_.number<std::int32_t>() != 1)
       return fail(ErrorCode::unsupported, "{}: written by a machine of the other byte order: save it as ascii", path_);
     in_.end("MeshFormat");

@@ -36,6 +36,7 @@ struct GmshFile {
   std::vector<dvec3> points;
   GmshElements elements;
   std::vector<GmshView> views;
+  bool may_repeat = false;  // version 2.2 repeats an element for each of its physical groups
 };
 
 /// Number of nodes of an element type; empty for types that are not known.

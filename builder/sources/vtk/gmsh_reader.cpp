@@ -1,6 +1,7 @@
 #include "builder/sources/vtk/gmsh_reader.h"
 
 #include <vtkCellData.h>
+#include <vtkCellType.h>
 #include <vtkDoubleArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
@@ -13,6 +14,7 @@
 #include <cmath>
 #include <cstdint>
 #include <span>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -123,10 +125,36 @@ class GridMaker {
   [[nodiscard]] vtkSmartPointer<vtkUnstructuredGrid> grid() const { return grid_; }
 
  private:
-  /// Adds one cell for each element, so that both have the same numbers.
+  /// Finds the elements with the nodes of an element before them.
+  [[nodiscard]] std::vector<bool> find_repeated() const {
+    const GmshElements& elements = file_.elements;
+    std::vector<bool> repeated(elements.types.size());
+    std::vector<std::tuple<std::uint64_t, std::uint64_t, std::size_t>> sorted;  // two hashes of the nodes, element
+    std::size_t at = 0;
+    for (std::size_t e = 0; e < elements.types.size() && file_.may_repeat; ++e) {
+      const std::size_t nodes = *gmsh_node_count(elements.types[e]);
+      std::uint64_t sum = 0, other = static_cast<std::uint64_t>(elements.types[e]);
+      for (std::size_t n = 0; n < nodes; ++n) {
+        const std::uint64_t mixed = (elements.nodes[at + n] + 1) * 0x9e3779b97f4a7c15ULL;
+        sum += mixed ^ (mixed >> 32);
+        other += (mixed ^ (mixed >> 29)) * 0xbf58476d1ce4e5b9ULL;
+      }
+      at += nodes;
+      if (is_solid(elements.types[e])) sorted.emplace_back(sum, other, e);
+    }
+    std::ranges::sort(sorted);
+    for (std::size_t i = 1; i < sorted.size(); ++i) {
+      const auto& [sum, other, element] = sorted[i];
+      repeated[element] = sum == std::get<0>(sorted[i - 1]) && other == std::get<1>(sorted[i - 1]);
+    }
+    return repeated;
+  }
+
+  /// Adds one cell for each element, so that both have the same numbers. Repeated elements become empty cells.
   void add_cells() {
     const GmshElements& elements = file_.elements;
     std::array<vtkIdType, 27> points{};
+    const std::vector<bool> repeated = find_repeated();
     std::size_t at = 0;
     for (const int type : elements.types) {
       const ElementKind* kind = find_kind(type);
@@ -138,7 +166,9 @@ class GridMaker {
       first_node_.push_back(at);
       for (std::size_t i = 0; i < kind->nodes; ++i)
         points[i] = nodes_.find(elements.nodes[at + kind->order[i]], "node");
-      grid_->InsertNextCell(kind->vtk_type, static_cast<vtkIdType>(kind->nodes), points.data());
+      const bool is_empty = repeated[first_node_.size() - 1];
+      grid_->InsertNextCell(is_empty ? VTK_EMPTY_CELL : kind->vtk_type,
+                            is_empty ? 0 : static_cast<vtkIdType>(kind->nodes), points.data());
       at += *gmsh_node_count(type);
     }
   }

@@ -32,8 +32,8 @@ class ProcessorReader final : public vtkOpenFOAMReader {
   bool is_new_ = false;
 };
 
-/// Finds the folders of processors that a case is to be read from, in order: those of a case that has no mesh itself,
-/// or whose processors have a later time step than the case itself. None otherwise. `path`: system/controlDict, or a
+/// Lists the folders of a case's processors, in order. Lists none if the case itself has a mesh, and has the last of
+/// their time steps: such a case is read from its own folder. `path`: system/controlDict, or a
 /// file in the case's folder. Throws if the folder of a processor is missing, or if the folders are collated.
 [[nodiscard]] std::vector<std::string> find_processors(const std::string& path);
 

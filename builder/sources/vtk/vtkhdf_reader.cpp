@@ -155,9 +155,10 @@ class HdfFile {
                    std::uint64_t count) const {
     for (const std::string& name : group_.arrays_in(data)) {
       if (!wanted(name)) continue;
-      const std::string own_offsets = data + "Offsets/" + name;
+      const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
-      const auto values = group_.doubles(data + "/" + name, own ? offset(own_offsets) + before : first, count);
+      const auto values =
+          group_.doubles(fmt::format("{}/{}", data, name), own ? offset(own_offsets) + before : first, count);
       add_array(name, values, count, to);
     }
   }
@@ -207,8 +208,8 @@ class HdfFile {
                          vtkDataSetAttributes& to) const {
     for (const std::string& name : group_.arrays_in(data)) {
       if (!wanted(name)) continue;
-      std::vector<std::uint64_t> shape = group_.shape(data + "/" + name);
-      const std::string own_offsets = data + "Offsets/" + name;
+      std::vector<std::uint64_t> shape = group_.shape(fmt::format("{}/{}", data, name));
+      const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
       std::uint64_t first = 0, rows = shape[0];
       if (step_ && shape.size() >= 4 && (own || shape[0] == step_->count)) {  // the first axis is time
@@ -218,7 +219,8 @@ class HdfFile {
       }
       const bool fits = shape.size() >= 3 && shape[0] == counts[2] && shape[1] == counts[1] && shape[2] == counts[0];
       if (!fits) throw ReaderError(fmt::format("the array \"{}\" is not of the extent of the image", name));
-      add_array(name, group_.doubles(data + "/" + name, first, rows), counts[0] * counts[1] * counts[2], to);
+      add_array(name, group_.doubles(fmt::format("{}/{}", data, name), first, rows), counts[0] * counts[1] * counts[2],
+                to);
     }
   }
 

@@ -342,7 +342,7 @@ TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
   geometry.erase(geometry.find("part\n"), geometry.rfind("part\n") - geometry.find("part\n"));
   write("wall.geo", geometry);
   write("wall.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wall.geo\n");
-  EXPECT_THAT(error_of("wall.case"), HasSubstr("only surfaces (1 blocks); splatvol draws volumes"));
+  EXPECT_THAT(error_of("wall.case"), AllOf(HasSubstr("only surface cells ("), HasSubstr("; splatvol draws volumes")));
 }
 
 // All steps in one file: the section FILE has numbers of steps, too.
@@ -526,15 +526,20 @@ std::vector<FoamFace> foam_faces(std::size_t begin = 0, std::size_t end = block_
 
 using WriteFile = std::function<void(const std::string&, const std::string&)>;
 
+/// Moves the points of a mesh.
+using Place = std::function<dvec3(dvec3)>;
+
 /// Writes the cells [begin, end) of the cube to a folder.
-void write_openfoam_part(const std::string& part, std::size_t begin, std::size_t end, const WriteFile& write) {
+void write_openfoam_part(
+    const std::string& part, std::size_t begin, std::size_t end, const WriteFile& write,
+    const Place& place = [](dvec3 p) { return p; }) {
   std::vector<FoamFace> faces = foam_faces(begin, end);
   std::vector<dvec3> points;  // those of the faces
   std::map<std::uint32_t, std::uint32_t> numbers;
   for (FoamFace& face : faces)
     for (std::uint32_t& point : face.points) {
       const auto [number, is_new] = numbers.try_emplace(point, static_cast<std::uint32_t>(points.size()));
-      if (is_new) points.push_back(cubes[0].points[point]);
+      if (is_new) points.push_back(place(cubes[0].points[point]));
       point = number->second;
     }
   std::vector<std::size_t> owners, neighbours;
@@ -652,6 +657,59 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   const auto whole = read_input({path("case.foam")});
   ASSERT_TRUE(whole) << whole.error().message;
   EXPECT_EQ(whole->pieces.size(), 1u);
+}
+
+/// The values of an attribute at all positions; of a position that several pieces have, their values.
+std::map<std::array<double, 3>, std::vector<double>> values_by_position(const Input& input, const std::string& name) {
+  const auto at = static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
+  std::map<std::array<double, 3>, std::vector<double>> values;
+  for (const Piece& piece : input.pieces)
+    for (std::size_t i = 0; i < piece.points.size(); ++i)
+      values[{piece.points[i].x, piece.points[i].y, piece.points[i].z}].push_back(piece.values.at(at)[i]);
+  return values;
+}
+
+// The means are by volume, also over the cells of several processors.
+TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
+  const Place graded = [](dvec3 p) { return p * p * p; };
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  write_openfoam_part("", 0, block_cells, writer, graded);
+  const auto whole = read_input({path("case.foam")});
+  ASSERT_TRUE(whole) << whole.error().message;
+  ASSERT_EQ(whole->pieces.size(), 1u);
+  std::filesystem::remove_all(path("constant"));
+  constexpr std::size_t cut = 13;
+  write_openfoam_part("processor0/", 0, cut, writer, graded);
+  write_openfoam_part("processor1/", cut, block_cells, writer, graded);
+  const auto parts = read_input({path("case.foam")});
+  ASSERT_TRUE(parts) << parts.error().message;
+  ASSERT_EQ(parts->pieces.size(), 2u);
+  for (const char* name : {"f", "U", "U[1]"}) {
+    const auto expected = values_by_position(*whole, name), found = values_by_position(*parts, name);
+    ASSERT_EQ(found.size(), expected.size());
+    std::size_t common = 0;
+    for (const auto& [position, values] : found) {
+      ASSERT_TRUE(expected.contains(position));
+      common += values.size() > 1 ? 1 : 0;
+      for (const double value : values) {
+        EXPECT_EQ(value, values[0]) << "else the points do not merge into one";
+        EXPECT_NEAR(value, expected.at(position)[0], 1e-12);
+      }
+    }
+    EXPECT_GE(common, side) << name;
+  }
+  auto source = open_source({path("case.foam")}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  while (*(*source)->next()) {
+  }
+  EXPECT_EQ((*source)->conversions().size(), 1u);
+
+  SourceOptions own;
+  own.cells = CellValues::own;
+  const auto cells_alone = read_input({path("case.foam")}, own);
+  ASSERT_TRUE(cells_alone) << cells_alone.error().message;
+  EXPECT_EQ(cells_alone->points, block_cells);
 }
 
 TEST_F(BlocksTest, CollatedOpenFoamIsRefused) {

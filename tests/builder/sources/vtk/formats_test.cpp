@@ -138,6 +138,10 @@ TEST_F(FormatsTest, Pvd) {
     EXPECT_EQ(input->pieces[0].points[0], dvec3(0)) << "parts in order";
   }
   expect_refused_or_equal("series.pvd", "series.pvd", 1);
+  write_tetrahedron("z.vtu", 0, "f");
+  const auto folder = read_input({folder_}, {{}, {}, 0.5});
+  ASSERT_TRUE(folder) << folder.error().message;
+  EXPECT_EQ(folder->points, 8u) << "the .pvd alone";
   std::filesystem::remove(path("data/d.vtu"));
   EXPECT_THAT(error_of("series.pvd"), AllOf(StartsWith(path("series.pvd")), HasSubstr("data/d.vtu")));
   EXPECT_EQ(error_of("series.pvd", {{}, {}, 0.5}), "(no error)");
@@ -189,7 +193,7 @@ TEST_F(FormatsTest, Vtm) {
   EXPECT_FALSE(folder) << "the blocks alone differ";
 
   write("wall.vtm", start + "<DataSet index=\"0\" file=\"blocks/wall.vtp\"/>" + end);
-  EXPECT_THAT(error_of("wall.vtm"), HasSubstr("only surfaces (1 blocks)"));
+  EXPECT_THAT(error_of("wall.vtm"), HasSubstr("only surface cells (1 triangle); splatvol draws volumes"));
   write("gone.vtm", start + "<DataSet index=\"0\" file=\"blocks/gone.vtu\"/>" + end);
   EXPECT_THAT(error_of("gone.vtm"), AllOf(StartsWith(path("gone.vtm")), HasSubstr("blocks/gone.vtu")));
   write("loop.vtm", start + "<DataSet index=\"0\" file=\"loop.vtm\"/>" + end);
@@ -406,6 +410,19 @@ TEST_F(FormatsTest, GmshOrders) {
     EXPECT_EQ(input->census.inverted, 0u) << type;
     EXPECT_LT(largest_error(*input, "f"), 1e-12) << type;
   }
+}
+
+// In version 2.2 an element of two physical groups is written twice.
+TEST_F(FormatsTest, RepeatedElementsOfGmshCountOnce) {
+  write(
+      "a.msh",
+      "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n2\n"
+      "1 4 2 1 1 1 2 3 4\n2 4 2 2 1 1 2 3 4\n$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n4\n1 1\n2 2\n3 3\n4 4\n"
+      "$EndNodeData\n");
+  const auto input = read_input({path("a.msh")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_NEAR(input->volume, 1.0 / 6, 1e-12);
+  EXPECT_EQ(input->census.cells.at("tetrahedron"), 1u);
 }
 
 TEST_F(FormatsTest, DamagedGmsh) {
