@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/names.h"
 #include "builder/reduce_source.h"
 #include "format/volume_writer.h"
 
@@ -44,6 +45,9 @@ const char* connectivity_name(Connectivity connectivity) {
 
 Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                  const BuildProgress& progress) {
+  for (const auto& [name, unit] : options.units)
+    if (std::ranges::find(source.attributes(), name) == source.attributes().end())
+      return fail_no_attribute("unit " + unit, name, source.attributes());
   // If the file cannot be written, this fails before the work.
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
   // A folder with room for the file has room for parts of it.

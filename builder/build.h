@@ -26,8 +26,9 @@ struct BuildOptions {
   bool gradients = false;                               // the column `gradient`: lights the kernel octant
   Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
-  std::string builder = "splatvol";                     // name and version of the program
-  int up = -1;                                          // format::VolumeInfo::up
+  std::vector<std::pair<std::string, std::string>> units = {};  // attribute, unit: instead of the source's
+  std::string builder = "splatvol";                             // name and version of the program
+  int up = -1;                                                  // format::VolumeInfo::up
 };
 
 struct BuildReport {
@@ -49,7 +50,8 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 
 /// Reads the whole source, reduces it and writes `output`, which appears whole or not at all. Bytes depend on the
 /// points, their order and the options, never on threads or memory. Fails if leaf_points is under 8 (a node that is
-/// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none.
+/// split must lose points even if each of its octants keeps one), and if cells are asked for and there are none. Fails
+/// also if a unit is given for an attribute that is not there. The unit of a vector is that of its components too.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
 

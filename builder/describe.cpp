@@ -6,6 +6,18 @@
 #include "builder/reduction/clusters.h"
 
 namespace splatvol {
+namespace {
+
+// A unit of "U" holds for "U[0]" too, unless this has one of its own.
+void set_units(const std::vector<std::pair<std::string, std::string>>& units,
+               std::vector<format::Attribute>& attributes) {
+  for (const bool own : {false, true})
+    for (const auto& [name, unit] : units)
+      for (format::Attribute& attribute : attributes)
+        if (own ? attribute.name == name : attribute.name.starts_with(name + "[")) attribute.unit = unit;
+}
+
+}  // namespace
 
 format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube,
                                    std::vector<format::Attribute> attributes) {
@@ -28,6 +40,7 @@ format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube
     if (options.gradients) info.columns.push_back({ColumnKind::gradient, ColumnScope::segment, static_cast<int>(a)});
   }
   info.attributes = std::move(attributes);
+  set_units(options.units, info.attributes);
   return info;
 }
 

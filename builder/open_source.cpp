@@ -3,17 +3,20 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <filesystem>
 #include <optional>
 #include <set>
 #include <string_view>
 
 #include "base/file.h"
+#include "builder/sources/csv_source.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/npy_header.h"
 #include "builder/sources/npy_source.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vdb_source.h"
+#include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/netcdf_checks.h"
 #include "builder/sources/vtk/reader.h"
 #include "builder/sources/vtk/source.h"
@@ -23,7 +26,7 @@ namespace {
 
 /// The format of a file, by its first bytes and its name.
 struct FileHeader {
-  enum class Format { vtk_xml, vtk_legacy, multi_block, npy, vdb, other };
+  enum class Format { vtk_xml, vtk_legacy, multi_block, npy, csv, vdb, other };
   Format format = Format::other;
   VtkFile::Kind kind = VtkFile::Kind::unstructured;  // of a multi-block file
   std::string type;                                  // of an XML file: "UnstructuredGrid", ...
@@ -42,7 +45,8 @@ constexpr std::array<XmlType, 5> xml_types = {{{"UnstructuredGrid", VtkFile::Kin
                                                {"PolyData", VtkFile::Kind::poly}}};
 
 bool has_vtk_extension(std::string_view path) {
-  constexpr std::array<std::string_view, 7> extensions = {".vtu", ".pvtu", ".vtk", ".vts", ".vtr", ".vti", ".vtp"};
+  constexpr std::array<std::string_view, 11> extensions = {".vtu", ".pvtu", ".vtk", ".vts",  ".vtr", ".vti",
+                                                           ".vtp", ".pvd",  ".vtm", ".vtpd", ".vtpc"};
   return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
 }
 
@@ -50,15 +54,19 @@ struct MultiBlockExtension {
   std::string_view extension;
   VtkFile::Kind kind;
 };
-constexpr std::array<MultiBlockExtension, 9> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
-                                                                        {".exo", VtkFile::Kind::exodus},
-                                                                        {".exii", VtkFile::Kind::exodus},
-                                                                        {".ex2", VtkFile::Kind::exodus},
-                                                                        {".g", VtkFile::Kind::exodus},
-                                                                        {".case", VtkFile::Kind::ensight},
-                                                                        {".encas", VtkFile::Kind::ensight},
-                                                                        {".foam", VtkFile::Kind::openfoam},
-                                                                        {".cgns", VtkFile::Kind::cgns}}};
+constexpr std::array<MultiBlockExtension, 13> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
+                                                                         {".exo", VtkFile::Kind::exodus},
+                                                                         {".exii", VtkFile::Kind::exodus},
+                                                                         {".ex2", VtkFile::Kind::exodus},
+                                                                         {".g", VtkFile::Kind::exodus},
+                                                                         {".case", VtkFile::Kind::ensight},
+                                                                         {".encas", VtkFile::Kind::ensight},
+                                                                         {".foam", VtkFile::Kind::openfoam},
+                                                                         {".cgns", VtkFile::Kind::cgns},
+                                                                         {".msh", VtkFile::Kind::gmsh},
+                                                                         {".su2", VtkFile::Kind::su2},
+                                                                         {".vtkhdf", VtkFile::Kind::vtkhdf},
+                                                                         {".hdf", VtkFile::Kind::vtkhdf}}};
 
 /// Finds the format of a multi-block file by its name: most of these files are HDF5 or plain text. An Exodus file that
 /// holds a part of a mesh has a name such as "mesh.e.4.0".
@@ -76,6 +84,10 @@ std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
     path = path.substr(0, last);
   }
   return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
+}
+
+bool is_csv(std::string_view path) {
+  return path.ends_with(".csv") || path.ends_with(".CSV") || path.ends_with(".tsv");
 }
 
 std::string xml_attribute(std::string_view element, std::string_view name) {
@@ -130,6 +142,10 @@ Result<FileHeader> read_header(const std::string& path) {
     header.format = FileHeader::Format::npy;
     return header;
   }
+  if (is_csv(path)) {
+    header.format = FileHeader::Format::csv;
+    return header;
+  }
   if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
     header.format = FileHeader::Format::vdb;
     return header;
@@ -180,10 +196,35 @@ Status append_pieces(const std::string& path, std::vector<VtkFile>& files) {
   return {};
 }
 
-Status append_file(const std::string& path, std::vector<VtkFile>& files) {
+/// A file that names files is not one of those that it names, at any depth.
+constexpr int deepest_nesting = 16;
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files, int nesting = 0);
+
+bool is_composite(const FileHeader& header) {
+  constexpr std::array<std::string_view, 3> types = {"vtkMultiBlockDataSet", "vtkPartitionedDataSet",
+                                                     "vtkPartitionedDataSetCollection"};
+  return std::ranges::find(types, header.type) != types.end();
+}
+
+/// Appends a file that names the files of its blocks. Errors of these begin with its name.
+Status append_composite(const std::string& path, std::vector<VtkFile>& files, int nesting) {
+  if (nesting == deepest_nesting) return fail(ErrorCode::invalid_data, "{}: files name each other too deeply", path);
+  SPLATVOL_TRY_ASSIGN(names, block_files(path));
+  VtkFile composite{path, VtkFile::Kind::composite};
+  for (const std::string& name : names)
+    if (const Status added = append_file(name, composite.blocks, nesting + 1); !added)
+      return fail_in(path, added.error());
+  files.push_back(std::move(composite));
+  return {};
+}
+
+Status append_file(const std::string& path, std::vector<VtkFile>& files, int nesting) {
   SPLATVOL_TRY_ASSIGN(header, read_header(path));
   if (header.format == FileHeader::Format::npy)
     return fail(ErrorCode::invalid_argument, "{}: a .npy file among meshes", path);
+  if (header.format == FileHeader::Format::csv)
+    return fail(ErrorCode::invalid_argument, "{}: a .csv file among meshes", path);
   if (header.format == FileHeader::Format::vdb)
     return fail(ErrorCode::invalid_argument, "{}: a .vdb file among meshes", path);
   if (header.format == FileHeader::Format::other)
@@ -199,6 +240,8 @@ Status append_file(const std::string& path, std::vector<VtkFile>& files) {
     return {};
   }
   if (header.type == "PUnstructuredGrid") return append_pieces(path, files);
+  if (is_composite(header)) return append_composite(path, files, nesting);
+  if (header.type == "Collection") return fail(ErrorCode::invalid_argument, "{}: a .pvd must be the only input", path);
   SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
   files.push_back(file);
   return {};
@@ -230,12 +273,15 @@ Result<std::vector<std::string>> list_folder(const std::string& folder) {
   std::vector<std::string> names;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename();
-    const bool known =
-        has_vtk_extension(name) || multi_block_kind(name) || name.ends_with(".npy") || name.ends_with(".vdb");
+    const bool known = has_vtk_extension(name) || multi_block_kind(name) || name.ends_with(".npy") ||
+                       name.ends_with(".vdb") || is_csv(name);
     if (known && !name.starts_with('.')) names.push_back(name);
   }
   if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
   if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
+  // A .pvd names the files beside it, and tells their times.
+  const auto is_pvd = [](const std::string& name) { return name.ends_with(".pvd"); };
+  if (std::ranges::count_if(names, is_pvd) == 1) names = {*std::ranges::find_if(names, is_pvd)};
   // Names that differ only in leading zeros are compared by their bytes.
   std::ranges::sort(names, [](const std::string& a, const std::string& b) {
     return name_before(a, b) || (!name_before(b, a) && a < b);
@@ -265,12 +311,38 @@ Result<std::vector<std::string>> files_of(const std::vector<std::string>& inputs
   return paths;
 }
 
-/// Drops repeated files: a folder may hold a .pvtu and the pieces that it names.
+std::string normal_path(const VtkFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
+
+void collect_blocks(const VtkFile& file, std::set<std::string>& paths) {
+  for (const VtkFile& block : file.blocks) {
+    paths.insert(normal_path(block));
+    collect_blocks(block, paths);
+  }
+}
+
+/// Drops repeated files: a folder may hold a .pvtu or .vtm and the files that it names.
 void drop_repeated(std::vector<VtkFile>& files) {
   std::set<std::string> seen;
-  std::erase_if(files, [&](const VtkFile& file) {
-    return !seen.insert(std::filesystem::path(file.path).lexically_normal().string()).second;
-  });
+  for (const VtkFile& file : files) collect_blocks(file, seen);
+  std::erase_if(files, [&](const VtkFile& file) { return !seen.insert(normal_path(file)).second; });
+}
+
+/// Replaces a .pvd by the files of its step nearest to `time`, without a time the last. Returns the step, or nothing if
+/// the input is no .pvd.
+Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, const FileHeader& first,
+                                           std::optional<double> time) {
+  if (first.type != "Collection" || paths.size() != 1) return std::optional<TimeStep>();
+  SPLATVOL_TRY_ASSIGN(steps, pvd_steps(paths[0]));
+  std::size_t best = steps.size() - 1;
+  for (std::size_t i = 0; time && i < steps.size(); ++i)
+    if (std::abs(steps[i].time - *time) < std::abs(steps[best].time - *time)) best = i;
+  const std::string collection = paths[0];
+  paths = steps[best].files;
+  for (const std::string& path : paths)
+    if (const auto header = read_header(path); !header) return fail_in(collection, header.error());
+  TimeStep step{steps[best].time, best, steps.size()};
+  for (const auto& of_collection : steps) step.times.push_back(of_collection.time);
+  return std::optional(std::move(step));
 }
 
 tl::unexpected<Error> fail_no_cells(const std::string& input) {
@@ -290,11 +362,14 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
   if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
   SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
   if (options.cells == CellValues::own &&
-      (first.format == FileHeader::Format::npy || first.format == FileHeader::Format::vdb))
+      (first.format == FileHeader::Format::npy || first.format == FileHeader::Format::csv ||
+       first.format == FileHeader::Format::vdb))
     return fail_no_cells(paths[0]);
   if (first.format == FileHeader::Format::npy) return open_npy_files(paths, options);
+  if (first.format == FileHeader::Format::csv) return open_csv_files(paths, options);
   if (!options.columns.empty())
-    return fail(ErrorCode::invalid_argument, "{}: not a .npy file, so its columns cannot be named", paths[0]);
+    return fail(ErrorCode::invalid_argument, "{}: neither a .npy nor a .csv file, so its columns cannot be named",
+                paths[0]);
   const MissingValues missing(options.missing);
   if (first.format == FileHeader::Format::vdb) return open_vdb_files(paths, options.selection, missing);
   if (first.format == FileHeader::Format::other && !has_vtk_extension(paths[0])) {
@@ -305,11 +380,17 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
         paths[0]);
   }
 
+  SPLATVOL_TRY_ASSIGN(step, expand_pvd(paths, first, options.time));
   std::vector<VtkFile> files;
-  for (const std::string& path : paths) SPLATVOL_TRY(append_file(path, files));
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    SPLATVOL_TRY(append_file(paths[i], files));
+    // A .csv behind an SU2 mesh holds its values.
+    if (files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() && is_csv(paths[i + 1]))
+      files.back().values = paths[++i];
+  }
   if (paths != inputs) drop_repeated(files);
   if (files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  return open_vtk_files(std::move(files), options.selection, options.time, options.cells, missing);
+  return open_vtk_files(std::move(files), options.selection, options.time, options.cells, missing, step);
 }
 
 }  // namespace

@@ -15,6 +15,7 @@ namespace splatvol {
 /// - Exodus, EnSight, OpenFOAM and CGNS files, known by their extensions; they count as VTK files, and their blocks are
 ///   pieces (builder/sources/vtk/blocks.h).
 /// - .npy files; several are one point set (builder/sources/npy_source.h).
+/// - .csv and .tsv files; several are one point set (builder/sources/csv_source.h).
 /// - a PLOT3D grid and its solution, as two paths in this order.
 /// - OpenVDB files (builder/sources/vdb_source.h).
 /// - "gen:..." for a generated input (builder/sources/generator.h).
@@ -31,9 +32,9 @@ namespace splatvol {
 ///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
 /// no arrays of numbers or lacks a selected attribute; the message lists its attributes. `columns` may only be given
-/// for .npy files, a `time` only for files with time steps, and cells of their own only for meshes in files. next()
-/// fails if two files have the same points: they are time steps, and no pieces (builder/sources/repeated_pieces.h). As
-/// safe on untrusted files as VTK's and OpenVDB's readers.
+/// for .npy and .csv files, a `time` only for files with time steps, and cells of their own only for meshes in files.
+/// next() fails if two files have the same points: they are time steps, and no pieces
+/// (builder/sources/repeated_pieces.h). As safe on untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 

@@ -48,7 +48,10 @@ class GridBuilder {
       : voxel_volume_(frame.voxel * frame.voxel * frame.voxel),
         grids_(names_of(volume, selection), frame.origin, frame.voxel) {
     grids_.mark_share(0);
-    for (const std::size_t a : selection.attributes) attributes_.push_back(volume.info().attributes[a]);
+    for (const std::size_t a : selection.attributes) {
+      attributes_.push_back(volume.info().attributes[a]);
+      if (!attributes_.back().unit.empty()) grids_.set_unit(attributes_.size(), attributes_.back().unit);
+    }
   }
 
   void add_brick(const VoxelSums::BrickIndex& index, std::span<const double> sums, VdbReport& report) {

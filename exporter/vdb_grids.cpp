@@ -76,6 +76,10 @@ void VdbGrids::mark_share(std::size_t grid) {
   grids_->all[grid]->insertMeta(vdb_share_metadata, openvdb::BoolMetadata(true));
 }
 
+void VdbGrids::set_unit(std::size_t grid, const std::string& unit) {
+  grids_->all[grid]->insertMeta("unit", openvdb::StringMetadata(unit));
+}
+
 Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
   SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(path));
   try {

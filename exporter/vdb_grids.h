@@ -24,6 +24,9 @@ class VdbGrids {
   /// Marks a grid as the one that holds the share of material (base/vdb_share.h).
   void mark_share(std::size_t grid);
 
+  /// Notes the unit of a grid's values, as the grid's metadata "unit".
+  void set_unit(std::size_t grid, const std::string& unit);
+
   /// Writes the file and returns its length. The file appears whole or not at all. Equal grids give equal bytes.
   [[nodiscard]] Result<std::uint64_t> write(const std::string& path) const;
 

@@ -22,6 +22,7 @@ struct Array {
   const char* type = "Float64";
   std::size_t components = 1;
   std::size_t number_bytes = sizeof(double);
+  std::string unit = {};
   std::uint64_t offset = 0;  // in the appended data: of the array's length; the numbers follow it
 
   [[nodiscard]] std::uint64_t bytes(std::uint64_t points) const { return points * components * number_bytes; }
@@ -81,24 +82,24 @@ class VtuFile {
     const format::VolumeInfo& info = volume.info();
     for (const std::size_t a : selection.attributes) {
       attributes_.push_back(info.attributes[a]);
-      arrays_.push_back({.name = info.attributes[a].name});
+      arrays_.push_back({.name = info.attributes[a].name, .unit = info.attributes[a].unit});
     }
     arrays_.push_back({.name = "mass"});
     arrays_.push_back({.name = "centroid", .components = 3});
     arrays_.push_back({.name = "covariance", .components = 6});
     for (const std::size_t a : selection.attributes) {
       const format::Attribute& attribute = info.attributes[a];
-      arrays_.push_back({.name = attribute.name + " mean"});
-      arrays_.push_back({.name = attribute.name + " deviation"});
+      arrays_.push_back({.name = attribute.name + " mean", .unit = attribute.unit});
+      arrays_.push_back({.name = attribute.name + " deviation", .unit = attribute.unit});
       arrays_.push_back({.name = attribute.name + " covariance", .components = 3});
       arrays_.push_back({.name = attribute.name + " gradient", .components = 3});
       has_direction_.push_back(info.find_column(format::ColumnKind::gradient, static_cast<int>(a)) >= 0);
       if (has_direction_.back()) arrays_.push_back({.name = attribute.name + " gradient direction", .components = 3});
     }
     data_arrays_ = arrays_.size();
-    arrays_.push_back({"connectivity", "Int64", 1, sizeof(std::int64_t)});
-    arrays_.push_back({"offsets", "Int64", 1, sizeof(std::int64_t)});
-    arrays_.push_back({"types", "UInt8", 1, sizeof(std::uint8_t)});
+    arrays_.push_back({.name = "connectivity", .type = "Int64", .number_bytes = sizeof(std::int64_t)});
+    arrays_.push_back({.name = "offsets", .type = "Int64", .number_bytes = sizeof(std::int64_t)});
+    arrays_.push_back({.name = "types", .type = "UInt8", .number_bytes = sizeof(std::uint8_t)});
   }
 
   Status check_names(const std::string& file) const {
@@ -177,9 +178,14 @@ class VtuFile {
  private:
   [[nodiscard]] std::string header_of(std::uint64_t points) const {
     const auto element = [](const Array& array) {
+      // VTK's own key for the unit of an array.
+      const std::string unit = fmt::format(
+          ">\n          <InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">{}</InformationKey>"
+          "\n        </DataArray>\n",
+          escape(array.unit));
       return fmt::format(
-          "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{}\"/>\n",
-          array.type, escape(array.name), array.components, array.offset);
+          "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{}\"{}",
+          array.type, escape(array.name), array.components, array.offset, array.unit.empty() ? "/>\n" : unit);
     };
     std::string header = fmt::format(
         "<?xml version=\"1.0\"?>\n"

@@ -43,6 +43,7 @@ struct Options {
   bool series = false;
   bool series_of_files = false;
   bool append = false;
+  std::vector<std::string> units;
   unsigned threads = 0;
   bool json = false;
 };
@@ -156,6 +157,10 @@ Result<BuildOptions> build_options_of(const Options& options) {
   }
   build_options.temp_folder = options.temp_folder;
   build_options.up = options.up.empty() ? usual_up(options.inputs) : options.up[0] - 'x';
+  for (const std::string& unit : options.units) {
+    const std::size_t equals = unit.rfind('=');
+    build_options.units.emplace_back(unit.substr(0, equals), unit.substr(equals + 1));
+  }
   for (const std::string& input : options.inputs)
     build_options.inputs.push_back(std::filesystem::path(input).filename());
   return build_options;
@@ -245,8 +250,9 @@ Status build(const Options& options) {
 
 void add_input_options(CLI::App& app, Options& options) {
   app.add_option("inputs", options.inputs,
-                 "Meshes (.vtu, .pvtu, .vtk, ..., .e, .case, .foam, .cgns), voxels (.vdb), folders of them, points "
-                 "(.npy), a PLOT3D grid and its solution, or points or a mesh to generate, as svgen does "
+                 "Meshes (.vtu, .pvtu, .vtk, .vtm, .pvd, ..., .e, .case, .foam, .cgns, .msh), voxels (.vdb), folders "
+                 "of them, points (.npy, .csv), a mesh of SU2 and its .csv, a PLOT3D grid and its solution, or points "
+                 "or a mesh to generate, as svgen does "
                  "(gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
@@ -284,13 +290,14 @@ void add_reduction_options(CLI::App& app, Options& options) {
 
 void add_format_options(CLI::App& app, Options& options) {
   app.add_option("--columns", options.columns,
-                 "Names of the columns of .npy files, commas between: x, y and z are the position, _ is left out "
-                 "(default: x,y,z,value)")
+                 "Names of the columns of .npy and .csv files, commas between: x, y and z are the position, _ is left "
+                 "out (default: the file's own, or x,y,z,value)")
       ->delimiter(',')
       ->type_name("NAME,...");
   add_cells_option(app, options.cells, "each cell is a point of its own, with one value in all of it");
   app.add_option("--time", options.time,
-                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS): take the step nearest to this time "
+                 "For an input with time steps (Exodus, EnSight, OpenFOAM, CGNS, .pvd, ...): take the step nearest to "
+                 "this time "
                  "(default: the last)")
       ->type_name("T");
   app.add_flag("--gradients", options.gradients,
@@ -329,6 +336,19 @@ void add_series_options(CLI::App& app, Options& options) {
       ->excludes(app.get_option("--time"));
 }
 
+void add_unit_option(CLI::App& app, Options& options) {
+  app.add_option("--unit", options.units,
+                 "The unit of an attribute, such as p=Pa, instead of the input's; repeatable. The unit of a vector is "
+                 "that of its components")
+      ->type_name("NAME=UNIT")
+      ->allow_extra_args(false)
+      ->check([](const std::string& text) {
+        const std::size_t equals = text.rfind('=');
+        const bool named = equals != std::string::npos && equals > 0;
+        return named ? std::string() : "give NAME=UNIT, such as p=Pa: " + text;
+      });
+}
+
 void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
                  "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
@@ -353,6 +373,7 @@ int main(int argc, char** argv) {
   add_reduction_options(app, options);
   add_format_options(app, options);
   add_series_options(app, options);
+  add_unit_option(app, options);
   add_machine_options(app, options);
   return run_tool(app, argc, argv, [&] { return build(options); });
 }

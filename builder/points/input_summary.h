@@ -24,7 +24,7 @@ struct PointCensus {
 struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box
-  std::vector<format::Attribute> attributes;  // name, offset, scale, range
+  std::vector<format::Attribute> attributes;  // name, unit, offset, scale, range
   std::vector<std::uint64_t> fills;           // [attribute]: numbers read that stood for none
   CellCensus cells;
   PointCensus census;  // PointStream::next() counts merged and coincident points

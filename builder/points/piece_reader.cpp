@@ -71,8 +71,11 @@ InputSummary PieceReader::summary() const {
   InputSummary summary;
   const PointRanges& ranges = census_.left_out > 0 ? in_cells_ : ranges_;
   summary.box = box();
-  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+  const std::vector<std::string> units = source_.units();
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));
+    summary.attributes.back().unit = units[a];
+  }
   summary.fills = fills_;
   summary.cells = cells_;
   summary.census = census_;

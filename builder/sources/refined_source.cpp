@@ -114,6 +114,7 @@ class RefinedSource final : public Source {
         part_size_(std::max<std::size_t>(1, piece_tetrahedra >> static_cast<unsigned>(3 * refinements))) {}
 
   const std::vector<std::string>& attributes() const override { return source_->attributes(); }
+  std::vector<std::string> units() const override { return source_->units(); }
   std::size_t piece_count() const override { return made_ + parts_left() + (source_->piece_count() - read_); }
 
   Result<std::unique_ptr<Piece>> next() override {

@@ -92,6 +92,9 @@ class Source {
   /// "U[1]", ... With a selection, only the selected ones, in the order of the selection.
   [[nodiscard]] virtual const std::vector<std::string>& attributes() const = 0;
 
+  /// The unit of each attribute, in the order of attributes(): "m/s", or empty if the input does not tell.
+  [[nodiscard]] virtual std::vector<std::string> units() const { return std::vector<std::string>(attributes().size()); }
+
   /// Number of pieces, for progress. A file that is not open yet counts as one piece.
   [[nodiscard]] virtual std::size_t piece_count() const = 0;
 

@@ -52,6 +52,13 @@ Result<std::unique_ptr<StepGroup>> StepGroup::open(std::vector<SeriesStep> steps
   return std::unique_ptr<StepGroup>(new StepGroup(std::move(steps), std::move(first)));
 }
 
+std::vector<std::string> StepGroup::units() const {
+  const std::vector<std::string> of_step = first_->units();
+  std::vector<std::string> units;
+  for (std::size_t step = 0; step < steps_.size(); ++step) units.insert(units.end(), of_step.begin(), of_step.end());
+  return units;
+}
+
 Result<std::unique_ptr<Piece>> StepGroup::next() {
   SPLATVOL_TRY_ASSIGN(piece, first_->next());
   for (std::size_t step = 1; step < steps_.size(); ++step) {

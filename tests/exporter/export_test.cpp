@@ -425,6 +425,32 @@ TEST_F(Export, AFileWithoutDirectionsHasNone) {
   EXPECT_FALSE(exported.arrays.contains("a0 gradient direction[0]"));
 }
 
+TEST_F(Export, UnitsSurvive) {
+  test::PieceSource source({test::scattered(test::random_points(50, 3u))});
+  BuildOptions options;
+  options.units = {{"value", "kg/m^3"}};
+  const auto volume = build(source, "units.svol", options);
+  EXPECT_EQ(volume->info().attributes[0].unit, "kg/m^3");
+  const auto selection = select(*volume, std::nullopt, {}, ExportSelection().box).value();
+  ASSERT_TRUE(export_vtu(*volume, path("out.vtu"), selection, no_progress).has_value());
+  const auto back = open_source({path("out.vtu")}, {{"value", "value mean", "mass"}, {}}).value();
+  EXPECT_THAT(back->units(), ElementsAre("kg/m^3", "kg/m^3", ""));
+  ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.2, enough, no_progress).has_value());
+  openvdb::initialize();
+  openvdb::io::File file(path("out.vdb"));
+  file.open();
+  EXPECT_EQ(file.readGridMetadata("value")->metaValue<std::string>("unit"), "kg/m^3");
+}
+
+TEST_F(Export, AUnitNeedsItsAttribute) {
+  test::PieceSource source({test::scattered(test::random_points(50, 3u))});
+  BuildOptions options;
+  options.units = {{"p", "Pa"}};
+  const auto report = build_volume(source, path("out.svol"), options, [](const char*, double) {});
+  ASSERT_FALSE(report.has_value());
+  EXPECT_THAT(report.error().message, HasSubstr("no attribute \"p\"; there are: value"));
+}
+
 TEST_F(Export, PointsOfABoxBecomeAFileAgain) {
   const auto volume = random_volume();
   const Box box{dvec3(0), dvec3(0.5, 1, 1)};

@@ -3,6 +3,10 @@
 #include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDataSet.h>
+#include <vtkDoubleArray.h>
+#include <vtkInformation.h>
+#include <vtkInformationStringKey.h>
+#include <vtkNew.h>
 #include <vtkPointData.h>
 
 #include <algorithm>
@@ -10,10 +14,6 @@
 
 namespace splatvol {
 namespace {
-
-vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells) {
-  return of_cells ? static_cast<vtkDataSetAttributes&>(*data.GetCellData()) : *data.GetPointData();
-}
 
 /// Appends the attributes of one array: a number gives one, a vector its magnitude and components.
 void append_array(const VtkAttribute& array, std::vector<VtkAttribute>& attributes) {
@@ -51,6 +51,10 @@ void append_arrays(vtkDataSet& data, bool of_cells, const char* suffix, std::vec
 
 }  // namespace
 
+vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells) {
+  return of_cells ? static_cast<vtkDataSetAttributes&>(*data.GetCellData()) : *data.GetPointData();
+}
+
 bool is_ghost_array(std::string_view name) { return name == "vtkGhostType" || name == "vtkGhostLevels"; }
 
 bool is_bookkeeping(vtkDataSetAttributes& data, int index, const std::string& name) {
@@ -76,6 +80,31 @@ std::vector<VtkAttribute> attributes_of(vtkDataSet& data, CellValues cells) {
   append_arrays(data, own, "", attributes);
   append_arrays(data, !own, (own ? points_suffix : cells_suffix).data(), attributes);
   return attributes;
+}
+
+void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells) {
+  for (const ArrayShape& shape : shapes) {
+    const bool of_cells = shape.of_cells.value_or(cells == CellValues::own);
+    if (arrays_of(data, of_cells).HasArray(shape.name.c_str())) continue;
+    const bool both = std::ranges::count(shapes, shape.name, &ArrayShape::name) > 1;
+    if (!both && arrays_of(data, !of_cells).HasArray(shape.name.c_str())) continue;
+    const vtkNew<vtkDoubleArray> array;
+    array->SetName(shape.name.c_str());
+    array->SetNumberOfComponents(shape.components);
+    array->SetNumberOfTuples(of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints());
+    array->Fill(missing_value);
+    arrays_of(data, of_cells).AddArray(array);
+  }
+}
+
+std::string unit_label(vtkDataSet& data, const std::string& array) {
+  for (vtkDataSetAttributes* arrays :
+       std::initializer_list<vtkDataSetAttributes*>{data.GetPointData(), data.GetCellData()}) {
+    vtkAbstractArray* found = arrays->GetAbstractArray(array.c_str());
+    if (found && found->HasInformation() && found->GetInformation()->Has(vtkDataArray::UNITS_LABEL()))
+      return found->GetInformation()->Get(vtkDataArray::UNITS_LABEL());
+  }
+  return {};
 }
 
 std::string full_name(const VtkAttribute& attribute) {
@@ -120,7 +149,6 @@ std::vector<double> attribute_values(const VtkAttribute& attribute,
       for (std::size_t i = 0; i < values.size(); ++i) values[i] = std::hypot(values[i], next[i]);
     }
   }
-  std::ranges::transform(values, values.begin(), finite_or_missing);
   return values;
 }
 

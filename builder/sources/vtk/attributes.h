@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -41,10 +42,28 @@ inline constexpr std::string_view points_suffix = " (points)";
 /// both points and cells have an array of this name.
 [[nodiscard]] bool wants_array(const std::vector<std::string>& selection, const std::string& array);
 
+/// The arrays of the cells of a data set, or of its points.
+[[nodiscard]] vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells);
+
+/// The name and form of an array.
+struct ArrayShape {
+  std::string name;
+  int components = 1;
+  std::optional<bool> of_cells = {};  // empty: not known, or not the same in all blocks
+};
+
+/// Adds the arrays that a block lacks, filled with NaN. An array that is known at points or cells alone may be at the
+/// others here.
+void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells);
+
 /// Lists all attributes of a data set, in the order of its arrays. Strings, ghost flags and ids are no attributes.
 /// First come the arrays that need no conversion: those of points, or of cells if they are points of their own. An
 /// array of the others whose name is taken is called "NAME (cells)", or "NAME (points)".
 [[nodiscard]] std::vector<VtkAttribute> attributes_of(vtkDataSet& data, CellValues cells);
+
+/// The unit that a file gives an array of the points or of the cells in VTK's own way (the key UNITS_LABEL); empty if
+/// there is none.
+[[nodiscard]] std::string unit_label(vtkDataSet& data, const std::string& array);
 
 /// The name of an attribute as if its array's name were taken.
 [[nodiscard]] std::string full_name(const VtkAttribute& attribute);

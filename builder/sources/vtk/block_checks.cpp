@@ -46,8 +46,18 @@ class CaseChecker {
   Status add(std::string_view line) {
     constexpr std::array<std::string_view, 5> sections = {"FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE"};
     if (line.empty()) return {};
-    if (line == "TIME") return start_steps(1);  // until the section gives a number
-    if (std::ranges::find(sections, line) != sections.end()) return {};
+    if (line == "TIME") {
+      in_file_sets_ = false;
+      return start_steps(1);  // until the section gives a number
+    }
+    if (std::ranges::find(sections, line) != sections.end()) {
+      in_file_sets_ = line == "FILE";
+      return {};
+    }
+    if (line.find('"') != std::string_view::npos)
+      return fail(ErrorCode::unsupported,
+                  "{}: VTK's reader takes no names in quotation marks; remove them: sed 's/\"//g' {} > NEW.case", path_,
+                  path_);
     if (line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
       if (in_values_) values_ += count_words(line);
       return {};
@@ -61,8 +71,12 @@ class CaseChecker {
     if (value.empty())
       return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
                   line.substr(0, 80));
-    return key == "number of steps" ? read_steps(value) : Status{};
+    // A set of files has a number of steps, too.
+    return key == "number of steps" && !in_file_sets_ ? read_steps(value) : Status{};
   }
+
+  /// The largest number of steps that a set of steps declares.
+  [[nodiscard]] std::size_t most_steps() const { return most_steps_; }
 
   [[nodiscard]] Status finish() const {
     if (values_ >= steps_) return {};
@@ -84,6 +98,7 @@ class CaseChecker {
     // The first number of steps replaces the one step that "TIME" began with.
     if (!counted_) steps_ = 0;
     counted_ = true;
+    most_steps_ = std::max(most_steps_, count);
     return start_steps(count);
   }
 
@@ -92,9 +107,11 @@ class CaseChecker {
   std::size_t values_ = 0;  // of these steps so far
   bool counted_ = false;
   bool in_values_ = false;
+  bool in_file_sets_ = false;
+  std::size_t most_steps_ = 0;  // of a set
 };
 
-Status check_case(const std::string& path) {
+Result<std::size_t> check_case(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_start(path, largest_case));
   const std::string_view whole = text;
   if (whole.find("FORMAT") == std::string_view::npos || whole.find("ensight") == std::string_view::npos)
@@ -105,13 +122,27 @@ Status check_case(const std::string& path) {
     SPLATVOL_TRY(checker.add(bare(whole.substr(at, end - at))));
     at = end + 1;
   }
-  return checker.finish();
+  SPLATVOL_TRY(checker.finish());
+  return checker.most_steps();
 }
 
 }  // namespace
 
+Status check_steps(const VtkFile& file, std::size_t found) {
+  if (file.kind != VtkFile::Kind::ensight) return {};
+  SPLATVOL_TRY_ASSIGN(declared, check_case(file.path));
+  if (declared <= std::max<std::size_t>(found, 1)) return {};
+  return fail(ErrorCode::unsupported,
+              "{}: VTK's reader finds {} of its {} time steps; name the time set in the lines of GEOMETRY and VARIABLE "
+              "(\"scalar per node: 1 p p.***\")",
+              file.path, found, declared);
+}
+
 Status check_blocks(const VtkFile& file) {
-  if (file.kind == VtkFile::Kind::ensight) return check_case(file.path);
+  if (file.kind == VtkFile::Kind::ensight) {
+    SPLATVOL_TRY(check_case(file.path));
+    return {};
+  }
   if (file.kind == VtkFile::Kind::openfoam) return {};
   const Result<std::string> start = read_start(file.path, 64);
   if (!start) return tl::unexpected(start.error());

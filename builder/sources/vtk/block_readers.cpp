@@ -5,7 +5,6 @@
 #include <vtkGenericEnSightReader.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
-#include <vtkOpenFOAMReader.h>
 #include <vtkSmartPointer.h>
 #include <vtk_cgns.h>
 #include <vtk_exodusII.h>
@@ -14,12 +13,15 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
-#include <stdexcept>
+#include <map>
 #include <utility>
 
 #include VTK_CGNS(cgns_io.h)
 #include VTK_CGNS(cgnslib.h)
 #include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/cgns_units.h"
+#include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/openfoam_reader.h"
 
 namespace splatvol {
 namespace {
@@ -54,7 +56,7 @@ void check_exodus_ids(const std::string& path) {
     unique = unique && std::ranges::adjacent_find(ids) == ids.end();
   }
   ex_close(file);
-  if (!unique) throw std::runtime_error("Exodus: two blocks or two sets have the same id");
+  if (!unique) throw ReaderError("Exodus: two blocks or two sets have the same id");
 }
 
 class ExodusReader final : public BlockReader {
@@ -122,10 +124,13 @@ class EnSightReader final : public BlockReader {
 class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
+    processors_ = find_processors(path);  // throws
+    if (!processors_.empty()) reader_->SetProcessor(processors_.front());
     reader_->SetFileName(path.c_str());
     reader_->CreateCellToPointOff();  // PieceMaker does so for all formats
     reader_->DecomposePolyhedraOff();
     reader_->SkipZeroTimeOff();
+    reader_->AddDimensionsToArrayNamesOn();
     return *reader_;
   }
 
@@ -137,18 +142,35 @@ class OpenFoamReader final : public BlockReader {
     }
   }
 
-  void read(int, std::optional<double> time) override { update(*reader_, time, 0, 1); }
+  int portions() override { return std::max<int>(1, static_cast<int>(processors_.size())); }
+  bool portions_share_points() const override { return processors_.size() > 1; }
+  std::string unit(const std::string& array) const override {
+    const auto found = units_.find(array);
+    return found == units_.end() ? std::string() : found->second;
+  }
+
+  void read(int portion, std::optional<double> time) override {
+    if (!processors_.empty()) {
+      reader_->SetProcessor(processors_[static_cast<std::size_t>(portion)]);
+      reader_->UpdateInformation();
+      select({});
+      check_openfoam_time(*reader_, time);
+    }
+    update(*reader_, time, 0, 1);
+    take_openfoam_units(*reader_, units_);
+  }
 
  private:
-  vtkNew<vtkOpenFOAMReader> reader_;
+  vtkNew<ProcessorReader> reader_;
+  std::vector<std::string> processors_;  // folders of a decomposed case; none: the case itself is read
+  std::map<std::string, std::string> units_;
 };
 
-/// The fields of all zones, sorted; VTK's reader lists only those of the first zone.
-std::vector<std::string> cgns_fields(const std::string& path) {
+/// The fields of all zones, sorted; VTK's reader lists only those of the first zone. Adds their units.
+std::vector<std::string> cgns_fields(const std::string& path, std::map<std::string, std::string>& units) {
   std::vector<std::string> names;
   int file = 0, bases = 0;
-  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK)
-    throw std::runtime_error(fmt::format("CGNS: {}", cg_get_error()));
+  if (cg_open(path.c_str(), CG_MODE_READ, &file) != CG_OK) throw ReaderError(fmt::format("CGNS: {}", cg_get_error()));
   cg_nbases(file, &bases);
   for (int base = 1; base <= bases; ++base) {
     int zones = 0;
@@ -162,8 +184,10 @@ std::vector<std::string> cgns_fields(const std::string& path) {
         for (int field = 1; field <= fields; ++field) {
           std::array<char, 64> name{};  // 32 at most
           CGNS_ENUMT(DataType_t) type{};
-          if (cg_field_info(file, base, zone, solution, field, &type, name.data()) == CG_OK)
-            names.emplace_back(name.data());
+          if (cg_field_info(file, base, zone, solution, field, &type, name.data()) != CG_OK) continue;
+          names.emplace_back(name.data());
+          const std::string unit = cgns_unit({file, base, zone, solution, field}, names.back());
+          if (!unit.empty()) units.emplace(names.back(), unit);
         }
       }
     }
@@ -177,8 +201,8 @@ std::vector<std::string> cgns_fields(const std::string& path) {
 class CgnsReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
-    cgio_error_abort(0);          // keeps the library from ending the program at an error
-    fields_ = cgns_fields(path);  // throws where VTK's reader would end the program
+    cgio_error_abort(0);                  // keeps the library from ending the program at an error
+    fields_ = cgns_fields(path, units_);  // throws where VTK's reader would end the program
     reader_->SetFileName(path.c_str());
     reader_->DoublePrecisionMeshOn();
     reader_->LoadBndPatchOff();
@@ -196,6 +220,11 @@ class CgnsReader final : public BlockReader {
   }
 
   std::vector<ArrayShape> arrays() override { return merge_vectors(fields_); }
+
+  std::string unit(const std::string& array) const override {
+    const auto scalar = units_.find(array), vector = units_.find(array + "X");
+    return scalar != units_.end() ? scalar->second : vector != units_.end() ? vector->second : std::string();
+  }
 
   int portions() override { return portions_; }
 
@@ -228,7 +257,8 @@ class CgnsReader final : public BlockReader {
 
   vtkNew<vtkCGNSReader> reader_;
   std::vector<std::string> fields_;
-  int portions_ = 1;  // the number of zones, once one has been read
+  std::map<std::string, std::string> units_;  // of fields_
+  int portions_ = 1;                          // the number of zones, once one has been read
 };
 
 }  // namespace

@@ -6,17 +6,12 @@
 #include <string>
 #include <vector>
 
+#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/data_sets.h"
 
 class vtkMultiBlockDataSetAlgorithm;
 
 namespace splatvol {
-
-struct ArrayShape {
-  std::string name;
-  int components = 1;
-  std::optional<bool> of_cells = {};  // empty: not known, or not the same in all blocks
-};
 
 /// The differences between the formats. Call its functions inside run_vtk, in the order in which they stand here.
 class BlockReader {
@@ -29,6 +24,12 @@ class BlockReader {
 
   /// All arrays of a file that has several portions, before any of them is read. Other readers may return none.
   virtual std::vector<ArrayShape> arrays() { return {}; }
+
+  /// The unit of an array that has been read; empty if the file does not tell.
+  virtual std::string unit(const std::string& /*array*/) const { return {}; }
+
+  /// Whether the portions are parts of one mesh: points that several of them have are the same points.
+  virtual bool portions_share_points() const { return false; }
 
   /// Number of portions. A portion is read at once: a block, or the whole file.
   virtual int portions() { return 1; }

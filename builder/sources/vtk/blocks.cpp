@@ -2,8 +2,8 @@
 
 #include <vtkCellData.h>
 #include <vtkCompositeDataIterator.h>
+#include <vtkDataArray.h>
 #include <vtkDataSet.h>
-#include <vtkDoubleArray.h>
 #include <vtkInformation.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockDataSetAlgorithm.h>
@@ -21,33 +21,13 @@
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/block_readers.h"
 #include "builder/sources/vtk/cell_averages.h"
-#include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/piece.h"
+#include "builder/sources/vtk/shared_points.h"
 #include "builder/sources/vtk/trial.h"
 
 namespace splatvol {
 namespace {
-
-vtkDataSetAttributes& arrays_of(vtkDataSet& data, bool of_cells) {
-  return of_cells ? static_cast<vtkDataSetAttributes&>(*data.GetCellData()) : *data.GetPointData();
-}
-
-/// Adds the arrays that a block lacks, filled with NaN. An array that is known at points or cells alone may be at the
-/// others here.
-void add_missing(vtkDataSet& data, const std::vector<ArrayShape>& shapes, CellValues cells) {
-  for (const ArrayShape& shape : shapes) {
-    const bool of_cells = shape.of_cells.value_or(cells == CellValues::own);
-    if (arrays_of(data, of_cells).HasArray(shape.name.c_str())) continue;
-    const bool both = std::ranges::count(shapes, shape.name, &ArrayShape::name) > 1;
-    if (!both && arrays_of(data, !of_cells).HasArray(shape.name.c_str())) continue;
-    const vtkNew<vtkDoubleArray> array;
-    array->SetName(shape.name.c_str());
-    array->SetNumberOfComponents(shape.components);
-    array->SetNumberOfTuples(of_cells ? data.GetNumberOfCells() : data.GetNumberOfPoints());
-    array->Fill(missing_value);
-    arrays_of(data, of_cells).AddArray(array);
-  }
-}
 
 /// The times of the steps that a reader found in its file.
 std::vector<double> times_of(vtkAlgorithm& algorithm) {
@@ -109,26 +89,68 @@ class BlockDataSets final : public VtkDataSets {
     }));
     std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
     algorithm_ = algorithm;
-    return {};
+    SPLATVOL_TRY(check_steps(file_, step_ ? step_->count : 0));
+    const bool shares = cells_ == CellValues::averaged && reader_->portions_share_points();
+    return shares ? share_points() : Status{};
   }
 
   std::size_t count() const override {
     return returned_ + blocks_.size() + static_cast<std::size_t>(std::max(0, reader_->portions() - portion_));
   }
   const std::string& path() const override { return file_.path; }
+  std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
+    shared_.apply(data, block_name_, array, component, means);
+  }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
     if (blocks_.empty()) return vtkSmartPointer<vtkDataSet>();
     auto block = blocks_.front();
     blocks_.pop_front();
+    block_name_ = std::move(block_names_.front());
+    block_names_.pop_front();
     ++returned_;
     return block;
   }
 
  private:
+  /// Reads all portions once, for the values at the points that several have.
+  Status share_points() {
+    for (int portion = 0; portion < reader_->portions(); ++portion) {
+      SPLATVOL_TRY(run_vtk(file_.path, [&] {
+        reader_->read(portion, time_of(step_));
+        if (auto* tree = vtkMultiBlockDataSet::SafeDownCast(algorithm_->GetOutputDataObject(0))) collect(*tree);
+      }));
+      for (std::size_t i = 0; i < blocks_.size(); ++i) {
+        const std::vector<vtkDataArray*> arrays = arrays_of_cells(*blocks_[i]);
+        if (arrays.empty()) continue;
+        SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *blocks_[i]));
+        SPLATVOL_TRY(run_vtk(file_.path, [&] { shared_.add(*blocks_[i], block_names_[i], averages, arrays); }));
+      }
+      blocks_.clear();
+      block_names_.clear();
+    }
+    left_out_ = {};
+    shared_.finish();
+    return {};
+  }
+
+  /// The whole arrays of cells that are selected.
+  [[nodiscard]] std::vector<vtkDataArray*> arrays_of_cells(vtkDataSet& data) const {
+    vtkDataSetAttributes& all = arrays_of(data, true);
+    std::vector<vtkDataArray*> arrays;
+    for (int i = 0; i < all.GetNumberOfArrays(); ++i) {
+      vtkDataArray* array = all.GetArray(i);
+      if (!array || !array->GetName() || array->GetNumberOfTuples() < data.GetNumberOfCells()) continue;
+      if (!is_bookkeeping(all, i, array->GetName()) && wants_array(selection_, array->GetName()))
+        arrays.push_back(array);
+    }
+    return arrays;
+  }
+
   /// Appends a portion's blocks to blocks_, with all arrays.
   Status read_portion() {
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
@@ -151,22 +173,28 @@ class BlockDataSets final : public VtkDataSets {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
       if (!data || data->GetNumberOfPoints() == 0) continue;
       if (is_surface(*data)) {
-        count_left_out(*data);
+        left_out_ += census_of(*data);
         continue;
       }
       blocks_.push_back(copy_sharing_arrays(*data));
+      block_names_.push_back(name_of_top(tree, *data));
     }
   }
 
-  void count_left_out(vtkDataSet& data) {
-    for (vtkIdType cell = 0; cell < data.GetNumberOfCells(); ++cell) {
-      const CellKind* kind = find_cell_kind(data.GetCellType(cell));
-      if (!kind) continue;
-      ++left_out_.cells[std::string(kind->name)];
-      ++left_out_.without_volume;
-      left_out_.lines += dimension_of(*kind) == 1 ? 1 : 0;
-      left_out_.surfaces += dimension_of(*kind) == 2 ? 1 : 0;
+  /// The name of the top block that holds a data set: in OpenFOAM, its region.
+  static std::string name_of_top(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
+    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i) {
+      const char* name = tree.HasMetaData(i) ? tree.GetMetaData(i)->Get(vtkCompositeDataSet::NAME()) : nullptr;
+      if (name && contains(tree.GetBlock(i), data)) return name;
     }
+    return {};
+  }
+
+  static bool contains(vtkDataObject* object, vtkDataSet& data) {
+    auto* tree = vtkMultiBlockDataSet::SafeDownCast(object);
+    for (unsigned int i = 0; tree && i < tree->GetNumberOfBlocks(); ++i)
+      if (contains(tree->GetBlock(i), data)) return true;
+    return object == &data;
   }
 
   /// Adds a block's arrays to the known ones. If a name is known already, the block's array counts as the same one,
@@ -202,6 +230,9 @@ class BlockDataSets final : public VtkDataSets {
   std::size_t returned_ = 0;
   CellCensus left_out_;
   std::deque<vtkSmartPointer<vtkDataSet>> blocks_;  // read and not returned yet
+  std::deque<std::string> block_names_;             // of blocks_
+  std::string block_name_;                          // of the last one that was returned
+  SharedPoints shared_;
 };
 
 }  // namespace

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <utility>
 
-#include "builder/sources/source.h"
 #include "builder/sources/vtk/cells.h"
 
 namespace splatvol {
@@ -29,6 +28,20 @@ bool is_surface(vtkDataSet& data) {
     area = area || data.GetCellType(cell) >= VTK_TRIANGLE;
   }
   return area;
+}
+
+CellCensus census_of(vtkDataSet& data) {
+  CellCensus census;
+  for (vtkIdType cell = 0; cell < data.GetNumberOfCells(); ++cell) {
+    const CellKind* kind = find_cell_kind(data.GetCellType(cell));
+    if (!kind) continue;
+    ++census.cells[std::string(kind->name)];
+    if (kind->role != CellRole::no_volume) continue;
+    ++census.without_volume;
+    census.lines += dimension_of(*kind) == 1 ? 1 : 0;
+    census.surfaces += dimension_of(*kind) == 2 ? 1 : 0;
+  }
+  return census;
 }
 
 CellAverages::CellAverages(vtkDataSet& data, std::vector<double> volumes)
@@ -51,7 +64,7 @@ CellAverages::CellAverages(vtkDataSet& data, std::vector<double> volumes)
   }
 }
 
-std::vector<double> CellAverages::means(std::span<const double> values) const {
+std::vector<double> CellAverages::means(std::span<const double> values, std::vector<double>* weights) const {
   std::vector<double> sums(points_), means(points_, missing_value);
   for (std::size_t cell = 0; cell < weights_.size(); ++cell) {
     if (begins_[cell] == begins_[cell + 1]) continue;
@@ -65,6 +78,7 @@ std::vector<double> CellAverages::means(std::span<const double> values) const {
       means[point] += weights_[cell] / sums[point] * (value - means[point]);
     }
   }
+  if (weights) *weights = std::move(sums);
   return means;
 }
 

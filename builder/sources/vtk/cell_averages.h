@@ -5,12 +5,17 @@
 #include <span>
 #include <vector>
 
+#include "builder/sources/source.h"
+
 class vtkDataSet;
 
 namespace splatvol {
 
 /// Whether a data set has cells with an area, and none with a volume.
 [[nodiscard]] bool is_surface(vtkDataSet& data);
+
+/// Counts the cells of a data set, and those without volume.
+[[nodiscard]] CellCensus census_of(vtkDataSet& data);
 
 /// Averages arrays of the cells: a point gets the mean of the cells round it, each with its volume as weight.
 class CellAverages {
@@ -21,7 +26,8 @@ class CellAverages {
 
   /// Returns the means of the cells' values at the points; cells whose value is not finite do not count. NaN at points
   /// of no cell that counts. Requires a value for each cell.
-  [[nodiscard]] std::vector<double> means(std::span<const double> values) const;
+  /// `weights`: if not null, becomes the sum of the weights of the cells in each mean.
+  [[nodiscard]] std::vector<double> means(std::span<const double> values, std::vector<double>* weights = nullptr) const;
 
  private:
   std::size_t points_;

@@ -3,7 +3,9 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "base/error.h"
 #include "builder/sources/source.h"
@@ -16,9 +18,26 @@ namespace splatvol {
 
 /// A file for one of VTK's readers.
 struct VtkFile {
-  enum class Kind { unstructured, structured, rectilinear, image, poly, legacy, exodus, ensight, openfoam, cgns };
+  enum class Kind {
+    unstructured,
+    structured,
+    rectilinear,
+    image,
+    poly,
+    legacy,
+    exodus,
+    ensight,
+    openfoam,
+    cgns,
+    composite,
+    gmsh,
+    su2,
+    vtkhdf
+  };
   std::string path;
   Kind kind;
+  std::vector<VtkFile> blocks = {};  // of a composite file: what it names
+  std::string values = {};           // SU2: a .csv file with the values at the points; may be empty
 };
 
 /// The data sets of an input, one after the other. Not thread-safe.
@@ -35,8 +54,16 @@ class VtkDataSets {
   /// The file of the last data set.
   [[nodiscard]] virtual const std::string& path() const = 0;
 
+  /// The unit of an array of the data sets returned so far; empty if the files do not tell.
+  [[nodiscard]] virtual std::string unit(const std::string& /*array*/) const { return {}; }
+
   /// Counts the cells of blocks that were left out so far, because they are surfaces.
   [[nodiscard]] virtual CellCensus left_out() const { return {}; }
+
+  /// Changes means of cells at the points of the last data set. Such a point belongs to other data sets of the same
+  /// mesh, too: it gets the mean over the cells of all. `means`: those of a component, of the cells of this data set.
+  virtual void share_means(vtkDataSet& /*data*/, const std::string& /*array*/, int /*component*/,
+                           std::span<double> /*means*/) const {}
 
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }

@@ -7,6 +7,7 @@
 #include <vtkOutputWindow.h>
 #include <vtkSmartPointer.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -26,13 +27,17 @@ class ErrorWindow final : public vtkOutputWindow {
 
       void DisplayText(const char*) override {}
   void DisplayErrorText(const char* text) override {
-    if (first_error.empty()) first_error = text;
+    // Errors of VTK's pipeline only follow from the reader's own.
+    const bool follows = std::string_view(text).find("Algorithm vtk") != std::string_view::npos ||
+                         std::string_view(text).find("output port") != std::string_view::npos;
+    (follows ? later_error : first_error) = (follows || first_error.empty()) ? text : first_error;
   }
   void DisplayWarningText(const char*) override {}
   void DisplayGenericWarningText(const char*) override {}
   void DisplayDebugText(const char*) override {}
 
   std::string first_error;
+  std::string later_error;
 };
 vtkStandardNewMacro(ErrorWindow);
 
@@ -55,6 +60,7 @@ std::string one_line(std::string text, const std::string& path) {
   std::istringstream words(text);
   for (std::string word; words >> word;)
     if (!is_internal(word)) line += (line.empty() ? "" : " ") + word;
+  line.erase(std::min(line.find(" If you are trying to read"), line.size()));
   if (const std::size_t file = line.find(" for file:"); file != std::string::npos) line.erase(file);
   while (!line.empty() && std::string_view(" .!:").find(line.back()) != std::string_view::npos) line.pop_back();
   return line;
@@ -78,6 +84,12 @@ std::string describe_failure(const std::string& text, const std::string& path) {
   return line.empty() || pipeline ? whole : fmt::format("{} ({})", whole, line);
 }
 
+/// Errors of VTK's pipeline say nothing themselves.
+std::string failure_of(const ErrorWindow& window, const std::string& path) {
+  if (window.first_error.empty() && window.later_error.empty()) return {};
+  return describe_failure(window.first_error, path);
+}
+
 }  // namespace
 
 Status run_vtk(const std::string& path, const std::function<void()>& call) {
@@ -88,7 +100,9 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   std::string failure;
   try {
     call();
-    if (!window->first_error.empty()) failure = describe_failure(window->first_error, path);
+    failure = failure_of(*window, path);
+  } catch (const ReaderError& error) {
+    failure = error.what();
   } catch (const std::bad_alloc&) {
     failure = "not enough memory for what it states: the file is damaged, or must be written in pieces";
   } catch (const std::exception& exception) {

@@ -2,11 +2,18 @@
 #pragma once
 
 #include <functional>
+#include <stdexcept>
 #include <string>
 
 #include "base/error.h"
 
 namespace splatvol {
+
+/// An error that a reader of ours throws: its text is for users.
+class ReaderError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
 
 /// Runs `call` while VTK prints nothing. The first error that VTK reports, or an exception, becomes an Error of one
 /// line that begins with `path`. Names of VTK's classes, addresses and source files are left out. Not thread-safe: VTK

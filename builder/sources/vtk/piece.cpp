@@ -62,19 +62,16 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 class PieceMaker {
  public:
   PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells,
-             const MissingValues& missing)
-      : path_(path), data_(data), attributes_(attributes), own_cells_(cells == CellValues::own), missing_(missing) {}
+             const MissingValues& missing, const ChangeMeans& change_means)
+      : path_(path),
+        data_(data),
+        attributes_(attributes),
+        own_cells_(cells == CellValues::own),
+        missing_(missing),
+        change_means_(change_means) {}
 
   Result<std::unique_ptr<Piece>> make() {
-    const vtkIdType count = data_.GetNumberOfPoints();
-    if (count > std::numeric_limits<std::uint32_t>::max())
-      return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
-    piece_->points.resize(static_cast<std::size_t>(count));
-    for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
-    drop_far_points(piece_->points);
-    use_.assign(piece_->points.size(), unused);
-
-    SPLATVOL_TRY(read_ghosts());
+    SPLATVOL_TRY(read_points());
     SPLATVOL_TRY(find_arrays());
     SPLATVOL_TRY(read_cells());
     if (own_cells_) {
@@ -87,8 +84,27 @@ class PieceMaker {
     return std::move(piece_);
   }
 
+  Result<CellAverages> make_averages() {
+    SPLATVOL_TRY(read_points());
+    averages_ = true;
+    SPLATVOL_TRY(find_arrays());
+    SPLATVOL_TRY(read_cells());
+    return CellAverages(data_, std::move(volumes_));
+  }
+
  private:
   enum Use : std::uint8_t { unused, by_hidden_cells, by_visible_cells };
+
+  Status read_points() {
+    const vtkIdType count = data_.GetNumberOfPoints();
+    if (count > std::numeric_limits<std::uint32_t>::max())
+      return fail(ErrorCode::unsupported, "{}: a piece of {} points; at most 2^32 - 1 are supported", path_, count);
+    piece_->points.resize(static_cast<std::size_t>(count));
+    for (vtkIdType i = 0; i < count; ++i) data_.GetPoint(i, &piece_->points[static_cast<std::size_t>(i)].x);
+    drop_far_points(piece_->points);
+    use_.assign(piece_->points.size(), unused);
+    return read_ghosts();
+  }
 
   Status read_ghosts() {
     cell_ghosts_ = data_.GetCellGhostArray();
@@ -347,7 +363,8 @@ class PieceMaker {
       piece_->fills.push_back(0);
       piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
         if (!values.of_cells) return read_component(values, component, kept_);
-        const std::vector<double> means = averages->means(read_component(values, component, all));
+        std::vector<double> means = averages->means(read_component(values, component, all));
+        if (change_means_) change_means_(attributes_[a].array, component, means);
         std::vector<double> of_kept(kept_.size());
         std::ranges::transform(kept_, of_kept.begin(), [&](std::uint32_t point) { return means[point]; });
         return of_kept;
@@ -420,6 +437,7 @@ class PieceMaker {
   std::span<const VtkAttribute> attributes_;
   bool own_cells_;
   const MissingValues& missing_;
+  const ChangeMeans& change_means_;
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
@@ -442,10 +460,18 @@ class PieceMaker {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                           std::span<const VtkAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing) {
+                                          const MissingValues& missing, const ChangeMeans& change_means) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] { piece = PieceMaker(path, data, attributes, cells, missing).make(); }));
+  const auto make = [&] { piece = PieceMaker(path, data, attributes, cells, missing, change_means).make(); };
+  SPLATVOL_TRY(run_vtk(path, make));
   return piece;
+}
+
+Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
+  std::optional<Result<CellAverages>> averages;
+  SPLATVOL_TRY(
+      run_vtk(path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}, {}).make_averages(); }));
+  return std::move(*averages);
 }
 
 }  // namespace splatvol

@@ -18,31 +18,17 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/collections.h"
+#include "builder/sources/vtk/gmsh_reader.h"
 #include "builder/sources/vtk/legacy_checks.h"
 #include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/su2_reader.h"
 #include "builder/sources/vtk/unstructured_reader.h"
+#include "builder/sources/vtk/vtkhdf_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
 
 namespace splatvol {
 namespace {
-
-vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
-  switch (kind) {
-    case VtkFile::Kind::unstructured:
-      return make_unstructured_reader();
-    case VtkFile::Kind::structured:
-      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
-    case VtkFile::Kind::rectilinear:
-      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
-    case VtkFile::Kind::image:
-      return vtkSmartPointer<vtkXMLImageDataReader>::New();
-    case VtkFile::Kind::poly:
-      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
-    default:
-      break;
-  }
-  return nullptr;
-}
 
 /// VTK files in their order; the pieces of a .vtu and the blocks of a file one by one.
 class FileDataSets final : public VtkDataSets {
@@ -56,8 +42,16 @@ class FileDataSets final : public VtkDataSets {
     return files_.size() + extra_pieces_ + blocks;
   }
   const std::string& path() const override { return path_; }
+  std::string unit(const std::string& array) const override { return blocks_ ? blocks_->unit(array) : std::string(); }
   std::optional<TimeStep> time_step() const override { return step_; }
-  CellCensus left_out() const override { return left_out_; }
+  CellCensus left_out() const override {
+    CellCensus all = left_out_;
+    if (blocks_) all += blocks_->left_out();
+    return all;
+  }
+  void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
+    if (blocks_) blocks_->share_means(data, array, component, means);
+  }
 
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (blocks_) {
@@ -73,7 +67,7 @@ class FileDataSets final : public VtkDataSets {
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_blocks(file.kind)) {
-      SPLATVOL_TRY_ASSIGN(blocks, open_blocks(file, selection_, time_, cells_));
+      SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
       blocks_ = std::move(blocks);
       if (!step_) step_ = blocks_->time_step();
       return next();
@@ -85,7 +79,23 @@ class FileDataSets final : public VtkDataSets {
  private:
   static bool is_blocks(VtkFile::Kind kind) {
     return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
-           kind == VtkFile::Kind::cgns;
+           kind == VtkFile::Kind::cgns || kind == VtkFile::Kind::composite || kind == VtkFile::Kind::gmsh ||
+           kind == VtkFile::Kind::su2 || kind == VtkFile::Kind::vtkhdf;
+  }
+
+  Result<std::unique_ptr<VtkDataSets>> open_any(const VtkFile& file) const {
+    switch (file.kind) {
+      case VtkFile::Kind::composite:
+        return read_composite(file, selection_, time_, cells_);
+      case VtkFile::Kind::gmsh:
+        return open_gmsh(file, selection_, time_);
+      case VtkFile::Kind::su2:
+        return open_su2(file, selection_);
+      case VtkFile::Kind::vtkhdf:
+        return open_vtkhdf(file, selection_, time_);
+      default:
+        return open_blocks(file, selection_, time_, cells_);
+    }
   }
 
   Status open_xml(VtkFile::Kind kind) {
@@ -166,6 +176,24 @@ class FileDataSets final : public VtkDataSets {
 };
 
 }  // namespace
+
+vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
+  switch (kind) {
+    case VtkFile::Kind::unstructured:
+      return make_unstructured_reader();
+    case VtkFile::Kind::structured:
+      return vtkSmartPointer<vtkXMLStructuredGridReader>::New();
+    case VtkFile::Kind::rectilinear:
+      return vtkSmartPointer<vtkXMLRectilinearGridReader>::New();
+    case VtkFile::Kind::image:
+      return vtkSmartPointer<vtkXMLImageDataReader>::New();
+    case VtkFile::Kind::poly:
+      return vtkSmartPointer<vtkXMLPolyDataReader>::New();
+    default:
+      break;
+  }
+  return nullptr;
+}
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
                                             std::optional<double> time, CellValues cells) {

@@ -9,6 +9,8 @@
 #include "base/error.h"
 #include "builder/sources/vtk/data_sets.h"
 
+class vtkXMLReader;
+
 namespace splatvol {
 
 /// Reads VTK files in their order. The pieces of a .vtu and the blocks of a multi-block file come one by one, each read
@@ -18,6 +20,9 @@ namespace splatvol {
                                                           std::vector<std::string> selection,
                                                           std::optional<double> time,
                                                           CellValues cells = CellValues::averaged);
+
+/// Makes the reader of an XML file; null for files of other kinds.
+[[nodiscard]] vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind);
 
 /// The files that a .pvtu names, relative to its own folder, in its order.
 [[nodiscard]] Result<std::vector<std::string>> pvtu_pieces(const std::string& path);

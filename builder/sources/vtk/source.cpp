@@ -39,13 +39,19 @@ std::optional<double> time_in_fields(vtkDataSet& data) {
 
 class VtkSource final : public Source {
  public:
-  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, const MissingValues& missing)
-      : data_sets_(std::move(data_sets)), own_cells_(cells == CellValues::own), cells_(cells), missing_(missing) {}
+  VtkSource(std::unique_ptr<VtkDataSets> data_sets, CellValues cells, const MissingValues& missing,
+            std::optional<TimeStep> step = {})
+      : data_sets_(std::move(data_sets)),
+        own_cells_(cells == CellValues::own),
+        cells_(cells),
+        missing_(missing),
+        step_(std::move(step)) {}
 
   const std::vector<std::string>& attributes() const override { return names_; }
+  std::vector<std::string> units() const override { return units_; }
   std::size_t piece_count() const override { return data_sets_->count(); }
-  std::optional<TimeStep> time_step() const override { return data_sets_->time_step(); }
-  std::optional<double> stated_time() const override { return data_sets_->time_step() ? Source::stated_time() : time_; }
+  std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
+  std::optional<double> stated_time() const override { return time_step() ? Source::stated_time() : time_; }
 
   /// Reads the first piece with points, which fixes the attributes. Sets `missing` to the first selected name that is
   /// not among them.
@@ -74,6 +80,10 @@ class VtkSource final : public Source {
       attributes_.back().name = name;
     }
     names_ = names_of(attributes_);
+    for (const VtkAttribute& attribute : attributes_) {
+      const std::string unit = data_sets_->unit(attribute.array);
+      units_.push_back(unit.empty() ? unit_label(*pending_, attribute.array) : unit);
+    }
     return {};
   }
 
@@ -86,7 +96,10 @@ class VtkSource final : public Source {
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_, missing_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_, missing_,
+                                          [&](const std::string& array, int component, std::span<double> means) {
+                                            data_sets_->share_means(*data, array, component, means);
+                                          }));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);
@@ -137,8 +150,10 @@ class VtkSource final : public Source {
   MissingValues missing_;
   std::uint64_t points_ = 0;         // of the pieces so far
   std::set<std::string> converted_;  // attributes
+  std::optional<TimeStep> step_;     // instead of that of data_sets_
   std::vector<VtkAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
+  std::vector<std::string> units_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece
   std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
@@ -149,8 +164,8 @@ class VtkSource final : public Source {
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
                                                std::optional<double> time, CellValues cells,
-                                               const MissingValues& missing_values) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, missing_values);
+                                               const MissingValues& missing_values, std::optional<TimeStep> step) {
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, missing_values, step);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;

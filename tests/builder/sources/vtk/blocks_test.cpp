@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <map>
 
 #include "base/file.h"
 #include "builder/build.h"
@@ -329,6 +330,43 @@ TEST_F(BlocksTest, EnSight) {
       EXPECT_NEAR(input->pieces[b].values[0][i], averaged(cubes[b].points[i], static_cast<double>(b), 2), 3e-5);
 }
 
+TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  const std::string whole = read_text_file(path("mesh.case")).value();
+  std::string text = whole;
+  write("a.case", text.replace(text.find("mesh.geo"), 8, "\"mesh.geo\""));
+  EXPECT_THAT(error_of("a.case"), HasSubstr("takes no names in quotation marks; remove them: sed"));
+
+  // Only the wall, which is a surface.
+  std::string geometry = read_text_file(path("mesh.geo")).value();
+  geometry.erase(geometry.find("part\n"), geometry.rfind("part\n") - geometry.find("part\n"));
+  write("wall.geo", geometry);
+  write("wall.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: wall.geo\n");
+  EXPECT_THAT(error_of("wall.case"), AllOf(HasSubstr("only surface cells ("), HasSubstr("; splatvol draws volumes")));
+}
+
+// All steps in one file: the section FILE has numbers of steps, too.
+TEST_F(BlocksTest, EnSightSingleFiles) {
+  write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
+  const auto joined = [&](const std::string& a, const std::string& b) {
+    const auto step = [&](const std::string& name) {
+      return "BEGIN TIME STEP\n" + read_text_file(path(name)).value() + "END TIME STEP\n";
+    };
+    return step(a) + step(b);
+  };
+  write("all.geo", joined("mesh.geo", "mesh.geo"));
+  write("all.f", joined("f.000", "f.001"));
+  write("all.case",
+        "FORMAT\ntype: ensight gold\n\nGEOMETRY\nmodel: 1 1 all.geo\n\nVARIABLE\nscalar per node: 1 1 f all.f\n\nTIME\n"
+        "time set: 1\nnumber of steps: 2\ntime values: 0.5 2.0\n\nFILE\nfile set: 1\nnumber of steps: 2\n");
+  for (std::size_t step = 0; step < 2; ++step) {
+    const auto input = read_input({path("all.case")}, {{}, {}, times[step]});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->step->index, step);
+    EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, times[step]); }), 3e-5);
+  }
+}
+
 TEST_F(BlocksTest, EnSightTruncated) {
   write_ensight([&](const std::string& name, const std::string& text) { write(name, text); });
   expect_survives_truncation("mesh.case", "mesh.case", 1);
@@ -411,6 +449,32 @@ TEST_F(BlocksTest, Cgns) {
     EXPECT_DOUBLE_EQ(input->pieces[1].values[0][i], field(cubes[1].points[i], 2));
 }
 
+TEST_F(BlocksTest, CgnsUnits) {
+  write_cgns(path("mesh.cgns"));
+  int file = 0;
+  ASSERT_EQ(cg_open(path("mesh.cgns").c_str(), CG_MODE_MODIFY, &file), 0) << cg_get_error();
+  const auto units = [&] {
+    cg_units_write(CGNS_ENUMV(Kilogram), CGNS_ENUMV(Meter), CGNS_ENUMV(Second), CGNS_ENUMV(Kelvin), CGNS_ENUMV(Degree));
+  };
+  cg_goto(file, 1, "end");
+  cg_dataclass_write(CGNS_ENUMV(Dimensional));
+  units();
+  const auto exponents = [&](int field_number, std::array<double, 5> powers) {
+    cg_goto(file, 1, "Zone_t", 1, "FlowSolution_t", 2, "DataArray_t", field_number, "end");
+    cg_exponents_write(CGNS_ENUMV(RealDouble), powers.data());
+  };
+  exponents(1, {1, -1, -2, 0, 0});
+  exponents(2, {0, 1, -1, 0, 0});
+  int ignored = 0;
+  const std::vector<double> values(block_points, 1);
+  for (const char* name : {"Density", "Mach"})
+    cg_field_write(file, 1, 1, 2, CGNS_ENUMV(RealDouble), name, values.data(), &ignored);
+  ASSERT_EQ(cg_close(file), 0) << cg_get_error();
+  const auto source = open_source({path("mesh.cgns")}, {{"f", "U", "U[1]", "Density", "Mach"}, {}, {}});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_THAT((*source)->units(), ElementsAre("Pa", "m/s", "m/s", "kg/m^3", ""));
+}
+
 TEST_F(BlocksTest, CgnsTruncated) {
   write_cgns(path("mesh.cgns"));
   expect_survives_truncation("mesh.cgns", "mesh.cgns", 499, all_cuts);
@@ -437,20 +501,22 @@ struct FoamFace {
   std::size_t neighbour;  // block_cells: none
 };
 
-std::vector<FoamFace> foam_faces() {
+/// The faces of the cube of a block, or of its cells [begin, end), inner ones first.
+std::vector<FoamFace> foam_faces(std::size_t begin = 0, std::size_t end = block_cells) {
   constexpr std::array<std::array<std::size_t, 4>, 6> sides = {
       {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}}};
   constexpr std::array<std::size_t, 3> stride = {1, cells, cells * cells};
   std::vector<FoamFace> inner, outer;
-  for (std::size_t cell = 0; cell < block_cells; ++cell)
+  for (std::size_t cell = begin; cell < end; ++cell)
     for (std::size_t s = 0; s < 6; ++s) {
-      FoamFace face{{}, cell, block_cells};
+      FoamFace face{{}, cell - begin, block_cells};
       for (std::size_t i = 0; i < 4; ++i) face.points[i] = cubes[0].hexahedra[cell][sides[s][i]];
       const std::size_t index = cell / stride[s / 2] % cells;
-      if (index == (s % 2 == 0 ? 0 : cells - 1)) {
+      const bool lower = s % 2 == 0;
+      if (index == (lower ? 0 : cells - 1) || (lower ? cell < begin + stride[s / 2] : cell + stride[s / 2] >= end)) {
         outer.push_back(face);
-      } else if (s % 2 == 1) {
-        face.neighbour = cell + stride[s / 2];
+      } else if (!lower) {
+        face.neighbour = cell - begin + stride[s / 2];
         inner.push_back(face);
       }
     }
@@ -458,10 +524,24 @@ std::vector<FoamFace> foam_faces() {
   return inner;
 }
 
-void write_openfoam(const std::function<void(const std::string&, const std::string&)>& write) {
-  write("case.foam", "");
-  write("system/controlDict", foam_file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;\n"));
-  const std::vector<FoamFace> faces = foam_faces();
+using WriteFile = std::function<void(const std::string&, const std::string&)>;
+
+/// Moves the points of a mesh.
+using Place = std::function<dvec3(dvec3)>;
+
+/// Writes the cells [begin, end) of the cube to a folder.
+void write_openfoam_part(
+    const std::string& part, std::size_t begin, std::size_t end, const WriteFile& write,
+    const Place& place = [](dvec3 p) { return p; }) {
+  std::vector<FoamFace> faces = foam_faces(begin, end);
+  std::vector<dvec3> points;  // those of the faces
+  std::map<std::uint32_t, std::uint32_t> numbers;
+  for (FoamFace& face : faces)
+    for (std::uint32_t& point : face.points) {
+      const auto [number, is_new] = numbers.try_emplace(point, static_cast<std::uint32_t>(points.size()));
+      if (is_new) points.push_back(place(cubes[0].points[point]));
+      point = number->second;
+    }
   std::vector<std::size_t> owners, neighbours;
   for (const FoamFace& face : faces) {
     owners.push_back(face.owner);
@@ -472,8 +552,8 @@ void write_openfoam(const std::function<void(const std::string&, const std::stri
   const auto face_text = [](const FoamFace& face) {
     return fmt::format("4({} {} {} {})", face.points[0], face.points[1], face.points[2], face.points[3]);
   };
-  const std::string mesh = "constant/polyMesh/";
-  write(mesh + "points", foam_file("vectorField", "points", foam_list(cubes[0].points, vector)));
+  const std::string mesh = part + "constant/polyMesh/";
+  write(mesh + "points", foam_file("vectorField", "points", foam_list(points, vector)));
   write(mesh + "faces", foam_file("faceList", "faces", foam_list(faces, face_text)));
   write(mesh + "owner", foam_file("labelList", "owner", foam_list(owners, number)));
   write(mesh + "neighbour", foam_file("labelList", "neighbour", foam_list(neighbours, number)));
@@ -485,18 +565,27 @@ void write_openfoam(const std::function<void(const std::string&, const std::stri
   for (const double time : times) {
     std::vector<double> f;
     std::vector<dvec3> u;
-    for (std::size_t cell = 0; cell < block_cells; ++cell) {
+    for (std::size_t cell = begin; cell < end; ++cell) {
       f.push_back(field(centre(cubes[0], cell), time));
       u.push_back(f.back() * dvec3(1, 2, -1));
     }
-    const auto body = [&](const std::string& type, const std::string& list) {
-      return fmt::format("dimensions [0 0 0 0 0 0 0];\ninternalField nonuniform List<{}>\n{};\n{}", type, list,
-                         patches);
+    const auto body = [&](const std::string& type, const std::string& dimensions, const std::string& list) {
+      return fmt::format("dimensions {};\ninternalField nonuniform List<{}>\n{};\n{}", dimensions, type, list, patches);
     };
-    const std::string folder = fmt::format("{}/", time);
-    write(folder + "f", foam_file("volScalarField", "f", body("scalar", foam_list(f, number))));
-    write(folder + "U", foam_file("volVectorField", "U", body("vector", foam_list(u, vector))));
+    const std::string folder = fmt::format("{}{}/", part, time);
+    write(folder + "f", foam_file("volScalarField", "f", body("scalar", "[0 2 -2 0 0 0 0]", foam_list(f, number))));
+    write(folder + "U", foam_file("volVectorField", "U", body("vector", "[0 1 -1 0 0 0 0]", foam_list(u, vector))));
   }
+}
+
+void write_openfoam_case(const WriteFile& write) {
+  write("case.foam", "");
+  write("system/controlDict", foam_file("dictionary", "controlDict", "application icoFoam;\nstartTime 0;\n"));
+}
+
+void write_openfoam(const WriteFile& write) {
+  write_openfoam_case(write);
+  write_openfoam_part("", 0, block_cells, write);
 }
 
 TEST_F(BlocksTest, OpenFoam) {
@@ -520,6 +609,125 @@ TEST_F(BlocksTest, OpenFoam) {
   const auto last = read_input({path("case.foam")});
   ASSERT_TRUE(last) << last.error().message;
   EXPECT_EQ(last->step->time, 2);
+}
+
+TEST_F(BlocksTest, OpenFoamUnits) {
+  write_openfoam([&](const std::string& name, const std::string& text) { write(name, text); });
+  const auto source = open_source({path("case.foam")}, {{"f", "U", "U[2]"}, {}, {}});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_THAT((*source)->units(), ElementsAre("m^2/s^2", "m/s", "m/s"));
+}
+
+// Two processors, which cut the cube in the middle of a layer of cells.
+TEST_F(BlocksTest, DecomposedOpenFoam) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  constexpr std::size_t cut = 13;
+  write_openfoam_part("processor0/", 0, cut, writer);
+  write_openfoam_part("processor1/", cut, block_cells, writer);
+  for (const char* name : {"case.foam", ""})
+    for (std::size_t step = 0; step < 2; ++step) {
+      const auto input = read_input({path(name)}, {{}, {}, times[step]});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_EQ(input->step->index, step);
+      EXPECT_EQ(input->pieces.size(), 2u);
+      EXPECT_EQ(input->census.cells.at("hexahedron"), block_cells);
+      EXPECT_NEAR(input->volume, 1, 1e-6);
+      EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]"));
+      // As in the whole mesh: the means at common points are over the cells of both.
+      EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return averaged(p, 0, times[step]); }), 1e-5);
+      EXPECT_LT(largest_error(*input, "U[1]", [&](dvec3 p) { return 2 * averaged(p, 0, times[step]); }), 1e-5);
+    }
+  auto source = open_source({path("case.foam")}, {{"f"}, {}, {}});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_THAT((*source)->units(), ElementsAre("m^2/s^2"));
+  const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->resolution_counts.back(), block_points);
+
+  std::filesystem::rename(path("processor0"), path("processor2"));
+  EXPECT_THAT(error_of("case.foam"), HasSubstr("the folder processor0 of the decomposed case is missing"));
+  std::filesystem::rename(path("processor2"), path("processor0"));
+  std::filesystem::remove_all(path("processor1/2"));
+  EXPECT_THAT(error_of("case.foam"), HasSubstr("has no time step 2, which others have"));
+  EXPECT_EQ(error_of("case.foam", {{}, {}, 0.5}), "(no error)");
+
+  // A case that has the last step itself is read from there.
+  write_openfoam_part("", 0, block_cells, writer);
+  const auto whole = read_input({path("case.foam")});
+  ASSERT_TRUE(whole) << whole.error().message;
+  EXPECT_EQ(whole->pieces.size(), 1u);
+}
+
+/// The values of an attribute at all positions; of a position that several pieces have, their values.
+std::map<std::array<double, 3>, std::vector<double>> values_by_position(const Input& input, const std::string& name) {
+  const auto at = static_cast<std::size_t>(std::ranges::find(input.attributes, name) - input.attributes.begin());
+  std::map<std::array<double, 3>, std::vector<double>> values;
+  for (const Piece& piece : input.pieces)
+    for (std::size_t i = 0; i < piece.points.size(); ++i)
+      values[{piece.points[i].x, piece.points[i].y, piece.points[i].z}].push_back(piece.values.at(at)[i]);
+  return values;
+}
+
+// The means are by volume, also over the cells of several processors.
+TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
+  const Place graded = [](dvec3 p) { return p * p * p; };
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  write_openfoam_part("", 0, block_cells, writer, graded);
+  const auto whole = read_input({path("case.foam")});
+  ASSERT_TRUE(whole) << whole.error().message;
+  ASSERT_EQ(whole->pieces.size(), 1u);
+  std::filesystem::remove_all(path("constant"));
+  constexpr std::size_t cut = 13;
+  write_openfoam_part("processor0/", 0, cut, writer, graded);
+  write_openfoam_part("processor1/", cut, block_cells, writer, graded);
+  const auto parts = read_input({path("case.foam")});
+  ASSERT_TRUE(parts) << parts.error().message;
+  ASSERT_EQ(parts->pieces.size(), 2u);
+  for (const char* name : {"f", "U", "U[1]"}) {
+    const auto expected = values_by_position(*whole, name), found = values_by_position(*parts, name);
+    ASSERT_EQ(found.size(), expected.size());
+    std::size_t common = 0;
+    for (const auto& [position, values] : found) {
+      ASSERT_TRUE(expected.contains(position));
+      common += values.size() > 1 ? 1 : 0;
+      for (const double value : values) {
+        EXPECT_EQ(value, values[0]) << "else the points do not merge into one";
+        EXPECT_NEAR(value, expected.at(position)[0], 1e-12);
+      }
+    }
+    EXPECT_GE(common, side) << name;
+  }
+  auto source = open_source({path("case.foam")}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  while (*(*source)->next()) {
+  }
+  EXPECT_EQ((*source)->conversions().size(), 1u);
+
+  SourceOptions own;
+  own.cells = CellValues::own;
+  const auto cells_alone = read_input({path("case.foam")}, own);
+  ASSERT_TRUE(cells_alone) << cells_alone.error().message;
+  EXPECT_EQ(cells_alone->points, block_cells);
+}
+
+TEST_F(BlocksTest, CollatedOpenFoamIsRefused) {
+  write_openfoam_case([&](const std::string& name, const std::string& text) { write(name, text); });
+  write("processors4/constant/polyMesh/points", "");
+  EXPECT_THAT(error_of("case.foam"), HasSubstr("processors4 is of the collated format, which cannot be read"));
+}
+
+TEST_F(BlocksTest, DecomposedOpenFoamTruncated) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  write_openfoam_part("processor0/", 0, 9, writer);
+  write_openfoam_part("processor1/", 9, block_cells, writer);
+  for (const char* name : {"points", "faces", "owner", "neighbour", "boundary"}) {
+    SCOPED_TRACE(name);
+    expect_survives_truncation(fmt::format("processor1/constant/polyMesh/{}", name), "case.foam", 61);
+  }
+  expect_survives_truncation("processor1/2/f", "case.foam", 97);
 }
 
 TEST_F(BlocksTest, OpenFoamTruncated) {

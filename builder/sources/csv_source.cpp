@@ -1,0 +1,227 @@
+#include "builder/sources/csv_source.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string_view>
+#include <utility>
+
+#include "base/file.h"
+#include "base/names.h"
+#include "builder/sources/csv_table.h"
+#include "builder/sources/far_points.h"
+#include "builder/sources/piece_ahead.h"
+#include "builder/sources/read_text.h"
+
+namespace splatvol {
+namespace {
+
+/// A line of values has 8 bytes at least, so this is a piece at most.
+constexpr std::uint64_t chunk_bytes = 8 * max_piece_points;
+
+struct CsvFile {
+  std::string path;
+  std::uint64_t bytes = 0;
+  CsvTable table;
+  std::vector<std::size_t> values;  // [attribute]: its column
+};
+
+/// A line of values, and its number in the file.
+struct CsvLine {
+  std::string_view text;
+  std::uint64_t number = 0;
+};
+
+/// The place up to which a file has been read.
+struct Progress {
+  std::size_t file = 0;
+  std::uint64_t offset = 0;
+  std::uint64_t line = 1;
+};
+
+/// Reads the values of some lines.
+class LineReader {
+ public:
+  LineReader(const CsvFile& file, std::span<const CsvLine> lines, Piece& piece)
+      : file_(file), lines_(lines), piece_(piece) {
+    piece_.points.resize(lines.size());
+    piece_.values.assign(file.values.size(), std::vector<double>(lines.size()));
+  }
+
+  /// Fails with the first line that cannot be read.
+  Status read() {
+    std::vector<Status> failures(lines_.size() / lines_at_once + 1);
+    tbb::parallel_for(std::size_t{0}, failures.size(), [&](std::size_t block) {
+      std::vector<std::string_view> fields;
+      const std::size_t first = block * lines_at_once, end = std::min(first + lines_at_once, lines_.size());
+      for (std::size_t i = first; i < end && failures[block]; ++i) failures[block] = read_line(i, fields);
+    });
+    for (const Status& failure : failures) SPLATVOL_TRY(failure);
+    return {};
+  }
+
+ private:
+  static constexpr std::size_t lines_at_once = 4096;
+
+  Status read_line(std::size_t i, std::vector<std::string_view>& fields) {
+    const CsvLine& line = lines_[i];
+    const std::size_t width = file_.table.columns.size();
+    if (!split_csv_line(line.text, file_.table.separator, fields))
+      return fail(ErrorCode::invalid_data, "{}: line {}: a quotation mark is not closed in its line", file_.path,
+                  line.number);
+    if (fields.size() != width)
+      return fail(ErrorCode::invalid_data, "{}: line {}: {} fields instead of {}", file_.path, line.number,
+                  fields.size(), width);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::size_t column = file_.table.position[axis];
+      SPLATVOL_TRY_ASSIGN(value, number(line, fields[column], column));
+      piece_.points[i][static_cast<int>(axis)] = value;
+    }
+    for (std::size_t a = 0; a < file_.values.size(); ++a) {
+      SPLATVOL_TRY_ASSIGN(value, number(line, fields[file_.values[a]], file_.values[a]));
+      piece_.values[a][i] = value;
+    }
+    return {};
+  }
+
+  Result<double> number(const CsvLine& line, std::string_view field, std::size_t column) const {
+    if (const auto value = csv_number(field)) return *value;
+    if (is_missing_field(field)) return missing_value;
+    return fail(ErrorCode::invalid_data, "{}: line {}: \"{}\" in the column \"{}\" is not a number", file_.path,
+                line.number, field.substr(0, 40), file_.table.columns[column].name);
+  }
+
+  const CsvFile& file_;
+  std::span<const CsvLine> lines_;
+  Piece& piece_;
+};
+
+class CsvSource final : public Source {
+ public:
+  CsvSource(std::vector<CsvFile> files, std::vector<std::string> attributes, const MissingValues& missing)
+      : files_(std::move(files)),
+        attributes_(std::move(attributes)),
+        missing_(missing),
+        pieces_(std::numeric_limits<std::size_t>::max(), [this](std::size_t) { return make_piece(); }) {
+    start_file();
+  }
+
+  const std::vector<std::string>& attributes() const override { return attributes_; }
+  bool may_have_cells() const override { return false; }
+
+  std::vector<std::string> units() const override {
+    std::vector<std::string> units;
+    for (const std::size_t column : files_.front().values) units.push_back(files_.front().table.columns[column].unit);
+    return units;
+  }
+
+  std::size_t piece_count() const override {
+    std::size_t count = 0;
+    for (const CsvFile& file : files_) count += file.bytes / chunk_bytes + 1;
+    return std::max(count, returned_);
+  }
+
+  Result<std::unique_ptr<Piece>> next() override {
+    if (ended_) return std::unique_ptr<Piece>();
+    SPLATVOL_TRY_ASSIGN(piece, pieces_.next());
+    ended_ = !piece;
+    returned_ += piece ? 1 : 0;
+    return piece;
+  }
+
+ private:
+  void start_file() {
+    if (at_.file < files_.size())
+      at_ = {at_.file, files_[at_.file].table.data_offset, files_[at_.file].table.data_line};
+  }
+
+  /// Makes the next piece, one call after the other; null after the last.
+  Result<std::unique_ptr<Piece>> make_piece() {
+    while (at_.file < files_.size()) {
+      const CsvFile& file = files_[at_.file];
+      SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
+      SPLATVOL_TRY_ASSIGN(text, read_lines(file, *bytes));
+      std::vector<CsvLine> lines = split_lines(text);
+      auto piece = std::make_unique<Piece>();
+      SPLATVOL_TRY(LineReader(file, lines, *piece).read());
+      drop_far_points(piece->points);
+      for (std::vector<double>& values : piece->values) piece->fills.push_back(missing_.replace(values));
+      if (at_.offset >= file.bytes) {
+        ++at_.file;
+        start_file();
+      }
+      if (!lines.empty()) return piece;
+    }
+    return std::unique_ptr<Piece>();
+  }
+
+  /// Reads whole lines.
+  Result<std::string> read_lines(const CsvFile& file, ByteSource& bytes) {
+    SPLATVOL_TRY_ASSIGN(text, read_text(bytes, at_.offset, chunk_bytes));
+    if (at_.offset + text.size() < file.bytes) {
+      const std::size_t last = text.rfind('\n');
+      if (last == std::string::npos)
+        return fail(ErrorCode::invalid_data, "{}: line {} is longer than {} bytes", file.path, at_.line, chunk_bytes);
+      text.resize(last + 1);
+    } else if (text.empty()) {
+      at_.offset = file.bytes;  // a file that has been cut meanwhile
+    }
+    at_.offset += text.size();
+    return text;
+  }
+
+  /// Splits a text into lines that are not empty, and moves on by them.
+  std::vector<CsvLine> split_lines(std::string_view text) {
+    std::vector<CsvLine> lines;
+    for (std::size_t begin = 0; begin < text.size(); ++at_.line) {
+      const std::size_t end = std::min(text.find('\n', begin), text.size());
+      std::string_view line = text.substr(begin, end - begin);
+      begin = end + 1;
+      if (line.ends_with('\r')) line.remove_suffix(1);
+      if (line.find_first_not_of(" \t") != std::string_view::npos) lines.push_back({line, at_.line});
+    }
+    return lines;
+  }
+
+  std::vector<CsvFile> files_;
+  std::vector<std::string> attributes_;
+  MissingValues missing_;
+  Progress at_;  // of make_piece()
+  std::size_t returned_ = 0;
+  bool ended_ = false;
+  PieceAhead pieces_;
+};
+
+Result<CsvFile> open_table(const std::string& path, const std::vector<std::string>& names) {
+  SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
+  SPLATVOL_TRY_ASSIGN(table, read_csv_table(*bytes, names));
+  return CsvFile{path, bytes->size(), std::move(table), {}};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Source>> open_csv_files(const std::vector<std::string>& paths, const SourceOptions& options) {
+  std::vector<CsvFile> files;
+  std::vector<std::string> attributes = options.selection;
+  for (const std::string& path : paths) {
+    SPLATVOL_TRY_ASSIGN(file, open_table(path, options.columns));
+    std::vector<std::string> available;
+    const std::vector<std::size_t> columns = attribute_columns(file.table);
+    for (const std::size_t column : columns) available.push_back(file.table.columns[column].name);
+    if (attributes.empty()) attributes = available;
+    if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+    for (const std::string& name : attributes) {
+      const auto found = std::ranges::find(available, name);
+      if (found == available.end()) return fail_no_attribute(path, name, available);
+      file.values.push_back(columns[static_cast<std::size_t>(found - available.begin())]);
+    }
+    files.push_back(std::move(file));
+  }
+  return std::make_unique<CsvSource>(std::move(files), std::move(attributes), MissingValues(options.missing));
+}
+
+}  // namespace splatvol

@@ -1,0 +1,27 @@
+// Texts for units of measurement.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace splatvol {
+
+/// A power of a base unit.
+struct UnitPower {
+  std::string_view symbol;
+  double exponent = 0;
+};
+
+/// Returns the product of the powers: "m/s", "kg/(m^2 s)", "1/s"; empty if all exponents are 0. Products of kg, m and s
+/// with a name of their own in SI get that: Pa, N, J, W.
+[[nodiscard]] std::string unit_text(std::span<const UnitPower> powers);
+
+/// Returns a unit as VTK's reader of OpenFOAM writes it ("m2/s2") in the form of unit_text ("m^2/s^2"); empty for "-".
+[[nodiscard]] std::string unit_of_openfoam(std::string_view text);
+
+/// Returns the unit at the end of a heading such as "p [Pa]" and cuts it off, with the space in front of it. Empty if
+/// there is none; numbers in brackets are components, not units.
+[[nodiscard]] std::string cut_unit(std::string& heading);
+
+}  // namespace splatvol

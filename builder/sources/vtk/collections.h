@@ -1,0 +1,32 @@
+// XML files that name other files: time series (.pvd) and trees of blocks (.vtm).
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/sources/vtk/data_sets.h"
+
+namespace splatvol {
+
+/// A time step of a collection, and the files that are its parts.
+struct CollectionStep {
+  double time = 0;
+  std::vector<std::string> files;
+};
+
+/// Lists the time steps of a .pvd in the order of their times. The files of a step stand in the order of their parts;
+/// their paths are relative to the .pvd's own folder. Fails if the file is damaged or names none.
+[[nodiscard]] Result<std::vector<CollectionStep>> pvd_steps(const std::string& path);
+
+/// Lists the files of the blocks that a .vtm, .vtpd or .vtpc names, at any depth, in its order.
+[[nodiscard]] Result<std::vector<std::string>> block_files(const std::string& path);
+
+/// Reads files as blocks of one data set: those with only surfaces are left out, and an array that a block lacks is NaN
+/// there. Other contracts as read_vtk_files.
+[[nodiscard]] std::unique_ptr<VtkDataSets> read_composite(const VtkFile& composite, std::vector<std::string> selection,
+                                                          std::optional<double> time, CellValues cells);
+
+}  // namespace splatvol

@@ -1,0 +1,335 @@
+#include "builder/sources/vtk/gmsh_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <string_view>
+#include <utility>
+
+#include "base/file.h"
+#include "builder/sources/read_text.h"
+
+namespace splatvol {
+namespace {
+
+/// Reads numbers, as text or as bytes. A number that is not there sets a failure, and reads as 0.
+class Scanner {
+ public:
+  explicit Scanner(std::string_view bytes) : bytes_(bytes) {}
+
+  void set_binary(bool binary) { binary_ = binary; }
+  [[nodiscard]] bool binary() const { return binary_; }
+  [[nodiscard]] bool failed() const { return failed_; }
+  [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
+  void fail() { failed_ = true; }
+
+  /// Reads a number of the file's kind.
+  template <class T>
+  T number() {
+    return binary_ ? raw<T>() : text<T>();
+  }
+
+  /// Reads a number from text.
+  template <class T>
+  T text() {
+    skip_space();
+    T value{};
+    if (at_ < bytes_.size() && bytes_[at_] == '+') ++at_;
+    const char* first = bytes_.data() + at_;
+    const auto [end, error] = std::from_chars(first, bytes_.data() + bytes_.size(), value);
+    // A number at the very end of the file may be cut off.
+    failed_ = failed_ || error == std::errc::invalid_argument || end == bytes_.data() + bytes_.size();
+    at_ += static_cast<std::size_t>(end - first);
+    return value;
+  }
+
+  /// Reads a count of things that take at least `bytes` bytes each. Fails if they cannot be in the file.
+  template <class T>
+  std::uint64_t count(std::size_t bytes) {
+    const T value = number<T>();
+    if (value < T{0} || static_cast<std::uint64_t>(value) > left() / bytes) failed_ = true;
+    return failed_ ? 0 : static_cast<std::uint64_t>(value);
+  }
+
+  /// Returns the rest of the line, and moves behind it.
+  std::string_view line() {
+    const std::size_t end = std::min(bytes_.find('\n', at_), bytes_.size());
+    std::string_view line = bytes_.substr(at_, end - at_);
+    at_ = std::min(end + 1, bytes_.size());
+    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.remove_suffix(1);
+    return line;
+  }
+
+  /// Reads a text between quotation marks on a line of its own.
+  std::string quoted() {
+    skip_space();
+    const std::string_view whole = line();
+    if (whole.size() < 2 || whole.front() != '"' || whole.back() != '"') failed_ = true;
+    return failed_ ? std::string() : std::string(whole.substr(1, whole.size() - 2));
+  }
+
+  /// Moves behind a line "$End" + name; fails if there is none. Spaces may stand before it.
+  void end(const std::string& name) {
+    skip_space();
+    if (line() != "$End" + name) failed_ = true;
+  }
+
+  /// Moves behind the next line "$End" + name, whatever is before it.
+  void skip_section(const std::string& name) {
+    const std::size_t found = bytes_.find("$End" + name, at_);
+    failed_ = failed_ || found == std::string_view::npos;
+    if (failed_) return;
+    at_ = found;
+    line();
+  }
+
+ private:
+  template <class T>
+  T raw() {
+    T value{};
+    if (left() < sizeof(T)) {
+      failed_ = true;
+      return value;
+    }
+    std::memcpy(&value, bytes_.data() + at_, sizeof(T));
+    at_ += sizeof(T);
+    return value;
+  }
+
+  void skip_space() {
+    while (at_ < bytes_.size() && std::isspace(static_cast<unsigned char>(bytes_[at_])) != 0) ++at_;
+  }
+
+  std::string_view bytes_;
+  std::size_t at_ = 0;
+  bool binary_ = false;
+  bool failed_ = false;
+};
+
+struct NodeCount {
+  int type;
+  std::size_t nodes;
+};
+constexpr std::array<NodeCount, 36> node_counts = {
+    {{1, 2},   {2, 3},   {3, 4},   {4, 4},   {5, 8},   {6, 6},   {7, 5},   {8, 3},   {9, 6},
+     {10, 9},  {11, 10}, {12, 27}, {13, 18}, {14, 14}, {15, 1},  {16, 8},  {17, 20}, {18, 15},
+     {19, 13}, {20, 9},  {21, 10}, {22, 12}, {23, 15}, {24, 15}, {25, 21}, {26, 4},  {27, 5},
+     {28, 6},  {29, 20}, {30, 35}, {31, 56}, {36, 16}, {37, 25}, {38, 36}, {92, 64}, {93, 125}}};
+
+/// Reads the sections of a file.
+class GmshReader {
+ public:
+  GmshReader(const std::string& path, std::string_view bytes) : path_(path), in_(bytes) {}
+
+  Result<GmshFile> read() {
+    SPLATVOL_TRY(read_format());
+    while (in_.left() > 0) {
+      const std::string section(in_.line());
+      if (section.empty()) continue;
+      if (!section.starts_with('$'))
+        return fail(ErrorCode::invalid_data, "{}: a line stands outside of the sections: damaged", path_);
+      SPLATVOL_TRY(read_section(section.substr(1)));
+      if (in_.failed())
+        return fail(ErrorCode::invalid_data, "{}: the section ${} is damaged or cut off", path_, section.substr(1, 40));
+    }
+    return std::move(file_);
+  }
+
+ private:
+  Status read_format() {
+    const std::string_view first = in_.line();
+    if (first != "$MeshFormat")
+      return fail(ErrorCode::invalid_data, "{}: not a Gmsh file (it does not begin with $MeshFormat)", path_);
+    version_ = in_.text<double>();
+    const int type = in_.text<int>(), size = in_.text<int>();
+    in_.line();
+    if (in_.failed() || type < 0 || type > 1) return fail(ErrorCode::invalid_data, "{}: $MeshFormat is damaged", path_);
+    if (version_ != 2.2 && version_ != 4.1)
+      return fail(ErrorCode::unsupported,
+                  "{}: Gmsh's format {} cannot be read, only 2.2 and 4.1: gmsh {} -save -format msh41 -o OUT.msh",
+                  path_, version_, path_);
+    if (size != 8) return fail(ErrorCode::unsupported, "{}: numbers of {} bytes instead of 8", path_, size);
+    in_.set_binary(type == 1);
+    file_.may_repeat = version_ == 2.2;
+    if (type == 1 && in_.number<std::int32_t>() != 1)
+      return fail(ErrorCode::unsupported, "{}: written by a machine of the other byte order: save it as ascii", path_);
+    in_.end("MeshFormat");
+    if (in_.failed()) return fail(ErrorCode::invalid_data, "{}: $MeshFormat is damaged", path_);
+    return {};
+  }
+
+  Status read_section(const std::string& name) {
+    if (name == "Nodes") {
+      version_ == 2.2 ? read_nodes_2() : read_nodes_4();
+    } else if (name == "Elements") {
+      SPLATVOL_TRY(version_ == 2.2 ? read_elements_2() : read_elements_4());
+    } else if (name == "NodeData") {
+      read_view(GmshView::At::nodes);
+    } else if (name == "ElementData") {
+      read_view(GmshView::At::elements);
+    } else if (name == "ElementNodeData") {
+      read_view(GmshView::At::element_nodes);
+    } else {
+      in_.skip_section(name);
+      return {};
+    }
+    if (!in_.failed()) in_.end(name);
+    return {};
+  }
+
+  void read_point() {
+    const auto x = in_.number<double>(), y = in_.number<double>(), z = in_.number<double>();
+    file_.points.emplace_back(x, y, z);
+  }
+
+  void read_nodes_2() {
+    const std::uint64_t count = text_count(8);
+    for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
+      file_.node_tags.push_back(static_cast<std::uint64_t>(in_.number<std::int32_t>()));
+      read_point();
+    }
+  }
+
+  /// A count that is text in binary files too; the numbers begin behind its line.
+  std::uint64_t text_count(std::size_t bytes) {
+    const auto count = in_.text<std::uint64_t>();
+    if (in_.binary()) in_.line();
+    if (count > in_.left() / bytes) in_.fail();
+    return in_.failed() ? 0 : count;
+  }
+
+  void read_nodes_4() {
+    const std::uint64_t blocks = in_.count<std::uint64_t>(4);
+    for (int i = 0; i < 3; ++i) in_.number<std::uint64_t>();  // all nodes, the lowest and the highest tag
+    for (std::uint64_t b = 0; b < blocks && !in_.failed(); ++b) {
+      const int dimension = in_.number<int>();
+      in_.number<int>();
+      const int parameters = in_.number<int>() != 0 ? dimension : 0;
+      const std::uint64_t count = in_.count<std::uint64_t>(8);
+      for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) file_.node_tags.push_back(in_.number<std::uint64_t>());
+      for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
+        read_point();
+        for (int p = 0; p < parameters && p < 3; ++p) in_.number<double>();
+      }
+    }
+  }
+
+  Status fail_type(int type) const {
+    return fail(ErrorCode::unsupported,
+                "{}: elements of Gmsh's type {} cannot be read; lower the order: gmsh {} -order 2 -save -o OUT.msh",
+                path_, type, path_);
+  }
+
+  template <class Tag>
+  void read_element(int type, std::uint64_t tag, std::size_t nodes) {
+    file_.elements.types.push_back(type);
+    file_.elements.tags.push_back(tag);
+    for (std::size_t n = 0; n < nodes; ++n)
+      file_.elements.nodes.push_back(static_cast<std::uint64_t>(in_.number<Tag>()));
+  }
+
+  Status read_elements_2() {
+    std::uint64_t left = text_count(6);
+    while (left > 0 && !in_.failed()) {
+      // Text: number, type, tags, nodes. Bytes: type, number of elements, number of tags, then the elements.
+      const std::int32_t first = in_.number<std::int32_t>();
+      const std::int32_t second = in_.number<std::int32_t>();
+      const std::int32_t tags = in_.number<std::int32_t>();
+      const int type = in_.binary() ? first : second;
+      const std::uint64_t count = in_.binary() ? static_cast<std::uint32_t>(second) : 1;
+      const auto nodes = gmsh_node_count(type);
+      if (in_.failed()) break;
+      if (!nodes) return fail_type(type);
+      if (count == 0 || count > left || tags < 0) in_.fail();
+      for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
+        const std::int32_t tag = in_.binary() ? in_.number<std::int32_t>() : first;
+        for (std::int32_t t = 0; t < tags && !in_.failed(); ++t) in_.number<std::int32_t>();
+        read_element<std::int32_t>(type, static_cast<std::uint64_t>(tag), *nodes);
+      }
+      left -= std::min(count, left);
+    }
+    return {};
+  }
+
+  Status read_elements_4() {
+    const std::uint64_t blocks = in_.count<std::uint64_t>(4);
+    for (int i = 0; i < 3; ++i) in_.number<std::uint64_t>();
+    for (std::uint64_t b = 0; b < blocks && !in_.failed(); ++b) {
+      in_.number<int>();
+      in_.number<int>();
+      const int type = in_.number<int>();
+      const std::uint64_t count = in_.count<std::uint64_t>(4);
+      const auto nodes = gmsh_node_count(type);
+      if (in_.failed()) break;
+      if (!nodes) return fail_type(type);
+      for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) {
+        const auto tag = in_.number<std::uint64_t>();
+        read_element<std::uint64_t>(type, tag, *nodes);
+      }
+    }
+    return {};
+  }
+
+  /// Reads a view. Its tags are text in binary files too: strings (the name), reals (the time) and integers (the step,
+  /// components, the number of nodes or elements).
+  void read_view(GmshView::At at) {
+    GmshView view;
+    view.at = at;
+    const auto strings = in_.text<std::uint64_t>();
+    in_.line();
+    for (std::uint64_t i = 0; i < strings && !in_.failed(); ++i) {
+      const std::string text = in_.quoted();
+      if (i == 0) view.name = text;
+    }
+    const auto reals = in_.text<std::uint64_t>();
+    for (std::uint64_t i = 0; i < reals && !in_.failed(); ++i) {
+      const auto real = in_.text<double>();
+      if (i == 0) view.time = real;
+    }
+    const auto integers = in_.text<std::uint64_t>();
+    std::uint64_t count = 0;
+    for (std::uint64_t i = 0; i < integers && !in_.failed(); ++i) {
+      const auto integer = in_.text<std::int64_t>();
+      if (i == 1) view.components = static_cast<std::size_t>(integer);
+      if (i == 2) count = static_cast<std::uint64_t>(integer);
+    }
+    if (in_.binary()) in_.line();
+    if (view.components < 1 || view.components > 9 || integers < 3 || count > in_.left() / 4) in_.fail();
+    for (std::uint64_t i = 0; i < count && !in_.failed(); ++i) read_view_values(view);
+    file_.views.push_back(std::move(view));
+  }
+
+  void read_view_values(GmshView& view) {
+    view.tags.push_back(static_cast<std::uint64_t>(in_.number<std::int32_t>()));
+    std::uint64_t nodes = 1;
+    if (view.at == GmshView::At::element_nodes) {
+      nodes = in_.count<std::int32_t>(1);
+      view.counts.push_back(static_cast<std::uint32_t>(nodes));
+    }
+    for (std::uint64_t i = 0; i < nodes * view.components && !in_.failed(); ++i)
+      view.values.push_back(in_.number<double>());
+  }
+
+  const std::string& path_;
+  Scanner in_;
+  double version_ = 0;
+  GmshFile file_;
+};
+
+}  // namespace
+
+std::optional<std::size_t> gmsh_node_count(int type) {
+  const auto* found = std::ranges::find(node_counts, type, &NodeCount::type);
+  return found == node_counts.end() ? std::nullopt : std::optional(found->nodes);
+}
+
+Result<GmshFile> read_gmsh(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(bytes, read_text(*file, 0, file->size()));
+  return GmshReader(path, bytes).read();
+}
+
+}  // namespace splatvol

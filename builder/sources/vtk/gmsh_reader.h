@@ -1,0 +1,22 @@
+// Gmsh's meshes and views as data sets.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/sources/vtk/data_sets.h"
+
+namespace splatvol {
+
+/// Reads a .msh file as one data set. Views of nodes are arrays of the points, views of elements are arrays of the
+/// cells, and views of elements' nodes are the means at the points. Of each view the step nearest to `time` is read,
+/// without one the last. Elements of order 3 and more are not supported, except lines and surfaces.
+/// Fails as read_gmsh, and if an element or a view names a node or an element that is not there.
+[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_gmsh(const VtkFile& file,
+                                                             const std::vector<std::string>& selection,
+                                                             std::optional<double> time);
+
+}  // namespace splatvol

@@ -1,0 +1,46 @@
+// OpenFOAM cases that are decomposed into a folder for each processor.
+#pragma once
+
+#include <vtkOpenFOAMReader.h>
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace splatvol {
+
+/// VTK's reader of a case, or of one processor's part of it.
+class ProcessorReader final : public vtkOpenFOAMReader {
+ public:
+  static ProcessorReader* New();
+  vtkTypeMacro(ProcessorReader, vtkOpenFOAMReader) ProcessorReader(const ProcessorReader&) = delete;
+  void operator=(const ProcessorReader&) = delete;
+
+  /// Reads the folder of a processor from the next update on, and forgets the mesh of the last one. Empty: reads the
+  /// case itself.
+  void SetProcessor(const std::string& folder);
+
+ protected:
+  ProcessorReader() = default;
+  ~ProcessorReader() override = default;
+  int RequestInformation(vtkInformation* request, vtkInformationVector** inputs,
+                         vtkInformationVector* outputs) override;
+
+ private:
+  std::string folder_;
+  bool is_new_ = false;
+};
+
+/// Lists the folders of a case's processors, in order. Lists none if the case itself has a mesh, and has the last of
+/// their time steps: such a case is read from its own folder. `path`: system/controlDict, or a
+/// file in the case's folder. Throws if the folder of a processor is missing, or if the folders are collated.
+[[nodiscard]] std::vector<std::string> find_processors(const std::string& path);
+
+/// Throws if the reader's folder has no such time step. Requires that its information is up to date.
+void check_openfoam_time(ProcessorReader& reader, std::optional<double> time);
+
+/// Cuts the units off the names of all arrays that the reader has read, and adds them to `units`, by name.
+void take_openfoam_units(ProcessorReader& reader, std::map<std::string, std::string>& units);
+
+}  // namespace splatvol

@@ -1,0 +1,60 @@
+// Points that several parts of one mesh have, such as those on the borders between processors.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "builder/sources/vtk/cell_averages.h"
+
+class vtkDataArray;
+class vtkDataSet;
+
+namespace splatvol {
+
+/// Means of cells at the points that several parts have, over the cells of all parts. Without it, each part would have
+/// a value of its own there, and the points would not merge. Holds the points on the outer faces of all parts.
+class SharedPoints {
+ public:
+  /// Adds a part: the means of its `arrays` of cells. `block`: the block of the mesh that this is a part of; points of
+  /// different blocks are not the same. Call it for all parts, then finish(). Requires as many values as cells.
+  void add(vtkDataSet& part, const std::string& block, const CellAverages& averages,
+           std::span<vtkDataArray* const> arrays);
+
+  /// Forgets the points that only one part has. A point that a part has twice is one, too: there the field may jump.
+  void finish();
+
+  /// Sets the means of an array of cells at the shared points of a part that has been added. `means`: at all points of
+  /// the part, a component.
+  void apply(vtkDataSet& part, const std::string& block, const std::string& array, int component,
+             std::span<double> means) const;
+
+ private:
+  using Position = std::array<double, 3>;
+  struct PositionHash {
+    std::size_t operator()(const Position& position) const;
+  };
+  struct Mean {
+    double weight = 0;
+    double value = 0;
+  };
+  struct Shared {
+    std::uint32_t last_part = 0;
+    std::uint32_t parts = 0;
+    bool jumps = false;
+    std::map<std::uint32_t, std::vector<Mean>> means;  // [array][component]
+  };
+  using Block = std::unordered_map<Position, Shared, PositionHash>;
+
+  std::uint32_t number_of(const std::string& array);
+
+  std::map<std::string, Block> blocks_;
+  std::map<std::string, std::uint32_t> numbers_;  // of the names of arrays
+  std::uint32_t parts_ = 0;
+};
+
+}  // namespace splatvol

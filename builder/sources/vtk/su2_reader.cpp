@@ -1,0 +1,285 @@
+#include "builder/sources/vtk/su2_reader.h"
+
+#include <vtkDoubleArray.h>
+#include <vtkInformation.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkSmartPointer.h>
+#include <vtkUnstructuredGrid.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <string_view>
+#include <utility>
+
+#include "base/file.h"
+#include "builder/sources/csv_source.h"
+#include "builder/sources/read_text.h"
+#include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/single_data_set.h"
+
+namespace splatvol {
+namespace {
+
+struct Su2Cell {
+  int vtk_type;
+  std::array<std::uint64_t, 8> nodes;
+};
+
+struct Su2Mesh {
+  std::vector<dvec3> points;
+  std::vector<Su2Cell> cells;
+};
+
+/// SU2 uses VTK's numbers and orders.
+constexpr std::size_t corners_of(int vtk_type) {
+  switch (vtk_type) {
+    case 10:
+      return 4;
+    case 12:
+      return 8;
+    case 13:
+      return 6;
+    case 14:
+      return 5;
+    default:
+      return 0;
+  }
+}
+
+/// Numbers of a line.
+class Words {
+ public:
+  explicit Words(std::string_view line) : line_(line) {}
+
+  template <class T>
+  bool next(T& value) {
+    while (!line_.empty() && (std::isspace(static_cast<unsigned char>(line_.front())) != 0 || line_.front() == '+'))
+      line_.remove_prefix(1);
+    const auto [end, error] = std::from_chars(line_.data(), line_.data() + line_.size(), value);
+    if (error != std::errc{}) return false;
+    line_.remove_prefix(static_cast<std::size_t>(end - line_.data()));
+    return true;
+  }
+
+ private:
+  std::string_view line_;
+};
+
+class Su2Reader {
+ public:
+  Su2Reader(const std::string& path, std::string_view text) : path_(path), text_(text) {}
+
+  Result<Su2Mesh> read() {
+    std::string_view line;
+    while (next_line(line)) {
+      const std::size_t equals = line.find('=');
+      std::string_view key = line.substr(0, equals);
+      while (key.ends_with(' ')) key.remove_suffix(1);
+      if (equals == std::string_view::npos) return fail_line("outside of a list");
+      SPLATVOL_TRY(read_entry(key, line.substr(equals + 1)));
+    }
+    if (dimension_ != 3)
+      return fail(ErrorCode::unsupported, "{}: a mesh of {} dimensions; splatvol draws volumes", path_, dimension_);
+    if (!has_points_ || !has_cells_)
+      return fail(ErrorCode::invalid_data, "{}: {} is missing: cut off, or not an SU2 mesh", path_,
+                  has_points_ ? "NELEM" : "NPOIN");
+    for (const Su2Cell& cell : mesh_.cells)
+      for (std::size_t i = 0; i < corners_of(cell.vtk_type); ++i)
+        if (cell.nodes[i] >= mesh_.points.size())
+          return fail(ErrorCode::invalid_data, "{}: a cell names point {} of {}", path_, cell.nodes[i],
+                      mesh_.points.size());
+    return std::move(mesh_);
+  }
+
+ private:
+  /// Moves to the next line that is not empty, without its comment.
+  bool next_line(std::string_view& line) {
+    while (at_ < text_.size()) {
+      const std::size_t end = std::min(text_.find('\n', at_), text_.size());
+      ended_ = end == text_.size();
+      line = text_.substr(at_, end - at_);
+      line = line.substr(0, line.find('%'));
+      at_ = end + 1;
+      ++line_;
+      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.remove_suffix(1);
+      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.front())) != 0) line.remove_prefix(1);
+      if (!line.empty()) return true;
+    }
+    return false;
+  }
+
+  [[nodiscard]] tl::unexpected<Error> fail_line(const char* what) const {
+    return fail(ErrorCode::invalid_data, "{}: line {} is damaged, cut off or {}", path_, line_, what);
+  }
+
+  Status read_entry(std::string_view key, std::string_view value) {
+    Words words(value);
+    if (key == "NZONE") {
+      int zones = 0;
+      if (!words.next(zones) || zones != 1)
+        return fail(ErrorCode::unsupported, "{}: several zones: give each zone a file of its own", path_);
+    }
+    if (key == "NDIME" && !words.next(dimension_)) return fail_line("no number");
+    if (key == "NELEM") return read_cells(words);
+    if (key == "NPOIN") return read_points(words);
+    if (key == "MARKER_ELEMS" || key == "NCORNERS") return skip_lines(words);
+    return {};
+  }
+
+  /// Reads the number of lines of a list; each has 2 bytes at least.
+  Status read_count(Words& words, std::uint64_t& count) {
+    if (!words.next(count) || count > (text_.size() - std::min(at_, text_.size())) / 2) return fail_line("no list");
+    return {};
+  }
+
+  Status skip_lines(Words& words) {
+    std::uint64_t count = 0;
+    SPLATVOL_TRY(read_count(words, count));
+    std::string_view line;
+    for (std::uint64_t i = 0; i < count; ++i)
+      if (!next_line(line) || line.find('=') != std::string_view::npos) return fail_line("too short a list");
+    return {};
+  }
+
+  Status read_cells(Words& words) {
+    std::uint64_t count = 0;
+    SPLATVOL_TRY(read_count(words, count));
+    mesh_.cells.reserve(count);
+    std::string_view line;
+    for (std::uint64_t i = 0; i < count; ++i) {
+      if (!next_line(line)) return fail_line("too short a list");
+      Words numbers(line);
+      Su2Cell cell{};
+      if (!numbers.next(cell.vtk_type)) return fail_line("no cell");
+      const std::size_t corners = corners_of(cell.vtk_type);
+      if (corners == 0 && dimension_ == 3)
+        return fail(ErrorCode::unsupported, "{}: line {}: a cell of type {}, which has no volume or is not known",
+                    path_, line_, cell.vtk_type);
+      for (std::size_t c = 0; c < corners; ++c)
+        if (!numbers.next(cell.nodes[c])) return fail_line("no cell");
+      mesh_.cells.push_back(cell);
+    }
+    has_cells_ = true;
+    return {};
+  }
+
+  Status read_points(Words& words) {
+    std::uint64_t count = 0;
+    SPLATVOL_TRY(read_count(words, count));
+    mesh_.points.reserve(count);
+    std::string_view line;
+    for (std::uint64_t i = 0; i < count; ++i) {
+      if (!next_line(line)) return fail_line("too short a list");
+      Words numbers(line);
+      dvec3 point(0);
+      for (int axis = 0; axis < std::min(dimension_, 3); ++axis)
+        if (!numbers.next(point[axis])) return fail_line("no point");
+      // A line that ends with the file may be cut off, unless the index of the point follows.
+      std::uint64_t index = 0;
+      if (ended_ && (!numbers.next(index) || index != i)) return fail_line("no point");
+      mesh_.points.push_back(point);
+    }
+    has_points_ = true;
+    return {};
+  }
+
+  const std::string& path_;
+  std::string_view text_;
+  std::size_t at_ = 0;
+  std::uint64_t line_ = 0;
+  bool ended_ = false;  // the file, in the current line
+  int dimension_ = 0;
+  bool has_points_ = false;
+  bool has_cells_ = false;
+  Su2Mesh mesh_;
+};
+
+vtkSmartPointer<vtkUnstructuredGrid> make_grid(const Su2Mesh& mesh) {
+  auto grid = vtkSmartPointer<vtkUnstructuredGrid>::New();
+  const vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  points->SetNumberOfPoints(static_cast<vtkIdType>(mesh.points.size()));
+  for (std::size_t i = 0; i < mesh.points.size(); ++i)
+    points->SetPoint(static_cast<vtkIdType>(i), mesh.points[i].x, mesh.points[i].y, mesh.points[i].z);
+  grid->SetPoints(points);
+  grid->AllocateEstimate(static_cast<vtkIdType>(mesh.cells.size()), 8);
+  for (const Su2Cell& cell : mesh.cells) {
+    std::array<vtkIdType, 8> nodes{};
+    for (std::size_t i = 0; i < nodes.size(); ++i) nodes[i] = static_cast<vtkIdType>(cell.nodes[i]);
+    grid->InsertNextCell(cell.vtk_type, static_cast<vtkIdType>(corners_of(cell.vtk_type)), nodes.data());
+  }
+  return grid;
+}
+
+/// The largest distance of a position that was written with seven digits from the original.
+double tolerance_of(const std::vector<dvec3>& points) {
+  double largest = 0;
+  for (const dvec3& p : points) largest = std::max({largest, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+  return 1e-5 * largest;
+}
+
+/// Adds the values of a .csv file to the points.
+Status add_values(const VtkFile& file, const Su2Mesh& mesh, const std::vector<std::string>& selection,
+                  vtkUnstructuredGrid& grid) {
+  SourceOptions options;
+  options.selection = selection;
+  SPLATVOL_TRY_ASSIGN(source, open_csv_files({file.values}, options));
+  const std::vector<std::string> names = source->attributes(), units = source->units();
+  std::vector<vtkSmartPointer<vtkDoubleArray>> arrays;
+  for (std::size_t a = 0; a < names.size(); ++a) {
+    arrays.push_back(vtkSmartPointer<vtkDoubleArray>::New());
+    arrays[a]->SetName(names[a].c_str());
+    if (!units[a].empty()) arrays[a]->GetInformation()->Set(vtkDataArray::UNITS_LABEL(), units[a].c_str());
+    arrays[a]->SetNumberOfTuples(grid.GetNumberOfPoints());
+    grid.GetPointData()->AddArray(arrays[a]);
+  }
+  const double tolerance = tolerance_of(mesh.points);
+  std::size_t at = 0;
+  for (;;) {
+    SPLATVOL_TRY_ASSIGN(piece, source->next());
+    if (!piece) break;
+    for (std::size_t i = 0; i < piece->points.size(); ++i, ++at) {
+      const bool same = at < mesh.points.size() && glm::distance(piece->points[i], mesh.points[at]) <= tolerance;
+      if (!same)
+        return fail(ErrorCode::invalid_data, "{}: its values are not those of the points of {} (point {})", file.values,
+                    file.path, at);
+      for (std::size_t a = 0; a < arrays.size(); ++a)
+        arrays[a]->SetValue(static_cast<vtkIdType>(at), piece->values[a][i]);
+    }
+  }
+  if (at != mesh.points.size())
+    return fail(ErrorCode::invalid_data, "{}: values of {} points instead of the {} of {}", file.values, at,
+                mesh.points.size(), file.path);
+  return {};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file, const std::vector<std::string>& selection) {
+  SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
+  SPLATVOL_TRY_ASSIGN(text, read_text(*bytes, 0, bytes->size()));
+  SPLATVOL_TRY_ASSIGN(mesh, Su2Reader(file.path, text).read());
+  if (file.values.empty())
+    return fail(
+        ErrorCode::invalid_data,
+        "{}: an SU2 mesh has no values; give the solution as a second file: svbuild {} restart_flow.csv, or the "
+        ".vtu that SU2 writes",
+        file.path, file.path);
+  vtkSmartPointer<vtkDataSet> data;
+  Status added;
+  SPLATVOL_TRY(run_vtk(file.path, [&] {
+    const auto grid = make_grid(mesh);
+    added = add_values(file, mesh, selection, *grid);
+    data = grid;
+  }));
+  SPLATVOL_TRY(added);
+  return std::make_unique<SingleDataSet>(file.path, data, std::nullopt);
+}
+
+}  // namespace splatvol

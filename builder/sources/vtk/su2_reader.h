@@ -1,0 +1,20 @@
+// SU2's meshes.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/sources/vtk/data_sets.h"
+
+namespace splatvol {
+
+/// Reads a .su2 mesh of three dimensions as one data set. Its file.values names a .csv with the values at the points, a
+/// line for each point in their order, as SU2 writes its solutions; it must have the positions of the mesh. Markers are
+/// left out. Fails without values, if the file is damaged or has several zones, and if the values are of another mesh.
+/// Safe on untrusted files.
+[[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_su2(const VtkFile& file,
+                                                            const std::vector<std::string>& selection);
+
+}  // namespace splatvol

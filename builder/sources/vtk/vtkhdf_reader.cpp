@@ -1,0 +1,279 @@
+#include "builder/sources/vtk/vtkhdf_reader.h"
+
+#include <vtkCellArray.h>
+#include <vtkCellData.h>
+#include <vtkCellType.h>
+#include <vtkDoubleArray.h>
+#include <vtkIdTypeArray.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkSmartPointer.h>
+#include <vtkUnsignedCharArray.h>
+#include <vtkUnstructuredGrid.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+
+#include "builder/sources/vtk/attributes.h"
+#include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/netcdf_checks.h"
+#include "builder/sources/vtk/trial.h"
+#include "builder/sources/vtk/vtkhdf_file.h"
+
+namespace splatvol {
+namespace {
+
+/// Where a partition's points, cells and connectivity begin in the arrays of the file, and how many there are.
+struct Partition {
+  std::uint64_t number = 0;  // in the file
+  std::uint64_t points = 0, cells = 0, ids = 0;
+  std::uint64_t first_point = 0, first_cell = 0, first_id = 0;
+  std::uint64_t points_before = 0, cells_before = 0;  // in its time step
+};
+
+std::uint64_t not_negative(std::int64_t number) {
+  if (number < 0 || number > std::numeric_limits<std::int64_t>::max() / 16)
+    throw ReaderError("a count or an offset is out of range");
+  return static_cast<std::uint64_t>(number);
+}
+
+/// Reads the data sets of one time step.
+class HdfFile {
+ public:
+  HdfFile(const std::string& path, const std::vector<std::string>& selection, std::optional<double> time)
+      : selection_(selection), group_(path, "/VTKHDF") {
+    if (group_.attribute("Version")[0] > 2) throw ReaderError("a VTKHDF version above 2, which cannot be read");
+    type_ = group_.text_attribute("Type");
+    if (type_ != "UnstructuredGrid" && type_ != "ImageData")
+      throw ReaderError(fmt::format("a VTKHDF file of type \"{}\"; only UnstructuredGrid and ImageData can be read",
+                                    type_.substr(0, 40)));
+    if (group_.has("Steps")) choose_step(time);
+    if (type_ == "UnstructuredGrid") find_partitions();
+  }
+
+  [[nodiscard]] std::optional<TimeStep> step() const { return step_; }
+  [[nodiscard]] std::size_t count() const { return type_ == "ImageData" ? 1 : partitions_.size(); }
+
+  [[nodiscard]] vtkSmartPointer<vtkDataSet> read(std::size_t index) const {
+    return type_ == "ImageData" ? read_image() : read_partition(partitions_[index]);
+  }
+
+ private:
+  void choose_step(std::optional<double> time) {
+    const std::vector<std::uint64_t> shape = group_.shape("Steps/Values");
+    const std::vector<double> times = group_.doubles("Steps/Values", 0, shape[0]);
+    if (times.empty()) throw ReaderError("no time steps in it");
+    std::size_t best = 0;
+    for (std::size_t i = 1; i < times.size(); ++i)
+      if (time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best]) best = i;
+    step_ = TimeStep{times[best], best, times.size(), times};
+  }
+
+  /// An offset of the time step; 0 if the file has no such offsets.
+  [[nodiscard]] std::uint64_t offset(const std::string& name) const {
+    if (!step_ || !group_.has("Steps/" + name)) return 0;
+    return not_negative(group_.integers("Steps/" + name, step_->index, 1).at(0));
+  }
+
+  void find_partitions() {
+    const std::uint64_t all = group_.shape("NumberOfPoints")[0];
+    const std::uint64_t first = offset("PartOffsets");
+    const bool counted = step_ && group_.has("Steps/NumberOfParts");
+    const std::uint64_t count = counted ? offset("NumberOfParts") : step_ ? 1 : all;
+    const auto points = group_.integers("NumberOfPoints", first, count);
+    const auto cells = group_.integers("NumberOfCells", first, count);
+    const auto ids = group_.integers("NumberOfConnectivityIds", first, count);
+    Partition next;
+    next.first_point = offset("PointOffsets");
+    next.first_cell = offset("CellOffsets");
+    next.first_id = offset("ConnectivityIdOffsets");
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      next.number = first + i;
+      next.points = not_negative(points[i]);
+      next.cells = not_negative(cells.at(i));
+      next.ids = not_negative(ids.at(i));
+      partitions_.push_back(next);
+      next.first_point += next.points;
+      next.first_cell += next.cells;
+      next.first_id += next.ids;
+      next.points_before += next.points;
+      next.cells_before += next.cells;
+    }
+  }
+
+  [[nodiscard]] vtkSmartPointer<vtkDataSet> read_partition(const Partition& part) const {
+    auto grid = vtkSmartPointer<vtkUnstructuredGrid>::New();
+    const std::vector<double> coordinates = group_.doubles("Points", part.first_point, part.points);
+    if (coordinates.size() != 3 * part.points) throw ReaderError("its points have no three coordinates");
+    const vtkNew<vtkPoints> points;
+    points->SetDataTypeToDouble();
+    points->SetNumberOfPoints(static_cast<vtkIdType>(part.points));
+    for (std::size_t i = 0; i < part.points; ++i) points->SetPoint(static_cast<vtkIdType>(i), &coordinates[3 * i]);
+    grid->SetPoints(points);
+    read_cells(part, *grid);
+    read_arrays("PointData", *grid->GetPointData(), part.points_before, part.first_point, part.points);
+    read_arrays("CellData", *grid->GetCellData(), part.cells_before, part.first_cell, part.cells);
+    return grid;
+  }
+
+  void read_cells(const Partition& part, vtkUnstructuredGrid& grid) const {
+    if (part.cells == 0) return;
+    // Each partition has one offset more than cells.
+    const auto offsets = group_.integers("Offsets", part.first_cell + part.number, part.cells + 1);
+    const auto ids = group_.integers("Connectivity", part.first_id, part.ids);
+    const auto types = group_.integers("Types", part.first_cell, part.cells);
+    const bool ordered = offsets.front() == 0 && std::ranges::is_sorted(offsets) &&
+                         static_cast<std::uint64_t>(offsets.back()) == part.ids;
+    if (!ordered) throw ReaderError("the offsets of its cells are damaged");
+    if (std::ranges::find(types, VTK_POLYHEDRON) != types.end())
+      throw ReaderError("polyhedra in VTKHDF files cannot be read: save it as .vtu");
+    const vtkNew<vtkIdTypeArray> vtk_offsets, vtk_ids;
+    const vtkNew<vtkUnsignedCharArray> vtk_types;
+    for (const std::int64_t offset : offsets) vtk_offsets->InsertNextValue(offset);
+    for (const std::int64_t id : ids) vtk_ids->InsertNextValue(id);
+    for (const std::int64_t type : types) {
+      if (type < 0 || type > 255) throw ReaderError("the type of a cell is out of range");
+      vtk_types->InsertNextValue(static_cast<unsigned char>(type));
+    }
+    const vtkNew<vtkCellArray> cells;
+    cells->SetData(vtk_offsets, vtk_ids);
+    grid.SetCells(vtk_types, cells);
+  }
+
+  [[nodiscard]] bool wanted(const std::string& name) const {
+    return is_ghost_array(name) || wants_array(selection_, name);
+  }
+
+  /// Reads the arrays of a partition. `before`: its rows before it in the time step; `first`: in the file.
+  void read_arrays(const std::string& data, vtkDataSetAttributes& to, std::uint64_t before, std::uint64_t first,
+                   std::uint64_t count) const {
+    for (const std::string& name : group_.arrays_in(data)) {
+      if (!wanted(name)) continue;
+      const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
+      const bool own = step_ && group_.has("Steps/" + own_offsets);
+      const auto values =
+          group_.doubles(fmt::format("{}/{}", data, name), own ? offset(own_offsets) + before : first, count);
+      add_array(name, values, count, to);
+    }
+  }
+
+  static void add_array(const std::string& name, const std::vector<double>& values, std::uint64_t count,
+                        vtkDataSetAttributes& to) {
+    if (count == 0 || values.size() % count != 0 || values.size() / count > 1024) return;
+    const auto components = static_cast<int>(values.size() / count);
+    vtkSmartPointer<vtkDataArray> array = vtkSmartPointer<vtkDoubleArray>::New();
+    if (is_ghost_array(name)) array = vtkSmartPointer<vtkUnsignedCharArray>::New();
+    array->SetName(name.c_str());
+    array->SetNumberOfComponents(components);
+    array->SetNumberOfTuples(static_cast<vtkIdType>(count));
+    for (std::size_t i = 0; i < values.size(); ++i)
+      array->SetComponent(static_cast<vtkIdType>(i) / components, static_cast<int>(i) % components, values[i]);
+    to.AddArray(array);
+  }
+
+  [[nodiscard]] std::vector<double> attribute(const std::string& name, std::size_t count) const {
+    std::vector<double> numbers = group_.attribute(name);
+    if (numbers.size() != count) throw ReaderError(fmt::format("the attribute {} is damaged", name));
+    return numbers;
+  }
+
+  [[nodiscard]] vtkSmartPointer<vtkDataSet> read_image() const {
+    auto image = vtkSmartPointer<vtkImageData>::New();
+    std::array<int, 6> extent{};
+    const std::vector<double> numbers = attribute("WholeExtent", 6);
+    std::array<std::uint64_t, 3> points{};
+    for (std::size_t i = 0; i < 6; ++i) extent[i] = static_cast<int>(std::clamp(numbers[i], -1e9, 1e9));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (extent[2 * axis + 1] < extent[2 * axis]) throw ReaderError("the attribute WholeExtent is damaged");
+      points[axis] =
+          static_cast<std::uint64_t>(extent[2 * axis + 1]) - static_cast<std::uint64_t>(extent[2 * axis]) + 1;
+    }
+    image->SetOrigin(attribute("Origin", 3).data());
+    image->SetSpacing(attribute("Spacing", 3).data());
+    if (group_.has_attribute("Direction")) image->SetDirectionMatrix(attribute("Direction", 9).data());
+    read_image_arrays("PointData", points, *image->GetPointData());
+    for (std::uint64_t& count : points) count = std::max<std::uint64_t>(count, 2) - 1;
+    read_image_arrays("CellData", points, *image->GetCellData());
+    image->SetExtent(extent.data());
+    return image;
+  }
+
+  void read_image_arrays(const std::string& data, const std::array<std::uint64_t, 3>& counts,
+                         vtkDataSetAttributes& to) const {
+    for (const std::string& name : group_.arrays_in(data)) {
+      if (!wanted(name)) continue;
+      std::vector<std::uint64_t> shape = group_.shape(fmt::format("{}/{}", data, name));
+      const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
+      const bool own = step_ && group_.has("Steps/" + own_offsets);
+      std::uint64_t first = 0, rows = shape[0];
+      if (step_ && shape.size() >= 4 && (own || shape[0] == step_->count)) {  // the first axis is time
+        first = own ? offset(own_offsets) : step_->index;
+        rows = 1;
+        shape.erase(shape.begin());
+      }
+      const bool fits = shape.size() >= 3 && shape[0] == counts[2] && shape[1] == counts[1] && shape[2] == counts[0];
+      if (!fits) throw ReaderError(fmt::format("the array \"{}\" is not of the extent of the image", name));
+      add_array(name, group_.doubles(fmt::format("{}/{}", data, name), first, rows), counts[0] * counts[1] * counts[2],
+                to);
+    }
+  }
+
+  const std::vector<std::string>& selection_;
+  Hdf5Group group_;
+  std::string type_;
+  std::optional<TimeStep> step_;
+  std::vector<Partition> partitions_;
+};
+
+class HdfDataSets final : public VtkDataSets {
+ public:
+  HdfDataSets(std::string path, std::vector<std::string> selection)
+      : path_(std::move(path)), selection_(std::move(selection)) {}
+
+  Status open(std::optional<double> time) {
+    SPLATVOL_TRY(check_file_end(path_));
+    // The library may crash on damaged files.
+    constexpr unsigned seconds = 3600;
+    SPLATVOL_TRY(try_in_child(path_, seconds, [&] {
+      const HdfFile file(path_, selection_, time);
+      if (file.count() > 0) (void)file.read(0);
+    }));
+    return run_vtk(path_, [&] {
+      file_ = std::make_unique<HdfFile>(path_, selection_, time);
+      if (file_->count() == 0) throw ReaderError("no partitions in it");
+    });
+  }
+
+  std::size_t count() const override { return file_->count(); }
+  const std::string& path() const override { return path_; }
+  std::optional<TimeStep> time_step() const override { return file_->step(); }
+
+  Result<vtkSmartPointer<vtkDataSet>> next() override {
+    vtkSmartPointer<vtkDataSet> data;
+    if (next_ < file_->count()) SPLATVOL_TRY(run_vtk(path_, [&] { data = file_->read(next_++); }));
+    return data;
+  }
+
+ private:
+  std::string path_;
+  std::vector<std::string> selection_;
+  std::unique_ptr<HdfFile> file_;
+  std::size_t next_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<VtkDataSets>> open_vtkhdf(const VtkFile& file, const std::vector<std::string>& selection,
+                                                 std::optional<double> time) {
+  auto data_sets = std::make_unique<HdfDataSets>(file.path, selection);
+  SPLATVOL_TRY(data_sets->open(time));
+  return data_sets;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,139 @@
+// Scattered points from .csv files.
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "builder/sources/csv_table.h"
+#include "builder/sources/units.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+
+namespace splatvol {
+namespace {
+
+using test::error_of;
+using test::read_input;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+class CsvTest : public test::FolderTest {
+ protected:
+  /// The points (1, 2, 3) and (4, 5, 6) with the value 7 and a missing one.
+  void expect_two_points(const std::string& text, const std::vector<std::string>& columns = {}) const {
+    const auto input = read_input({write("a.csv", text)}, {{}, columns});
+    ASSERT_TRUE(input) << text << input.error().message;
+    EXPECT_THAT(input->attributes, ElementsAre("p")) << text;
+    ASSERT_EQ(input->points, 2u) << text;
+    EXPECT_THAT(input->pieces[0].points, ElementsAre(dvec3(1, 2, 3), dvec3(4, 5, 6))) << text;
+    EXPECT_EQ(input->pieces[0].values[0][0], 7) << text;
+    EXPECT_TRUE(std::isnan(input->pieces[0].values[0][1])) << text;
+  }
+};
+
+TEST_F(CsvTest, HeadingsOfManyPrograms) {
+  for (const char* heading :
+       {"x,y,z,p", "X,Y,Z,p", "\"Points:0\",\"Points:1\",\"Points:2\",\"p\"", "Points_0,Points_1,Points_2,p",
+        "coord x,coord y,coord z,p", "x [m],y [m],z [m],p [Pa]", " X [ m ] , Y [ m ] , Z [ m ] , p [ Pa ]",
+        "x-coordinate,y-coordinate,z-coordinate,p", "CoordinateX,CoordinateY,CoordinateZ,p", "# x,y,z,p"})
+    expect_two_points(std::string(heading) + "\n1,2,3,7\n4,5,6,\n");
+}
+
+TEST_F(CsvTest, Separators) {
+  expect_two_points("x;y;z;p\r\n1;2;3;7\r\n4;5;6;nan\r\n");
+  expect_two_points("x\ty\tz\tp\n1\t2\t3\t7\n4\t5\t6\t\n\n");
+  expect_two_points("\xEF\xBB\xBFx,y,z,p\n\"1\",2,+3,7\n4.0e0,5,6.D+00,\"\"\n");
+  expect_two_points("x,y,name,z,p\n1,2,\"a, \"\"b\"\"\",3,7\n4,5,c,6,NA\n");
+  expect_two_points("PointID,x,y,z,p\n1,1,2,3,7\n2,4,5,6,-\n");
+}
+
+TEST_F(CsvTest, ColumnsAreNamed) {
+  expect_two_points("1,2,3,9,7\n4,5,6,9,\n", {"x", "y", "z", "_", "p"});
+  expect_two_points("a,b,c,d\n3,2,1,7\n6,5,4,\n", {"z", "y", "x", "p"});
+  const std::string path = write("a.csv", "1,2,3,7\n");
+  EXPECT_THAT(error_of({path}), AllOf(StartsWith(path), HasSubstr("--columns x,y,z")));
+  EXPECT_THAT(error_of({path}, {{}, {"x", "y", "z"}}), HasSubstr("4 columns, but 3 names"));
+}
+
+TEST_F(CsvTest, UnitsComeFromTheHeading) {
+  const std::string path = write("a.csv", "x,y,z,p [Pa],T,U[0]\n1,2,3,4,5,6\n");
+  const auto source = open_source({path}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_THAT((*source)->attributes(), ElementsAre("p", "T", "U[0]"));
+  EXPECT_THAT((*source)->units(), ElementsAre("Pa", "", ""));
+}
+
+TEST_F(CsvTest, ErrorsNameTheLine) {
+  const auto message = [&](const std::string& text) { return error_of({write("a.csv", text)}); };
+  EXPECT_THAT(message("x,y,z,p\n1,2,3,4\n1,2,3\n"), HasSubstr("a.csv: line 3: 3 fields instead of 4"));
+  EXPECT_THAT(message("x,y,z,p\n\n1,2,3,4\n1,2,3,4,5\n"), HasSubstr("line 4: 5 fields instead of 4"));
+  EXPECT_THAT(message("x,y,z,p\n1,2,3,4\n1,2,3,abc\n"), HasSubstr("line 3: \"abc\" in the column \"p\" is not"));
+  EXPECT_THAT(message("x;y;z;p\n1;2;3;4\n1;2;3;4,5\n"), HasSubstr("line 3: \"4,5\" in the column \"p\" is not"));
+  EXPECT_THAT(message("x,y,z,p\n1,2,3,4\n1,2,\"3,4\n"), HasSubstr("line 3: a quotation mark is not closed"));
+  EXPECT_THAT(message("x,y,p\n1,2,3\n"), HasSubstr("no column is called z; there are: x, y, p"));
+  EXPECT_THAT(message("x,y,z\n1,2,3\n"), HasSubstr("no values, only positions"));
+  EXPECT_THAT(message("x,y,z,p,p\n1,2,3,4,5\n"), HasSubstr("two columns are called \"p\""));
+  EXPECT_THAT(message(""), HasSubstr("empty"));
+  EXPECT_THAT(message("x,y,z,p\n"), HasSubstr("no line after the names"));
+  EXPECT_THAT(error_of({write("a.csv", "x,y,z,p\n1,2,3,4\n")}, {{"q"}, {}}),
+              HasSubstr("no attribute \"q\"; there are: p"));
+}
+
+// Pieces of 2 MiB give the same points and line numbers as one read would.
+TEST_F(CsvTest, LargeFilesComeInPieces) {
+  std::string text = "x,y,z,p\n";
+  constexpr std::size_t count = 300'000;
+  for (std::size_t i = 0; i < count; ++i) text += fmt::format("{},{},0.5,{}\n", i, 2 * i, i % 7);
+  const auto input = read_input({write("a.csv", text)});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_GT(input->pieces.size(), 2u);
+  ASSERT_EQ(input->points, count);
+  std::size_t i = 0;
+  for (const Piece& piece : input->pieces)
+    for (std::size_t k = 0; k < piece.points.size(); ++k, ++i) {
+      ASSERT_EQ(piece.points[k], dvec3(static_cast<double>(i), 2 * static_cast<double>(i), 0.5));
+      ASSERT_EQ(piece.values[0][k], static_cast<double>(i % 7));
+    }
+  EXPECT_THAT(error_of({write("b.csv", text + "1,2\n")}), HasSubstr(fmt::format("line {}: 2 fields", count + 2)));
+}
+
+// A cut can only shorten the last line: the rest is refused, or is the same.
+TEST_F(CsvTest, Truncated) {
+  const std::string whole = "x,y,z,p [Pa]\n1,2,3,40\n5,6,7,80\n9,10,11,120\n";
+  const auto all = read_input({write("a.csv", whole)});
+  ASSERT_TRUE(all);
+  for (std::size_t bytes = 0; bytes < whole.size(); ++bytes) {
+    const auto input = read_input({write("a.csv", whole.substr(0, bytes))});
+    if (!input) continue;
+    for (std::size_t i = 0; i + 1 < input->points; ++i) {
+      EXPECT_EQ(input->pieces[0].points[i], all->pieces[0].points[i]) << bytes;
+      EXPECT_EQ(input->pieces[0].values[0][i], all->pieces[0].values[0][i]) << bytes;
+    }
+  }
+}
+
+TEST(Units, Texts) {
+  const auto text = [](double kg, double m, double s) {
+    const std::array<UnitPower, 3> powers = {{{"kg", kg}, {"m", m}, {"s", s}}};
+    return unit_text(powers);
+  };
+  EXPECT_EQ(text(0, 2, -2), "m^2/s^2");
+  EXPECT_EQ(text(1, -1, -2), "Pa");
+  EXPECT_EQ(text(1, -1, -1), "kg/(m s)");
+  EXPECT_EQ(text(0, 0, -1), "1/s");
+  EXPECT_EQ(text(0, 0.5, 0), "m^0.5");
+  EXPECT_EQ(text(0, 0, 0), "");
+  EXPECT_EQ(unit_of_openfoam("m2/s2"), "m^2/s^2");
+  EXPECT_EQ(unit_of_openfoam("kg m/(s3 K)"), "kg m/(s^3 K)");
+  EXPECT_EQ(unit_of_openfoam("m^0.5/s"), "m^0.5/s");
+  EXPECT_EQ(unit_of_openfoam("-"), "");
+  std::string heading = "U[1]";
+  EXPECT_EQ(cut_unit(heading), "");
+  EXPECT_EQ(heading, "U[1]");
+  heading = "Heat Flux [ W m^-2 ]";
+  EXPECT_EQ(cut_unit(heading), "W m^-2");
+  EXPECT_EQ(heading, "Heat Flux");
+}
+
+}  // namespace
+}  // namespace splatvol

@@ -1,0 +1,605 @@
+// Files that name other files, and meshes of Gmsh, SU2 and VTKHDF. The tests write them.
+#include <gmock/gmock.h>
+#include <vtk_hdf5.h>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include "base/file.h"
+#include "builder/sources/vtk/collections.h"
+#include "builder/sources/vtk/writer.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+
+// VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libhdf5"; }
+
+namespace splatvol {
+namespace {
+
+using test::Input;
+using test::read_input;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+using ::testing::UnorderedElementsAre;
+
+using Tetrahedra = std::vector<std::array<std::uint32_t, 4>>;
+
+const std::vector<dvec3> corners = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+
+double field(dvec3 p) { return 1 + 2 * p.x - p.y + 3 * p.z; }
+
+/// The largest difference of an attribute from the field; NaN if a value is NaN.
+double largest_error(const Input& input, const std::string& attribute, double factor = 1) {
+  const auto at = std::ranges::find(input.attributes, attribute) - input.attributes.begin();
+  double error = 0;
+  for (const Piece& piece : input.pieces)
+    for (std::size_t i = 0; i < piece.points.size(); ++i) {
+      const double difference =
+          std::abs(piece.values.at(static_cast<std::size_t>(at))[i] - factor * field(piece.points[i]));
+      if (!(difference <= error)) error = difference;
+    }
+  return error;
+}
+
+class FormatsTest : public test::FolderTest {
+ protected:
+  [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
+    return test::error_of({path(name)}, options);
+  }
+
+  /// Writes a tetrahedron that is moved by x, with the field times `factor` as `name`.
+  void write_tetrahedron(const std::string& file, double x, const std::string& name, double factor = 1) const {
+    std::filesystem::create_directories(std::filesystem::path(path(file)).parent_path());
+    std::vector<dvec3> points = corners;
+    PointArray array{name, 1, {}};
+    for (dvec3& p : points) {
+      p.x += x;
+      array.values.push_back(static_cast<float>(factor * field(p)));
+    }
+    const Tetrahedra cells = {{0, 1, 2, 3}};
+    ASSERT_TRUE(write_vtu(path(file), points, cells, std::array<PointArray, 1>{array}));
+  }
+
+  /// Whether a text ends with a section of Gmsh. A file that is cut there is whole, and has fewer views.
+  static bool ends_with_section(std::string_view text) {
+    while (text.ends_with('\n')) text.remove_suffix(1);
+    const std::string_view last = text.substr(text.rfind('\n') + 1);
+    return last == "$EndElements" || last == "$EndNodeData" || last == "$EndElementData";
+  }
+
+  /// Cuts a file at many places. Expects an error of one line that names the file, or the input as a whole.
+  void expect_refused_or_equal(const std::string& name, const std::string& opened, std::size_t stride,
+                               const SourceOptions& options = {}) const {
+    const std::string whole = read_text_file(path(name)).value();
+    const auto all = read_input({path(opened)}, options);
+    ASSERT_TRUE(all) << all.error().message;
+    std::size_t refused = 0;
+    for (std::size_t bytes = 0; bytes < whole.size(); bytes += stride) {
+      if (ends_with_section(whole.substr(0, bytes))) continue;
+      write(name, whole.substr(0, bytes));
+      const std::string message = error_of(opened, options);
+      refused += message != "(no error)" ? 1 : 0;
+      if (message != "(no error)") {
+        EXPECT_THAT(message, AllOf(HasSubstr(folder_), Not(HasSubstr("0x")))) << bytes;
+        continue;
+      }
+      const auto input = read_input({path(opened)}, options);
+      ASSERT_TRUE(input);
+      EXPECT_EQ(input->points, all->points) << bytes;
+      EXPECT_EQ(input->volume, all->volume) << bytes;
+      EXPECT_EQ(input->attributes, all->attributes) << bytes;
+      for (std::size_t p = 0; p < input->pieces.size(); ++p) {
+        EXPECT_EQ(input->pieces[p].points, all->pieces[p].points) << bytes;
+        EXPECT_EQ(input->pieces[p].values, all->pieces[p].values) << bytes;
+      }
+    }
+    EXPECT_GT(refused, 0u);
+    write(name, whole);
+  }
+};
+
+// .pvd: two steps of two parts.
+
+void write_pvd(const std::function<void(const std::string&, const std::string&)>& write) {
+  write("series.pvd",
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n<Collection>\n"
+        "<DataSet timestep=\"2.5\" group=\"\" part=\"1\" file=\"data/d.vtu\"/>\n"
+        "<DataSet timestep=\"0.5\" group=\"\" part=\"0\" file=\"data/a.vtu\"/>\n"
+        "<DataSet timestep=\"2.5\" group=\"\" part=\"0\" file=\"data/c.vtu\"/>\n"
+        "<DataSet timestep=\"0.5\" group=\"\" part=\"1\" file=\"data/b.vtu\"/>\n</Collection>\n</VTKFile>\n");
+}
+
+TEST_F(FormatsTest, Pvd) {
+  write_pvd([&](const std::string& name, const std::string& text) { write(name, text); });
+  write_tetrahedron("data/a.vtu", 0, "f");
+  write_tetrahedron("data/b.vtu", 2, "f");
+  write_tetrahedron("data/c.vtu", 0, "f", 10);
+  write_tetrahedron("data/d.vtu", 2, "f", 10);
+  const auto steps = pvd_steps(path("series.pvd"));
+  ASSERT_TRUE(steps) << steps.error().message;
+  ASSERT_EQ(steps->size(), 2u);
+  EXPECT_EQ((*steps)[0].time, 0.5);
+  EXPECT_THAT((*steps)[1].files, ElementsAre(path("data/c.vtu"), path("data/d.vtu")));
+  for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}, {9, 1}}) {
+    const auto input = read_input({path("series.pvd")}, {{}, {}, asked});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->pieces.size(), 2u);
+    EXPECT_EQ(input->points, 8u);
+    ASSERT_TRUE(input->step);
+    EXPECT_EQ(input->step->index, step);
+    EXPECT_EQ(input->step->count, 2u);
+    EXPECT_EQ(input->step->time, step == 0 ? 0.5 : 2.5);
+    EXPECT_LT(largest_error(*input, "f", step == 0 ? 1 : 10), 1e-5);
+    EXPECT_EQ(input->pieces[0].points[0], dvec3(0)) << "parts in order";
+  }
+  expect_refused_or_equal("series.pvd", "series.pvd", 1);
+  write_tetrahedron("z.vtu", 0, "f");
+  const auto folder = read_input({folder_}, {{}, {}, 0.5});
+  ASSERT_TRUE(folder) << folder.error().message;
+  EXPECT_EQ(folder->points, 8u) << "the .pvd alone";
+  std::filesystem::remove(path("data/d.vtu"));
+  EXPECT_THAT(error_of("series.pvd"), AllOf(StartsWith(path("series.pvd")), HasSubstr("data/d.vtu")));
+  EXPECT_EQ(error_of("series.pvd", {{}, {}, 0.5}), "(no error)");
+  EXPECT_THAT(test::error_of({path("data/a.vtu"), path("series.pvd")}), HasSubstr("must be the only input"));
+}
+
+TEST_F(FormatsTest, DamagedPvd) {
+  const auto of = [&](const std::string& body) {
+    write("a.pvd", "<VTKFile type=\"Collection\"><Collection>" + body + "</Collection></VTKFile>");
+    return error_of("a.pvd");
+  };
+  EXPECT_THAT(of(""), HasSubstr("names no files"));
+  EXPECT_THAT(of("<DataSet timestep=\"0\"/>"), HasSubstr("a DataSet names no file"));
+  EXPECT_THAT(of("<DataSet timestep=\"x\" file=\"a.vtu\"/>"), HasSubstr("timestep=\"x\" of a DataSet is not a number"));
+  EXPECT_THAT(of("<DataSet timestep=\"0\" file=\"a.pvd\"/>"), HasSubstr("must be the only input"));
+}
+
+// .vtm: nested blocks with different arrays, a surface and an empty block.
+
+TEST_F(FormatsTest, Vtm) {
+  write_tetrahedron("blocks/a.vtu", 0, "f");
+  write_tetrahedron("blocks/deep/b.vtu", 2, "g");
+  const PointArray array{"wall", 1, {1, 1, 1}};
+  ASSERT_TRUE(write_vtu(path("blocks/points.vtu"), std::vector<dvec3>(corners.begin(), corners.begin() + 3), {},
+                        std::array<PointArray, 1>{array}));
+  write(
+      "blocks/wall.vtp",
+      "<VTKFile type=\"PolyData\" version=\"0.1\"><PolyData><Piece NumberOfPoints=\"3\" NumberOfPolys=\"1\"><Points>"
+      "<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0</DataArray></Points>"
+      "<Polys><DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\">0 1 2</DataArray>"
+      "<DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">3</DataArray></Polys></Piece></PolyData></VTKFile>");
+  const std::string start = "<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\"><vtkMultiBlockDataSet>";
+  const std::string end = "</vtkMultiBlockDataSet></VTKFile>\n";
+  write("all.vtm", start +
+                       "<DataSet index=\"0\" file=\"blocks/a.vtu\"/><Block index=\"1\"><Block index=\"0\">"
+                       "<DataSet index=\"0\" file=\"blocks/deep/b.vtu\"/></Block><DataSet index=\"1\" "
+                       "file=\"blocks/wall.vtp\"/></Block><DataSet index=\"2\"/>" +
+                       end);
+  const auto input = read_input({path("all.vtm")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_EQ(input->pieces.size(), 2u) << "no surface, no empty block";
+  EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "g"));
+  const std::size_t f = input->attributes[0] == "f" ? 0 : 1;
+  EXPECT_EQ(input->pieces[0].values[f][0], 1);
+  EXPECT_TRUE(std::isnan(input->pieces[1].values[f][0])) << "not in this block";
+  EXPECT_TRUE(std::isnan(input->pieces[0].values[1 - f][0]));
+  expect_refused_or_equal("all.vtm", "all.vtm", 3);
+  const auto folder = read_input({folder_ + "blocks"}, {{"f"}, {}});
+  EXPECT_FALSE(folder) << "the blocks alone differ";
+
+  write("wall.vtm", start + "<DataSet index=\"0\" file=\"blocks/wall.vtp\"/>" + end);
+  EXPECT_THAT(error_of("wall.vtm"), HasSubstr("only surface cells (1 triangle); splatvol draws volumes"));
+  write("gone.vtm", start + "<DataSet index=\"0\" file=\"blocks/gone.vtu\"/>" + end);
+  EXPECT_THAT(error_of("gone.vtm"), AllOf(StartsWith(path("gone.vtm")), HasSubstr("blocks/gone.vtu")));
+  write("loop.vtm", start + "<DataSet index=\"0\" file=\"loop.vtm\"/>" + end);
+  EXPECT_THAT(error_of("loop.vtm"), HasSubstr("files name each other too deeply"));
+}
+
+// Gmsh: a quadratic tetrahedron beside a linear hexahedron, in every variant of the format.
+
+struct GmshElement {
+  int type;
+  std::vector<int> nodes;  // from 1
+};
+
+struct GmshMesh {
+  std::vector<dvec3> points;
+  std::vector<GmshElement> elements;
+};
+
+/// Gmsh's order of the edges of a tetrahedron.
+GmshMesh gmsh_mesh() {
+  GmshMesh mesh;
+  mesh.points = corners;
+  for (const auto& [a, b] : std::array<std::array<std::size_t, 2>, 6>{{{0, 1}, {1, 2}, {2, 0}, {3, 0}, {3, 2}, {3, 1}}})
+    mesh.points.push_back((corners[a] + corners[b]) / 2.0);
+  for (const double z : {0.0, 1.0})
+    for (const auto& [x, y] : std::array<std::array<double, 2>, 4>{{{2, 0}, {3, 0}, {3, 1}, {2, 1}}})
+      mesh.points.emplace_back(x, y, z);
+  mesh.elements = {
+      {15, {1}}, {2, {1, 2, 3}}, {11, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10}}, {5, {11, 12, 13, 14, 15, 16, 17, 18}}};
+  return mesh;
+}
+
+/// Numbers as text or as bytes.
+class GmshText {
+ public:
+  GmshText(bool binary, bool version4) : binary_(binary), version4_(version4) {}
+  void line(const std::string& text) { text_ += text + "\n"; }
+  void integer(int value) { put(value); }
+  void count(std::uint64_t value) {
+    if (version4_)
+      put(value);
+    else if (binary_)
+      put(static_cast<int>(value));
+    else
+      put(value);
+  }
+  void real(double value) { put(value); }
+  void end_of_line() {
+    if (!binary_) text_ += "\n";
+  }
+  [[nodiscard]] bool binary() const { return binary_; }
+  [[nodiscard]] const std::string& text() const { return text_; }
+
+ private:
+  template <class T>
+  void put(T value) {
+    if (!binary_) {
+      text_ += fmt::format("{} ", value);
+      return;
+    }
+    const auto raw = std::bit_cast<std::array<char, sizeof(T)>>(value);
+    text_.append(raw.data(), raw.size());
+  }
+  bool binary_;
+  bool version4_;
+  std::string text_;
+};
+
+void put_view(GmshText& out, const std::string& section, const std::string& name, double time,
+              const std::vector<int>& tags, int components, const std::function<void(int tag, GmshText& out)>& values) {
+  out.line("$" + section);
+  out.line(fmt::format("1\n\"{}\"\n1\n{}\n3\n0\n{}\n{}", name, time, components, tags.size()));
+  for (const int tag : tags) {
+    out.integer(tag);
+    values(tag, out);
+    out.end_of_line();
+  }
+  if (out.binary()) out.line("");
+  out.line("$End" + section);
+}
+
+void put_views(GmshText& out, const GmshMesh& mesh) {
+  std::vector<int> nodes;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) nodes.push_back(static_cast<int>(i) + 1);
+  for (const double time : {0.0, 1.0})
+    put_view(out, "NodeData", "f", time, nodes, 1, [&](int tag, GmshText& to) {
+      to.real((1 + time) * field(mesh.points[static_cast<std::size_t>(tag - 1)]));
+    });
+  put_view(out, "ElementData", "cell", 1, {3, 4}, 1, [](int tag, GmshText& to) { to.real(tag); });
+  put_view(out, "ElementNodeData", "g", 1, {3, 4}, 3, [&](int tag, GmshText& to) {
+    const auto& element = mesh.elements[static_cast<std::size_t>(tag - 1)];
+    to.integer(static_cast<int>(element.nodes.size()));
+    for (const int node : element.nodes)
+      for (const double factor : {1, 2, 3}) to.real(factor * field(mesh.points[static_cast<std::size_t>(node - 1)]));
+  });
+}
+
+void put_format(GmshText& out, const char* version) {
+  out.line(fmt::format("$MeshFormat\n{} {} 8", version, out.binary() ? 1 : 0));
+  if (out.binary()) out.integer(1), out.line("");
+  out.line("$EndMeshFormat\n$PhysicalNames\n1\n3 1 \"all\"\n$EndPhysicalNames");
+}
+
+std::string gmsh_2(bool binary) {
+  const GmshMesh mesh = gmsh_mesh();
+  GmshText out(binary, false);
+  put_format(out, "2.2");
+  out.line(fmt::format("$Nodes\n{}", mesh.points.size()));
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) {
+    out.integer(static_cast<int>(i) + 1);
+    for (int axis = 0; axis < 3; ++axis) out.real(mesh.points[i][axis]);
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndNodes" : "$EndNodes");
+  out.line(fmt::format("$Elements\n{}", mesh.elements.size()));
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    const int number = static_cast<int>(e) + 1, type = mesh.elements[e].type;
+    for (const int value : binary ? std::vector<int>{type, 1, 2, number} : std::vector<int>{number, type, 2})
+      out.integer(value);
+    for (const int tag : {1, 1}) out.integer(tag);
+    for (const int node : mesh.elements[e].nodes) out.integer(node);
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndElements" : "$EndElements");
+  put_views(out, mesh);
+  return out.text();
+}
+
+std::string gmsh_4(bool binary) {
+  const GmshMesh mesh = gmsh_mesh();
+  GmshText out(binary, true);
+  put_format(out, "4.1");
+  out.line("$Nodes");
+  for (const std::uint64_t value : {std::uint64_t{1}, mesh.points.size(), std::uint64_t{1}, mesh.points.size()})
+    out.count(value);
+  for (const int value : {3, 1, 0}) out.integer(value);
+  out.count(mesh.points.size());
+  out.end_of_line();
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) out.count(i + 1), out.end_of_line();
+  for (const dvec3& p : mesh.points) {
+    for (int axis = 0; axis < 3; ++axis) out.real(p[axis]);
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndNodes" : "$EndNodes");
+  out.line("$Elements");
+  for (const std::uint64_t value : {mesh.elements.size(), mesh.elements.size(), std::uint64_t{1}, mesh.elements.size()})
+    out.count(value);
+  out.end_of_line();
+  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    for (const int value : {3, 1, mesh.elements[e].type}) out.integer(value);
+    out.count(1);
+    out.end_of_line();
+    out.count(e + 1);
+    for (const int node : mesh.elements[e].nodes) out.count(static_cast<std::uint64_t>(node));
+    out.end_of_line();
+  }
+  out.line(binary ? "\n$EndElements" : "$EndElements");
+  put_views(out, mesh);
+  return out.text();
+}
+
+TEST_F(FormatsTest, Gmsh) {
+  for (const bool version4 : {false, true})
+    for (const bool binary : {false, true}) {
+      write("a.msh", version4 ? gmsh_4(binary) : gmsh_2(binary));
+      const auto input = read_input({path("a.msh")});
+      ASSERT_TRUE(input) << input.error().message;
+      EXPECT_EQ(input->points, 18u);
+      EXPECT_NEAR(input->volume, 1 + 1.0 / 6, 1e-12);
+      EXPECT_EQ(input->census.cells.at("quadratic tetrahedron"), 1u);
+      EXPECT_EQ(input->census.cells.at("hexahedron"), 1u);
+      EXPECT_EQ(input->census.cells.at("triangle"), 1u);
+      EXPECT_EQ(input->census.inverted, 0u);
+      EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "cell", "g", "g[0]", "g[1]", "g[2]"));
+      EXPECT_LT(largest_error(*input, "f", 2), 1e-12) << "the last step";
+      EXPECT_LT(largest_error(*input, "g[1]", 2), 1e-12);
+      ASSERT_TRUE(input->step);
+      EXPECT_EQ(input->step->count, 2u);
+      const auto cell =
+          static_cast<std::size_t>(std::ranges::find(input->attributes, "cell") - input->attributes.begin());
+      EXPECT_EQ(input->pieces[0].values[cell][0], 3);
+      EXPECT_EQ(input->pieces[0].values[cell][17], 4);
+      const auto first = read_input({path("a.msh")}, {{"f"}, {}, 0.2});
+      ASSERT_TRUE(first) << first.error().message;
+      EXPECT_LT(largest_error(*first, "f"), 1e-12);
+      expect_refused_or_equal("a.msh", "a.msh", 7);
+    }
+}
+
+TEST_F(FormatsTest, GmshOrders) {
+  // The points of each cell are at the images of VTK's parametric positions, so that a wrong order changes the volume.
+  GmshMesh mesh;
+  const std::vector<dvec3> cube = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                   {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
+  mesh.points = cube;
+  for (const auto& [a, b] : std::array<std::array<std::size_t, 2>, 12>{
+           {{0, 1}, {0, 3}, {0, 4}, {1, 2}, {1, 5}, {2, 3}, {2, 6}, {3, 7}, {4, 5}, {4, 7}, {5, 6}, {6, 7}}})
+    mesh.points.push_back((cube[a] + cube[b]) / 2.0);
+  for (const dvec3& p : {dvec3(.5, .5, 0), dvec3(.5, 0, .5), dvec3(0, .5, .5), dvec3(1, .5, .5), dvec3(.5, 1, .5),
+                         dvec3(.5, .5, 1), dvec3(.5)})
+    mesh.points.push_back(p);
+  for (const auto& [type, nodes] : {std::pair{17, 20}, {12, 27}}) {
+    std::string text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n27\n";
+    for (std::size_t i = 0; i < 27; ++i)
+      text += fmt::format("{} {} {} {}\n", 10 * i + 5, mesh.points[i].x, mesh.points[i].y, mesh.points[i].z);
+    text += fmt::format("$EndNodes\n$Elements\n1\n7 {} 0", type);
+    for (int i = 0; i < nodes; ++i) text += fmt::format(" {}", 10 * i + 5);
+    text += "\n$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n27\n";
+    for (std::size_t i = 0; i < 27; ++i) text += fmt::format("{} {}\n", 10 * i + 5, field(mesh.points[i]));
+    write("a.msh", text + "$EndNodeData\n");
+    const auto input = read_input({path("a.msh")});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_NEAR(input->volume, 1, 1e-12) << type;
+    EXPECT_EQ(input->census.inverted, 0u) << type;
+    EXPECT_LT(largest_error(*input, "f"), 1e-12) << type;
+  }
+}
+
+// In version 2.2 an element of two physical groups is written twice.
+TEST_F(FormatsTest, RepeatedElementsOfGmshCountOnce) {
+  write(
+      "a.msh",
+      "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n2\n"
+      "1 4 2 1 1 1 2 3 4\n2 4 2 2 1 1 2 3 4\n$EndElements\n$NodeData\n1\n\"f\"\n1\n0\n3\n0\n1\n4\n1 1\n2 2\n3 3\n4 4\n"
+      "$EndNodeData\n");
+  const auto input = read_input({path("a.msh")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_NEAR(input->volume, 1.0 / 6, 1e-12);
+  EXPECT_EQ(input->census.cells.at("tetrahedron"), 1u);
+}
+
+TEST_F(FormatsTest, DamagedGmsh) {
+  const auto of = [&](const std::string& text) {
+    write("a.msh", text);
+    return error_of("a.msh");
+  };
+  const std::string format = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", nodes = "$Nodes\n1\n1 0 0 0\n$EndNodes\n";
+  EXPECT_THAT(of("Not what the name says\n"), HasSubstr("does not begin with $MeshFormat"));
+  EXPECT_THAT(of("$MeshFormat\n4 0 8\n$EndMeshFormat\n"), HasSubstr("format 4 cannot be read, only 2.2 and 4.1"));
+  EXPECT_THAT(of(format), HasSubstr("no nodes in it"));
+  EXPECT_THAT(of(format + "$Nodes\n1000000000000\n1 0 0 0\n$EndNodes\n"), HasSubstr("$Nodes is damaged or cut off"));
+  EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 4 0 1 2 3 4\n$EndElements\n"),
+              HasSubstr("node 2 is named, but not"));
+  EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 999 0 1\n$EndElements\n"), HasSubstr("Gmsh's type 999"));
+  EXPECT_THAT(of(format + nodes), HasSubstr("no point data"));
+}
+
+// SU2: a hexahedron and a pyramid on it, with a restart file.
+
+const std::string su2_mesh =
+    "% two cells\nNDIME= 3\nNELEM= 2\n12 0 1 2 3 4 5 6 7 0\n14 4 5 6 7 8 1\nNPOIN= 9\n0 0 0 0\n1 0 0 1\n1 1 0 2\n"
+    "0 1 0 3\n0 0 1 4\n1 0 1 5\n1 1 1 6\n0 1 1 7\n0.5 0.5 2 8\nNMARK= 1\nMARKER_TAG= wall\nMARKER_ELEMS= 1\n9 0 1 2 "
+    "3\n";
+
+std::string su2_restart() {
+  std::string text = "\"PointID\",\"x\",\"y\",\"z\",\"f\"\n";
+  const std::vector<dvec3> points = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},  {0, 0, 1},
+                                     {1, 0, 1}, {1, 1, 1}, {0, 1, 1}, {.5, .5, 2}};
+  for (std::size_t i = 0; i < points.size(); ++i)
+    text +=
+        fmt::format("{}, {:.7e}, {:.7e}, {:.7e}, {:.7e}\n", i, points[i].x, points[i].y, points[i].z, field(points[i]));
+  return text;
+}
+
+TEST_F(FormatsTest, Su2) {
+  write("a.su2", su2_mesh);
+  write("restart.csv", su2_restart());
+  const auto input = read_input({path("a.su2"), path("restart.csv")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_THAT(input->attributes, ElementsAre("f"));
+  EXPECT_EQ(input->points, 9u);
+  EXPECT_NEAR(input->volume, 1 + 1.0 / 3, 1e-12);
+  EXPECT_LT(largest_error(*input, "f"), 1e-6);
+  EXPECT_THAT(error_of("a.su2"), HasSubstr("an SU2 mesh has no values; give the solution as a second file"));
+  const auto error_with = [&](const std::string& mesh, const std::string& csv) {
+    write("b.su2", mesh);
+    write("b.csv", csv);
+    return test::error_of({path("b.su2"), path("b.csv")});
+  };
+  EXPECT_THAT(error_with(su2_mesh, "x,y,z,f\n0,0,0,1\n"), HasSubstr("values of 1 points instead of the 9"));
+  EXPECT_THAT(error_with(su2_mesh, "x,y,z,f\n0,0,3,1\n"), HasSubstr("not those of the points of"));
+  EXPECT_THAT(error_with("NDIME= 2\nNELEM= 1\n5 0 1 2\nNPOIN= 3\n0 0\n1 0\n0 1\n", su2_restart()),
+              HasSubstr("a mesh of 2 dimensions"));
+  EXPECT_THAT(error_with("NZONE= 2\n", su2_restart()), HasSubstr("several zones"));
+  EXPECT_THAT(error_with("NDIME= 3\nNELEM= 99999999999\n", su2_restart()), HasSubstr("line 2"));
+  // Cut behind its points, a mesh is whole but for its markers.
+  for (std::size_t bytes = 0; bytes < su2_mesh.size(); ++bytes) {
+    const std::string message = error_with(su2_mesh.substr(0, bytes), su2_restart());
+    if (bytes < su2_mesh.find("\nNMARK")) {
+      EXPECT_NE(message, "(no error)") << bytes;
+    }
+  }
+}
+
+// VTKHDF: an unstructured grid in two partitions at two time steps, and an image.
+
+void put_attribute(hid_t group, const char* name, hid_t type, const void* values, hsize_t count) {
+  const hid_t space = H5Screate_simple(1, &count, nullptr);
+  const hid_t attribute = H5Acreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+  H5Awrite(attribute, type, values);
+  H5Aclose(attribute);
+  H5Sclose(space);
+}
+
+void put_type(hid_t group, const std::string& type) {
+  const std::array<std::int64_t, 2> version = {2, 0};
+  put_attribute(group, "Version", H5T_NATIVE_INT64, version.data(), 2);
+  const hid_t text = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
+  H5Tset_size(text, type.size());
+  const hid_t attribute = H5Acreate2(group, "Type", text, space, H5P_DEFAULT, H5P_DEFAULT);
+  H5Awrite(attribute, text, type.data());
+  H5Aclose(attribute);
+  H5Sclose(space);
+  H5Tclose(text);
+}
+
+template <class T>
+void put_array(hid_t group, const char* name, const std::vector<T>& values, std::vector<hsize_t> shape = {}) {
+  const hid_t type = std::is_same_v<T, double> ? H5T_NATIVE_DOUBLE : H5T_NATIVE_INT64;
+  if (shape.empty()) shape = {values.size()};
+  const hid_t space = H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr);
+  const hid_t array = H5Dcreate2(group, name, type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+  H5Dwrite(array, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
+  H5Dclose(array);
+  H5Sclose(space);
+}
+
+hid_t make_group(hid_t parent, const char* name) {
+  return H5Gcreate2(parent, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+}
+
+/// Two tetrahedra at x = 0 and x = 2; at the second step the field is ten times as large.
+void write_vtkhdf(const std::string& path) {
+  const hid_t file = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
+              root = make_group(file, "VTKHDF");
+  put_type(root, "UnstructuredGrid");
+  std::vector<double> points, values;
+  for (const double factor : {1.0, 10.0})
+    for (const double x : {0.0, 2.0})
+      for (const dvec3& p : corners) {
+        if (factor == 1) points.insert(points.end(), {p.x + x, p.y, p.z});
+        values.push_back(factor * field(p + dvec3(x, 0, 0)));
+      }
+  put_array<double>(root, "Points", points, {8, 3});
+  for (const char* name : {"NumberOfPoints", "NumberOfConnectivityIds"}) put_array<std::int64_t>(root, name, {4, 4});
+  put_array<std::int64_t>(root, "NumberOfCells", {1, 1});
+  put_array<std::int64_t>(root, "Connectivity", {0, 1, 2, 3, 0, 1, 2, 3});
+  put_array<std::int64_t>(root, "Offsets", {0, 4, 0, 4});
+  put_array<std::int64_t>(root, "Types", {10, 10});
+  const hid_t data = make_group(root, "PointData"), cells = make_group(root, "CellData"),
+              steps = make_group(root, "Steps");
+  put_array<double>(data, "f", values);
+  put_array<double>(cells, "c", {3, 4});
+  put_array<double>(steps, "Values", {0.5, 2.5});
+  put_array<std::int64_t>(steps, "NumberOfParts", {2, 2});
+  for (const char* name : {"PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets"})
+    put_array<std::int64_t>(steps, name, {0, 0});
+  const hid_t offsets = make_group(steps, "PointDataOffsets");
+  put_array<std::int64_t>(offsets, "f", {0, 8});
+  for (const hid_t group : {offsets, steps, cells, data, root}) H5Gclose(group);
+  H5Fclose(file);
+}
+
+TEST_F(FormatsTest, VtkHdf) {
+  write_vtkhdf(path("a.vtkhdf"));
+  for (const auto& [asked, step] : {std::pair<std::optional<double>, std::size_t>{std::nullopt, 1}, {0.6, 0}}) {
+    const auto input = read_input({path("a.vtkhdf")}, {{}, {}, asked});
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->pieces.size(), 2u);
+    EXPECT_NEAR(input->volume, 1.0 / 3, 1e-12);
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "c"));
+    EXPECT_LT(largest_error(*input, "f", step == 0 ? 1 : 10), 1e-12);
+    ASSERT_TRUE(input->step);
+    EXPECT_EQ(input->step->index, step);
+    const std::size_t c = input->attributes[0] == "c" ? 0 : 1;
+    EXPECT_EQ(input->pieces[0].values[c][0], 3);
+    EXPECT_EQ(input->pieces[1].values[c][0], 4);
+  }
+  expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
+}
+
+TEST_F(FormatsTest, VtkHdfImage) {
+  const hid_t file = H5Fcreate(path("a.hdf").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hid_t root = make_group(file, "VTKHDF");
+  put_type(root, "ImageData");
+  const std::array<std::int64_t, 6> extent = {0, 2, 0, 1, 0, 3};
+  const std::array<double, 3> origin = {1, 0, 0}, spacing = {0.5, 1, 2};
+  put_attribute(root, "WholeExtent", H5T_NATIVE_INT64, extent.data(), 6);
+  put_attribute(root, "Origin", H5T_NATIVE_DOUBLE, origin.data(), 3);
+  put_attribute(root, "Spacing", H5T_NATIVE_DOUBLE, spacing.data(), 3);
+  const hid_t data = make_group(root, "PointData");
+  std::vector<double> values;
+  for (int k = 0; k < 4; ++k)
+    for (int j = 0; j < 2; ++j)
+      for (int i = 0; i < 3; ++i) values.push_back(field({1 + 0.5 * i, j, 2 * k}));
+  put_array<double>(data, "f", values, {4, 2, 3});
+  for (const hid_t group : {data, root}) H5Gclose(group);
+  H5Fclose(file);
+  const auto input = read_input({path("a.hdf")});
+  ASSERT_TRUE(input) << input.error().message;
+  EXPECT_EQ(input->points, 24u);
+  EXPECT_NEAR(input->volume, 6, 1e-12);
+  EXPECT_LT(largest_error(*input, "f"), 1e-12);
+  write("foreign.hdf", "Not what the name says.\n");
+  EXPECT_THAT(error_of("foreign.hdf"), StartsWith(path("foreign.hdf") + ": "));
+}
+
+}  // namespace
+}  // namespace splatvol
