@@ -466,7 +466,7 @@ TEST_F(FormatsTest, DamagedGmsh) {
   EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 4 0 1 2 3 4\n$EndElements\n"),
               HasSubstr("node 2 is named, but not"));
   EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 999 0 1\n$EndElements\n"), HasSubstr("Gmsh's type 999"));
-  EXPECT_THAT(of(format + nodes), HasSubstr("no point data"));
+  EXPECT_THAT(of(format + nodes), HasSubstr("no arrays of numbers at its points or cells"));
 }
 
 // SU2: a hexahedron and a pyramid on it, with a restart file.
