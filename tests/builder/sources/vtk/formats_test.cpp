@@ -200,6 +200,34 @@ TEST_F(FormatsTest, Vtm) {
   EXPECT_THAT(error_of("loop.vtm"), HasSubstr("files name each other too deeply"));
 }
 
+// An array of cells that not all blocks have.
+TEST_F(FormatsTest, VtmWithArraysOfCells) {
+  write_tetrahedron("a.vtu", 0, "f");
+  write("b.vtu",
+        "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\"><UnstructuredGrid><Piece NumberOfPoints=\"4\" "
+        "NumberOfCells=\"1\"><CellData><DataArray type=\"Float64\" Name=\"c\" format=\"ascii\">7 </DataArray>"
+        "</CellData><Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">"
+        "2 0 0 3 0 0 2 1 0 2 0 1 </DataArray></Points><Cells>"
+        "<DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\">0 1 2 3 </DataArray>"
+        "<DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">4 </DataArray>"
+        "<DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\">10 </DataArray></Cells></Piece>"
+        "</UnstructuredGrid></VTKFile>\n");
+  write("all.vtm",
+        "<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\"><vtkMultiBlockDataSet><DataSet index=\"0\" "
+        "file=\"a.vtu\"/><DataSet index=\"1\" file=\"b.vtu\"/></vtkMultiBlockDataSet></VTKFile>\n");
+  for (const CellValues cells : {CellValues::averaged, CellValues::own}) {
+    SourceOptions options;
+    options.cells = cells;
+    const auto input = read_input({path("all.vtm")}, options);
+    ASSERT_TRUE(input) << input.error().message;
+    EXPECT_EQ(input->points, cells == CellValues::own ? 2u : 8u);
+    EXPECT_THAT(input->attributes, UnorderedElementsAre("f", "c"));
+    const std::size_t c = input->attributes[0] == "c" ? 0 : 1;
+    EXPECT_TRUE(std::isnan(input->pieces[0].values[c][0]));
+    EXPECT_EQ(input->pieces[1].values[c][0], 7);
+  }
+}
+
 // Gmsh: a quadratic tetrahedron beside a linear hexahedron, in every variant of the format.
 
 struct GmshElement {
@@ -438,7 +466,7 @@ TEST_F(FormatsTest, DamagedGmsh) {
   EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 4 0 1 2 3 4\n$EndElements\n"),
               HasSubstr("node 2 is named, but not"));
   EXPECT_THAT(of(format + nodes + "$Elements\n1\n1 999 0 1\n$EndElements\n"), HasSubstr("Gmsh's type 999"));
-  EXPECT_THAT(of(format + nodes), HasSubstr("no point data"));
+  EXPECT_THAT(of(format + nodes), HasSubstr("no arrays of numbers at its points or cells"));
 }
 
 // SU2: a hexahedron and a pyramid on it, with a restart file.
