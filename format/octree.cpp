@@ -76,8 +76,9 @@ Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, co
   std::uint64_t end = table_bytes;
   for (std::size_t p = 0; p <= shape.attributes; ++p) {
     const IndexPagePart part = part_at(front, p);
-    if (p == 0 ? part.unpacked_bytes > nodes * max_structure_bytes(shape)
-               : part.unpacked_bytes != nodes * summary_bytes)
+    const bool possible = p == 0 ? part.unpacked_bytes <= nodes * max_structure_bytes(shape)
+                                 : part.unpacked_bytes == nodes * summary_bytes;
+    if (!possible || part.packed_bytes > part.unpacked_bytes)
       return fail(ErrorCode::invalid_data, "{}: a part has the wrong length [R13]", what);
     if (end > ref.page_bytes || part.packed_bytes > ref.page_bytes - end)
       return fail(ErrorCode::invalid_data, "{}: a part passes the end [R15]", what);

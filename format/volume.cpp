@@ -370,7 +370,8 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
       const auto entry = read_record<ChunkEntry>(bytes, at);
       if (entry.packed_bytes == 0 || entry.packed_bytes > end - offset)
         return container.broken("a chunk passes the rows [R12]");
-      if (entry.unpacked_bytes > 64 + 64 * points) return container.broken("a chunk is too large [R10]");
+      if (entry.unpacked_bytes > 64 + 64 * points || entry.packed_bytes > entry.unpacked_bytes)
+        return container.broken("a chunk is too large [R10]");
       result.chunks.push_back({container.begin() + offset, entry});
       offset += entry.packed_bytes;
     }

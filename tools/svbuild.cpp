@@ -104,7 +104,7 @@ Counts census_lines(const BuildReport& report) {
   return lines;
 }
 
-// What was read of the input.
+// Notes on the input that the report repeats.
 struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series

@@ -430,6 +430,21 @@ TEST_F(HostileTree, ValuesOutsideOfTheirRangeAreRefused) {
   }
 }
 
+TEST_F(HostileTree, NothingIsLargerPackedThanUnpacked) {
+  const Outcome chunk = explore(parts_, Part::directory_page, 0, [](Bytes& page) {
+    auto entry = read_record<ChunkEntry>(page, sizeof(std::uint64_t));
+    entry.unpacked_bytes = entry.packed_bytes - 1;
+    std::memcpy(page.data() + sizeof(std::uint64_t), &entry, sizeof(entry));
+  });
+  EXPECT_THAT(chunk.message, HasSubstr("[R10]"));
+  const Outcome structure = explore(parts_, Part::index_table, parts_.count(Part::structure) - 1, [](Bytes& table) {
+    auto part = read_record<IndexPagePart>(table, 2 * sizeof(std::uint32_t));
+    part.unpacked_bytes = part.packed_bytes - 1;
+    std::memcpy(table.data() + 2 * sizeof(std::uint32_t), &part, sizeof(part));
+  });
+  EXPECT_THAT(structure.message, HasSubstr("[R13]"));
+}
+
 TEST_F(HostileTree, PointsOutsideOfTheCubeAreRefused) {
   const Outcome outcome = explore(parts_, Part::metadata, 0, [](Bytes& bytes) {
     json document = metadata_of(bytes);

@@ -107,7 +107,7 @@ class RendererTestFirstPicture : public testing::Test {
     options.attribute = scene.attribute;
     const auto streamer = Streamer::open(open_file(file_).value(), options).value();
     const auto renderer = Renderer::create(KernelKind::moments).value();
-    EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->value_offset()));
+    EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {}).value();
     EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));

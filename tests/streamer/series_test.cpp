@@ -58,7 +58,8 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     const auto fresh = open(file);
     const FrameSplats& expected = *fresh->request(view(), function(), detail).value();
     ASSERT_EQ(frame.splats, expected.splats);
-    EXPECT_EQ(streamer.value_offset(), fresh->value_offset());
+    EXPECT_EQ(streamer.units().value_offset, fresh->units().value_offset);
+    EXPECT_EQ(streamer.units().value_scale, fresh->units().value_scale);
     const auto bytes = [](const FrameSplats& of) {
       return std::visit([](auto splats) { return std::as_bytes(splats); }, of.data);
     };
