@@ -22,10 +22,11 @@ struct FileKind {
   std::string_view name;
   std::array<std::string_view, 2> starts;
 };
-constexpr std::array<FileKind, 7> kinds = {{{".svol", "a .svol file", {"\x89SVOL\r\n\x1a"sv}},
+constexpr std::array<FileKind, 8> kinds = {{{".svol", "a .svol file", {"\x89SVOL\r\n\x1a"sv}},
                                             {".png", "a PNG picture", {"\x89PNG\r\n\x1a\n"sv}},
                                             {".exr", "an OpenEXR picture", {"\x76\x2f\x31\x01"sv}},
                                             {".json", "JSON", {"{"sv, "["sv}},
+                                            {".svols", "an index of .svol files", {"{"sv}},
                                             {".npy", "a .npy file", {"\x93NUMPY"sv}},
                                             {".vdb", "an OpenVDB file", {" BDV"sv}},
                                             {".vtu", "a VTK file", {"<?xml"sv, "<VTKFile"sv}}}};

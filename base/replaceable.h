@@ -7,7 +7,7 @@
 
 namespace splatvol {
 
-/// Fails if `path` names a file that is not of the kind that its extension stands for: .svol, .png, .exr, .json, .npy,
+/// Fails if `path` names a file that is not of the kind that its extension stands for: .svol, .svols, .png, .exr, .json, .npy,
 /// .vdb or .vtu, in either case. Such a file was made by another program, and writing would destroy it. Succeeds if
 /// there is no file, if it is empty, or if its extension is another.
 [[nodiscard]] Status check_replaceable(const std::string& path);

@@ -252,14 +252,13 @@ void add_input_options(CLI::App& app, Options& options) {
   app.add_option("inputs", options.inputs,
                  "Meshes (.vtu, .pvtu, .vtk, .vtm, .pvd, ..., .e, .case, .foam, .cgns, .msh), voxels (.vdb), folders "
                  "of them, points (.npy, .csv), a mesh of SU2 and its .csv, a PLOT3D grid and its solution, or points "
-                 "or a mesh to generate, as svgen does "
-                 "(gen:points:count=1e6)")
+                 "or a mesh to generate, as svgen does (gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
   app.add_option("-o,--output", options.output, "The file to write")
       ->required()
       ->type_name("OUT.svol")
-      ->check(check_svol_path);
+      ->check(check_not_empty);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all)")
       ->check(check_not_empty)
       ->type_name("NAME")
@@ -375,5 +374,10 @@ int main(int argc, char** argv) {
   add_series_options(app, options);
   add_unit_option(app, options);
   add_machine_options(app, options);
+  app.callback([&options] {
+    // build_series_of_files() checks the name of an index.
+    const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
+    if (!wrong.empty()) throw CLI::ValidationError("--output", wrong);
+  });
   return run_tool(app, argc, argv, [&] { return build(options); });
 }
