@@ -1,4 +1,5 @@
-// The index of a time series whose steps are files of their own: a small JSON file, .svols (docs/design.md, "Time series").
+// The index of a time series whose steps are files of their own: a small JSON file, .svols (docs/design.md, "Time
+// series").
 #pragma once
 
 #include <string>

@@ -21,8 +21,9 @@ class Movie {
   /// Returns the path of a frame, with its number.
   [[nodiscard]] std::string frame_path(int number) const;
 
-  /// Joins `count` frames, beginning with the frame `first`, with the ffmpeg that PATH finds. The movie appears whole or not at all. Fails if
-  /// there is no ffmpeg or it fails: the message tells where the frames are, which stay. Does nothing without a movie.
+  /// Joins `count` frames, beginning with the frame `first`, with the ffmpeg that PATH finds. The movie appears whole
+  /// or not at all. Fails if there is no ffmpeg or it fails: the message tells where the frames are, which stay. Does
+  /// nothing without a movie.
   [[nodiscard]] Status finish(int first, int count) const;
 
  private:

@@ -350,7 +350,8 @@ int main(int argc, char** argv) {
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
                     ->check(splatvol::check_json_path)
                     ->type_name("OUT.json");
-  app.add_option("--attribute", options.attribute, "The scene's attribute (default: a magnitude or pressure, else the first quantity)")
+  app.add_option("--attribute", options.attribute,
+                 "The scene's attribute (default: a magnitude or pressure, else the first quantity)")
       ->type_name("NAME")
       ->needs(scene);
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::show(options); });
