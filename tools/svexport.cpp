@@ -2,10 +2,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "base/http_source.h"
 #include "base/memory_limit.h"
 #include "exporter/vdb_export.h"
 #include "exporter/vtu_export.h"
+#include "tools/steps.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -15,6 +15,7 @@ using json = nlohmann::ordered_json;
 
 struct Options {
   std::string file;
+  StepChoice step;
   std::string output;
   std::vector<std::string> attributes;
   std::optional<std::size_t> resolution;
@@ -75,8 +76,8 @@ void print_text(const json& report) {
 Status run_export(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY(check_outputs({options.output}, {options.file}));
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(options.file));
-  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+  SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.file));
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(options.step));
   Box box = ExportSelection().box;
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
@@ -95,6 +96,7 @@ void add_file_options(CLI::App& app, Options& options) {
   app.add_option("file", options.file, "The file, or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
+  add_step_options(app, options.step);
   app.add_option(
          "-o,--output", options.output,
          "The file to write. .vdb: a grid of each attribute, and one of the share of each voxel that is material. "

@@ -61,24 +61,35 @@ Status Session::open_streamer() {
   frame_ = nullptr;
   streamer_.reset();  // frees its memory before the next one takes some
   SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path_));
-  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {settings.memory, scene.attribute, settings.kernel,
+  SPLATVOL_TRY_ASSIGN(opened, format::Volume::open(std::move(source)));
+  std::shared_ptr<const format::Volume> volume = std::move(opened);
+  if (step_) {
+    SPLATVOL_TRY_ASSIGN(at_step, volume->at_step(*step_));
+    volume = std::move(at_step);
+  }
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {settings.memory, scene.attribute, settings.kernel,
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
     SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(settings.kernel));
     renderer_ = std::move(renderer);
   }
-  uploaded_serial_ = 0;
-  SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
-  const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
-  histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
-  SPLATVOL_TRY(renderer_->set_transfer_function(scene.transfer_function, streamer_->units()));
+  SPLATVOL_TRY(use_step());
   renderer_->set_lighting(scene.lighting);
   used_settings_ = settings;
   used_scene_ = scene;
-  settled_ = false;
   troubles_.clear();
   return bounds_.low.x <= bounds_.high.x ? Status{} : find_bounds();
+}
+
+// Takes over what depends on the step: units and histogram.
+Status Session::use_step() {
+  uploaded_serial_ = 0;
+  settled_ = false;
+  SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
+  const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
+  histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
+  return renderer_->set_transfer_function(scene.transfer_function, streamer_->units());
 }
 
 // Finds a box round the coarsest splats. sqrt(3) deviations each way are exact for a splat that is a uniform box.
@@ -125,6 +136,25 @@ Status Session::show_attribute(const std::string& name) {
   scene.attribute = name;
   scene.transfer_function = fitting.transfer_function;
   return {};
+}
+
+std::vector<double> Session::times() const {
+  std::vector<double> times;
+  if (!streamer_->volume().series()) return times;
+  for (const format::StepEntry& step : streamer_->volume().series()->steps) times.push_back(step.time);
+  return times;
+}
+
+Status Session::show_step(std::size_t step) {
+  frame_ = nullptr;
+  const Status changed = streamer_->set_step(step);
+  if (changed) {
+    step_ = step;
+    still_seconds_ = 0;
+    return use_step();
+  }
+  SPLATVOL_TRY(open_streamer());
+  return changed;
 }
 
 // Passes changes on to streamer and renderer. A change of the picture starts again from a coarse one.
@@ -207,6 +237,7 @@ Status Session::draw(int width, int height, double seconds) {
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
   settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
+  if (settled_ && streamer_->volume().series()) streamer_->prefetch_step(step() + 1);
   return {};
 }
 

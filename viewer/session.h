@@ -45,6 +45,16 @@ class Session {
   /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
 
+  /// Returns the times of the steps of a time series; none for another file.
+  [[nodiscard]] std::vector<double> times() const;
+
+  /// Returns the number of the step that is shown. Requires a series.
+  [[nodiscard]] std::size_t step() const { return streamer_->volume().step(); }
+
+  /// Shows another step of a series. Camera and transfer function stay. If the step cannot be read, the one before is
+  /// opened again.
+  [[nodiscard]] Status show_step(std::size_t step);
+
   /// Returns why the picture shows nothing, or only one colour; empty if it does show something.
   [[nodiscard]] std::string explain() const;
 
@@ -83,12 +93,14 @@ class Session {
  private:
   Session() = default;
   [[nodiscard]] Status open_streamer();
+  [[nodiscard]] Status use_step();
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply(const View& view);
   [[nodiscard]] Status fit_camera(int width, int height);
 
   std::string path_;
   Scene first_scene_;
+  std::optional<std::size_t> step_;  // of a series, once another one than the last was chosen
   bool fits_ = false;  // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Renderer> renderer_;

@@ -56,6 +56,7 @@ class Viewer {
 
   void draw_panel();
   void draw_attribute_menu();
+  void draw_step_slider();
   void draw_view_section();
   void draw_detail_controls();
   void draw_lighting_controls();

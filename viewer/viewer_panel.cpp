@@ -2,6 +2,8 @@
 #include <fmt/format.h>
 #include <imgui.h>
 
+#include <algorithm>
+
 #include "base/file.h"
 #include "base/replaceable.h"
 #include "scene/contrast.h"
@@ -38,6 +40,18 @@ void Viewer::draw_attribute_menu() {
   ImGui::EndCombo();
 }
 
+// The step of a time series.
+void Viewer::draw_step_slider() {
+  const std::vector<double> times = session_->times();
+  if (times.size() < 2) return;
+  int step = static_cast<int>(session_->step());
+  const std::string label = fmt::format("%d: time {}", times[session_->step()]);
+  if (!ImGui::SliderInt("step", &step, 0, static_cast<int>(times.size()) - 1, label.c_str())) return;
+  const int last = static_cast<int>(times.size()) - 1;
+  if (Status status = session_->show_step(static_cast<std::size_t>(std::clamp(step, 0, last))); !status)
+    message_ = status.error().message;
+}
+
 void Viewer::draw_panel() {
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({0, 0});
@@ -46,6 +60,7 @@ void Viewer::draw_panel() {
   ImGui::PushItemWidth(220 * scale);
   if (session_) {
     draw_attribute_menu();
+    draw_step_slider();
     if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
       editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram());
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();

@@ -123,6 +123,8 @@ TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   expect_refusal("svrender one.svol --scene s.json --step 0 -o x.png", "no time series");
   expect_done("svbuild --series grid_0.vtk grid_1.vtk -o s.svol");
   expect_refusal("svrender s.svol --scene s.json --step 2 -o x.png", "no step 2; the last is 1");
+  expect_refusal("svexport s.svol --step 2 -o x.vtu", "no step 2; the last is 1");
+  expect_done("svexport s.svol --step 0 -o x.vtu");
   expect_refusal("svrender s.svol --scene s.json --steps 0:1 -o x.png", "--progress-frames", 2);
   expect_refusal("svrender s.svol --scene s.json --steps 1:5 --progress-frames . -o x.png", "the last is 1");
 }
