@@ -172,7 +172,7 @@ class SeriesBuild {
           writer, format::VolumeWriter::create(std::move(*target_.file), 0, *target_.info, std::move(index), folder_));
       target_.writer = std::move(writer);
     }
-    SPLATVOL_TRY(write_rows(reduced, writers, std::move(index_hash)));
+    SPLATVOL_TRY(write_rows(reduced, writers, index_hash));
     target_.file.reset();
     std::ranges::move(writers, std::back_inserter(target_.steps));
     return {};

@@ -19,7 +19,7 @@ class FilesBuild {
       : output_(output), index_(std::move(index)), options_(options), progress_(progress) {}
 
   Result<SeriesReport> run(const std::vector<SeriesStep>& steps) {
-    const auto report = build_all(steps);
+    auto report = build_all(steps);
     if (report) return report;
     std::error_code error;
     for (const std::string& path : written_) std::filesystem::remove(path, error);

@@ -147,7 +147,7 @@ std::vector<double> Session::times() const {
 
 Status Session::show_step(std::size_t step) {
   frame_ = nullptr;
-  const Status changed = streamer_->set_step(step);
+  Status changed = streamer_->set_step(step);
   if (changed) {
     step_ = step;
     still_seconds_ = 0;

@@ -125,7 +125,7 @@ class OpenFoamReader final : public BlockReader {
  public:
   vtkMultiBlockDataSetAlgorithm& open(const std::string& path) override {
     processors_ = find_processors(path);  // throws
-    if (!processors_.empty()) reader_->SetProcessor(processors_.front());
+    if (!processors_.empty()) reader_->set_processor(processors_.front());
     reader_->SetFileName(path.c_str());
     reader_->CreateCellToPointOff();  // PieceMaker does so for all formats
     reader_->DecomposePolyhedraOff();
@@ -151,7 +151,7 @@ class OpenFoamReader final : public BlockReader {
 
   void read(int portion, std::optional<double> time) override {
     if (!processors_.empty()) {
-      reader_->SetProcessor(processors_[static_cast<std::size_t>(portion)]);
+      reader_->set_processor(processors_[static_cast<std::size_t>(portion)]);
       reader_->UpdateInformation();
       select({});
       check_openfoam_time(*reader_, time);

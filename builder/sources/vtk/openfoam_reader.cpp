@@ -82,7 +82,7 @@ void take_units(vtkDataSetAttributes& arrays, std::map<std::string, std::string>
 
 vtkStandardNewMacro(ProcessorReader);
 
-void ProcessorReader::SetProcessor(const std::string& folder) {
+void ProcessorReader::set_processor(const std::string& folder) {
   if (folder == folder_) return;
   folder_ = folder;
   is_new_ = true;

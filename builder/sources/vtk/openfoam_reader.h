@@ -19,7 +19,7 @@ class ProcessorReader final : public vtkOpenFOAMReader {
 
   /// Reads the folder of a processor from the next update on, and forgets the mesh of the last one. Empty: reads the
   /// case itself.
-  void SetProcessor(const std::string& folder);
+  void set_processor(const std::string& folder);
 
  protected:
   ProcessorReader() = default;

@@ -16,7 +16,7 @@ namespace splatvol {
 class SingleDataSet final : public VtkDataSets {
  public:
   SingleDataSet(std::string path, vtkSmartPointer<vtkDataSet> data, std::optional<TimeStep> step)
-      : path_(std::move(path)), data_(std::move(data)), step_(step) {}
+      : path_(std::move(path)), data_(std::move(data)), step_(std::move(step)) {}
 
   std::size_t count() const override { return 1; }
   const std::string& path() const override { return path_; }

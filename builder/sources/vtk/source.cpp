@@ -164,7 +164,8 @@ class VtkSource final : public Source {
 
 Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const std::vector<std::string>& selection,
                                                std::optional<double> time, CellValues cells,
-                                               const MissingValues& missing_values, std::optional<TimeStep> step) {
+                                               const MissingValues& missing_values,
+                                               const std::optional<TimeStep>& step) {
   auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, missing_values, step);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));

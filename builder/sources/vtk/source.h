@@ -18,7 +18,7 @@ namespace splatvol {
                                                              std::optional<double> time,
                                                              CellValues cells = CellValues::averaged,
                                                              const MissingValues& missing_values = {},
-                                                             std::optional<TimeStep> step = {});
+                                                             const std::optional<TimeStep>& step = {});
 
 /// Opens a PLOT3D grid and its solution (binary, any variant); every block is a piece. The attributes are
 /// Density, Momentum, StagnationEnergy, and Pressure for a ratio of specific heats of 1.4.
