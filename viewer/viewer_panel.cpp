@@ -45,7 +45,7 @@ void Viewer::draw_step_slider() {
   const std::vector<double> times = session_->times();
   if (times.size() < 2) return;
   int step = static_cast<int>(session_->step());
-  const std::string label = fmt::format("%d: time {}", times[session_->step()]);
+  const std::string label = fmt::format("%d: time {:.6g}", times[session_->step()]);
   if (!ImGui::SliderInt("step", &step, 0, static_cast<int>(times.size()) - 1, label.c_str())) return;
   const int last = static_cast<int>(times.size()) - 1;
   if (Status status = session_->show_step(static_cast<std::size_t>(std::clamp(step, 0, last))); !status)
