@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
-#include <cmath>
 #include <filesystem>
 #include <optional>
 #include <set>
@@ -15,6 +14,7 @@
 #include "builder/sources/npy_header.h"
 #include "builder/sources/npy_source.h"
 #include "builder/sources/read_text.h"
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vdb_source.h"
 #include "builder/sources/vtk/collections.h"
 #include "builder/sources/vtk/netcdf_checks.h"
@@ -333,16 +333,14 @@ Result<std::optional<TimeStep>> expand_pvd(std::vector<std::string>& paths, cons
                                            std::optional<double> time) {
   if (first.type != "Collection" || paths.size() != 1) return std::optional<TimeStep>();
   SPLATVOL_TRY_ASSIGN(steps, pvd_steps(paths[0]));
-  std::size_t best = steps.size() - 1;
-  for (std::size_t i = 0; time && i < steps.size(); ++i)
-    if (std::abs(steps[i].time - *time) < std::abs(steps[best].time - *time)) best = i;
+  std::vector<double> times;
+  for (const auto& of_collection : steps) times.push_back(of_collection.time);
+  std::optional<TimeStep> step = choose_step(times, time);
   const std::string collection = paths[0];
-  paths = steps[best].files;
+  paths = steps[step->index].files;
   for (const std::string& path : paths)
     if (const auto header = read_header(path); !header) return fail_in(collection, header.error());
-  TimeStep step{steps[best].time, best, steps.size()};
-  for (const auto& of_collection : steps) step.times.push_back(of_collection.time);
-  return std::optional(std::move(step));
+  return step;
 }
 
 tl::unexpected<Error> fail_no_cells(const std::string& input) {

@@ -11,10 +11,10 @@
 #include <vtkStreamingDemandDrivenPipeline.h>
 
 #include <algorithm>
-#include <cmath>
 #include <deque>
 #include <utility>
 
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/block_readers.h"
@@ -33,17 +33,6 @@ std::vector<double> times_of(vtkAlgorithm& algorithm) {
   const int count = information->Length(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
   const double* first = information->Get(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
   return count > 0 ? std::vector<double>(first, first + count) : std::vector<double>();
-}
-
-/// Chooses the step nearest to `time`, or without one the last.
-std::optional<TimeStep> choose_step(const std::vector<double>& times, std::optional<double> time) {
-  if (times.empty()) return std::nullopt;
-  std::size_t best = 0;
-  for (std::size_t i = 1; i < times.size(); ++i) {
-    const bool better = time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best];
-    if (better) best = i;
-  }
-  return TimeStep{times[best], best, times.size(), times};
 }
 
 std::optional<double> time_of(const std::optional<TimeStep>& step) {

@@ -18,6 +18,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/gmsh_file.h"
 #include "builder/sources/vtk/messages.h"
@@ -233,10 +234,7 @@ std::optional<TimeStep> choose_step(const GmshFile& file, std::optional<double> 
   std::ranges::sort(times);
   times.erase(std::ranges::unique(times).begin(), times.end());
   if (times.size() < 2) return std::nullopt;
-  std::size_t best = times.size() - 1;
-  for (std::size_t i = 0; time && i < times.size(); ++i)
-    if (std::abs(times[i] - *time) < std::abs(times[best] - *time)) best = i;
-  return TimeStep{times[best], best, times.size(), times};
+  return splatvol::choose_step(times, time);
 }
 
 /// Whether another view of this name is nearer to the step, or as near and later in the file.

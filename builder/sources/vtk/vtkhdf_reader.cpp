@@ -15,11 +15,11 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <utility>
 
+#include "builder/sources/time_steps.h"
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/netcdf_checks.h"
@@ -69,10 +69,7 @@ class HdfFile {
     const std::vector<std::uint64_t> shape = group_.shape("Steps/Values");
     const std::vector<double> times = group_.doubles("Steps/Values", 0, shape[0]);
     if (times.empty()) throw ReaderError("no time steps in it");
-    std::size_t best = 0;
-    for (std::size_t i = 1; i < times.size(); ++i)
-      if (time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best]) best = i;
-    step_ = TimeStep{times[best], best, times.size(), times};
+    step_ = splatvol::choose_step(times, time);
   }
 
   /// An offset of the time step; 0 if the file has no such offsets.
