@@ -63,7 +63,7 @@ class Volume {
   [[nodiscard]] const VolumeInfo& info() const { return info_; }
   [[nodiscard]] const RowLayout& rows() const { return rows_; }
 
-  /// What all steps of a series share. Of other files the same as info().
+  /// Returns the columns that all steps of a series share. For other files, the same as info().
   [[nodiscard]] const VolumeInfo& file_info() const { return file_info_; }
   [[nodiscard]] const std::string& name() const { return source_->source->name(); }
   [[nodiscard]] std::uint64_t file_bytes() const { return file_->bytes(); }

@@ -10,7 +10,7 @@
 
 namespace splatvol {
 
-/// What is written round a picture.
+/// The words round a picture.
 struct PageText {
   std::string title;               // empty: none
   std::optional<std::string> bar;  // the words over a colour bar: name and unit; empty optional: no bar

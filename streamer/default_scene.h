@@ -9,7 +9,7 @@
 
 namespace splatvol {
 
-/// What a first picture is for.
+/// The size, background and use of a first picture.
 struct FirstPicture {
   int width = 512, height = 512;
   dvec3 background{0};  // linear; colours and densities stand out from it

@@ -55,8 +55,8 @@ struct Piece {
 /// Stands for a value that is not there.
 inline constexpr double missing_value = std::numeric_limits<double>::quiet_NaN();
 
-/// Tells values from what stands for none: numbers that are not finite or beyond `largest_value`, plain fill values,
-/// and those that the user names.
+/// Tells values from missing ones. A number is missing if it is not finite, beyond `largest_value`, a plain fill value,
+/// or one that the user names.
 class MissingValues {
  public:
   MissingValues() = default;
