@@ -1,5 +1,6 @@
 #include "builder/series_files.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <optional>
@@ -7,6 +8,7 @@
 
 #include "base/file.h"
 #include "format/series_index.h"
+#include "format/volume.h"
 
 namespace splatvol {
 namespace {
@@ -32,16 +34,22 @@ class FilesBuild {
     std::uint64_t bytes = 0;
     for (const SeriesStep& step : steps) {
       SPLATVOL_TRY_ASSIGN(built, build_step(step));
-      bytes += built.file_bytes;
+      bytes += built.report.file_bytes;
       report.times.push_back(index_.steps.back().time);
-      if (report.times.size() == 1) report.build = std::move(built);
+      if (report.times.size() == 1) report.build = std::move(built.report);
+      if (report.times.size() == 1) report.conversions = std::move(built.conversions);
     }
     report.build.file_bytes = bytes;
     SPLATVOL_TRY(write_text_file(output_, format::to_json(index_)));
     return report;
   }
 
-  Result<BuildReport> build_step(const SeriesStep& step) {
+  struct BuiltStep {
+    BuildReport report;
+    std::vector<std::string> conversions;
+  };
+
+  Result<BuiltStep> build_step(const SeriesStep& step) {
     SPLATVOL_TRY_ASSIGN(source, step.open());
     const std::optional<double> stated = step.time ? step.time : source->stated_time();
     if (!has_times_) has_times_ = stated.has_value();
@@ -63,8 +71,29 @@ class FilesBuild {
     options.inputs = {step.name};
     SPLATVOL_TRY_ASSIGN(report, build_volume(*source, path, options, progress_));
     written_.push_back(path);
+    SPLATVOL_TRY(add_ranges(path, step.name));
     index_.steps.push_back({time, file});
-    return report;
+    return BuiltStep{std::move(report), source->conversions()};
+  }
+
+  // The index lists the attributes that all steps have, and their ranges over all steps.
+  Status add_ranges(const std::string& path, const std::string& name) {
+    SPLATVOL_TRY_ASSIGN(source, open_file(path));
+    SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+    const std::vector<format::Attribute>& attributes = volume->info().attributes;
+    if (index_.steps.empty())
+      for (const format::Attribute& attribute : attributes)
+        index_.attributes.push_back({attribute.name, attribute.unit, {attribute.min, attribute.max}});
+    if (!std::ranges::is_permutation(attributes, index_.attributes, {}, &format::Attribute::name,
+                                     &SeriesIndex::Attribute::name))
+      return fail(ErrorCode::invalid_data,
+                  "{}: its attributes are not those of the steps before: choose common ones by --attribute", name);
+    for (SeriesIndex::Attribute& attribute : index_.attributes) {
+      const format::Attribute& of_step =
+          attributes[static_cast<std::size_t>(volume->info().find_attribute(attribute.name))];
+      format::include(attribute.range, of_step.min, of_step.max);
+    }
+    return {};
   }
 
   const std::string& output_;

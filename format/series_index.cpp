@@ -1,6 +1,8 @@
 #include "format/series_index.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 namespace splatvol::format {
@@ -13,12 +15,60 @@ bool is_step(const ordered_json& step) {
          step["file"].is_string() && std::isfinite(step["time"].get<double>());
 }
 
+// A number, or null for none.
+ordered_json bound_to_json(double bound) { return std::isnan(bound) ? ordered_json() : ordered_json(bound); }
+
+bool read_bound(const ordered_json& attribute, const char* key, double& bound) {
+  if (!attribute.contains(key)) return false;
+  const ordered_json& number = attribute[key];
+  if (!number.is_number() && !number.is_null()) return false;
+  bound = number.is_null() ? std::numeric_limits<double>::quiet_NaN() : number.get<double>();
+  return !std::isinf(bound);
+}
+
+bool read_attribute(const ordered_json& json, SeriesIndex::Attribute& attribute) {
+  const auto is_text = [&](const char* key) { return json.contains(key) && json[key].is_string(); };
+  if (!json.is_object() || !is_text("name") || !is_text("unit")) return false;
+  attribute.name = json["name"].get<std::string>();
+  attribute.unit = json["unit"].get<std::string>();
+  StepRange& range = attribute.range;
+  if (!read_bound(json, "min", range.min) || !read_bound(json, "max", range.max)) return false;
+  return range.min <= range.max || (std::isnan(range.min) && std::isnan(range.max));
+}
+
+Status read_attributes(const ordered_json& document, SeriesIndex& index) {
+  if (!document.contains("attributes") || !document["attributes"].is_array())
+    return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"attributes\"");
+  for (const ordered_json& json : document["attributes"]) {
+    SeriesIndex::Attribute attribute;
+    if (!read_attribute(json, attribute))
+      return fail(ErrorCode::invalid_data,
+                  "attribute {} lacks a \"name\", a \"unit\", or a range from \"min\" to \"max\"",
+                  index.attributes.size());
+    if (std::ranges::find(index.attributes, attribute.name, &SeriesIndex::Attribute::name) != index.attributes.end())
+      return fail(ErrorCode::invalid_data, "the attribute \"{}\" is there twice", attribute.name);
+    index.attributes.push_back(std::move(attribute));
+  }
+  return {};
+}
+
 }  // namespace
+
+void include(StepRange& range, double min, double max) {
+  range.min = std::fmin(range.min, min);
+  range.max = std::fmax(range.max, max);
+}
 
 std::string to_json(const SeriesIndex& index) {
   ordered_json steps = ordered_json::array();
   for (const SeriesIndex::Step& step : index.steps) steps.push_back({{"time", step.time}, {"file", step.file}});
-  const ordered_json document = {{"steps", steps}};
+  ordered_json attributes = ordered_json::array();
+  for (const SeriesIndex::Attribute& attribute : index.attributes)
+    attributes.push_back({{"name", attribute.name},
+                          {"unit", attribute.unit},
+                          {"min", bound_to_json(attribute.range.min)},
+                          {"max", bound_to_json(attribute.range.max)}});
+  const ordered_json document = {{"steps", steps}, {"attributes", attributes}};
   return document.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n";
 }
 
@@ -39,6 +89,7 @@ Result<SeriesIndex> series_index_from_json(const std::string& text) {
       return fail(ErrorCode::invalid_data, "step {}: its time is not behind that of the step before", number);
   }
   if (index.steps.empty()) return fail(ErrorCode::invalid_data, "a time series without steps");
+  SPLATVOL_TRY(read_attributes(document, index));
   return index;
 }
 

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/append_file.h"
+#include "format/series_index.h"
 
 namespace splatvol::format {
 namespace {
@@ -63,8 +64,7 @@ Status StepDirectory::write(StepWriter& step, const StepWriter::Append& append) 
   end_ += entry.bytes;
   for (std::size_t a = 0; a < ranges_.size(); ++a) {
     const Attribute& attribute = step.step().attributes[a];
-    ranges_[a].min = std::fmin(ranges_[a].min, attribute.min);
-    ranges_[a].max = std::fmax(ranges_[a].max, attribute.max);
+    include(ranges_[a], attribute.min, attribute.max);
   }
   return {};
 }

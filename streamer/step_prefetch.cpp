@@ -29,6 +29,11 @@ StepPrefetch::Result StepPrefetch::extract() {
 }
 
 void StepPrefetch::run() {
+  read_step();
+  done_ = true;
+}
+
+void StepPrefetch::read_step() {
   auto opened = from_->at_step(step_);
   if (!opened) return;
   result_.volume = std::move(*opened);

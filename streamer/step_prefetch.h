@@ -38,11 +38,15 @@ class StepPrefetch {
     std::vector<PartLoad> parts;                   // that were read, with their data
   };
 
+  /// Whether all is read, so that `extract` does not wait.
+  [[nodiscard]] bool is_done() const { return done_; }
+
   /// Waits until all is read, and moves it out. Called once.
   [[nodiscard]] Result extract();
 
  private:
   void run();
+  void read_step();
   void read_pages();
   void read_chunks();
   [[nodiscard]] bool has_same_layout() const;
@@ -54,7 +58,7 @@ class StepPrefetch {
   std::vector<PartLoad> pages_, chunks_;
   Reservation working_;
   Result result_;
-  std::atomic<bool> stopping_ = false;
+  std::atomic<bool> stopping_ = false, done_ = false;
   std::thread thread_;  // last: begins when all else is there
 };
 

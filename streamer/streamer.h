@@ -150,6 +150,9 @@ class Streamer {
   /// that is no series, and if there is no such step.
   void prefetch_step(std::size_t step);
 
+  /// Whether `prefetch_step` is still reading, so that `set_step` would wait for it.
+  [[nodiscard]] bool is_prefetching() const { return prefetch_ && !prefetch_->is_done(); }
+
   /// Returns the nodes of the last frame, in the order of its batches; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 

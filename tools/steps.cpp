@@ -6,13 +6,10 @@
 #include <limits>
 
 #include "base/http_source.h"
-#include "format/series_index.h"
 #include "tools/tool.h"
 
 namespace splatvol {
 namespace {
-
-constexpr std::uint64_t most_index_bytes = 16u << 20;
 
 bool parse_number(const std::string& text, std::size_t& number) {
   if (text.empty()) return true;
@@ -50,59 +47,24 @@ void add_step_options(CLI::App& app, StepChoice& choice) {
       ->excludes(time);
 }
 
-Result<Steps> Steps::open(const std::string& path) {
-  Steps steps(path);
-  if (format::is_series_index(path)) {
-    SPLATVOL_TRY(steps.open_index());
-    return steps;
-  }
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path));
-  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
-  if (volume->series())
-    for (const format::StepEntry& step : volume->series()->steps) steps.times_.push_back(step.time);
-  steps.volume_ = std::move(volume);
-  return steps;
-}
+Result<format::Steps> open_steps(const std::string& path) { return format::Steps::open(path, open_file_or_url); }
 
-Status Steps::open_index() {
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path_));
-  if (source->size() > most_index_bytes)
-    return fail(ErrorCode::invalid_data, "{}: {} bytes are no index of a time series", path_, source->size());
-  std::string text(source->size(), '\0');
-  SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
-  const auto index = format::series_index_from_json(text);
-  if (!index) return fail_in(path_, index.error());
-  const std::string folder = path_.substr(0, path_.find_last_of('/') + 1);  // also of an address; empty without '/'
-  for (const format::SeriesIndex::Step& step : index->steps) {
-    times_.push_back(step.time);
-    files_.push_back(folder + step.file);
-  }
-  return {};
-}
-
-Result<std::size_t> Steps::find(const StepChoice& choice) const {
-  if (times_.empty() && !choice.time && !choice.step) return std::size_t{0};
-  if (times_.empty()) return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", path_);
-  if (choice.step && *choice.step >= times_.size())
-    return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", path_, *choice.step, times_.size() - 1);
+Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice, const std::string& path) {
+  const std::vector<double>& times = steps.times();
+  if (times.empty() && !choice.time && !choice.step) return std::size_t{0};
+  if (times.empty()) return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", path);
+  if (choice.step && *choice.step >= times.size())
+    return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", path, *choice.step, steps.last());
   if (choice.step) return *choice.step;
-  if (!choice.time) return times_.size() - 1;
-  const auto nearest = std::ranges::min_element(times_, {}, [&](double time) { return std::abs(time - *choice.time); });
-  return static_cast<std::size_t>(nearest - times_.begin());
+  if (!choice.time) return steps.last();
+  const auto nearest = std::ranges::min_element(times, {}, [&](double time) { return std::abs(time - *choice.time); });
+  return static_cast<std::size_t>(nearest - times.begin());
 }
 
-Result<std::shared_ptr<const format::Volume>> Steps::volume(std::size_t step) const {
-  if (volume_) return !volume_->series() || volume_->step() == step ? volume_ : volume_->at_step(step);
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(files_[step]));
-  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
-  if (volume->series())
-    return fail(ErrorCode::invalid_data, "{}: a time series, where {} names a file for one step", files_[step], path_);
-  return volume;
-}
-
-Result<std::shared_ptr<const format::Volume>> Steps::volume(const StepChoice& choice) const {
-  SPLATVOL_TRY_ASSIGN(step, find(choice));
-  return volume(step);
+Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {
+  SPLATVOL_TRY_ASSIGN(steps, open_steps(path));
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, choice, path));
+  return steps.volume(step);
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// The time steps of a file, for the programs that show one.
+// The options of programs that show a time step.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -6,10 +6,9 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "base/error.h"
-#include "format/volume.h"
+#include "format/steps.h"
 
 namespace splatvol {
 
@@ -34,33 +33,16 @@ struct StepRange {
 /// Adds --time and --step.
 void add_step_options(CLI::App& app, StepChoice& choice);
 
-/// A .svol file, or the index (.svols) of a time series whose steps are files. Both play alike.
-class Steps {
- public:
-  /// `path`: of the file, or its address.
-  [[nodiscard]] static Result<Steps> open(const std::string& path);
+/// Opens the steps of a .svol file or an index (.svols), by its path or address.
+[[nodiscard]] Result<format::Steps> open_steps(const std::string& path);
 
-  /// The times of the steps; none if the file is no time series.
-  [[nodiscard]] const std::vector<double>& times() const { return times_; }
+/// Returns the number of the chosen step; 0 without a choice if the file is no time series. Fails if there is no such
+/// step. `path`: for messages.
+[[nodiscard]] Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice,
+                                            const std::string& path);
 
-  /// Returns the number of the chosen step; 0 without a choice if the file is no time series. Fails if there is no such
-  /// step.
-  [[nodiscard]] Result<std::size_t> find(const StepChoice& choice) const;
-
-  /// Opens a step that `find` returned.
-  [[nodiscard]] Result<std::shared_ptr<const format::Volume>> volume(std::size_t step) const;
-
-  /// Opens the chosen step.
-  [[nodiscard]] Result<std::shared_ptr<const format::Volume>> volume(const StepChoice& choice) const;
-
- private:
-  explicit Steps(std::string path) : path_(std::move(path)) {}
-  [[nodiscard]] Status open_index();
-
-  std::string path_;
-  std::vector<double> times_;
-  std::vector<std::string> files_;                // of an index
-  std::shared_ptr<const format::Volume> volume_;  // of a single file
-};
+/// Opens the chosen step of a file or an index.
+[[nodiscard]] Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path,
+                                                                      const StepChoice& choice);
 
 }  // namespace splatvol

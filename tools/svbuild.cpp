@@ -16,7 +16,7 @@
 #include "builder/series_build.h"
 #include "builder/series_files.h"
 #include "builder/series_inputs.h"
-#include "format/volume.h"
+#include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -178,13 +178,9 @@ bool is_series(const Options& options) {
 
 // The attributes to read: when steps are appended, those of the file.
 Result<std::vector<std::string>> selection_of(const Options& options) {
-  if (!options.append || options.series_of_files || !options.attributes.empty()) return options.attributes;
-  SPLATVOL_TRY_ASSIGN(file, open_file(options.output));
-  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(file)));
-  std::vector<std::string> names;
-  if (volume->series())
-    for (const format::Attribute& attribute : volume->info().attributes) names.push_back(attribute.name);
-  return names;
+  if (!options.append || !options.attributes.empty()) return options.attributes;
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(options.output, open_file));
+  return steps.times().empty() ? std::vector<std::string>() : steps.attributes();
 }
 
 SourceOptions source_options_of(const Options& options, const std::vector<std::string>& selection) {

@@ -76,8 +76,7 @@ void print_text(const json& report) {
 Status run_export(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY(check_outputs({options.output}, {options.file}));
-  SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.file));
-  SPLATVOL_TRY_ASSIGN(volume, steps.volume(options.step));
+  SPLATVOL_TRY_ASSIGN(volume, open_step(options.file, options.step));
   Box box = ExportSelection().box;
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
@@ -93,7 +92,8 @@ Status run_export(const Options& options) {
 }
 
 void add_file_options(CLI::App& app, Options& options) {
-  app.add_option("file", options.file, "The file, or its address (http:// or https://)")
+  app.add_option("file", options.file,
+                 "The file, the index of a series of files (.svols), or its address (http:// or https://)")
       ->required()
       ->type_name("FILE.svol|URL");
   add_step_options(app, options.step);

@@ -163,19 +163,23 @@ json columns_json(const format::VolumeInfo& info, const Survey& survey) {
   return list;
 }
 
-// The steps of a series, and the number of the one that is shown.
-json series_json(const Volume& volume) {
-  const format::Series& series = *volume.series();
-  json steps = json::array(), ranges = json::array();
-  for (const format::StepEntry& step : series.steps)
-    steps.push_back({{"time", step.time}, {"offset", step.offset}, {"bytes", step.bytes}});
-  for (std::size_t a = 0; a < series.ranges.size(); ++a)
-    ranges.push_back(
-        {{"name", volume.info().attributes[a].name}, {"min", series.ranges[a].min}, {"max", series.ranges[a].max}});
-  return {{"step", volume.step()}, {"time", volume.time()}, {"steps", steps}, {"attributes", ranges}};
+// The steps of a series, the number of the one that is shown, and ranges over all steps.
+json series_json(const Volume& volume, const format::Steps& steps, std::size_t shown) {
+  json list = json::array(), ranges = json::array();
+  for (std::size_t step = 0; step < steps.times().size(); ++step) {
+    list.push_back({{"time", steps.times()[step]}});
+    if (!volume.series()) continue;
+    list.back()["offset"] = volume.series()->steps[step].offset;
+    list.back()["bytes"] = volume.series()->steps[step].bytes;
+  }
+  for (const format::Attribute& attribute : volume.info().attributes) {
+    const format::StepRange range = steps.range_of(attribute.name);
+    ranges.push_back({{"name", attribute.name}, {"min", range.min}, {"max", range.max}});
+  }
+  return {{"step", shown}, {"time", steps.times()[shown]}, {"steps", list}, {"attributes", ranges}};
 }
 
-json to_json(const Volume& volume, const Steps& steps, const Survey& survey) {
+json to_json(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   json document;
   document["file"] = volume.name();
@@ -198,10 +202,7 @@ json to_json(const Volume& volume, const Steps& steps, const Survey& survey) {
         {{"kind", name_of(section.kind)}, {"offset", section.offset}, {"bytes", section.packed_bytes}});
   if (info.up >= 0) document["up"] = std::string(1, "xyz"[info.up]);
   document["provenance"] = json::parse(info.provenance);
-  if (volume.series())
-    document["series"] = series_json(volume);
-  else if (!steps.times().empty())
-    document["times"] = steps.times();
+  if (!steps.times().empty()) document["series"] = series_json(volume, steps, step);
   if (survey.verified) document["verified"] = true;
   return document;
 }
@@ -259,8 +260,13 @@ void print_provenance(const json& value, const std::string& path) {
 }
 
 // Prints a line for each step of a series, and marks the one whose values are shown.
-void print_steps(const Volume& volume, const Steps& steps, std::size_t shown) {
+void print_steps(const Volume& volume, const format::Steps& steps, std::size_t shown) {
   if (steps.times().empty()) return;
+  fmt::print("\n{:<24} {:>13} {:>13}\n", "all steps", "min", "max");
+  for (const format::Attribute& attribute : volume.info().attributes) {
+    const format::StepRange range = steps.range_of(attribute.name);
+    fmt::print("{:<24} {:>13.6g} {:>13.6g}\n", attribute.name, range.min, range.max);
+  }
   fmt::print("\n{:<24} {:>13} {:>13}\n", "step", "time", volume.series() ? "bytes" : "");
   for (std::size_t step = 0; step < steps.times().size(); ++step) {
     const std::string bytes = volume.series() ? fmt::format("{}", volume.series()->steps[step].bytes) : "";
@@ -268,7 +274,7 @@ void print_steps(const Volume& volume, const Steps& steps, std::size_t shown) {
   }
 }
 
-void print_text(const Volume& volume, const Steps& steps, std::size_t step, const Survey& survey) {
+void print_text(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   const dvec3& origin = info.cube.origin;
   fmt::print("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
@@ -296,7 +302,7 @@ Status write_scene(const Volume& volume, const Options& options) {
 }
 
 // Checks the file; of an index, the files of all steps.
-Status verify(const Steps& steps, const Volume& shown) {
+Status verify(const format::Steps& steps, const Volume& shown) {
   ProgressBar bar("verifying");
   const std::size_t files = shown.series() ? 1 : std::max<std::size_t>(1, steps.times().size());
   for (std::size_t file = 0; file < files; ++file) {
@@ -311,8 +317,8 @@ Status verify(const Steps& steps, const Volume& shown) {
 }
 
 Status show(const Options& options) {
-  SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.file));
-  SPLATVOL_TRY_ASSIGN(step, steps.find(options.step));
+  SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step, options.file));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {
@@ -328,7 +334,7 @@ Status show(const Options& options) {
   survey.index = index;
   survey.histograms = std::move(histograms);
   if (options.json)
-    fmt::print("{}\n", to_json(*volume, steps, survey).dump(1, ' ', false, json::error_handler_t::replace));
+    fmt::print("{}\n", to_json(*volume, steps, step, survey).dump(1, ' ', false, json::error_handler_t::replace));
   else
     print_text(*volume, steps, step, survey);
   return {};

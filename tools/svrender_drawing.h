@@ -49,7 +49,7 @@ struct Timings {
 };
 
 struct Drawing {
-  std::optional<Steps> steps;
+  std::optional<format::Steps> steps;
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<HeadlessContext> context;
   std::unique_ptr<Renderer> renderer;

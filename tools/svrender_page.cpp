@@ -100,8 +100,7 @@ Result<Composition> compose(const RenderOptions& options) {
                             (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
-    SPLATVOL_TRY_ASSIGN(steps, Steps::open(options.volume));
-    SPLATVOL_TRY_ASSIGN(opened, steps.volume(options.step));
+    SPLATVOL_TRY_ASSIGN(opened, open_step(options.volume, options.step));
     volume = std::move(opened);
   }
   if (options.scene.empty()) {

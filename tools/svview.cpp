@@ -166,6 +166,7 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
     if (times.first_picture == 0) times.first_picture = seconds_now() - start;
     stage.end();
   }
+  viewer.end_loop();
   const FrameInput idle{1, {}};  // seconds: longer than any change takes
   const double rest_start = seconds_now();
   SPLATVOL_TRY(draw(idle));
@@ -227,7 +228,8 @@ Status run(const Options& options) {
 }
 
 void add_view_options(CLI::App& app, Options& options) {
-  app.add_option("volume", options.volume, "The .svol file, or its address (https://...)");
+  app.add_option("volume", options.volume,
+                 "The .svol file, the index of a series of files (.svols), or its address (https://...)");
   app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
       ->needs("volume");
   app.add_option("--size", options.size, "Size of the window")

@@ -23,6 +23,12 @@ constexpr double fade_seconds = 0.2;
 // The first tolerance at rest.
 constexpr double first_percent_at_rest = 4;
 
+// Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
+constexpr double longest_wait_seconds = 2;
+
+// Longest wait of one frame for the first picture of a step.
+constexpr double step_wait_seconds = 0.02;
+
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -42,9 +48,11 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
   std::unique_ptr<Session> session(new Session);
   session->path_ = path;
   session->settings = settings;
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file_or_url));
+  session->step_ = steps.last();
+  session->steps_ = std::move(steps);
   if (scene_path.empty()) {
-    SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path));
-    SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(source)));
+    SPLATVOL_TRY_ASSIGN(volume, session->steps_->volume(session->step_));
     SPLATVOL_TRY_ASSIGN(scene, default_scene(*volume, ""));
     session->scene = std::move(scene);
     session->fits_ = true;
@@ -60,13 +68,8 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
 Status Session::open_streamer() {
   frame_ = nullptr;
   streamer_.reset();  // frees its memory before the next one takes some
-  SPLATVOL_TRY_ASSIGN(source, open_file_or_url(path_));
-  SPLATVOL_TRY_ASSIGN(opened, format::Volume::open(std::move(source)));
-  std::shared_ptr<const format::Volume> volume = std::move(opened);
-  if (step_) {
-    SPLATVOL_TRY_ASSIGN(at_step, volume->at_step(*step_));
-    volume = std::move(at_step);
-  }
+  ahead_.reset();
+  SPLATVOL_TRY_ASSIGN(volume, steps_->volume(step_));
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {settings.memory, scene.attribute, settings.kernel,
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
@@ -138,23 +141,45 @@ Status Session::show_attribute(const std::string& name) {
   return {};
 }
 
-std::vector<double> Session::times() const {
-  std::vector<double> times;
-  if (!streamer_->volume().series()) return times;
-  for (const format::StepEntry& step : streamer_->volume().series()->steps) times.push_back(step.time);
-  return times;
+Status Session::show_step(std::size_t step) {
+  if (times().empty() || step >= times().size())
+    return fail(ErrorCode::invalid_argument, "{}: no step {}", path_, step);
+  frame_ = nullptr;
+  Status changed = change_step(step);
+  if (!changed) {
+    SPLATVOL_TRY(open_streamer());
+    return changed;
+  }
+  step_ = step;
+  still_seconds_ = awaited_seconds_ = 0;
+  awaits_step_ = true;
+  SPLATVOL_TRY(use_step());
+  if (!steps_->are_files()) return {};
+  bounds_ = Box();  // another mesh
+  return find_bounds();
 }
 
-Status Session::show_step(std::size_t step) {
-  frame_ = nullptr;
-  Status changed = streamer_->set_step(step);
-  if (changed) {
-    step_ = step;
-    still_seconds_ = 0;
-    return use_step();
-  }
-  SPLATVOL_TRY(open_streamer());
-  return changed;
+Status Session::change_step(std::size_t step) {
+  if (!steps_->are_files()) return streamer_->set_step(step);
+  const bool is_ahead = ahead_ && ahead_->step == step;
+  auto volume = is_ahead ? ahead_->volume.get() : steps_->volume(step);
+  ahead_.reset();
+  if (!volume) return tl::unexpected(volume.error());
+  return streamer_->set_step(std::move(*volume));
+}
+
+void Session::read_ahead(std::size_t step) {
+  if (step >= times().size() || step == step_) return;
+  if (!steps_->are_files()) return streamer_->prefetch_step(step);
+  if (ahead_ && ahead_->step == step) return;
+  // Only its preamble: another mesh has other parts in view.
+  ahead_ = Ahead{step, std::async(std::launch::async, [steps = *steps_, step] { return steps.volume(step); })};
+}
+
+bool Session::is_reading_ahead() const {
+  using std::chrono::seconds;
+  if (ahead_ && ahead_->volume.wait_for(seconds(0)) != std::future_status::ready) return true;
+  return streamer_->is_prefetching();
 }
 
 // Passes changes on to streamer and renderer. A change of the picture starts again from a coarse one.
@@ -222,9 +247,13 @@ Status Session::draw(int width, int height, double seconds) {
   if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
-  SPLATVOL_TRY_ASSIGN(frame, streamer_->advance(view, scene.transfer_function, detail, 0, change));
+  SPLATVOL_TRY_ASSIGN(
+      frame, streamer_->advance(view, scene.transfer_function, detail, awaits_step_ ? step_wait_seconds : 0, change));
   frame_ = frame;
   for (const Error& error : frame->progress.errors) troubles_.push_back(error.message);
+  awaited_seconds_ += seconds;
+  awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
+  if (awaits_step_) return {};  // the picture stays
   if (frame->serial != uploaded_serial_)
     SPLATVOL_TRY(renderer_->set_splats(frame->data, frame->batches));
   else
@@ -237,7 +266,7 @@ Status Session::draw(int width, int height, double seconds) {
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
   settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
-  if (settled_ && streamer_->volume().series()) streamer_->prefetch_step(step() + 1);
+  if (settled_) read_ahead(step_ + 1);
   return {};
 }
 

@@ -3,12 +3,14 @@
 
 #include <array>
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.h"
+#include "format/steps.h"
 #include "format/volume.h"
 #include "renderer/renderer.h"
 #include "scene/page.h"
@@ -45,15 +47,27 @@ class Session {
   /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
 
-  /// Returns the times of the steps of a time series; none for another file.
-  [[nodiscard]] std::vector<double> times() const;
+  /// Returns the times of the steps of a time series, in one file or in several; none for another file.
+  [[nodiscard]] const std::vector<double>& times() const { return steps_->times(); }
 
-  /// Returns the number of the step that is shown. Requires a series.
-  [[nodiscard]] std::size_t step() const { return streamer_->volume().step(); }
+  /// Returns the number of the step that is shown; 0 for a file that is no series.
+  [[nodiscard]] std::size_t step() const { return step_; }
 
-  /// Shows another step of a series. Camera and transfer function stay. If the step cannot be read, the one before is
-  /// opened again.
+  /// Shows another step of a series. Camera and transfer function stay. The picture stays that of the step before until
+  /// there is one as fine as a moving picture is. If the step cannot be read, the one before is opened again.
   [[nodiscard]] Status show_step(std::size_t step);
+
+  /// Whether the picture is that of `step()`, and so fine.
+  [[nodiscard]] bool is_step_shown() const { return !awaits_step_; }
+
+  /// Begins to read another step of a series. Does nothing if there is no such step.
+  void read_ahead(std::size_t step);
+
+  /// Whether `show_step` would wait for what `read_ahead` reads.
+  [[nodiscard]] bool is_reading_ahead() const;
+
+  /// Returns the range of the shown attribute's values over all steps.
+  [[nodiscard]] format::StepRange range_of_all_steps() const { return steps_->range_of(used_scene_.attribute); }
 
   /// Returns why the picture shows nothing, or only one colour; empty if it does show something.
   [[nodiscard]] std::string explain() const;
@@ -94,14 +108,23 @@ class Session {
   Session() = default;
   [[nodiscard]] Status open_streamer();
   [[nodiscard]] Status use_step();
+  [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply(const View& view);
   [[nodiscard]] Status fit_camera(int width, int height);
 
   std::string path_;
   Scene first_scene_;
-  std::optional<std::size_t> step_;  // of a series, once another one than the last was chosen
-  bool fits_ = false;  // the first scene is one that fits the data, and its camera the first picture's size
+  std::optional<format::Steps> steps_;  // none before `open` ends
+  std::size_t step_ = 0;
+  bool awaits_step_ = false;    // no picture of the step yet
+  double awaited_seconds_ = 0;  // since the step was asked for
+  struct Ahead {
+    std::size_t step;
+    std::future<Result<std::shared_ptr<const format::Volume>>> volume;
+  };
+  std::optional<Ahead> ahead_;  // of a series of files
+  bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Renderer> renderer_;
   std::array<std::uint64_t, 64> histogram_{};

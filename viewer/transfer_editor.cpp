@@ -85,7 +85,8 @@ struct TransferEditor::Area {
 };
 
 void TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
-                          const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram) {
+                          const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
+                          const format::StepRange& all) {
   // Colours.
   if (ImGui::BeginCombo("colours", "presets", ImGuiComboFlags_HeightLargest)) {
     for (const ColorMap& map : color_maps())
@@ -105,8 +106,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
     function.lo = range[0], function.hi = range[1];
   if (ImGui::SmallButton("fit")) function = fitting;
   ImGui::SameLine();
-  if (ImGui::SmallButton("all values") && attribute.max > attribute.min)
-    function.lo = attribute.min, function.hi = attribute.max;
+  if (ImGui::SmallButton("all values") && all.max > all.min) function.lo = all.min, function.hi = all.max;
   ImGui::SameLine();
   if (ImGui::SmallButton("reverse colours")) function.colors = reversed(function.colors);
   ImGui::Checkbox("log counts", &log_counts_);

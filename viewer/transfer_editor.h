@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "format/layout.h"
 #include "format/volume_info.h"
 #include "scene/scene.h"
 
@@ -14,9 +15,10 @@ namespace splatvol {
 /// Holds the editor's state between frames. Draws with Dear ImGui, into the window that is open.
 class TransferEditor {
  public:
-  /// Draws the editor and changes `function`. The button "fit" sets `fitting`, whose opacity counts as 1.
+  /// Draws the editor and changes `function`. The button "fit" sets `fitting`, whose opacity counts as 1; "all values"
+  /// sets the range `all`.
   void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
-            const std::array<std::uint64_t, 64>& histogram);
+            const std::array<std::uint64_t, 64>& histogram, const format::StepRange& all);
 
  private:
   struct Area;

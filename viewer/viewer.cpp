@@ -52,6 +52,7 @@ void Viewer::show(std::unique_ptr<Session> session) {
   put(path_name_, stem + "-path.json");
   path_ = {};
   playing_.reset();
+  step_seconds_.reset();
 }
 
 // A .json file is a scene for the volume that is open. Any other file is a volume.
@@ -90,7 +91,7 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
-  return pending_frames_ == 0 && !playing_ && !flies && (!session_ || session_->is_settled());
+  return pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies && (!session_ || session_->is_settled());
 }
 
 void Viewer::handle(const Event& event) {
@@ -144,6 +145,9 @@ void Viewer::handle_key(int code) {
   if (code == key::tab) toggle(panel_);
   if (!session_ || keys_[key::left_control]) return;
   if (code == 'F') toggle(flying_);
+  if (code == key::space) toggle_steps();
+  if (!flying_ && code == key::right) show_step(session_->step() + 1);
+  if (!flying_ && code == key::left && session_->step() > 0) show_step(session_->step() - 1);
   if (code == 'H') toggle(hud_);
   if (code == 'C') toggle(cut_);
   if (code == 'B') toggle(session_->scene.outline);
@@ -203,6 +207,39 @@ void Viewer::play(double seconds) {
   if (*playing_ >= path_.seconds) playing_.reset();
 }
 
+// Shows a step by the user's hand: stops playing.
+void Viewer::show_step(std::size_t step) {
+  step_seconds_.reset();
+  if (step >= session_->times().size() || step == session_->step()) return;
+  if (const Status shown = session_->show_step(step); !shown) message_ = shown.error().message;
+}
+
+// At the last step, playing begins with the first one.
+void Viewer::toggle_steps() {
+  const std::size_t count = session_->times().size();
+  if (step_seconds_ || count < 2) return step_seconds_.reset();
+  if (session_->step() + 1 == count) show_step(0);
+  step_seconds_ = 0;
+}
+
+// Shows the next step once the picture of this one has been there for its time and the next one has been read.
+void Viewer::play_steps(double seconds) {
+  if (!step_seconds_ || !session_ || !session_->is_step_shown()) return;
+  const std::size_t count = session_->times().size();
+  const bool is_last = session_->step() + 1 == count;
+  if (is_last && !loops_) return step_seconds_.reset();
+  const std::size_t next = is_last ? 0 : session_->step() + 1;
+  session_->read_ahead(next);
+  *step_seconds_ += seconds;
+  const double period = 1 / steps_per_second_;
+  if (*step_seconds_ < period || session_->is_reading_ahead()) return;
+  step_seconds_ = std::min(*step_seconds_ - period, period);  // on the average, the rate is kept
+  if (const Status shown = session_->show_step(next); !shown) {
+    message_ = shown.error().message;
+    step_seconds_.reset();
+  }
+}
+
 Status Viewer::frame(const FrameInput& input) {
   if (!input.events.empty()) pending_frames_ = 3;
   pending_frames_ = std::max(0, pending_frames_ - 1);
@@ -211,6 +248,7 @@ Status Viewer::frame(const FrameInput& input) {
   if (window_.pixel_width <= 0 || window_.pixel_height <= 0) return {};  // minimised
   move_camera(input);
   play(input.seconds);
+  play_steps(input.seconds);
   SPLATVOL_TRY(gui_->begin(input, window_));
   if (panel_) draw_panel();
   if (help_) draw_help();

@@ -38,6 +38,9 @@ class Viewer {
 
   [[nodiscard]] bool wants_to_close() const { return closing_; }
   [[nodiscard]] std::string title() const;
+
+  /// Lets steps that play end at the last one, so that the viewer settles.
+  void end_loop() { loops_ = false; }
   [[nodiscard]] const Session* session() const { return session_.get(); }
 
  private:
@@ -52,11 +55,14 @@ class Viewer {
   void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
   void play(double seconds);
+  void play_steps(double seconds);
+  void toggle_steps();
+  void show_step(std::size_t step);
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
   void draw_attribute_menu();
-  void draw_step_slider();
+  void draw_step_controls();
   void draw_view_section();
   void draw_detail_controls();
   void draw_lighting_controls();
@@ -100,6 +106,12 @@ class Viewer {
 
   CameraPath path_;
   std::optional<double> playing_;  // seconds since its beginning
+
+  // Steps of a time series.
+  std::optional<double> step_seconds_;  // while they play: since the last change
+  double steps_per_second_ = 5;
+  bool loops_ = false;
+
   std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{}, title_{};
   bool saves_bar_ = false, saves_transparent_ = false;
 };

@@ -40,16 +40,21 @@ void Viewer::draw_attribute_menu() {
   ImGui::EndCombo();
 }
 
-// The step of a time series.
-void Viewer::draw_step_slider() {
-  const std::vector<double> times = session_->times();
+// The step of a time series, and how fast steps play.
+void Viewer::draw_step_controls() {
+  const std::vector<double>& times = session_->times();
   if (times.size() < 2) return;
   int step = static_cast<int>(session_->step());
-  const std::string label = fmt::format("%d: time {:.6g}", times[session_->step()]);
-  if (!ImGui::SliderInt("step", &step, 0, static_cast<int>(times.size()) - 1, label.c_str())) return;
   const int last = static_cast<int>(times.size()) - 1;
-  if (Status status = session_->show_step(static_cast<std::size_t>(std::clamp(step, 0, last))); !status)
-    message_ = status.error().message;
+  const std::string label = fmt::format("%d: time {:.6g}", times[session_->step()]);
+  if (ImGui::SliderInt("step", &step, 0, last, label.c_str()))
+    show_step(static_cast<std::size_t>(std::clamp(step, 0, last)));
+  if (ImGui::SmallButton(step_seconds_ ? "stop steps" : "play steps")) toggle_steps();
+  ImGui::SameLine();
+  ImGui::Checkbox("loop", &loops_);
+  const double slowest = 0.1, fastest = 60;
+  ImGui::SliderScalar("steps a second", ImGuiDataType_Double, &steps_per_second_, &slowest, &fastest, "%.3g",
+                      ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
 }
 
 void Viewer::draw_panel() {
@@ -60,9 +65,10 @@ void Viewer::draw_panel() {
   ImGui::PushItemWidth(220 * scale);
   if (session_) {
     draw_attribute_menu();
-    draw_step_slider();
+    draw_step_controls();
     if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
-      editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram());
+      editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram(),
+                   session_->range_of_all_steps());
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
     if (ImGui::CollapsingHeader("save")) draw_file_section();
@@ -257,6 +263,10 @@ void Viewer::draw_hud() {
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
   text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
                       bytes(progress.missing_bytes));
+  const std::vector<double>& times = session_->times();
+  if (times.size() > 1)
+    text +=
+        fmt::format("\nstep {} (0 to {}), time {:.6g}", session_->step(), times.size() - 1, times[session_->step()]);
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
   ImGui::SetNextWindowBgAlpha(0.5f);
@@ -282,6 +292,8 @@ void Viewer::draw_help() {
       "P                  perspective or orthographic\n"
       "F                  fly: W A S D E Q, arrows and left drag to look, shift for speed\n"
       "L                  lighting\n"
+      "space              play the steps of a time series, or stop\n"
+      "left, right        step before, next step\n"
       "B C H              bounding box, octree cut, numbers\n"
       "Tab                panel\n"
       "F1                 this list\n"

@@ -2,9 +2,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -155,12 +157,20 @@ TEST(HostileSeries, SuperblocksThatLieAreRefused) {
 }
 
 TEST(SeriesIndex, RoundTrip) {
-  const format::SeriesIndex index{{{0, "a-0000.svol"}, {0.25, "a-0001.svol"}}};
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  const format::SeriesIndex index{{{0, "a-0000.svol"}, {0.25, "a-0001.svol"}},
+                                  {{"p", "Pa", {-0.1, 1e300}}, {"empty", "", {none, none}}}};
   const auto back = format::series_index_from_json(format::to_json(index));
   ASSERT_TRUE(back);
   ASSERT_EQ(back->steps.size(), 2U);
   EXPECT_EQ(back->steps[1].time, 0.25);
   EXPECT_EQ(back->steps[1].file, "a-0001.svol");
+  ASSERT_EQ(back->attributes.size(), 2U);
+  EXPECT_EQ(back->attributes[0].name, "p");
+  EXPECT_EQ(back->attributes[0].unit, "Pa");
+  EXPECT_EQ(back->attributes[0].range.min, -0.1);
+  EXPECT_EQ(back->attributes[0].range.max, 1e300);
+  EXPECT_TRUE(std::isnan(back->attributes[1].range.min) && std::isnan(back->attributes[1].range.max));
 }
 
 TEST(SeriesIndex, RefusesWhatIsNone) {
@@ -171,6 +181,21 @@ TEST(SeriesIndex, RefusesWhatIsNone) {
         R"({"steps": [{"time": 0, "file": ".."}]})", R"({"steps": [{"time": 1e999, "file": "a"}]})",
         R"({"steps": [{"time": 1, "file": "a"}, {"time": 1, "file": "b"}]})"})
     EXPECT_FALSE(format::series_index_from_json(text)) << text;
+
+  const std::string steps = R"({"steps": [{"time": 0, "file": "a"}])";
+  const std::string good = R"({"name": "p", "unit": "", "min": 0, "max": 1})";
+  EXPECT_TRUE(format::series_index_from_json(steps + R"(, "attributes": [)" + good + "]}"));
+  EXPECT_FALSE(format::series_index_from_json(steps + "}"));
+  const std::vector<std::string> bad = {"3",
+                                        "[3]",
+                                        "[" + good + ", " + good + "]",
+                                        R"([{"name": "p", "min": 0, "max": 1}])",
+                                        R"([{"name": "p", "unit": "", "min": 0}])",
+                                        R"([{"name": "p", "unit": "", "min": 1, "max": 0}])",
+                                        R"([{"name": "p", "unit": "", "min": null, "max": 0}])",
+                                        R"([{"name": 1, "unit": "", "min": 0, "max": 1}])"};
+  for (const std::string& attributes : bad)
+    EXPECT_FALSE(format::series_index_from_json(steps + R"(, "attributes": )" + attributes + "}")) << attributes;
 }
 
 }  // namespace

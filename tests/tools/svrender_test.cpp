@@ -1,17 +1,15 @@
 // svrender's options and statistics.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
 #include "scene/image.h"
+#include "tests/support/programs.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {
@@ -19,16 +17,11 @@ namespace {
 
 using testing::HasSubstr;
 
-struct Outcome {
-  int code;
-  std::string text;  // of stdout and stderr
-};
+using test::Outcome;
 
-class Svrender : public testing::Test {
+class Svrender : public test::ProgramTest {
  protected:
   void SetUp() override {
-    folder_ = std::filesystem::temp_directory_path() / fmt::format("splatvol_svrender_{}", ::getpid());
-    std::filesystem::create_directories(folder_);
     const auto points = test::random_points(2000, 1);
     std::vector<double> values;
     for (const dvec3& p : points) values.push_back(p.x);
@@ -46,22 +39,9 @@ class Svrender : public testing::Test {
               {"lighting", false}};
     write_scene();
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void write_scene() const { std::ofstream(path("s.json")) << scene_.dump(); }
 
-  Outcome run(const std::string& arguments) const {
-    const std::string command =
-        fmt::format("cd '{}' && '{}/svrender' {} 2>&1", folder_.string(), SPLATVOL_BIN, arguments);
-    FILE* pipe = ::popen(command.c_str(), "r");
-    Outcome outcome{-1, ""};
-    char buffer[4096];
-    while (const std::size_t got = std::fread(buffer, 1, sizeof(buffer), pipe)) outcome.text.append(buffer, got);
-    const int status = ::pclose(pipe);
-    if (WIFEXITED(status)) outcome.code = WEXITSTATUS(status);
-    return outcome;
-  }
+  Outcome run(const std::string& arguments) const { return ProgramTest::run("svrender " + arguments); }
 
   // Expects one line, exit code 1, and no file.
   void expect_refusal(const std::string& arguments, const std::string& reason) const {
@@ -74,7 +54,6 @@ class Svrender : public testing::Test {
       EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr("out"))) << "left behind";
   }
 
-  std::filesystem::path folder_;
   nlohmann::json scene_;
 };
 

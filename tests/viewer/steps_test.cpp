@@ -6,19 +6,22 @@
 #include <filesystem>
 
 #include "builder/series_build.h"
+#include "builder/series_files.h"
 #include "renderer/context.h"
+#include "renderer/target.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "viewer/session.h"
+#include "viewer/viewer.h"
 
 namespace splatvol {
 namespace {
 
 constexpr double long_time = 1;  // seconds: longer than any change takes
 
-SeriesStep step_at(int step) {
-  return {fmt::format("step {}", step), 0.5 * step, [step]() -> Result<std::unique_ptr<Source>> {
-            const test::Mesh mesh = test::lattice(12, [](dvec3 p) { return p; });
+SeriesStep step_at(int step, std::uint32_t cells = 12) {
+  return {fmt::format("step {}", step), 0.5 * step, [step, cells]() -> Result<std::unique_ptr<Source>> {
+            const test::Mesh mesh = test::lattice(cells, [](dvec3 p) { return p; });
             return std::make_unique<test::PieceSource>(
                 std::vector{test::mesh_piece(mesh, [step](dvec3 p) { return std::sin(5 * p.x + step) + step; })});
           }};
@@ -70,6 +73,112 @@ TEST_F(ViewerSteps, LookLikeFilesOfTheirOwn) {
   EXPECT_FALSE(series->show_step(3));
   EXPECT_EQ(series->step(), 1u);
   EXPECT_EQ(compare_images(settled(*series), middle)->max, 0);
+}
+
+// A series of files, whose meshes differ, plays like a series in one file.
+TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
+  const std::string index = folder_ + "/f.svols";
+  const auto silent = [](const char*, double) {};
+  const auto built = build_series_of_files({step_at(0), step_at(1, 9), step_at(2)}, index, false, {}, silent);
+  ASSERT_TRUE(built) << built.error().message;
+  const auto series = Session::open(index, "", {}).value();
+  EXPECT_EQ(series->times(), (std::vector<double>{0, 0.5, 1}));
+  EXPECT_EQ(series->step(), 2u);
+  const Image last = settled(*series);
+  EXPECT_NEAR(series->range_of_all_steps().max, 3, 0.1);  // a sine and the number of the step
+  EXPECT_NEAR(series->range_of_all_steps().min, -1, 0.1);
+  ASSERT_TRUE(series->show_step(1));
+  EXPECT_FALSE(series->is_step_shown());
+  const Image middle = settled(*series);
+  EXPECT_TRUE(series->is_step_shown());
+  EXPECT_EQ(series->info().point_count(), 1000u);
+
+  const auto single = Session::open(folder_ + "/f-0001.svol", "", {}).value();
+  single->scene = series->scene;
+  EXPECT_EQ(compare_images(settled(*single), middle)->max, 0);
+
+  // A file that is gone: the step stays.
+  std::filesystem::remove(folder_ + "/f-0000.svol");
+  EXPECT_FALSE(series->show_step(0));
+  EXPECT_EQ(series->step(), 1u);
+  EXPECT_EQ(compare_images(settled(*series), middle)->max, 0);
+  ASSERT_TRUE(series->show_step(2));
+  EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
+}
+
+class PlayingSteps : public ViewerSteps {
+ protected:
+  void SetUp() override {
+    ViewerSteps::SetUp();
+    ASSERT_TRUE(target_.resize(400, 300));
+    ViewerOptions options;
+    options.volume = path("series");
+    viewer_ = Viewer::create(options).value();
+    frame({WindowResized{400, 300, 400, 300, 1}});
+  }
+  void TearDown() override {
+    viewer_.reset();
+    ViewerSteps::TearDown();
+  }
+  void frame(std::vector<Event> events, double seconds = 0.02) {
+    target_.use();
+    const Status status = viewer_->frame({seconds, std::move(events)});
+    ASSERT_TRUE(status) << status.error().message;
+  }
+  void press(int code) {
+    frame({KeyChanged{code, true}});
+    frame({KeyChanged{code, false}});
+  }
+  [[nodiscard]] std::size_t step() const { return viewer_->session()->step(); }
+
+  Target target_;
+  std::unique_ptr<Viewer> viewer_;
+};
+
+TEST_F(PlayingSteps, GoFromTheFirstToTheLast) {
+  EXPECT_EQ(step(), 2u);
+  press(key::space);
+  EXPECT_EQ(step(), 0u) << "behind the last comes the first";
+  std::vector<std::size_t> seen = {0};
+  double seconds = 0, first_change = 0;
+  for (int frames = 0; !viewer_->is_settled(); ++frames) {
+    ASSERT_LT(frames, 100000);
+    const bool shown = viewer_->session()->is_step_shown();
+    frame({});
+    if (step() == seen.back()) {
+      seconds += 0.02;
+      continue;
+    }
+    EXPECT_TRUE(shown) << "a step that nobody has seen";
+    if (seen.size() == 1) first_change = seconds;
+    seen.push_back(step());
+  }
+  EXPECT_EQ(seen, (std::vector<std::size_t>{0, 1, 2}));
+  EXPECT_GE(first_change, 0.2 - 0.05) << "5 steps a second";
+}
+
+TEST_F(PlayingSteps, StopAtASecondPress) {
+  press(key::space);
+  frame({});
+  press(key::space);
+  const std::size_t stopped = step();
+  for (int frames = 0; !viewer_->is_settled(); ++frames) {
+    ASSERT_LT(frames, 100000);
+    frame({}, long_time);
+  }
+  EXPECT_EQ(step(), stopped);
+}
+
+TEST_F(PlayingSteps, ArrowsShowTheNeighbours) {
+  press(key::right);
+  EXPECT_EQ(step(), 2u);
+  press(key::left);
+  EXPECT_EQ(step(), 1u);
+  press(key::left);
+  press(key::left);
+  EXPECT_EQ(step(), 0u);
+  press(key::right);
+  EXPECT_EQ(step(), 1u);
 }
 
 }  // namespace

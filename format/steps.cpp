@@ -1,0 +1,80 @@
+#include "format/steps.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "format/series_index.h"
+
+namespace splatvol::format {
+namespace {
+
+constexpr std::uint64_t most_index_bytes = 16u << 20;
+
+}  // namespace
+
+Result<Steps> Steps::open(const std::string& path, OpenFile open) {
+  Steps steps(path, std::move(open));
+  if (is_series_index(path)) {
+    SPLATVOL_TRY(steps.open_index());
+    return steps;
+  }
+  SPLATVOL_TRY_ASSIGN(source, steps.open_(path));
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+  for (const Attribute& attribute : volume->info().attributes) {
+    steps.names_.push_back(attribute.name);
+    steps.ranges_.push_back({attribute.min, attribute.max});
+  }
+  if (volume->series()) {
+    for (const StepEntry& step : volume->series()->steps) steps.times_.push_back(step.time);
+    steps.ranges_ = volume->series()->ranges;
+  }
+  steps.volume_ = std::move(volume);
+  return steps;
+}
+
+Status Steps::open_index() {
+  SPLATVOL_TRY_ASSIGN(source, open_(path_));
+  if (source->size() > most_index_bytes)
+    return fail(ErrorCode::invalid_data, "{}: {} bytes are no index of a time series", path_, source->size());
+  std::string text(source->size(), '\0');
+  SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
+  const auto index = series_index_from_json(text);
+  if (!index) return fail_in(path_, index.error());
+  const std::string folder = path_.substr(0, path_.find_last_of('/') + 1);  // also of an address; empty without '/'
+  for (const SeriesIndex::Step& step : index->steps) {
+    times_.push_back(step.time);
+    files_.push_back(folder + step.file);
+  }
+  for (const SeriesIndex::Attribute& attribute : index->attributes) {
+    names_.push_back(attribute.name);
+    ranges_.push_back(attribute.range);
+  }
+  return {};
+}
+
+// The index names the attributes that all of its files have.
+Status Steps::check_attributes(const Volume& volume) const {
+  for (const std::string& name : names_)
+    if (volume.info().find_attribute(name) < 0)
+      return fail(ErrorCode::invalid_data, "{}: lacks the attribute '{}' that {} lists", volume.name(), name, path_);
+  return {};
+}
+
+Result<std::shared_ptr<const Volume>> Steps::volume(std::size_t step) const {
+  if (volume_) return !volume_->series() || volume_->step() == step ? volume_ : volume_->at_step(step);
+  if (step >= files_.size()) return fail(ErrorCode::invalid_argument, "{}: no step {}", path_, step);
+  SPLATVOL_TRY_ASSIGN(source, open_(files_[step]));
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+  if (volume->series())
+    return fail(ErrorCode::invalid_data, "{}: a time series, where {} names a file for one step", files_[step], path_);
+  SPLATVOL_TRY(check_attributes(*volume));
+  return volume;
+}
+
+StepRange Steps::range_of(const std::string& attribute) const {
+  constexpr double none = std::numeric_limits<double>::quiet_NaN();
+  const auto found = std::ranges::find(names_, attribute);
+  return found == names_.end() ? StepRange{none, none} : ranges_[static_cast<std::size_t>(found - names_.begin())];
+}
+
+}  // namespace splatvol::format
