@@ -12,95 +12,10 @@
 #include <vector>
 
 #include "base/file.h"
-#include "builder/sources/read_text.h"
+#include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
 namespace {
-
-constexpr std::uint64_t read_at_once = 1 << 20;
-constexpr std::size_t longest_word = 4096;  // names of arrays
-
-bool is_space(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
-
-/// The words, lines and bytes of a file, one after the other.
-class Words {
- public:
-  explicit Words(std::unique_ptr<ByteSource> file) : file_(std::move(file)) {}
-
-  [[nodiscard]] bool at_end() { return !fill(); }
-  [[nodiscard]] std::uint64_t size() const { return file_->size(); }
-  [[nodiscard]] std::uint64_t offset() const { return offset_ + at_; }
-
-  /// The next word, in lower case; empty at the end. Parts beyond `longest_word` are dropped.
-  std::string next() {
-    while (fill() && is_space(text_[at_])) ++at_;
-    std::string word;
-    for (; fill() && !is_space(text_[at_]); ++at_)
-      if (word.size() < longest_word) word += static_cast<char>(std::tolower(static_cast<unsigned char>(text_[at_])));
-    return word;
-  }
-
-  /// The rest of the line, without its end.
-  std::string line() {
-    std::string line;
-    for (; fill() && text_[at_] != '\n'; ++at_)
-      if (line.size() < longest_word) line += text_[at_];
-    if (fill()) ++at_;
-    return line;
-  }
-
-  /// Whether there are `count` words more; skips them.
-  bool skip_words(std::uint64_t count) {
-    for (; count > 0; --count) {
-      while (fill() && is_space(text_[at_])) ++at_;
-      if (!fill()) return false;
-      while (fill() && !is_space(text_[at_])) ++at_;
-    }
-    return true;
-  }
-
-  /// Whether there are `count` bytes more; skips them.
-  bool skip_bytes(std::uint64_t count) {
-    if (count > file_->size() - std::min(offset(), file_->size())) return false;
-    move_to(offset() + count);
-    return true;
-  }
-
-  /// A number of `bytes` bytes, the highest first.
-  std::uint64_t number(std::size_t bytes) {
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < bytes && fill(); ++i) value = value << 8 | static_cast<unsigned char>(text_[at_++]);
-    return value;
-  }
-
-  void move_to(std::uint64_t offset) {
-    if (offset >= offset_ && offset <= offset_ + text_.size()) {
-      at_ = static_cast<std::size_t>(offset - offset_);
-      return;
-    }
-    offset_ = offset;
-    text_.clear();
-    at_ = 0;
-  }
-
- private:
-  /// Whether there is a byte at at_, which is read if it must be.
-  bool fill() {
-    if (at_ < text_.size()) return true;
-    offset_ += text_.size();
-    at_ = 0;
-    text_.clear();
-    if (offset_ >= file_->size()) return false;
-    auto text = read_text(*file_, offset_, read_at_once);
-    if (text) text_ = std::move(*text);
-    return !text_.empty();
-  }
-
-  std::unique_ptr<ByteSource> file_;
-  std::uint64_t offset_ = 0;  // of text_ in the file
-  std::string text_;
-  std::size_t at_ = 0;
-};
 
 /// Bytes of a value in a binary file; 0 for types of no fixed size. VTK writes its own index type as int.
 std::uint64_t bytes_of(const std::string& type) {
@@ -340,11 +255,11 @@ class LegacyFile {
   bool metadata() {
     words_.line();
     while (!words_.at_end())
-      if (const std::string line = words_.line(); std::ranges::all_of(line, is_space)) return true;
+      if (const std::string line = words_.line(); std::ranges::all_of(line, is_white_space)) return true;
     return false;
   }
 
-  Words words_;
+  FileWords words_;
   bool binary_ = false;
   bool new_cells_ = false;
   bool stopped_ = false;          // at something that is not known
