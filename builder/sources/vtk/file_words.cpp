@@ -1,7 +1,11 @@
 #include "builder/sources/vtk/file_words.h"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
+#include <charconv>
+#include <string_view>
+#include <system_error>
 #include <utility>
 
 #include "builder/sources/read_text.h"
@@ -11,6 +15,13 @@ namespace {
 
 constexpr std::uint64_t read_at_once = 1 << 20;
 constexpr std::size_t longest_word = 4096;  // names of arrays
+
+bool is_number(std::string_view word) {
+  if (word.starts_with('+')) word.remove_prefix(1);
+  double number = 0;
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  return error != std::errc::invalid_argument && end == word.data() + word.size();
+}
 
 }  // namespace
 
@@ -56,6 +67,18 @@ bool FileWords::skip_words(std::uint64_t count) {
     while (fill() && !is_white_space(text_[at_])) ++at_;
   }
   return true;
+}
+
+std::uint64_t FileWords::skip_numbers(std::uint64_t count) {
+  std::array<char, 64> word{};
+  for (std::uint64_t i = 0; i < count; ++i) {
+    skip_white_space();
+    std::size_t length = 0;
+    for (; fill() && !is_white_space(text_[at_]); ++at_)
+      if (length < word.size()) word[length++] = text_[at_];
+    if (!is_number({word.data(), length})) return i;
+  }
+  return count;
 }
 
 bool FileWords::skip_bytes(std::uint64_t count) {

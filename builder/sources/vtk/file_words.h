@@ -42,6 +42,9 @@ class FileWords {
   bool skip_bytes(std::uint64_t count);
   bool skip_lines(std::uint64_t count);
 
+  /// Skips up to `count` words that are numbers. Returns how many there were before the end, or before another word.
+  std::uint64_t skip_numbers(std::uint64_t count);
+
   void skip_white_space();
 
   void move_to(std::uint64_t offset);
