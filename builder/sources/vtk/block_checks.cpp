@@ -9,6 +9,8 @@
 
 #include "base/file.h"
 #include "builder/sources/read_text.h"
+#include "builder/sources/vtk/ensight_case.h"
+#include "builder/sources/vtk/ensight_checks.h"
 #include "builder/sources/vtk/netcdf_checks.h"
 
 namespace splatvol {
@@ -21,19 +23,10 @@ Result<std::string> read_start(const std::string& path, std::uint64_t most) {
   return read_text(*file, 0, most);
 }
 
-/// Removes the comment and the white space round a line.
-std::string_view bare(std::string_view line) {
-  line = line.substr(0, line.find('#'));
-  const auto is_space = [](char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; };
-  while (!line.empty() && is_space(line.front())) line.remove_prefix(1);
-  while (!line.empty() && is_space(line.back())) line.remove_suffix(1);
-  return line;
-}
-
 std::size_t count_words(std::string_view text) {
   std::size_t count = 0;
-  for (text = bare(text); !text.empty(); ++count)
-    text = bare(text.substr(std::min(text.find_first_of(" \t"), text.size())));
+  for (text = bare_case_line(text); !text.empty(); ++count)
+    text = bare_case_line(text.substr(std::min(text.find_first_of(" \t"), text.size())));
   return count;
 }
 
@@ -64,7 +57,7 @@ class CaseChecker {
     }
     const std::size_t colon = line.find(':');
     const std::string_view key = line.substr(0, colon);
-    const std::string_view value = colon == std::string_view::npos ? "" : bare(line.substr(colon + 1));
+    const std::string_view value = colon == std::string_view::npos ? "" : bare_case_line(line.substr(colon + 1));
     in_values_ = key == "time values";
     if (in_values_) values_ += count_words(value);
     if (in_values_ || key == "filename numbers") return {};
@@ -119,7 +112,7 @@ Result<std::size_t> check_case(const std::string& path) {
   CaseChecker checker(path);
   for (std::size_t at = 0; at < whole.size();) {
     const std::size_t end = std::min(whole.find('\n', at), whole.size());
-    SPLATVOL_TRY(checker.add(bare(whole.substr(at, end - at))));
+    SPLATVOL_TRY(checker.add(bare_case_line(whole.substr(at, end - at))));
     at = end + 1;
   }
   SPLATVOL_TRY(checker.finish());
@@ -138,10 +131,11 @@ Status check_steps(const VtkFile& file, std::size_t found) {
               file.path, found, declared);
 }
 
-Status check_blocks(const VtkFile& file) {
+Status check_blocks(const VtkFile& file, std::optional<double> time) {
   if (file.kind == VtkFile::Kind::ensight) {
     SPLATVOL_TRY(check_case(file.path));
-    return {};
+    SPLATVOL_TRY_ASSIGN(text, read_start(file.path, largest_case));
+    return check_ensight_files(file.path, EnsightCase(text), time);
   }
   if (file.kind == VtkFile::Kind::openfoam) return {};
   const Result<std::string> start = read_start(file.path, 64);

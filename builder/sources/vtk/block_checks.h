@@ -1,14 +1,17 @@
 // Guards for VTK's readers of Exodus, EnSight and CGNS, which print, hang or end the program if a file is damaged.
 #pragma once
 
+#include <optional>
+
 #include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 
-/// Fails if a file is not of its kind at all, or if it is cut off (builder/sources/vtk/netcdf_checks.h). Fails also if
-/// a case file of EnSight has lines on which VTK 9.1 never ends: unknown sections, entries that are cut off, or names
-/// in quotation marks. Passes other kinds. Safe on untrusted bytes.
-[[nodiscard]] Status check_blocks(const VtkFile& file);
+/// Fails if a file is not of its kind at all, or if it is cut off (builder/sources/vtk/netcdf_checks.h,
+/// builder/sources/vtk/ensight_checks.h: the files of the step at `time`). Fails also if a case file of EnSight has
+/// lines on which VTK 9.1 never ends: unknown sections, entries that are cut off, or names in quotation marks. Passes
+/// other kinds. Safe on untrusted bytes.
+[[nodiscard]] Status check_blocks(const VtkFile& file, std::optional<double> time);
 
 /// Fails if a case of EnSight declares more time steps than VTK's reader has found. Passes other kinds.
 [[nodiscard]] Status check_steps(const VtkFile& file, std::size_t found);

@@ -63,7 +63,7 @@ class BlockDataSets final : public VtkDataSets {
         reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
-    SPLATVOL_TRY(check_blocks(file_));
+    SPLATVOL_TRY(check_blocks(file_, time));
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
     SPLATVOL_TRY(try_file(file_, selection_, time));
     const QuietStderr quiet;

@@ -12,95 +12,12 @@
 #include <vector>
 
 #include "base/file.h"
-#include "builder/sources/read_text.h"
+#include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t read_at_once = 1 << 20;
-constexpr std::size_t longest_word = 4096;  // names of arrays
-
-bool is_space(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
-
-/// The words, lines and bytes of a file, one after the other.
-class Words {
- public:
-  explicit Words(std::unique_ptr<ByteSource> file) : file_(std::move(file)) {}
-
-  [[nodiscard]] bool at_end() { return !fill(); }
-  [[nodiscard]] std::uint64_t size() const { return file_->size(); }
-  [[nodiscard]] std::uint64_t offset() const { return offset_ + at_; }
-
-  /// The next word, in lower case; empty at the end. Parts beyond `longest_word` are dropped.
-  std::string next() {
-    while (fill() && is_space(text_[at_])) ++at_;
-    std::string word;
-    for (; fill() && !is_space(text_[at_]); ++at_)
-      if (word.size() < longest_word) word += static_cast<char>(std::tolower(static_cast<unsigned char>(text_[at_])));
-    return word;
-  }
-
-  /// The rest of the line, without its end.
-  std::string line() {
-    std::string line;
-    for (; fill() && text_[at_] != '\n'; ++at_)
-      if (line.size() < longest_word) line += text_[at_];
-    if (fill()) ++at_;
-    return line;
-  }
-
-  /// Whether there are `count` words more; skips them.
-  bool skip_words(std::uint64_t count) {
-    for (; count > 0; --count) {
-      while (fill() && is_space(text_[at_])) ++at_;
-      if (!fill()) return false;
-      while (fill() && !is_space(text_[at_])) ++at_;
-    }
-    return true;
-  }
-
-  /// Whether there are `count` bytes more; skips them.
-  bool skip_bytes(std::uint64_t count) {
-    if (count > file_->size() - std::min(offset(), file_->size())) return false;
-    move_to(offset() + count);
-    return true;
-  }
-
-  /// A number of `bytes` bytes, the highest first.
-  std::uint64_t number(std::size_t bytes) {
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < bytes && fill(); ++i) value = value << 8 | static_cast<unsigned char>(text_[at_++]);
-    return value;
-  }
-
-  void move_to(std::uint64_t offset) {
-    if (offset >= offset_ && offset <= offset_ + text_.size()) {
-      at_ = static_cast<std::size_t>(offset - offset_);
-      return;
-    }
-    offset_ = offset;
-    text_.clear();
-    at_ = 0;
-  }
-
- private:
-  /// Whether there is a byte at at_, which is read if it must be.
-  bool fill() {
-    if (at_ < text_.size()) return true;
-    offset_ += text_.size();
-    at_ = 0;
-    text_.clear();
-    if (offset_ >= file_->size()) return false;
-    auto text = read_text(*file_, offset_, read_at_once);
-    if (text) text_ = std::move(*text);
-    return !text_.empty();
-  }
-
-  std::unique_ptr<ByteSource> file_;
-  std::uint64_t offset_ = 0;  // of text_ in the file
-  std::string text_;
-  std::size_t at_ = 0;
-};
+constexpr std::int64_t largest_side = 1 << 20;  // points of a grid along an axis, so that products do not overflow
 
 /// Bytes of a value in a binary file; 0 for types of no fixed size. VTK writes its own index type as int.
 std::uint64_t bytes_of(const std::string& type) {
@@ -127,26 +44,28 @@ class LegacyFile {
  public:
   explicit LegacyFile(std::unique_ptr<ByteSource> file) : words_(std::move(file)) {}
 
-  /// Whether the file is whole, as far as its sections are known.
+  /// Whether the file is whole, and its sections fit together.
   bool walk() {
     const std::string version = words_.line();  // "# vtk DataFile Version 5.1"
-    new_cells_ = version.find("Version 5") != std::string::npos;
+    const std::size_t number = version.find("Version ");
+    new_cells_ = number != std::string::npos && version.compare(number + 8, 2, "5.") == 0;
     words_.line();
     binary_ = words_.next() == "binary";
     words_.line();
-    while (!stopped_) {
+    for (;;) {
       section_ = words_.next();
-      if (section_.empty()) return true;
+      if (section_.empty()) return check_sizes();
       if (!walk_section()) return false;
     }
-    // The start of a keyword, at the very end.
-    return !words_.at_end();
   }
 
   [[nodiscard]] const std::string& section() const { return section_; }
 
   /// Whether all is there, except for a line end after the last number.
   [[nodiscard]] bool has_open_end() const { return open_end_; }
+
+  /// What does not fit together; empty if the file is cut off.
+  [[nodiscard]] const std::string& damage() const { return damage_; }
 
  private:
   using Walk = bool (LegacyFile::*)();
@@ -156,22 +75,22 @@ class LegacyFile {
   };
 
   bool walk_section() {
-    static constexpr std::array<Section, 32> sections = {{{"dataset", &LegacyFile::one_word},
-                                                          {"dimensions", &LegacyFile::three_words},
-                                                          {"origin", &LegacyFile::three_words},
-                                                          {"spacing", &LegacyFile::three_words},
-                                                          {"aspect_ratio", &LegacyFile::three_words},
-                                                          {"extent", &LegacyFile::six_words},
+    static constexpr std::array<Section, 32> sections = {{{"dataset", &LegacyFile::dataset},
+                                                          {"dimensions", &LegacyFile::dimensions},
+                                                          {"origin", &LegacyFile::three_numbers},
+                                                          {"spacing", &LegacyFile::three_numbers},
+                                                          {"aspect_ratio", &LegacyFile::three_numbers},
+                                                          {"extent", &LegacyFile::extent},
                                                           {"points", &LegacyFile::points},
-                                                          {"x_coordinates", &LegacyFile::counted_values},
-                                                          {"y_coordinates", &LegacyFile::counted_values},
-                                                          {"z_coordinates", &LegacyFile::counted_values},
+                                                          {"x_coordinates", &LegacyFile::coordinates<0>},
+                                                          {"y_coordinates", &LegacyFile::coordinates<1>},
+                                                          {"z_coordinates", &LegacyFile::coordinates<2>},
                                                           {"blanking", &LegacyFile::counted_values},
                                                           {"cells", &LegacyFile::cells},
-                                                          {"vertices", &LegacyFile::cells},
-                                                          {"lines", &LegacyFile::cells},
-                                                          {"polygons", &LegacyFile::cells},
-                                                          {"triangle_strips", &LegacyFile::cells},
+                                                          {"vertices", &LegacyFile::surface_cells},
+                                                          {"lines", &LegacyFile::surface_cells},
+                                                          {"polygons", &LegacyFile::surface_cells},
+                                                          {"triangle_strips", &LegacyFile::surface_cells},
                                                           {"cell_types", &LegacyFile::cell_types},
                                                           {"point_data", &LegacyFile::set_count},
                                                           {"cell_data", &LegacyFile::set_count},
@@ -189,21 +108,78 @@ class LegacyFile {
                                                           {"field", &LegacyFile::field},
                                                           {"metadata", &LegacyFile::metadata}}};
     const auto* found = std::ranges::find(sections, section_, &Section::keyword);
-    stopped_ = found == sections.end();
-    return stopped_ || (this->*found->walk)();
+    if (found != sections.end()) return (this->*found->walk)();
+    // At the very end, it is the start of a keyword.
+    if (words_.at_end()) return false;
+    for (char& c : section_) c = c >= ' ' && c <= '~' ? c : '?';
+    return refuse("an unknown section");
   }
 
-  bool one_word() { return words_.skip_words(1); }
-  bool three_words() { return words_.skip_words(3); }
-  bool six_words() { return words_.skip_words(6); }
+  /// Notes what is wrong. Returns false.
+  bool refuse(std::string damage) {
+    damage_ = std::move(damage);
+    return false;
+  }
 
-  /// Reads a count. If it is no number, the walk stops, and VTK's reader tells.
-  std::optional<std::uint64_t> count() {
+  bool dataset() {
+    kind_ = words_.next();
+    constexpr std::array<std::string_view, 5> kinds = {"structured_points", "structured_grid", "rectilinear_grid",
+                                                       "unstructured_grid", "polydata"};
+    if (std::ranges::find(kinds, kind_) != kinds.end()) return true;
+    return !words_.at_end() && refuse("a data set that is no mesh");
+  }
+
+  bool three_numbers() { return numbers(3); }
+
+  bool numbers(std::uint64_t count) {
+    if (words_.skip_numbers(count) == count) return true;
+    return !words_.at_end() && refuse("a word instead of a number");
+  }
+
+  bool dimensions() {
+    dimensions_.emplace();
+    for (std::uint64_t& side : *dimensions_) {
+      const auto number = count();
+      if (!number) return false;
+      side = *number;
+    }
+    return set_grid_points();
+  }
+
+  bool extent() {
+    dimensions_.emplace();
+    for (std::uint64_t& side : *dimensions_) {
+      const auto first = integer(), last = first ? integer() : std::nullopt;
+      if (!last) return false;
+      if (*last < *first || *last - *first >= largest_side) return refuse("a wrong extent");
+      side = static_cast<std::uint64_t>(*last - *first) + 1;
+    }
+    return set_grid_points();
+  }
+
+  bool set_grid_points() {
+    grid_points_ = 1;
+    for (const std::uint64_t side : *dimensions_) {
+      if (side > static_cast<std::uint64_t>(largest_side)) return refuse("too many points along an axis");
+      *grid_points_ *= side;
+    }
+    return true;
+  }
+
+  /// Reads an integer of a line of text.
+  std::optional<std::int64_t> integer() {
     const std::string word = words_.next();
-    std::uint64_t value = 0;
+    std::int64_t value = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (error == std::errc() && end == word.data() + word.size()) return value;
-    stopped_ = true;
+    if (!words_.at_end()) refuse("a word instead of a number");
+    return std::nullopt;
+  }
+
+  std::optional<std::uint64_t> count() {
+    const auto value = integer();
+    if (value && *value >= 0) return static_cast<std::uint64_t>(*value);
+    if (value) refuse("a negative count");
     return std::nullopt;
   }
 
@@ -213,18 +189,19 @@ class LegacyFile {
     if (parts > 0 && number > words_.size() * 8 / parts) return false;
     number *= parts;
     const bool text = type == "string" || type == "utf8_string";
+    const bool known = text || type == "bit" || bytes_of(type) > 0;
+    if (!known) return !words_.at_end() && refuse("numbers of an unknown type");
     if (words_.line().empty() && words_.at_end() && number > 0) return false;
     if (text) return strings(number);
     if (!binary_) return text_values(number);
     if (type == "bit") return words_.skip_bytes((number + 7) / 8);
-    const std::uint64_t bytes = bytes_of(type);
-    stopped_ = bytes == 0;
-    return stopped_ || words_.skip_bytes(number * bytes);
+    return words_.skip_bytes(number * bytes_of(type));
   }
 
   /// A text file may be cut within its last number: only white space tells that the number is whole.
-  bool text_values(std::uint64_t number) {
-    if (!words_.skip_words(number)) return false;
+  bool text_values(std::uint64_t number) { return numbers(number) && close_text(number); }
+
+  bool close_text(std::uint64_t number) {
     open_end_ = number > 0 && words_.at_end();
     return !open_end_;
   }
@@ -246,39 +223,157 @@ class LegacyFile {
   }
 
   bool points() {
-    const auto number = count();
-    return !number || values(*number, 3, words_.next());
+    points_ = count();
+    return points_ && values(*points_, 3, words_.next());
   }
 
   bool counted_values() {
     const auto number = count();
-    return !number || values(*number, 1, words_.next());
+    return number && values(*number, 1, words_.next());
+  }
+
+  template <std::size_t axis>
+  bool coordinates() {
+    const auto number = count();
+    if (!number) return false;
+    if (dimensions_ && *number != (*dimensions_)[axis]) return refuse("coordinates that do not fit the dimensions");
+    return values(*number, 1, words_.next());
+  }
+
+  bool cells() {
+    const bool whole = read_cells();
+    cells_ = bad_points_.size();
+    return whole;
+  }
+
+  bool surface_cells() {
+    if (!read_cells()) return false;
+    const bool bad = std::ranges::find(bad_points_, true) != bad_points_.end();
+    return !bad || refuse("cells that name points which are not there");
   }
 
   /// Before version 5, a list of counts and indices. Since then, an array of ends and an array of indices.
-  bool cells() {
+  bool read_cells() {
+    bad_points_.clear();
+    bad_faces_.clear();
     const auto number = count();
     const auto size = number ? count() : std::nullopt;
-    if (!size) return true;
-    if (!new_cells_) return values(*size, 1, "int");
-    for (const auto& [name, length] : {std::pair{"offsets", *number}, {"connectivity", *size}}) {
-      const std::string word = words_.next();
-      stopped_ = word != name && !words_.at_end();
-      if (stopped_) return true;
-      if (word != name || !values(length, 1, words_.next())) return false;
+    if (!size) return false;
+    // Each number takes a byte at least.
+    if (*number > words_.size() || *size > words_.size()) return false;
+    return new_cells_ ? read_ends_and_indices(*number, *size) : read_counts_and_indices(*number, *size);
+  }
+
+  bool read_counts_and_indices(std::uint64_t number, std::uint64_t size) {
+    if (words_.line().empty() && words_.at_end() && number > 0) return false;
+    for (std::uint64_t used = 0; number > 0; --number) {
+      const auto length = index(4);
+      if (!length) return false;
+      if (*length < 0 || static_cast<std::uint64_t>(*length) + 1 > size - std::min(used, size))
+        return refuse("cells that are longer than the section");
+      used += static_cast<std::uint64_t>(*length) + 1;
+      if (!read_cell(static_cast<std::uint64_t>(*length), 4)) return false;
+      if (number == 1 && used != size) return refuse("cells that are shorter than the section");
     }
+    return binary_ || close_text(size);
+  }
+
+  bool read_ends_and_indices(std::uint64_t number, std::uint64_t size) {
+    std::vector<std::uint64_t> ends;
+    const auto bytes = array_of("offsets");
+    for (std::uint64_t i = 0; bytes && i < number; ++i) {
+      const auto end = index(*bytes);
+      if (!end) return false;
+      const std::uint64_t before = ends.empty() ? 0 : ends.back();
+      ends.push_back(static_cast<std::uint64_t>(*end));
+      if (*end < 0 || ends.back() < before || ends.back() > size || (i == 0 && *end != 0))
+        return refuse("offsets of cells that do not rise from 0 to the number of indices");
+    }
+    const auto index_bytes = bytes ? array_of("connectivity") : std::nullopt;
+    if (!index_bytes) return false;
+    if (size != (ends.empty() ? 0 : ends.back()))
+      return refuse("offsets of cells that do not rise from 0 to the number of indices");
+    for (std::size_t i = 1; i < ends.size(); ++i)
+      if (!read_cell(ends[i] - ends[i - 1], *index_bytes)) return false;
+    return binary_ || close_text(size);
+  }
+
+  /// Reads the name of an array of indices, and the bytes of each in a binary file.
+  std::optional<std::uint64_t> array_of(std::string_view name) {
+    const bool named = words_.next() == name;
+    const std::uint64_t bytes = named ? bytes_of(words_.next()) : 0;
+    words_.line();
+    if (words_.at_end()) return std::nullopt;
+    if (bytes == 4 || bytes == 8) return bytes;
+    refuse("cells without offsets or connectivity");
+    return std::nullopt;
+  }
+
+  /// Reads a number of a list of cells, of `bytes` bytes if the file is binary.
+  std::optional<std::int64_t> index(std::uint64_t bytes) {
+    if (!binary_) return integer();
+    if (bytes > words_.size() - std::min(words_.offset(), words_.size())) return std::nullopt;
+    const std::uint64_t number = words_.number(bytes);
+    return bytes == 4 ? static_cast<std::int32_t>(number) : static_cast<std::int64_t>(number);
+  }
+
+  /// Reads the points of a cell. For a polyhedron they are the number of faces, and for each face its points and their
+  /// number. The type of the cell follows later.
+  bool read_cell(std::uint64_t length, std::uint64_t bytes) {
+    const auto is_point = [&](std::int64_t i) {
+      return i >= 0 && (!points_ || static_cast<std::uint64_t>(i) < *points_);
+    };
+    bool bad_points = false, bad_faces = false;
+    std::int64_t faces = 0, of_face = 0;  // still to come
+    for (std::uint64_t i = 0; i < length; ++i) {
+      const auto number = index(bytes);
+      if (!number) return false;
+      bad_points = bad_points || !is_point(*number);
+      if (i == 0) {
+        faces = *number;
+      } else if (of_face == 0) {
+        of_face = *number;
+        --faces;
+        bad_faces = bad_faces || *number < 3;
+      } else {
+        bad_faces = bad_faces || !is_point(*number);
+        --of_face;
+      }
+      bad_faces = bad_faces || faces < 0 || of_face < 0;
+    }
+    bad_points_.push_back(bad_points);
+    bad_faces_.push_back(bad_faces || faces != 0 || of_face != 0 || length == 0);
     return true;
   }
 
   bool cell_types() {
+    constexpr std::int64_t polyhedron = 42, largest_type = 255;
     const auto number = count();
-    return !number || values(*number, 1, "int");
+    if (!number) return false;
+    if (*number != cells_) return refuse(fmt::format("{} types for {} cells", *number, cells_));
+    if (words_.line().empty() && words_.at_end() && *number > 0) return false;
+    for (std::uint64_t cell = 0; cell < *number; ++cell) {
+      const auto type = index(4);
+      if (!type) return false;
+      if (*type < 0 || *type > largest_type) return refuse(fmt::format("a cell of type {}", *type));
+      if (*type == polyhedron && bad_faces_[cell]) return refuse("a polyhedron whose faces are damaged");
+      if (*type != polyhedron && bad_points_[cell]) return refuse("a cell that names a point which is not there");
+    }
+    typed_ = true;
+    return binary_ || close_text(*number);
   }
 
   bool set_count() {
     const auto number = count();
     data_count_ = number.value_or(0);
-    return true;
+    return number.has_value();
+  }
+
+  /// Whether the numbers of points fit together.
+  bool check_sizes() {
+    if (grid_points_ && kind_ == "structured_grid" && points_ && *points_ != *grid_points_)
+      return refuse(fmt::format("{} points for a grid of {}", *points_, *grid_points_));
+    return kind_ != "unstructured_grid" || cells_ == 0 || typed_ || refuse("cells without types");
   }
 
   bool named_values(std::uint64_t parts) { return words_.skip_words(1) && values(data_count_, parts, words_.next()); }
@@ -292,37 +387,35 @@ class LegacyFile {
     if (!words_.skip_words(1)) return false;
     const std::string type = words_.next();
     const std::string rest = words_.line();
-    const std::size_t first = rest.find_first_of("123456789");
-    const std::uint64_t parts = first == std::string::npos ? 1 : static_cast<std::uint64_t>(rest[first] - '0');
-    if (words_.next() != "lookup_table") {
-      stopped_ = !words_.at_end();
-      return stopped_;
-    }
+    const std::size_t first = std::min(rest.find_first_not_of(" \t\r"), rest.size());
+    std::uint64_t parts = 1;
+    if (first < rest.size()) std::from_chars(rest.data() + first, rest.data() + rest.size(), parts);
+    if (words_.next() != "lookup_table") return !words_.at_end() && refuse("scalars without a line LOOKUP_TABLE");
     return words_.skip_words(1) && values(data_count_, parts, type);
   }
 
   bool color_scalars() {
     if (!words_.skip_words(1)) return false;
     const auto parts = count();
-    return !parts || values(data_count_, *parts, "unsigned_char");
+    return parts && values(data_count_, *parts, "unsigned_char");
   }
 
   bool lookup_table() {
     if (!words_.skip_words(1)) return false;
     const auto number = count();
-    return !number || values(*number, 4, "unsigned_char");
+    return number && values(*number, 4, "unsigned_char");
   }
 
   bool texture_coordinates() {
     if (!words_.skip_words(1)) return false;
     const auto parts = count();
-    return !parts || values(data_count_, *parts, words_.next());
+    return parts && values(data_count_, *parts, words_.next());
   }
 
   bool field() {
     if (!words_.skip_words(1)) return false;
     const auto arrays = count();
-    for (std::uint64_t i = 0; arrays && i < *arrays && !stopped_; ++i) {
+    for (std::uint64_t i = 0; arrays && i < *arrays; ++i) {
       std::string name = words_.next();
       if (name == "metadata") {
         if (!metadata()) return false;
@@ -331,26 +424,35 @@ class LegacyFile {
       if (name.empty()) return false;
       const auto parts = count();
       const auto number = parts ? count() : std::nullopt;
-      if (number && !values(*number, *parts, words_.next())) return false;
+      if (!number || !values(*number, *parts, words_.next())) return false;
     }
-    return true;
+    return arrays.has_value();
   }
 
   /// Ends at an empty line.
   bool metadata() {
     words_.line();
     while (!words_.at_end())
-      if (const std::string line = words_.line(); std::ranges::all_of(line, is_space)) return true;
+      if (const std::string line = words_.line(); std::ranges::all_of(line, is_white_space)) return true;
     return false;
   }
 
-  Words words_;
+  FileWords words_;
   bool binary_ = false;
   bool new_cells_ = false;
-  bool stopped_ = false;          // at something that is not known
+  std::string damage_;
+  std::string kind_;              // of the data set
   bool open_end_ = false;         // no white space after the last number
   std::uint64_t data_count_ = 0;  // of POINT_DATA or CELL_DATA
   std::string section_;
+
+  std::optional<std::uint64_t> points_;
+  std::optional<std::array<std::uint64_t, 3>> dimensions_;
+  std::optional<std::uint64_t> grid_points_;  // by dimensions_
+  std::uint64_t cells_ = 0;                   // of an unstructured grid
+  bool typed_ = false;                        // its cells
+  std::vector<bool> bad_points_;              // [cell] of the last section of cells: names points that are not there
+  std::vector<bool> bad_faces_;               // [cell]: is no polyhedron
 };
 
 }  // namespace
@@ -366,8 +468,10 @@ Status check_legacy(const std::string& path) {
                 path);
   std::string section = legacy.section();
   std::ranges::transform(section, section.begin(), [](unsigned char c) { return std::toupper(c); });
-  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within its section {}", path,
-              section.substr(0, 40));
+  section.resize(std::min<std::size_t>(section.size(), 40));
+  if (!legacy.damage().empty())
+    return fail(ErrorCode::invalid_data, "{}: the file is damaged: {} (section {})", path, legacy.damage(), section);
+  return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within its section {}", path, section);
 }
 
 }  // namespace splatvol

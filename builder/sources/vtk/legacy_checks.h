@@ -1,4 +1,5 @@
-// A check of legacy .vtk files before VTK's reader sees them: it fills up with zeros what a file lacks.
+// A check of legacy .vtk files before VTK's reader sees them: it fills up with zeros what a file lacks, and trusts the
+// counts and indices of its cells.
 #pragma once
 
 #include <string>
@@ -8,7 +9,8 @@
 namespace splatvol {
 
 /// Walks through the sections of the file at `path`. Fails if the file ends before an array, a line or a section that
-/// it declares does. Says nothing about what follows a section that it does not know. Safe on untrusted files.
+/// it declares does. Fails also at an unknown section or type of numbers, at a word instead of a number, and if counts
+/// do not fit together or a cell names a point that is not there. Safe on untrusted files.
 ///
 /// White space must follow the last number of a text file, which may be cut otherwise. A file that is cut right before
 /// a section that nothing declares is whole by the rules of the format.

@@ -1,0 +1,183 @@
+#include "builder/sources/vtk/ensight_case.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+#include "builder/sources/vtk/file_words.h"
+
+namespace splatvol {
+namespace {
+
+/// Removes the first word of a line, and returns it.
+std::string_view take_word(std::string_view& line) {
+  const std::size_t end = std::min(line.find_first_of(" \t"), line.size());
+  const std::string_view word = line.substr(0, end);
+  line = bare_case_line(line.substr(end));
+  return word;
+}
+
+std::optional<double> number_in(std::string_view word) {
+  if (word.starts_with('+')) word.remove_prefix(1);
+  double number = 0;
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  return error == std::errc() && end == word.data() + word.size() ? std::optional(number) : std::nullopt;
+}
+
+void append_numbers(std::string_view line, std::vector<double>& numbers) {
+  while (!line.empty())
+    if (const auto number = number_in(take_word(line))) numbers.push_back(*number);
+}
+
+/// A count or a number of a set; 0 if there is none, or a wrong one.
+int whole_number(std::string_view line) {
+  const auto number = number_in(take_word(line));
+  return number && *number >= 0 && *number < 1e9 ? static_cast<int>(*number) : 0;
+}
+
+/// Removes the numbers of the time set and the file set from the beginning of a line.
+EnsightFiles take_sets(std::string_view& line) {
+  EnsightFiles files;
+  for (int* set : {&files.time_set, &files.file_set}) {
+    std::string_view rest = line;
+    const std::string_view word = take_word(rest);
+    if (rest.empty() || word.find_first_not_of("0123456789") != std::string_view::npos) break;
+    *set = whole_number(word);
+    line = rest;
+  }
+  return files;
+}
+
+std::string with_number(const std::string& pattern, double number) {
+  const std::size_t first = pattern.find('*'), end = pattern.find_first_not_of('*', first);
+  if (first == std::string::npos) return pattern;
+  const std::size_t width = std::min(end, pattern.size()) - first;
+  return pattern.substr(0, first) + fmt::format("{:0{}}", std::llround(number), width) + pattern.substr(first + width);
+}
+
+}  // namespace
+
+std::string_view bare_case_line(std::string_view line) {
+  line = line.substr(0, line.find('#'));
+  while (!line.empty() && is_white_space(line.front())) line.remove_prefix(1);
+  while (!line.empty() && is_white_space(line.back())) line.remove_suffix(1);
+  return line;
+}
+
+EnsightCase::EnsightCase(std::string_view text) {
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    const std::string_view line = bare_case_line(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+    const std::size_t colon = line.find(':');
+    if (line.empty()) continue;
+    if (list_ && line.find_first_not_of("0123456789+-.eE \t") == std::string_view::npos) {
+      append_numbers(line, *list_);
+      continue;
+    }
+    list_ = nullptr;
+    if (colon == std::string_view::npos) {
+      section_ = line;
+      set_ = 1;
+    } else {
+      read_line(bare_case_line(line.substr(0, colon)), bare_case_line(line.substr(colon + 1)));
+    }
+  }
+}
+
+void EnsightCase::read_line(std::string_view key, std::string_view value) {
+  if (section_ == "FORMAT" && key == "type") gold_ = value.find("gold") != std::string_view::npos;
+  if (section_ == "TIME") read_time(key, value);
+  if (section_ == "FILE") read_file_set(key, value);
+  if (section_ == "VARIABLE") read_variable(key, value);
+  if (section_ != "GEOMETRY" || key != "model") return;
+  geometry_ = take_sets(value);
+  geometry_->name = take_word(value);
+  // With "change_coords_only" later files lack the cells.
+  if (!value.empty()) geometry_.reset();
+}
+
+void EnsightCase::read_time(std::string_view key, std::string_view value) {
+  if (key == "time set") set_ = whole_number(value);
+  TimeSet& set = time_sets_[set_];
+  if (key == "number of steps") set.steps = static_cast<std::size_t>(whole_number(value));
+  if (key == "filename start number") set.start = whole_number(value);
+  if (key == "filename increment") set.increment = whole_number(value);
+  if (key == "filename numbers") list_ = &set.numbers;
+  if (key == "time values") list_ = &set.times;
+  if (list_) append_numbers(value, *list_);
+}
+
+void EnsightCase::read_file_set(std::string_view key, std::string_view value) {
+  if (key == "file set") set_ = whole_number(value);
+  FileSet& set = file_sets_[set_];
+  if (key == "filename index") set.indices.push_back(whole_number(value));
+  if (key == "number of steps") set.steps.push_back(static_cast<std::size_t>(whole_number(value)));
+}
+
+void EnsightCase::read_variable(std::string_view key, std::string_view value) {
+  struct Kind {
+    std::string_view key;
+    std::size_t components;
+    std::size_t files;
+  };
+  constexpr std::array<Kind, 6> kinds = {{{"scalar per ", 1, 1},
+                                          {"vector per ", 3, 1},
+                                          {"tensor symm per ", 6, 1},
+                                          {"tensor asym per ", 9, 1},
+                                          {"complex scalar per ", 1, 2},
+                                          {"complex vector per ", 3, 2}}};
+  for (const Kind& kind : kinds) {
+    if (!key.starts_with(kind.key)) continue;
+    const std::string_view where = key.substr(kind.key.size());
+    if (where != "node" && where != "element") return;
+    EnsightFiles files = take_sets(value);
+    files.variable = take_word(value);
+    files.components = kind.components;
+    files.per_element = where == "element";
+    for (std::size_t i = 0; i < kind.files && !value.empty(); ++i) {
+      files.name = take_word(value);
+      variables_.push_back(files);
+    }
+  }
+}
+
+std::vector<double> EnsightCase::times() const {
+  std::vector<double> times;
+  for (const auto& [number, set] : time_sets_) times.insert(times.end(), set.times.begin(), set.times.end());
+  return times;
+}
+
+const EnsightCase::TimeSet* EnsightCase::time_set_of(const EnsightFiles& files) const {
+  const auto found = files.time_set == 0 ? time_sets_.begin() : time_sets_.find(files.time_set);
+  return found == time_sets_.end() ? nullptr : &found->second;
+}
+
+std::optional<EnsightFile> EnsightCase::file_at(const EnsightFiles& files, std::optional<double> time) const {
+  const bool numbered = files.name.find('*') != std::string::npos;
+  const TimeSet* times = time_set_of(files);
+  std::size_t step = 0;
+  for (std::size_t i = 0; times && time && i < times->times.size(); ++i)
+    if (times->times[i] <= *time) step = i;
+  if (files.file_set == 0) {
+    if (!numbered) return EnsightFile{files.name};
+    if (!times || (!times->numbers.empty() && step >= times->numbers.size())) return std::nullopt;
+    const double number =
+        times->numbers.empty() ? times->start + times->increment * static_cast<double>(step) : times->numbers[step];
+    return EnsightFile{with_number(files.name, number)};
+  }
+
+  const auto set = file_sets_.find(files.file_set);
+  if (set == file_sets_.end() || set->second.steps.empty()) return std::nullopt;
+  const FileSet& several = set->second;
+  std::size_t file = 0;
+  while (file < several.steps.size() && step >= several.steps[file]) step -= several.steps[file++];
+  if (file == several.steps.size() || (numbered && file >= several.indices.size())) return std::nullopt;
+  return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file]};
+}
+
+}  // namespace splatvol

@@ -1,0 +1,79 @@
+// What an EnSight case says about its files.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace splatvol {
+
+/// A line of GEOMETRY or VARIABLE: a name of files, and how its time steps are spread over them.
+struct EnsightFiles {
+  int time_set = 0;  // 0: none is named
+  int file_set = 0;
+  std::string name;            // "*" stands for digits of a number
+  std::string variable;        // empty: the geometry
+  std::size_t components = 0;  // of a value; 0: the geometry
+  bool per_element = false;
+};
+
+/// One file, and the number of time steps that it must hold.
+struct EnsightFile {
+  std::string name;
+  std::size_t steps = 1;
+};
+
+class EnsightCase {
+ public:
+  /// Reads the lines that tell files and times; skips all others.
+  explicit EnsightCase(std::string_view text);
+
+  [[nodiscard]] bool is_gold() const { return gold_; }
+  [[nodiscard]] const std::optional<EnsightFiles>& geometry() const { return geometry_; }
+  [[nodiscard]] const std::vector<EnsightFiles>& variables() const { return variables_; }
+
+  /// The times of all time sets, without order.
+  [[nodiscard]] std::vector<double> times() const;
+
+  /// The file that holds the last step of `files` not after `time`, else the first step. Nothing if the case does not
+  /// tell.
+  [[nodiscard]] std::optional<EnsightFile> file_at(const EnsightFiles& files, std::optional<double> time) const;
+
+ private:
+  struct TimeSet {
+    std::size_t steps = 1;
+    std::vector<double> times;
+    std::vector<double> numbers;  // of file names
+    double start = 0;
+    double increment = 1;
+  };
+  struct FileSet {
+    std::vector<double> indices;  // of file names; none: one file
+    std::vector<std::size_t> steps;
+  };
+
+  void read_line(std::string_view key, std::string_view value);
+  void read_time(std::string_view key, std::string_view value);
+  void read_file_set(std::string_view key, std::string_view value);
+  void read_variable(std::string_view key, std::string_view value);
+  [[nodiscard]] const TimeSet* time_set_of(const EnsightFiles& files) const;
+
+  bool gold_ = false;
+  std::optional<EnsightFiles> geometry_;
+  std::vector<EnsightFiles> variables_;
+  std::map<int, TimeSet> time_sets_;
+  std::map<int, FileSet> file_sets_;
+
+  // While lines are read:
+  std::string section_;
+  int set_ = 1;
+  std::vector<double>* list_ = nullptr;  // that lines of numbers go on with
+};
+
+/// Removes the comment and the white space round a line of a case.
+[[nodiscard]] std::string_view bare_case_line(std::string_view line);
+
+}  // namespace splatvol

@@ -1,0 +1,290 @@
+// Files of EnSight Gold, text and binary, cut off at many places: none is read as if it were whole.
+#include <gmock/gmock.h>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+
+enum class Encoding { text, binary, big_endian, fortran };
+
+/// Writes lines and numbers as EnSight Gold has them.
+class EnsightText {
+ public:
+  explicit EnsightText(Encoding encoding) : encoding_(encoding) {}
+
+  /// Begins a geometry.
+  void kind() {
+    if (encoding_ != Encoding::text) line(encoding_ == Encoding::fortran ? "Fortran Binary" : "C Binary");
+  }
+
+  void line(std::string text) {
+    if (encoding_ != Encoding::text) text.resize(80, ' ');
+    record(encoding_ == Encoding::text ? text + "\n" : text);
+  }
+
+  /// `in_line`: numbers of a line of text.
+  void ints(const std::vector<std::uint32_t>& numbers, std::size_t in_line = 1) {
+    std::string body;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      if (encoding_ == Encoding::text) {
+        body += fmt::format("{:10}{}", numbers[i], (i + 1) % in_line == 0 ? "\n" : "");
+      } else {
+        append(numbers[i], body);
+      }
+    }
+    record(body);
+  }
+
+  void floats(std::size_t count, const std::function<double(std::size_t)>& value) {
+    std::string body;
+    for (std::size_t i = 0; i < count; ++i)
+      if (encoding_ == Encoding::text)
+        body += fmt::format("{:12.5e}\n", value(i));
+      else
+        append(std::bit_cast<std::uint32_t>(static_cast<float>(value(i))), body);
+    record(body);
+  }
+
+  [[nodiscard]] bool is_text() const { return encoding_ == Encoding::text; }
+
+  std::string bytes;
+
+ private:
+  void append(std::uint32_t number, std::string& to) const {
+    for (int i = 0; i < 4; ++i)
+      to += static_cast<char>(number >> (encoding_ == Encoding::big_endian ? 24 - 8 * i : 8 * i));
+  }
+
+  void record(const std::string& body) {
+    const bool marked = encoding_ == Encoding::fortran;
+    if (marked) append(static_cast<std::uint32_t>(body.size()), bytes);
+    bytes += body;
+    if (marked) append(static_cast<std::uint32_t>(body.size()), bytes);
+  }
+
+  Encoding encoding_;
+};
+
+constexpr std::array<std::array<double, 3>, 8> corners = {
+    {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}}};
+
+/// A part of a hexahedron, a part of four tetrahedra and a polyhedron, and a block.
+void put_geometry(EnsightText& file, std::uint32_t moved, bool ids) {
+  file.line("three parts");
+  file.line("moved");
+  file.line(ids ? "node id given" : "node id assign");
+  file.line(ids ? "element id given" : "element id off");
+  const auto points = [&](std::uint32_t part) {
+    file.line("part");
+    file.ints({part});
+    file.line("a part");
+    file.line("coordinates");
+    file.ints({8});
+    if (ids) file.ints({1, 2, 3, 4, 5, 6, 7, 8});
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      file.floats(8, [&](std::size_t i) { return corners[i][axis] + (axis == 0 ? 2 * part + 0.1 * moved : 0); });
+  };
+  points(1);
+  file.line("hexa8");
+  file.ints({1});
+  if (ids) file.ints({7});
+  file.ints({1, 2, 3, 4, 5, 6, 7, 8}, 8);
+  points(2);
+  file.line("tetra4");
+  file.ints({4});
+  if (ids) file.ints({8, 9, 11, 12});
+  file.ints({1, 2, 3, 6, 1, 3, 4, 8, 1, 6, 5, 8, 3, 6, 7, 8}, 4);
+  file.line("nfaced");
+  file.ints({1});
+  if (ids) file.ints({10});
+  file.ints({4});
+  file.ints({3, 3, 3, 3});
+  file.ints({1, 3, 6, 1, 6, 8, 1, 8, 3, 3, 8, 6}, 3);
+  file.line("part");
+  file.ints({3});
+  file.line("a block");
+  file.line("block");
+  file.ints({2, 2, 3}, 3);
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    file.floats(12, [&](std::size_t i) {
+      const std::array<double, 3> p = {static_cast<double>(i % 2), static_cast<double>(i / 2 % 2),
+                                       static_cast<double>(i / 4)};
+      return p[axis] + (axis == 0 ? 8 + 0.1 * moved : 0);
+    });
+}
+
+struct Variable {
+  const char* name;
+  std::size_t components;
+  bool per_element;
+};
+constexpr std::array variables = {Variable{"f", 1, false}, Variable{"U", 3, false}, Variable{"q", 1, true},
+                                  Variable{"W", 3, true}};
+
+void put_variable(EnsightText& file, const Variable& variable, std::uint32_t step) {
+  const auto values = [&](const char* header, std::size_t count) {
+    file.line(header);
+    for (std::size_t c = 0; c < variable.components; ++c)
+      file.floats(count, [&](std::size_t i) { return 1 + std::sin(static_cast<double>(7 * i + c)) + step; });
+  };
+  const auto part = [&](std::uint32_t number) {
+    file.line("part");
+    file.ints({number});
+  };
+  file.line(variable.name);
+  part(1);
+  variable.per_element ? values("hexa8", 1) : values("coordinates", 8);
+  part(2);
+  if (variable.per_element) {
+    values("tetra4", 4);
+    values("nfaced", 1);
+  } else {
+    values("coordinates", 8);
+  }
+  // VTK 9.1 does not read such values of blocks from text.
+  if (variable.per_element && variable.components > 1 && file.is_text()) return;
+  part(3);
+  values("block", variable.per_element ? 2 : 12);
+}
+
+/// Values that can be compared, with a number for missing ones.
+std::vector<std::vector<double>> with_marks(std::vector<std::vector<double>> values) {
+  for (auto& attribute : values)
+    for (double& value : attribute)
+      if (std::isnan(value)) value = -1e9;
+  return values;
+}
+
+class EnsightTest : public test::FolderTest {
+ protected:
+  /// Cuts each file in turn. Expects an error, or all that the whole files hold.
+  void expect_no_wrong_result(const std::string& name, const std::vector<std::string>& files) {
+    const auto expected = test::read_input({path(name)});
+    ASSERT_TRUE(expected) << expected.error().message;
+    ASSERT_EQ(expected->pieces.size(), 3u);
+    for (const std::string& file : files) {
+      const std::string whole = read_text_file(path(file)).value();
+      for (const std::size_t part : {1, 2, 3, 5, 9, 20, 33, 47, 80, 121, 160, 243, 400, 700, 1000}) {
+        if (part >= whole.size()) continue;
+        write(file, whole.substr(0, whole.size() - part));
+        expect_error_or(*expected, name, fmt::format("{} without {} of {} bytes", file, part, whole.size()));
+      }
+      write(file, whole);
+    }
+  }
+
+  void expect_error_or(const test::Input& expected, const std::string& name, const std::string& what) {
+    const auto input = test::read_input({path(name)});
+    if (!input) {
+      EXPECT_THAT(input.error().message, AnyOf(HasSubstr("cut off"), HasSubstr("which the geometry lacks"))) << what;
+      return;
+    }
+    ++passed_;
+    ASSERT_EQ(input->pieces.size(), expected.pieces.size()) << what;
+    for (std::size_t i = 0; i < expected.pieces.size(); ++i) {
+      EXPECT_EQ(input->pieces[i].points, expected.pieces[i].points) << what;
+      EXPECT_EQ(with_marks(input->pieces[i].values), with_marks(expected.pieces[i].values)) << what;
+      EXPECT_EQ(input->pieces[i].tetrahedra, expected.pieces[i].tetrahedra) << what;
+    }
+  }
+
+  void write_case(const std::string& name, const std::string& sets, const std::string& numbers,
+                  const std::string& file_sets) {
+    std::string text = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: " + sets + " geo" + numbers + "\nVARIABLE\n";
+    for (const Variable& v : variables)
+      text += fmt::format("{} per {}: {} {} {}{}\n", v.components == 1 ? "scalar" : "vector",
+                          v.per_element ? "element" : "node", sets, v.name, v.name, numbers);
+    write(name, text + "TIME\ntime set: 1\nnumber of steps: 2\nfilename start number: 0\nfilename increment: 5\n" +
+                    "time values: 0.5\n2.0\n" + file_sets);
+  }
+
+  std::size_t passed_ = 0;
+};
+
+constexpr std::array encodings = {Encoding::text, Encoding::binary, Encoding::big_endian, Encoding::fortran};
+
+TEST_F(EnsightTest, CutFilesOfSteps) {
+  for (const Encoding encoding : encodings) {
+    SCOPED_TRACE(static_cast<int>(encoding));
+    const bool ids = encoding == Encoding::binary;
+    for (const std::uint32_t step : {0, 1}) {
+      EnsightText geometry(encoding);
+      geometry.kind();
+      put_geometry(geometry, step, ids);
+      write(fmt::format("geo.{:03}", 5 * step), geometry.bytes);
+      for (const Variable& variable : variables) {
+        EnsightText values(encoding);
+        put_variable(values, variable, step);
+        write(fmt::format("{}.{:03}", variable.name, 5 * step), values.bytes);
+      }
+    }
+    write_case("a.case", "1", ".***", "");
+    expect_no_wrong_result("a.case", {"geo.005", "f.005", "U.005", "q.005", "W.005"});
+    // The first step does not need the files of the second.
+    write("f.005", "");
+    EXPECT_EQ(test::error_of({path("a.case")}, {{}, {}, 0.5}), "(no error)");
+    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f.005: the file is cut off: it is empty"));
+  }
+  // Cuts of white space only.
+  EXPECT_LE(passed_, 4u);
+}
+
+TEST_F(EnsightTest, CutFilesOfAllSteps) {
+  for (const Encoding encoding : {Encoding::text, Encoding::binary}) {
+    const auto steps = [&](const std::function<void(EnsightText&, std::uint32_t)>& put) {
+      EnsightText file(encoding);
+      file.kind();
+      for (const std::uint32_t step : {0, 1}) {
+        file.line("BEGIN TIME STEP");
+        put(file, step);
+        file.line("END TIME STEP");
+      }
+      return file.bytes;
+    };
+    write("geo", steps([](EnsightText& file, std::uint32_t step) { put_geometry(file, step, false); }));
+    for (const Variable& variable : variables)
+      write(variable.name, steps([&](EnsightText& file, std::uint32_t step) { put_variable(file, variable, step); }));
+    write_case("a.case", "1 1", "", "FILE\nfile set: 1\nnumber of steps: 2\n");
+    expect_no_wrong_result("a.case", {"geo", "f", "U", "q", "W"});
+    const std::string whole = read_text_file(path("f")).value();
+    write("f", whole.substr(0, whole.find("BEGIN TIME STEP", 200)));
+    EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f: the file is cut off: it holds 1 of the 2 time steps"));
+  }
+}
+
+TEST_F(EnsightTest, RectilinearBlocksOfEnsight6) {
+  write("geo",
+        "a\nb\nnode id assign\nelement id assign\ncoordinates\n       0\npart 1\nc\nblock rectilinear\n"
+        "       2       2       2\n 0.00000e+00 1.00000e+00\n 0.00000e+00 1.00000e+00\n 0.00000e+00 1.00000e+00\n");
+  write("f", "f\npart 1\nblock\n" + std::string(" 1.00000e+00 1.00000e+00 1.00000e+00 1.00000e+00\n 1.00000e+00") +
+                 " 1.00000e+00 1.00000e+00 1.00000e+00\n");
+  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("write the case as EnSight Gold"));
+}
+
+TEST_F(EnsightTest, ValuesOfAnotherMesh) {
+  EnsightText geometry(Encoding::text), values(Encoding::text);
+  put_geometry(geometry, 0, false);
+  put_variable(values, variables[0], 0);
+  write("geo", geometry.bytes);
+  write("f", values.bytes.replace(values.bytes.find("         2"), 10, "         4"));
+  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  EXPECT_THAT(test::error_of({path("a.case")}), HasSubstr("f: values of part 4, which the geometry lacks"));
+}
+
+}  // namespace
+}  // namespace splatvol
