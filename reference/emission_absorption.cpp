@@ -9,6 +9,7 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double integration_steps_per_domain = 512;
+constexpr int bent_steps_per_domain = 2048;
 
 /// Integrals over an integration step of optical depth t, in u from 0 (front) to 1 (back).
 struct StepIntegrals {
@@ -34,8 +35,13 @@ vec4 RayLight::rgba() const { return vec4(color, -std::expm1(-depth)); }
 
 PiecewiseTransfer::PiecewiseTransfer(const TransferFunction& function)
     : largest_step_((function.hi - function.lo) / integration_steps_per_domain) {
-  const auto value_at = [&](double t) { return t == 1 ? function.hi : function.lo + t * (function.hi - function.lo); };
-  for (const double t : bends(function)) breaks_.push_back(value_at(t));
+  for (const double t : bends(function)) breaks_.push_back(function.value_at(t));
+  // On a bent axis each integration step is a piece: short enough that the function is linear in the value, too.
+  if (function.axis != ValueAxis::linear) {
+    for (int i = 1; i < bent_steps_per_domain; ++i)
+      breaks_.push_back(function.value_at(static_cast<double>(i) / bent_steps_per_domain));
+    largest_step_ = infinity;
+  }
   std::ranges::sort(breaks_);
   const auto repeated = std::ranges::unique(breaks_);
   breaks_.erase(repeated.begin(), repeated.end());

@@ -6,6 +6,7 @@
 #include <array>
 #include <bit>
 #include <chrono>
+#include <cmath>
 #include <limits>
 
 #include "renderer/transfer_table.h"
@@ -26,8 +27,9 @@ struct alignas(16) FrameBlock {
   float value_low;
   float inverse_domain;
   float ambient, diffuse;
+  float value_axis, value_zero, value_unit;
 };
-static_assert(sizeof(FrameBlock) == 80 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
+static_assert(sizeof(FrameBlock) == 96 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
 /// DrawCommand of project.comp.
 struct DrawCommand {
@@ -119,14 +121,34 @@ Status Renderer::prepare_quads() {
   return {};
 }
 
+Renderer::Axis Renderer::axis_of(const TransferFunction& function, const DrawingUnits& units) {
+  Axis axis;
+  axis.zero = nearest_float(-units.value_offset / units.value_scale);
+  double low = (function.lo - units.value_offset) / units.value_scale;
+  double width = (function.hi - function.lo) / units.value_scale;
+  if (function.axis == ValueAxis::log) {
+    axis.kind = 1;
+    low = std::log(function.lo / units.value_scale);
+    width = std::log(function.hi / function.lo);
+  } else if (function.axis == ValueAxis::asinh) {
+    axis.kind = 2;
+    axis.unit = nearest_float(units.value_scale / function.linear_width);
+    low = std::asinh(function.lo / function.linear_width);
+    width = std::asinh(function.hi / function.linear_width) - low;
+  }
+  axis.low = nearest_float(low);
+  axis.inverse_domain = nearest_float(1 / width);
+  return axis;
+}
+
 Status Renderer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
   TransferFunction function = world_function;
   for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
-  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi))
+  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
+      (function.axis == ValueAxis::log && !(function.lo > 0)))
     return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
   units_ = units;
-  value_low_ = nearest_float((function.lo - units.value_offset) / units.value_scale);
-  inverse_domain_ = nearest_float(units.value_scale / (function.hi - function.lo));
+  axis_ = axis_of(function, units);
   ordered_view_.reset();
 
   const TransferTable table = make_transfer_table(function, kernel_.table_columns, kernel_.table_rows);
@@ -263,10 +285,13 @@ Status Renderer::upload_frame(const View& view) {
                          .image_height = static_cast<float>(view.height),
                          .focal = nearest_float(view.orthographic ? view.focal * units_.length : view.focal),
                          .orthographic = view.orthographic ? 1.0F : 0.0F,
-                         .value_low = value_low_,
-                         .inverse_domain = inverse_domain_,
+                         .value_low = axis_.low,
+                         .inverse_domain = axis_.inverse_domain,
                          .ambient = lighting_ ? static_cast<float>(lighting_->ambient) : 1.0F,
-                         .diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F};
+                         .diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F,
+                         .value_axis = axis_.kind,
+                         .value_zero = axis_.zero,
+                         .value_unit = axis_.unit};
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.

@@ -102,6 +102,11 @@ class Renderer {
     bool from_end = false;
   };
   [[nodiscard]] Result<Order> prepare_order(const View& view, SortMode sort, FrameTimes& times);
+  // The transfer function's axis for stored values, as frame.glsl has it.
+  struct Axis {
+    float kind = 0, low = 0, inverse_domain = 0, zero = 0, unit = 1;
+  };
+  [[nodiscard]] static Axis axis_of(const TransferFunction& function, const DrawingUnits& units);
   [[nodiscard]] Result<Order> order_along(int axis, const View& view, FrameTimes& times);
   [[nodiscard]] Result<std::size_t> sort_keys(bool by_depth, Buffer& order, FrameTimes& times);
   [[nodiscard]] Status prepare_runs(std::size_t count);
@@ -120,8 +125,7 @@ class Renderer {
   Texture transfer_table_;
   Texture peak_table_;
   DrawingUnits units_;
-  float value_low_ = 0;
-  float inverse_domain_ = 0;
+  Axis axis_;
   std::optional<Lighting> lighting_;
 
   // Of the present frame.

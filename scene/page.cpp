@@ -30,7 +30,7 @@ struct BarText {
 };
 
 BarText bar_text(const Font& font, const TransferFunction& function, const std::string& label) {
-  BarText text{ticks_between(function.lo, function.hi, most_ticks), label};
+  BarText text{ticks_of(function, most_ticks), label};
   double widest = 0;
   for (const Tick& tick : text.ticks.list) widest = std::max(widest, font.width(tick.label));
   const double line = font.height();
@@ -66,16 +66,41 @@ void draw_bar(Image& image, const Page& page, const Font& font, const BarText& t
   fill(image, left - thin, top - thin, left + bar_width * line + thin, bottom + thin, ink);
   for (int y = static_cast<int>(std::lround(top)); y < static_cast<int>(std::lround(bottom)); ++y) {
     const double t = std::clamp((bottom - y - 0.5) / length, 0.0, 1.0);
-    fill(image, left, y, left + bar_width * line, y + 1, function.color(function.lo + t * (function.hi - function.lo)));
+    fill(image, left, y, left + bar_width * line, y + 1, function.color_at(t));
   }
   for (const Tick& tick : text.ticks.list) {
-    const double y = bottom - (tick.value - function.lo) / (function.hi - function.lo) * length;
+    const double y = bottom - function.t_of(tick.value) * length;
     const double right = left + (bar_width + tick_length) * line;
     fill(image, left + bar_width * line, y - 0.5 * thin, right, y + 0.5 * thin, ink);
     font.write(image, right + 0.25 * line, y + 0.3 * line, tick.label, ink);
   }
   font.write(image, left, top - words + line, text.label, ink);
   font.write(image, left, top - words + 2.2 * line, text.ticks.factor, ink);
+}
+
+// Returns whether a neighbour of a pixel is not covered.
+bool is_at_edge(const Image& words, int x, int y) {
+  if (x == 0 || y == 0 || x + 1 == words.width || y + 1 == words.height) return true;
+  return std::min({words.at(x - 1, y).a, words.at(x + 1, y).a, words.at(x, y - 1).a, words.at(x, y + 1).a}) < 1;
+}
+
+// Puts a soft edge of this width under words and lines.
+void add_halo(Image& words, double width, const dvec3& color) {
+  const int reach = static_cast<int>(std::ceil(width)) + 1;
+  std::vector<float> cover(words.pixels.size(), 0.0F);
+  for (int y = 0; y < words.height; ++y)
+    for (int x = 0; x < words.width; ++x) {
+      const float alpha = words.at(x, y).a;
+      if (alpha == 0 || !is_at_edge(words, x, y)) continue;
+      for (int v = std::max(y - reach, 0); v <= std::min(y + reach, words.height - 1); ++v)
+        for (int u = std::max(x - reach, 0); u <= std::min(x + reach, words.width - 1); ++u) {
+          const double share = std::clamp(width + 1 - std::hypot(u - x, v - y), 0.0, 1.0);
+          float& most = cover[static_cast<std::size_t>(v) * words.width + u];
+          most = std::max(most, static_cast<float>(share) * alpha);
+        }
+    }
+  for (std::size_t i = 0; i < cover.size(); ++i)
+    words.pixels[i] += (1 - words.pixels[i].a) * cover[i] * vec4(vec3(color), 1);
 }
 
 struct Segment {
@@ -133,6 +158,8 @@ bool faces_eye(const View& view, const Box& box, int axis, bool high) {
 
 dvec3 ink_on(const dvec3& background) { return dvec3(is_light(background) ? 0 : 1); }
 
+dvec3 ink_on_any() { return dvec3(0.184); }
+
 Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function) {
   Page page{width, height, 0, width, height, text_height_for(width, height)};
   if (text.title.empty() && !text.bar) return page;
@@ -179,18 +206,23 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
 }
 
 Result<Image> compose_page(const Page& page, const Image& picture, const PageText& text,
-                           const TransferFunction& function, const dvec3& ink) {
+                           const TransferFunction& function, const dvec3& ink, bool halo) {
   if (picture.width != page.picture_width || picture.height != page.picture_height)
     return fail(ErrorCode::invalid_argument, "a picture of {} x {} on a page for {} x {}", picture.width,
                 picture.height, page.picture_width, page.picture_height);
-  Image image{page.width, page.height, std::vector<vec4>(static_cast<std::size_t>(page.width) * page.height)};
-  for (int y = 0; y < picture.height; ++y) std::copy_n(&picture.at(0, y), picture.width, &image.at(0, page.top + y));
+  Image words{page.width, page.height, std::vector<vec4>(static_cast<std::size_t>(page.width) * page.height)};
   SPLATVOL_TRY_ASSIGN(font, Font::create(page.text_height));
   if (!text.title.empty())
-    font.write(image, std::max(0.0, 0.5 * (page.picture_width - font.width(text.title))), 1.25 * page.text_height,
+    font.write(words, std::max(0.0, 0.5 * (page.picture_width - font.width(text.title))), 1.25 * page.text_height,
                text.title, ink);
-  if (text.bar) draw_bar(image, page, font, bar_text(font, function, *text.bar), function, ink);
-  return image;
+  if (text.bar) draw_bar(words, page, font, bar_text(font, function, *text.bar), function, ink);
+  if (halo) add_halo(words, page.text_height / 8, dvec3(1) - ink);
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x) {
+      vec4& pixel = words.at(x, page.top + y);
+      pixel += (1 - pixel.a) * picture.at(x, y);
+    }
+  return words;
 }
 
 }  // namespace splatvol

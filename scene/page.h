@@ -37,11 +37,15 @@ struct Page {
 /// Returns the colour of words and lines on a background: black or white.
 [[nodiscard]] dvec3 ink_on(const dvec3& background);
 
+/// Returns the colour of an outline that is seen on black and on white: the grey between them.
+[[nodiscard]] dvec3 ink_on_any();
+
 /// Draws the edges of a box: those behind the volume under it, the others over it. `view`: of the image.
 void draw_outline(Image& image, const View& view, const Box& box, const dvec3& ink);
 
 /// Returns the page with its picture, which must have the page's picture_width and picture_height.
+/// `halo`: words and lines beside it stand out from any background: a soft edge of the opposite colour is round them.
 [[nodiscard]] Result<Image> compose_page(const Page& page, const Image& picture, const PageText& text,
-                                         const TransferFunction& function, const dvec3& ink);
+                                         const TransferFunction& function, const dvec3& ink, bool halo = false);
 
 }  // namespace splatvol

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
@@ -204,9 +205,38 @@ Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const c
   return rows;
 }
 
+constexpr std::array<std::pair<std::string_view, ValueAxis>, 3> axes = {
+    {{"linear", ValueAxis::linear}, {"log", ValueAxis::log}, {"asinh", ValueAxis::asinh}}};
+
+/// Reads how t runs over the domain, which has been read.
+Status read_axis(const Field& field, const Field& domain, TransferFunction& function) {
+  if (field.has("axis")) {
+    SPLATVOL_TRY_ASSIGN(axis, field.member("axis"));
+    SPLATVOL_TRY_ASSIGN(name, axis.text());
+    const auto found = std::ranges::find(axes, name, &std::pair<std::string_view, ValueAxis>::first);
+    if (found == axes.end()) return axis.wrong("'{}' is neither linear nor log nor asinh", name);
+    function.axis = found->second;
+  }
+  if (function.axis == ValueAxis::log && !(function.lo > 0))
+    return domain.wrong("[{}, {}] is not above 0, which the axis log needs; asinh shows both signs", function.lo,
+                        function.hi);
+  if (function.axis == ValueAxis::asinh) {
+    SPLATVOL_TRY_ASSIGN(width_field, field.member("linear_width"));
+    SPLATVOL_TRY_ASSIGN(width, width_field.number());
+    if (width < 1e-100) return width_field.wrong("not at least 1e-100");
+    function.linear_width = width;
+  } else if (field.has("linear_width")) {
+    return fail(ErrorCode::invalid_data, "transfer_function.linear_width: only the axis asinh has one");
+  }
+  // Neighbours on the axis must differ: rounding could make them one.
+  if (!(function.t_of(function.hi) > 0))
+    return domain.wrong("[{}, {}] is no interval of the axis", function.lo, function.hi);
+  return {};
+}
+
 Result<TransferFunction> read_transfer_function(const Field& scene) {
   SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
-  SPLATVOL_TRY(field.check_names({"domain", "colors", "density"}));
+  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density"}));
   SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
   SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
   if (!(domain[0] < domain[1])) return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
@@ -214,6 +244,7 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
   TransferFunction function;
   function.lo = domain[0];
   function.hi = domain[1];
+  SPLATVOL_TRY(read_axis(field, domain_field, function));
   SPLATVOL_TRY_ASSIGN(colors, read_curve(field, "colors", 3));
   SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
@@ -324,6 +355,10 @@ std::string scene_to_json(const Scene& scene) {
   document["attribute"] = scene.attribute;
   nlohmann::ordered_json& function = document["transfer_function"];
   function["domain"] = {scene.transfer_function.lo, scene.transfer_function.hi};
+  if (scene.transfer_function.axis != ValueAxis::linear)
+    function["axis"] =
+        std::ranges::find(axes, scene.transfer_function.axis, [](auto& axis) { return axis.second; })->first;
+  if (scene.transfer_function.axis == ValueAxis::asinh) function["linear_width"] = scene.transfer_function.linear_width;
   for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
   for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
   document["lighting"] = false;

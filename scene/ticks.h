@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "scene/transfer_function.h"
+
 namespace splatvol {
 
 struct Tick {
@@ -21,5 +23,10 @@ struct Ticks {
 /// Returns at most `most` + 1 ticks at round values in [low, high], at least two. Works for any finite numbers, of any
 /// size: a power of ten that all have in common is the factor. Requires low < high, most >= 2.
 [[nodiscard]] Ticks ticks_between(double low, double high, int most);
+
+/// Returns ticks for the domain of a transfer function, on its axis. On a bent axis these are powers of ten (and their
+/// negatives, and 0), evenly thinned out to about `most`; twice and five times these too where a domain has fewer than
+/// two. Requires lo < hi, most >= 2.
+[[nodiscard]] Ticks ticks_of(const TransferFunction& function, int most);
 
 }  // namespace splatvol

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
 namespace splatvol {
 namespace {
@@ -29,20 +31,49 @@ Value limit_from_below(const std::vector<Point>& points, Value Point::*value, do
   return left.*value * (1 - share) + (*next).*value * share;
 }
 
-double parameter(const TransferFunction& function, double value) {
-  return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
-}
-
 }  // namespace
 
-dvec3 TransferFunction::color(double value) const {
-  if (std::isnan(value)) return dvec3(0);
-  return interpolate(colors, &Color::rgb, parameter(*this, value));
+double TransferFunction::t_of(double value) const {
+  if (axis == ValueAxis::linear) return (value - lo) / (hi - lo);
+  if (axis == ValueAxis::log)
+    return value > 0 ? std::log(value / lo) / std::log(hi / lo) : -std::numeric_limits<double>::infinity();
+  const double low = std::asinh(lo / linear_width), high = std::asinh(hi / linear_width);
+  return (std::asinh(value / linear_width) - low) / (high - low);
 }
 
-double TransferFunction::extinction(double value) const {
-  if (std::isnan(value)) return 0;
-  return interpolate(densities, &Density::extinction, parameter(*this, value));
+double TransferFunction::value_at(double t) const {
+  if (t == 0 || t == 1) return t == 0 ? lo : hi;
+  if (axis == ValueAxis::linear) return lo + t * (hi - lo);
+  if (axis == ValueAxis::log) return lo * std::exp(t * std::log(hi / lo));
+  const double low = std::asinh(lo / linear_width), high = std::asinh(hi / linear_width);
+  return linear_width * std::sinh(low + t * (high - low));
+}
+
+dvec3 TransferFunction::color_at(double t) const { return interpolate(colors, &Color::rgb, std::clamp(t, 0.0, 1.0)); }
+
+double TransferFunction::extinction_at(double t) const {
+  return interpolate(densities, &Density::extinction, std::clamp(t, 0.0, 1.0));
+}
+
+dvec3 TransferFunction::color(double value) const { return std::isnan(value) ? dvec3(0) : color_at(t_of(value)); }
+
+double TransferFunction::extinction(double value) const { return std::isnan(value) ? 0 : extinction_at(t_of(value)); }
+
+AxisMoments TransferFunction::moments_of(double mean, double deviation) const {
+  if (axis == ValueAxis::linear) return {t_of(mean), deviation / (hi - lo)};
+  if (axis == ValueAxis::log) {
+    if (!(mean > 0)) return {-1, 0};
+    const double variance = std::log1p(std::pow(std::min(deviation / mean, 1e9), 2)), width = std::log(hi / lo);
+    return {t_of(mean) - 0.5 * variance / width, std::sqrt(variance) / width};
+  }
+  // The nodes of Gauss and Hermite, with the weights 1/6, 2/3 and 1/6.
+  const double away = std::numbers::sqrt3 * deviation;
+  const double low = t_of(mean - away), middle = t_of(mean), high = t_of(mean + away);
+  const double average = (low + 4 * middle + high) / 6;
+  const double variance = ((low - average) * (low - average) + 4 * (middle - average) * (middle - average) +
+                           (high - average) * (high - average)) /
+                          6;
+  return {average, std::sqrt(variance)};
 }
 
 std::vector<double> bends(const TransferFunction& function) {
@@ -60,7 +91,8 @@ std::vector<LinearPiece> linear_pieces(const TransferFunction& function) {
   using Color = TransferFunction::Color;
   using Density = TransferFunction::Density;
   constexpr double shortest = 1e-9;
-  const auto& [lo, hi, colors, densities] = function;
+  const std::vector<Color>& colors = function.colors;
+  const std::vector<Density>& densities = function.densities;
   const std::vector<double> all = bends(function);
   std::vector<LinearPiece> pieces;
   double begin = 0;

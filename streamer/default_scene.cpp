@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <vector>
 
 #include "scene/contrast.h"
@@ -13,15 +14,22 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t enough_splats = 20000;  // to know where the data is
+constexpr std::uint64_t enough_splats = 20000;    // to know where the data is
+constexpr std::uint64_t enough_of_others = 5000;  // of each attribute that is not shown
 constexpr std::uint64_t enough_for_the_domain = 2000;
-constexpr double share_of_densest = 0.03;     // of the largest extinction; above it a splat counts as visible
-constexpr double share_of_deepest = 0.1;      // of the largest optical depth of a splat; above it, too
-constexpr double share_of_domain = 0.7;       // what is visible is that large: the camera shows all
-constexpr double opacity_of_material = 0.65;  // mean along rays, on a dark background
+constexpr std::size_t most_others = 8;         // attributes whose features the camera frames
+constexpr double visible_of_others = 10;       // factor on share_of_densest and share_of_deepest
+constexpr double seen_share = 0.1;             // of a pixel
+constexpr double fewest_seen = 0.1;            // of all splats; else the camera frames a cluster of them
+constexpr double least_in_picture = 0.1;       // of what is visible
+constexpr std::size_t fewest_in_picture = 20;  // splats from which values are chosen
+constexpr double share_of_densest = 0.03;      // of the largest extinction; above it a splat counts as visible
+constexpr double share_of_deepest = 0.1;       // of the largest optical depth of a splat; above it, too
+constexpr double share_of_domain = 0.7;        // what is visible is that large: the camera shows all
+constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark background
 
-Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index) {
-  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, enough_splats));
+Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, std::uint64_t enough) {
+  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, enough));
   if (std::ranges::none_of(splats, &SurveySplat::has_value))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),
                 volume.info().attributes[static_cast<std::size_t>(index)].name);
@@ -29,14 +37,15 @@ Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index)
 }
 
 // Returns the splats that are dense, or less dense but so large that rays through them lose as much light.
-std::vector<SurveySplat> visible_of(const std::vector<SurveySplat>& splats, const TransferFunction& function) {
+std::vector<SurveySplat> visible_of(const std::vector<SurveySplat>& splats, const TransferFunction& function,
+                                    double share_of_largest = 1) {
   std::vector<double> extinctions, depths;
   for (const SurveySplat& splat : splats) {
     extinctions.push_back(mean_extinction(function, splat));
     depths.push_back(extinctions.back() * std::cbrt(splat.volume));
   }
-  const double least_extinction = share_of_densest * std::ranges::max(extinctions);
-  const double least_depth = share_of_deepest * std::ranges::max(depths);
+  const double least_extinction = share_of_largest * share_of_densest * std::ranges::max(extinctions);
+  const double least_depth = share_of_largest * share_of_deepest * std::ranges::max(depths);
   std::vector<SurveySplat> visible;
   for (std::size_t i = 0; i < splats.size(); ++i)
     if (extinctions[i] > least_extinction || depths[i] > least_depth) visible.push_back(splats[i]);
@@ -84,32 +93,93 @@ Result<int> find_attribute(const format::Volume& volume, const std::string& name
   return index;
 }
 
+// Splats count by the area that they cover, up to a pixel of a picture of 512: the smallest cells of a graded mesh
+// cannot be seen.
+void weigh(std::vector<SurveySplat>& splats, const Camera& camera) {
+  const auto view = make_view(camera, 512, 512);
+  if (!view) return;
+  for (SurveySplat& splat : splats) {
+    const double pixel = std::max(std::abs(view->to_view(splat.center).z), splat.longest()) / view->focal;
+    const double area = 12 * glm::length(splat.axes[0]) * glm::length(splat.axes[1]);  // of a uniform rectangle
+    splat.weight = std::clamp(area / (pixel * pixel), 1e-6, 1.0);
+  }
+}
+
+// Returns the ball that the picture shows: of all splats, unless their picture would show hardly any, because most are
+// far smaller than a pixel.
+Ball framed_ball(std::vector<SurveySplat> splats, int width, int height) {
+  weigh(splats, fit_camera(splats, 1, static_cast<double>(width) / height, 1));
+  const auto seen = std::ranges::count_if(splats, [](const SurveySplat& splat) { return splat.weight > seen_share; });
+  const bool shows_little = static_cast<double>(seen) < fewest_seen * static_cast<double>(splats.size());
+  return shows_little ? main_cluster(splats) : Ball{};
+}
+
+// What the camera frames, for all attributes alike: what the first attribute shows, and what other attributes show best
+// near it. A wake is in the picture of the pressure, too, but a far field is not.
+struct Frame {
+  Ball cluster;
+  std::vector<SurveySplat> splats;
+};
+
+Result<Frame> choose_frame(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
+                           const FirstPicture& picture) {
+  Frame frame;
+  frame.cluster = framed_ball(first_splats, picture.width, picture.height);
+  const auto core_splats = within(frame.cluster, first_splats);
+  const auto core = visible_of(core_splats, choose_transfer_function(core_splats));
+  frame.splats = core;
+  SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
+  for (const int other : others) {
+    SPLATVOL_TRY_ASSIGN(all, survey(volume, other, enough_of_others));
+    const auto splats = within(frame.cluster, all);
+    if (std::ranges::none_of(splats, &SurveySplat::has_value)) continue;
+    const auto features = visible_of(splats, choose_transfer_function(splats), visible_of_others);
+    const auto near = near_box(core, features);
+    frame.splats.insert(frame.splats.end(), near.begin(), near.end());
+  }
+  return frame;
+}
+
+bool is_in_picture(const View& view, const dvec3& position) {
+  const dvec3 p = view.to_view(position);
+  return p.z > 0 && std::abs(p.x) * view.focal < 0.5 * view.width * p.z &&
+         std::abs(p.y) * view.focal < 0.5 * view.height * p.z;
+}
+
+// If hardly any of what a function shows is in the picture, values are those of the splats that are.
+TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, TransferFunction function, const View& view) {
+  const auto inside = [&](const SurveySplat& splat) { return is_in_picture(view, splat.center); };
+  const std::vector<SurveySplat> visible = visible_of(splats, function);
+  const auto count = static_cast<double>(std::ranges::count_if(visible, inside));
+  if (count >= least_in_picture * static_cast<double>(visible.size())) return function;
+  std::vector<SurveySplat> seen;
+  std::ranges::copy_if(splats, std::back_inserter(seen),
+                       [&](const SurveySplat& splat) { return splat.has_value && inside(splat); });
+  return seen.size() < fewest_in_picture ? function : choose_transfer_function(seen);
+}
+
 }  // namespace
 
 Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute, const FirstPicture& picture) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, attribute));
-  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index));
+  SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
+  SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, enough_splats));
+  SPLATVOL_TRY_ASSIGN(frame, choose_frame(volume, first, first_splats, picture));
+  std::vector<SurveySplat> splats = std::move(first_splats);
+  if (index != first) {
+    SPLATVOL_TRY_ASSIGN(others, survey(volume, index, enough_splats));
+    splats = std::move(others);
+  }
   Scene scene;
   scene.width = picture.width;
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  scene.transfer_function = choose_transfer_function(splats);
-
-  // One camera for all attributes: that of the attribute that is shown first.
-  std::vector<SurveySplat> visible;
-  int first = index;
-  if (!attribute.empty()) {
-    SPLATVOL_TRY_ASSIGN(chosen, choose_first_attribute(volume));
-    first = chosen;
-  }
-  if (first == index) {
-    visible = visible_of(splats, scene.transfer_function);
-  } else {
-    SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first));
-    visible = visible_of(first_splats, choose_transfer_function(first_splats));
-  }
-  scene.camera = choose_camera(volume.info(), splats, visible, picture);
+  splats = within(frame.cluster, splats);
+  scene.camera = choose_camera(volume.info(), splats, frame.splats, picture);
+  weigh(splats, scene.camera);
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
+  scene.transfer_function = fit_to_picture(splats, choose_transfer_function(splats), view);
 
   const double factor = density_factor(splats, scene.transfer_function, scene.camera, opacity_of_material);
   for (auto& density : scene.transfer_function.densities) density.extinction *= factor;
@@ -120,8 +190,8 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
 
 Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
-  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index));
-  return middle_of(visible_of(splats, scene.transfer_function));
+  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index, enough_splats));
+  return middle_of(visible_of(within(framed_ball(splats, scene.width, scene.height), splats), scene.transfer_function));
 }
 
 Result<Box> domain_of(const format::Volume& volume) {

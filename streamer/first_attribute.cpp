@@ -72,4 +72,14 @@ Result<int> choose_first_attribute(const format::Volume& volume) {
   return best;
 }
 
+Result<std::vector<int>> other_quantities(const format::Volume& volume, int first, std::size_t most) {
+  std::vector<int> chosen;
+  for (int index = 0; index < static_cast<int>(volume.info().attributes.size()) && chosen.size() < most; ++index) {
+    if (index == first) continue;
+    SPLATVOL_TRY_ASSIGN(interest, interest_of(volume, index));
+    if (interest <= Interest::other) chosen.push_back(index);
+  }
+  return chosen;
+}
+
 }  // namespace splatvol

@@ -1,6 +1,8 @@
 // Which attribute a first picture shows.
 #pragma once
 
+#include <vector>
+
 #include "base/error.h"
 #include "format/volume.h"
 
@@ -11,5 +13,9 @@ namespace splatvol {
 /// most values are missing; whole numbers of few kinds (labels) or that count (ids); constants. Fails if no attribute
 /// has a value, and if the file cannot be read.
 [[nodiscard]] Result<int> choose_first_attribute(const format::Volume& volume);
+
+/// Returns the first attributes of the file, at most `most`, that are quantities and no components: those that a user
+/// of the first picture will look at next. `first` is left out.
+[[nodiscard]] Result<std::vector<int>> other_quantities(const format::Volume& volume, int first, std::size_t most);
 
 }  // namespace splatvol

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
 namespace splatvol {
@@ -88,6 +89,73 @@ Box box_of(const std::vector<SurveySplat>& splats) {
 }
 
 }  // namespace
+
+namespace {
+
+// Returns the variance of the values of those splats whose distance is at most `radius`.
+double variance_within(const std::vector<SurveySplat>& splats, const std::vector<double>& distances, double radius) {
+  double count = 0, mean = 0, squares = 0;
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    if (distances[i] > radius || !splats[i].has_value) continue;
+    const double away = splats[i].value - mean;
+    mean += away / ++count;
+    squares += away * (splats[i].value - mean);
+  }
+  return count > 0 ? squares / count : 0;
+}
+
+}  // namespace
+
+Ball main_cluster(const std::vector<SurveySplat>& splats) {
+  constexpr std::size_t tried = 128;
+  constexpr double share = 0.4, smaller = 100, kept = 4, empty_up_to = 10, most_between = 0.01;
+  const auto rank = static_cast<std::size_t>(share * static_cast<double>(splats.size()));
+  std::vector<double> distances(splats.size());
+  const auto measure = [&](const dvec3& from) {
+    std::ranges::transform(splats, distances.begin(),
+                           [&](const SurveySplat& splat) { return glm::length(splat.center - from); });
+  };
+  // The smallest balls round a splat that hold the share; of those of about one size, that with most different values.
+  Ball ball;
+  double variance = -1;
+  for (std::size_t i = 0; i < splats.size(); i += std::max<std::size_t>(splats.size() / tried, 1)) {
+    measure(splats[i].center);
+    std::vector<double> sorted = distances;
+    std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(rank));
+    const double radius = sorted[rank];
+    if (radius > 2 * ball.radius) continue;
+    const double found = variance_within(splats, distances, radius);
+    if (radius < 0.5 * ball.radius || found > variance) ball = {splats[i].center, radius}, variance = found;
+  }
+  measure(ball.center);
+  const auto between = std::ranges::count_if(distances, [&](double distance) {
+    return distance > kept * ball.radius && distance < empty_up_to * kept * ball.radius;
+  });
+  const bool is_alone = ball.radius > 0 && ball.radius * smaller < std::ranges::max(distances) &&
+                        static_cast<double>(between) < most_between * static_cast<double>(splats.size());
+  return is_alone ? Ball{ball.center, kept * ball.radius} : Ball{};
+}
+
+std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats) {
+  std::vector<SurveySplat> inside;
+  std::ranges::copy_if(splats, std::back_inserter(inside), [&](const SurveySplat& splat) {
+    return glm::length(splat.center - ball.center) <= ball.radius && splat.longest() <= ball.radius;
+  });
+  return std::ranges::any_of(inside, &SurveySplat::has_value) ? inside : splats;
+}
+
+std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats, const std::vector<SurveySplat>& others) {
+  const Box box = box_of(splats);
+  const dvec3 extent = box.extent();
+  const double longest = std::max({extent.x, extent.y, extent.z});
+  const dvec3 low = box.low - 0.5 * longest, high = box.high + 0.5 * longest;
+  std::vector<SurveySplat> near;
+  std::ranges::copy_if(others, std::back_inserter(near), [&](const SurveySplat& other) {
+    return glm::all(glm::greaterThan(other.center, low)) && glm::all(glm::lessThan(other.center, high)) &&
+           other.longest() <= 0.25 * longest;
+  });
+  return near;
+}
 
 dvec3 middle_of(const std::vector<SurveySplat>& splats) {
   const Box box = box_of(splats);

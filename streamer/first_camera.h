@@ -1,6 +1,7 @@
 // The camera of a first picture.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "scene/scene.h"
@@ -16,6 +17,24 @@ namespace splatvol {
 /// picture of a splat without a size.
 [[nodiscard]] Camera fit_camera(const std::vector<SurveySplat>& splats, int up, double aspect, double edge,
                                 bool turns = false);
+
+struct Ball {
+  dvec3 center{0};
+  double radius = std::numeric_limits<double>::infinity();
+};
+
+/// Returns the ball that a picture should show: of all splats, unless they lie in clusters so far apart that no picture
+/// shows two of them. This is so if two fifths of the splats lie in a ball with less than a hundredth of the radius of
+/// all, and hardly any splats lie round it up to ten times its radius. Then it is four times this ball.
+[[nodiscard]] Ball main_cluster(const std::vector<SurveySplat>& splats);
+
+/// Returns the splats in the ball that are no larger than it; all splats if none of these has a value.
+[[nodiscard]] std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats);
+
+/// Returns those of `others` that are near `splats`: in their box, widened at each side by half of its longest edge.
+/// Splats larger than a quarter of this edge are no features.
+[[nodiscard]] std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats,
+                                                const std::vector<SurveySplat>& others);
 
 /// Returns the middle of the splats' box, without the outliers that fit_camera leaves out. At least one splat.
 [[nodiscard]] dvec3 middle_of(const std::vector<SurveySplat>& splats);

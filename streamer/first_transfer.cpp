@@ -24,16 +24,32 @@ struct Interval {
 
 struct WeightedValue {
   double value;
-  double count;  // of splats. Each stands for about as many points, so small cells count like large ones
+  double count;  // of splats that are seen. Each stands for about as many points: small cells count like large ones
   double volume;
 };
 using Values = std::vector<WeightedValue>;
 
+// The axis on which colours are chosen. `least`: smaller values count as this one on a logarithmic axis.
+struct Axis {
+  ValueAxis kind = ValueAxis::linear;
+  double width = 1, least = 0;
+
+  [[nodiscard]] double position(double value) const {
+    if (kind == ValueAxis::log) return std::log(std::max(value, least));
+    return kind == ValueAxis::asinh ? std::asinh(value / width) : value;
+  }
+  [[nodiscard]] double value(double position) const {
+    if (kind == ValueAxis::log) return std::exp(position);
+    return kind == ValueAxis::asinh ? width * std::sinh(position) : position;
+  }
+};
+
 // Takes the means alone: next to an outlier, deviations are large in many splats.
-Values values_of(const std::vector<SurveySplat>& splats) {
+template <class Map>
+Values values_of(const std::vector<SurveySplat>& splats, const Map& map) {
   Values values;
   for (const SurveySplat& splat : splats)
-    if (splat.has_value) values.push_back({splat.value, 1, splat.volume});
+    if (splat.has_value) values.push_back({map(splat.value), splat.weight, splat.volume});
   std::ranges::sort(values, {}, &WeightedValue::value);
   return values;
 }
@@ -43,11 +59,13 @@ double total(std::span<const WeightedValue> values, double WeightedValue::*weigh
                          [&](double sum, const WeightedValue& value) { return sum + value.*weight; });
 }
 
-// Returns the value below which this share of the splats is. Requires sorted values, at least one.
-double quantile(std::span<const WeightedValue> values, double share) {
-  double left = share * total(values, &WeightedValue::count);
+// Returns the value below which this share of the splats, or of another weight, is. Requires sorted values, at least
+// one.
+double quantile(std::span<const WeightedValue> values, double share,
+                double WeightedValue::*weight = &WeightedValue::count) {
+  double left = share * total(values, weight);
   for (const WeightedValue& value : values)
-    if ((left -= value.count) <= 0) return value.value;
+    if ((left -= value.*weight) <= 0) return value.value;
   return values.back().value;
 }
 
@@ -65,19 +83,46 @@ Interval shortest_interval(const Values& values, double share) {
   return shortest;
 }
 
-// What is known of the values before colours and densities are chosen.
+constexpr double share_left_out = 0.01;  // at either end, so that outliers do not flatten the rest
+constexpr double fewest_beyond = 20;     // splats that are not outliers
+constexpr double rounding = 1e-6;        // of the largest value; a smaller negative one is an error
+constexpr double shown_decades = 1e10;   // from the largest values down; less is as good as 0
+
+// Returns whether sizes span decades: half of those above 0, by number and by volume, are less than 1 / `half` of the
+// largest, and some are less than 1/1000. A linear axis would show most of them as one. `sizes` keeps those that are
+// shown.
+bool spans_decades(Values& sizes, double half) {
+  const std::size_t all = sizes.size();
+  const double least = quantile(sizes, 0.99) / shown_decades;
+  std::erase_if(sizes, [&](const WeightedValue& size) { return !(size.value > least); });
+  if (20 * sizes.size() < all || sizes.size() < fewest_beyond) return false;
+  const double top = quantile(sizes, 0.99);
+  return quantile(sizes, 0.5) * half <= top && quantile(sizes, 0.05) * 1e3 <= top &&
+         quantile(sizes, 0.5, &WeightedValue::volume) * half <= top;
+}
+
+// Few negative values, or small ones, are errors of rounding.
+Axis choose_axis(const std::vector<SurveySplat>& splats) {
+  Values values = values_of(splats, [](double value) { return value; });
+  const double least = quantile(values, 0.01), most = quantile(values, 0.99);
+  if (most > 0 && least >= -most * rounding)
+    return spans_decades(values, 30) ? Axis{ValueAxis::log, 1, quantile(values, share_left_out)} : Axis{};
+  Values sizes = values_of(splats, [](double value) { return std::abs(value); });
+  return spans_decades(sizes, 100) ? Axis{ValueAxis::asinh, quantile(sizes, 0.25), 0} : Axis{};
+}
+
+// What is known of the values, on their axis, before colours and densities are chosen.
 struct Findings {
   Interval range{};           // the domain
   Interval clear{};           // values that draw least: those of the surroundings, or one value
   bool surroundings = false;  // most of the volume has about the same value
 };
 
-constexpr double share_left_out = 0.01;          // at either end, so that outliers do not flatten the rest
 constexpr double share_of_outliers = 1e-4;       // at either end, at least one and a half splats of many
 constexpr double narrow = 0.08;                  // of all values: such an interval is one value
 constexpr double share_of_a_side = 0.05;         // of the splats outside of the surroundings; fewer are outliers
 constexpr double least_side_of_diverging = 0.2;  // of the longer side
-constexpr double fewest_beyond = 20;             // splats outside of the surroundings
+constexpr double low_end = 0.25;                 // of a logarithmic axis: surroundings lie there
 constexpr double clear_margin = 0.03;            // of the range, round the surroundings: there they fade out
 
 // If at least half of the volume has about one value, this is the free stream, or what lies round the data. There must
@@ -106,12 +151,15 @@ Interval range_round(const Values& values, const Interval& clear) {
   return range;
 }
 
-Findings study(const Values& values) {
+// `from_below`: on a logarithmic axis small values are clear, and surroundings are only looked for among them.
+Findings study(const Values& values, bool from_below) {
   Findings findings;
   const double count = total(values, &WeightedValue::count);
   const double outliers = std::clamp(1.5 / count, share_of_outliers, 2 * share_left_out);
   const Interval all{quantile(values, outliers), quantile(values, 1 - outliers)};
-  if (const auto surroundings = find_surroundings(values, all.width())) {
+  const auto surroundings = find_surroundings(values, all.width());
+  const bool usable = surroundings && (!from_below || surroundings->high - all.low < low_end * all.width());
+  if (usable) {
     findings.surroundings = true;
     findings.clear = *surroundings;
     findings.range = range_round(values, *surroundings);
@@ -121,6 +169,10 @@ Findings study(const Values& values) {
     return findings;
   }
   findings.range = {quantile(values, share_left_out), quantile(values, 1 - share_left_out)};
+  if (from_below) {
+    findings.clear = {findings.range.low, findings.range.low + clear_margin * findings.range.width()};
+    return findings;
+  }
   const double clear = std::clamp(0.0, findings.range.low, findings.range.high);  // the value nearest to 0
   findings.clear = {clear, clear};
   return findings;
@@ -129,14 +181,15 @@ Findings study(const Values& values) {
 // Returns the least density. If the material fills little of its box, or the box is flat, its shape is worth a look,
 // and no value of it is clear. If it fills the box, a least density would be a fog. Nor must surroundings of larger
 // cells be seen.
-double least_density(const std::vector<SurveySplat>& splats, const Findings& findings) {
+double least_density(const std::vector<SurveySplat>& splats, const Axis& axis, const Findings& findings) {
   constexpr double filled = 0.3, deep = 0.1, most = 0.5;
   const Box box = bounds_of(splats);
   const dvec3 extent = box.extent();
   const double box_volume = extent.x * extent.y * extent.z;
   double volume = 0, volume_inside = 0, inside = 0, count = 0;
   for (const SurveySplat& splat : splats) {
-    const bool is_inside = splat.value >= findings.clear.low && splat.value <= findings.clear.high;
+    const double value = axis.position(splat.value);
+    const bool is_inside = value >= findings.clear.low && value <= findings.clear.high;
     volume += splat.volume, count += 1;
     if (is_inside) volume_inside += splat.volume, inside += 1;
   }
@@ -150,21 +203,23 @@ double least_density(const std::vector<SurveySplat>& splats, const Findings& fin
 }
 
 // A rise from the clear values to both ends, as fast on both sides. It is linear, but quadratic round surroundings: far
-// away, values come near those of the surroundings slowly, and rays are long there.
-std::vector<TransferFunction::Density> densities_of(const TransferFunction& function, const Findings& findings,
+// away, values come near those of the surroundings slowly, and rays are long there. It is cubic on a logarithmic axis,
+// where small values fill most of the volume.
+std::vector<TransferFunction::Density> densities_of(const Interval& domain, const Axis& axis, const Findings& findings,
                                                     double least) {
-  const auto parameter = [&](double value) {
-    return std::clamp((value - function.lo) / (function.hi - function.lo), 0.0, 1.0);
+  const auto parameter = [&](double position) {
+    return std::clamp((position - domain.low) / domain.width(), 0.0, 1.0);
   };
+  const double power = axis.kind == ValueAxis::log ? 3 : findings.surroundings ? 2 : 1;
   const double low = parameter(findings.clear.low), high = parameter(findings.clear.high);
   const double farthest = std::max(low, 1 - high);
   if (!(farthest > 0)) return {{0, 1}};
   const auto density = [&](double away) {
     const double share = away / farthest;
-    return least + (1 - least) * (findings.surroundings ? share * share : share);
+    return least + (1 - least) * std::pow(share, power);
   };
   constexpr std::array<double, 3> shares = {1, 0.5, 0.25};
-  const std::size_t first = 0, last = findings.surroundings ? 3 : 1;
+  const std::size_t first = 0, last = power > 1 ? 3 : 1;
   std::vector<TransferFunction::Density> densities;
   for (std::size_t i = first; i < last && low > 0; ++i)
     densities.push_back({low - shares[i] * low, density(shares[i] * low)});
@@ -175,11 +230,21 @@ std::vector<TransferFunction::Density> densities_of(const TransferFunction& func
   return densities;
 }
 
-// Viridis, bright where it is dense, so that it stands out from a dark background.
+// Viridis, bright where it is dense, so that it stands out from a dark background. Its darkest fifth is left out: large
+// regions of little density have these colours, and would hardly be seen.
 std::vector<TransferFunction::Color> sequential(bool dense_above) {
-  const ColorMap& viridis = color_maps()[0];
-  auto colors = dense_above ? viridis.colors : reversed(viridis.colors);
-  for (auto& [t, rgb] : colors) rgb = glm::round(1e4 * rgb) / 1e4;  // short enough for a file that a person edits
+  constexpr double left_out = 0.2;
+  TransferFunction viridis;
+  viridis.colors = color_maps()[0].colors;
+  std::vector<TransferFunction::Color> colors = {{0, viridis.color_at(left_out)}};
+  for (const auto& [t, rgb] : viridis.colors)
+    if (t > left_out) colors.push_back({(t - left_out) / (1 - left_out), rgb});
+  if (!dense_above) colors = reversed(colors);
+  for (auto& [t, rgb] : colors) {
+    // Short enough for a file that a person edits.
+    t = std::round(1e4 * t) / 1e4;
+    rgb = glm::round(1e4 * rgb) / 1e4;
+  }
   return colors;
 }
 
@@ -195,31 +260,33 @@ TransferFunction constant_function(double value) {
 }  // namespace
 
 TransferFunction choose_transfer_function(const std::vector<SurveySplat>& splats) {
-  const Values values = values_of(splats);
-  const Findings findings = study(values);
+  const Axis axis = choose_axis(splats);
+  const Values values = values_of(splats, [&](double value) { return axis.position(value); });
+  const Findings findings = study(values, axis.kind == ValueAxis::log);
   const double largest = std::max(std::abs(findings.range.low), std::abs(findings.range.high));
-  if (!(findings.range.width() > 1e-6 * largest)) return constant_function(quantile(values, 0.5));
+  if (!(findings.range.width() > 1e-6 * largest)) return constant_function(axis.value(quantile(values, 0.5)));
 
   TransferFunction function;
-  const double middle = 0.5 * (findings.clear.low + findings.clear.high);
+  const bool round_zero = axis.kind != ValueAxis::log && findings.clear.low <= 0 && findings.clear.high >= 0;
+  const double middle = round_zero ? 0 : 0.5 * (findings.clear.low + findings.clear.high);
   const double below = middle - findings.range.low, above = findings.range.high - middle;
   const bool diverging = std::min(below, above) >= least_side_of_diverging * std::max(below, above);
-  if (diverging) {
-    function.lo = middle - std::max(below, above), function.hi = middle + std::max(below, above);
-    function.colors = short_cool_to_warm();
-  } else {
-    function.lo = findings.range.low, function.hi = findings.range.high;
-    function.colors = sequential(above >= below);
-  }
-  function.densities = densities_of(function, findings, least_density(splats, findings));
+  Interval domain = findings.range;
+  if (diverging) domain = {middle - std::max(below, above), middle + std::max(below, above)};
+  function.colors = diverging ? short_cool_to_warm() : sequential(above >= below);
+  function.axis = axis.kind;
+  function.linear_width = axis.width;
+  function.lo = axis.value(domain.low), function.hi = axis.value(domain.high);
+  function.densities = densities_of(domain, axis, findings, least_density(splats, axis, findings));
   return function;
 }
 
 double mean_extinction(const TransferFunction& function, const SurveySplat& splat) {
   if (!splat.has_value) return 0;
+  const AxisMoments t = function.moments_of(splat.value, splat.deviation);
   double extinction = 0;
   for (const Node& node : nodes)
-    extinction += node.weight * function.extinction(splat.value + node.deviations * splat.deviation);
+    extinction += node.weight * function.extinction_at(t.mean + node.deviations * t.deviation);
   return extinction;
 }
 

@@ -40,7 +40,7 @@ SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, con
   splat.axes = glm::mat3_cast(shape.orientation);
   for (int k = 0; k < 3; ++k) splat.axes[k] *= shape.deviations[k];
   splat.volume = shape.mass * value.coverage;
-  splat.value = attribute.value(value.mean);
+  splat.value = std::clamp(attribute.value(value.mean), attribute.min, attribute.max);  // steps of means round
   splat.deviation = attribute.scale * value.deviation;
   splat.has_value = value.coverage > 0 && shape.mass > 0;
   return splat;

@@ -1,6 +1,7 @@
 // What a volume holds, from its coarse splats alone: enough to choose a first view.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -18,10 +19,14 @@ struct SurveySplat {
   double value = 0;       // mean
   double deviation = 0;   // standard deviation of the value
   bool has_value = true;  // false: value and deviation mean nothing
+  double weight = 1;      // how much its value counts: the share of a pixel that it covers in a picture, at most 1
 
   /// Returns how far the material reaches from its centre along a unit vector. Exact for a box along the axes of the
   /// world, if `direction` is one of these.
   [[nodiscard]] double reach(const dvec3& direction) const;
+
+  /// Returns how far it reaches along its longest axis.
+  [[nodiscard]] double longest() const { return reach(axes[0] / std::max(glm::length(axes[0]), 1e-300)); }
 };
 
 /// Returns the finest resolution with at most `most_splats` splats, or the coarsest if all have more.

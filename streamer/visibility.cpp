@@ -13,9 +13,9 @@ bool extinction_within(const TransferFunction& function, double low, double high
 
   // The function is linear between control points: between two values without extinction, it is above 0 only if a
   // control point is.
-  const auto parameter = [&](double value) { return (value - function.lo) / (function.hi - function.lo); };
+  const double from = function.t_of(low), to = function.t_of(high);
   return std::ranges::any_of(function.densities, [&](const TransferFunction::Density& d) {
-    return d.extinction > 0 && d.t >= parameter(low) && d.t <= parameter(high);
+    return d.extinction > 0 && d.t >= from && d.t <= to;
   });
 }
 
@@ -112,7 +112,7 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
   const auto [least, most] = std::minmax({function_.extinction(low), function_.extinction(high)});
   Extinctions result{least, most};
   for (const TransferFunction::Density& d : function_.densities) {
-    const double value = function_.lo + d.t * (function_.hi - function_.lo);
+    const double value = function_.value_at(d.t);
     if (!(value >= low && value <= high)) continue;
     result.least = std::min(result.least, d.extinction);
     result.most = std::max(result.most, d.extinction);
@@ -123,6 +123,7 @@ ValueVisibility::Extinctions ValueVisibility::extinctions(float min, float max) 
 bool ValueVisibility::operator==(const ValueVisibility& other) const {
   return bins_ == other.bins_ && offset_ == other.offset_ && scale_ == other.scale_ &&
          function_.lo == other.function_.lo && function_.hi == other.function_.hi &&
+         function_.axis == other.function_.axis && function_.linear_width == other.function_.linear_width &&
          function_.densities == other.function_.densities;
 }
 

@@ -49,7 +49,7 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("TEXT");
   app.add_flag(
       "--transparent", options.transparent,
-      "Keep the alpha of a .png, so that what lies behind shows through; over the background it looks the same");
+      "Keep the alpha of a .png, so that what lies behind shows through; words have a halo, to be read on anything");
 }
 
 // How fine the picture is: by one of these options only.

@@ -116,7 +116,9 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY_ASSIGN(domain, domain_of(*volume));
     composition.outline = domain;
   }
-  if (options.turntable > 0) {
+  if (options.turntable > 0 && options.scene.empty()) {
+    composition.turned_about = composition.scene.camera.focal_point;
+  } else if (options.turntable > 0) {
     SPLATVOL_TRY_ASSIGN(middle, middle_of_visible(*volume, composition.scene));
     composition.turned_about = middle;
   }
@@ -128,8 +130,10 @@ Status write_page(const Composition& composition, const View& view, Image image,
   const Scene& scene = composition.scene;
   if (path.ends_with(".exr") || path.ends_with(".EXR")) return write_image(path, image, scene.background, provenance);
   const dvec3 ink = ink_on(scene.background);
-  if (composition.outline) draw_outline(image, view, *composition.outline, ink);
-  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, image, composition.text, scene.transfer_function, ink));
+  const bool transparent = composition.transparent;
+  if (composition.outline) draw_outline(image, view, *composition.outline, transparent ? ink_on_any() : ink);
+  SPLATVOL_TRY_ASSIGN(
+      page, compose_page(composition.page, image, composition.text, scene.transfer_function, ink, transparent));
   return write_image(path, page, scene.background, provenance, composition.transparent);
 }
 

@@ -101,19 +101,20 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
   const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
   for (int i = 0; i < stripes; ++i)
     canvas().AddRectFilled({low.x, y((i + 1.0) / stripes)}, {low.x + width, y(double(i) / stripes)},
-                           gui_color(function.color(function.lo + (i + 0.5) / stripes * (function.hi - function.lo))));
+                           gui_color(function.color_at((i + 0.5) / stripes)));
   canvas().AddRect(low, {low.x + width, low.y + height}, IM_COL32(255, 255, 255, 160));
   const auto write = [&](const ImVec2& at, const std::string& text) {
     canvas().AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
     canvas().AddText(at, IM_COL32(255, 255, 255, 255), text.c_str());
   };
-  const Ticks ticks = ticks_between(function.lo, function.hi, 5);
-  for (const Tick& tick : ticks.list) {
-    const double t = (tick.value - function.lo) / (function.hi - function.lo);
-    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, IM_COL32(255, 255, 255, 200), u);
-    write({low.x + width + 7 * u, y(t) - 7 * u}, tick.label);
-  }
+  const Ticks ticks = ticks_of(function, 5);
   // The window's font has no raised digits.
+  const bool is_bent = function.axis != ValueAxis::linear;
+  for (const Tick& tick : ticks.list) {
+    const double t = function.t_of(tick.value);
+    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, IM_COL32(255, 255, 255, 200), u);
+    write({low.x + width + 7 * u, y(t) - 7 * u}, is_bent ? fmt::format("{:g}", tick.value) : tick.label);
+  }
   if (ticks.exponent != 0) write({low.x, low.y + height + 3 * u}, fmt::format("x 1e{}", ticks.exponent));
   const std::string title = label_of(attribute);
   const float text_width = ImGui::CalcTextSize(title.c_str()).x;

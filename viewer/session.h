@@ -90,7 +90,7 @@ class Session {
   [[nodiscard]] Result<Image> image() const { return renderer_->read_image(); }
 
   /// Returns the last picture with its outline, if the scene has one, and with words round it.
-  [[nodiscard]] Result<Image> page(const PageText& text) const;
+  [[nodiscard]] Result<Image> page(const PageText& text, bool transparent = false) const;
 
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }

@@ -21,6 +21,20 @@ double largest_density(const TransferFunction& function) {
   return largest;
 }
 
+// A logarithmic axis and one with asinh show six decades, unless the range has fewer.
+constexpr double least_share = 1e-6;
+
+// Returns the function with another axis and domain, made valid: the control points keep their t.
+TransferFunction with_domain(TransferFunction function, ValueAxis axis, double lo, double hi) {
+  const double largest = std::max(std::abs(lo), std::abs(hi));
+  if (axis == ValueAxis::log && !(hi > 0)) return function;
+  if (axis == ValueAxis::asinh && function.axis != axis) function.linear_width = 1e-3 * largest;
+  function.axis = axis;
+  function.lo = axis == ValueAxis::log && !(lo > 0) ? least_share * hi : lo;
+  function.hi = hi;
+  return function;
+}
+
 constexpr double decades = 4;  // of a logarithmic opacity
 constexpr float grip = 7;      // farthest distance from the pointer to the control point that it takes, at scale 1
 
@@ -96,17 +110,11 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   edit_densities(function, attribute, histogram);
   edit_colors(function);
 
-  // The range that t = 0 to 1 stands for.
-  const double span = std::max(attribute.max - attribute.min, 1e-30);
-  const double narrowest = 1e-6 * span;
-  double range[2] = {function.lo, function.hi};
-  const float speed = static_cast<float>(span / 400);
-  if (ImGui::DragScalarN("range", ImGuiDataType_Double, range, 2, speed, nullptr, nullptr, "%.5g") &&
-      range[1] - range[0] > narrowest)
-    function.lo = range[0], function.hi = range[1];
+  edit_range(function, attribute);
   if (ImGui::SmallButton("fit")) function = fitting;
   ImGui::SameLine();
-  if (ImGui::SmallButton("all values") && all.max > all.min) function.lo = all.min, function.hi = all.max;
+  if (ImGui::SmallButton("all values") && all.max > all.min)
+    function = with_domain(function, function.axis, all.min, all.max);
   ImGui::SameLine();
   if (ImGui::SmallButton("reverse colours")) function.colors = reversed(function.colors);
   ImGui::Checkbox("log counts", &log_counts_);
@@ -125,13 +133,39 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
   }
 }
 
+// The axis, and the range that t = 0 to 1 stands for.
+void TransferEditor::edit_range(TransferFunction& function, const format::Attribute& attribute) {
+  int axis = static_cast<int>(function.axis);
+  if (ImGui::Combo("axis", &axis, "linear\0log\0asinh\0"))
+    function = with_domain(function, static_cast<ValueAxis>(axis), function.lo, function.hi);
+
+  const double span = std::max(attribute.max - attribute.min, 1e-30);
+  const double narrowest = 1e-6 * span;
+  double range[2] = {function.lo, function.hi};
+  if (function.axis == ValueAxis::linear) {
+    const float speed = static_cast<float>(span / 400);
+    if (ImGui::DragScalarN("range", ImGuiDataType_Double, range, 2, speed, nullptr, nullptr, "%.5g") &&
+        range[1] - range[0] > narrowest)
+      function.lo = range[0], function.hi = range[1];
+    return;
+  }
+  // Steps of a drag would be too long for the small values.
+  const bool changed = ImGui::InputScalarN("range", ImGuiDataType_Double, range, 2, nullptr, nullptr, "%.5g",
+                                           ImGuiInputTextFlags_EnterReturnsTrue);
+  if (changed && range[0] < range[1]) function = with_domain(function, function.axis, range[0], range[1]);
+  double width = function.linear_width;
+  if (function.axis == ValueAxis::asinh &&
+      ImGui::InputDouble("linear to", &width, 0, 0, "%.3g", ImGuiInputTextFlags_EnterReturnsTrue) && width > 1e-100)
+    function.linear_width = width;
+}
+
 void TransferEditor::draw_histogram(const Area& area, const TransferFunction& function,
                                     const format::Attribute& attribute,
                                     const std::array<std::uint64_t, 64>& histogram) const {
   const auto tallest = static_cast<double>(*std::ranges::max_element(histogram));
   const auto x_of_bin = [&](std::size_t bin) {
     const double value = attribute.min + (attribute.max - attribute.min) * static_cast<double>(bin) / 64;
-    return area.x(std::clamp((value - function.lo) / (function.hi - function.lo), -1.0, 2.0));
+    return area.x(std::clamp(function.t_of(value), -1.0, 2.0));
   };
   for (std::size_t bin = 0; tallest > 0 && bin < histogram.size(); ++bin) {
     const auto count = static_cast<double>(histogram[bin]);
@@ -174,8 +208,7 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   if (density_ && *density_ < points.size())
     points[*density_] = {area.dragged_t(points, *density_), area.pointer_density()};
   if (area.hovered && !area.active)
-    ImGui::SetTooltip("%.5g\nclick: add or drag, right click: remove",
-                      function.lo + (function.hi - function.lo) * area.pointer_t());
+    ImGui::SetTooltip("%.5g\nclick: add or drag, right click: remove", function.value_at(area.pointer_t()));
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {
@@ -190,7 +223,7 @@ void TransferEditor::pick_color(TransferFunction& function) const {
 
 void TransferEditor::edit_colors(TransferFunction& function) {
   const Area area = Area::make("##colours", 22 * gui_unit());
-  const auto color_at = [&](double t) { return function.color(function.lo + t * (function.hi - function.lo)); };
+  const auto color_at = [&](double t) { return function.color_at(t); };
   auto& points = function.colors;
   ImDrawList& list = *ImGui::GetWindowDrawList();
   constexpr int stripes = 64;

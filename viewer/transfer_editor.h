@@ -24,6 +24,7 @@ class TransferEditor {
   struct Area;
   void draw_histogram(const Area& area, const TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram) const;
+  static void edit_range(TransferFunction& function, const format::Attribute& attribute);
   void edit_densities(TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram);
   void edit_colors(TransferFunction& function);

@@ -228,7 +228,7 @@ Status Viewer::save_picture(const std::string& path) const {
   text.title = title_.data();
   if (saves_bar_) text.bar = label_of(session_->attribute());
   const bool data = path.ends_with(".exr");
-  SPLATVOL_TRY_ASSIGN(image, data ? session_->image() : session_->page(text));
+  SPLATVOL_TRY_ASSIGN(image, data ? session_->image() : session_->page(text, saves_transparent_));
   return write_image(path, image, scene.background,
                      {{"software", "svview"}, {"file", session_->path()}, {"attribute", scene.attribute}},
                      saves_transparent_);

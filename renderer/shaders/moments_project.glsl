@@ -139,7 +139,8 @@ bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
   vec3 kept = deviations / widened;
 
   vec4 correlations = unpackSnorm4x8(splat.correlations);
-  float value_deviation = splat.value_deviation * frame.inverse_domain;
+  vec2 of_axis = axis_moments(splat.value, splat.value_deviation);
+  float value_deviation = of_axis.y;
   vec3 gradient = half_axis * value_deviation * correlations.xyz * kept;
   vec3 smoothed = correlations.xyz * correlations.xyz * (1.0 - kept * kept);
   value.residual =
@@ -151,7 +152,7 @@ bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
   if (splat.boundary != 0) set_boundary(kept, foot, body);
   float stretch = sqrt(1.0 + body.stretch * body.stretch);
   body.centre = centre / body.pixel_size + transpose(axes) * (widened * foot);
-  value.mean = (splat.value - frame.value_low) * frame.inverse_domain + dot(gradient, foot) / half_axis;
+  value.mean = of_axis.x + dot(gradient, foot) / half_axis;
   value.gradient = gradient + (stretch - 1.0) * dot(body.normal, gradient) * body.normal;
 
   set_axes(axes, half_axis * widened, stretch, body);

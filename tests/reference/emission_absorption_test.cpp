@@ -56,6 +56,27 @@ TEST(EmissionAbsorption, MatchesBruteForce) {
   }
 }
 
+TEST(EmissionAbsorption, BentAxesMatchBruteForce) {
+  for (const ValueAxis axis : {ValueAxis::log, ValueAxis::asinh}) {
+    TransferFunction function = bent_function();
+    function.axis = axis;
+    function.lo = axis == ValueAxis::log ? 1e-3 : -300;
+    function.hi = 1e3;
+    function.linear_width = 0.1;
+    const PiecewiseTransfer transfer(function);
+    for (const auto& [front, back, length] :
+         {Stretch{-2, 3, 1}, {1e-3, 1e-2, 3}, {900, -900, 1}, {0, 0.5, 2}, {20, 21, 4}, {1e-3, 1500, 9}}) {
+      SCOPED_TRACE(testing::Message() << int(axis) << ": " << front << " to " << back << ", length " << length);
+      RayLight light;
+      transfer.add(front, back, length, light);
+      double depth = 0;
+      const dvec3 color = by_brute_force(function, front, back, length, depth);
+      EXPECT_NEAR(light.depth, depth, 3e-5 * depth);
+      for (int channel = 0; channel < 3; ++channel) EXPECT_NEAR(light.color[channel], color[channel], 3e-5) << channel;
+    }
+  }
+}
+
 TEST(EmissionAbsorption, DoesNotDependOnHowARayIsCut) {
   const PiecewiseTransfer transfer(bent_function());
   RayLight whole;

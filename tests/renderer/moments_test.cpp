@@ -782,6 +782,43 @@ TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
   EXPECT_NEAR(image.at(4, 4).g / image.at(4, 4).a, 1, 0.02);
 }
 
+// A bent axis draws what a linear one draws of the moments that the splat has on the bent axis.
+TEST_F(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
+  const auto drawn = [&](const TransferFunction& function, const Cluster& cluster, const DrawingUnits& units) {
+    EXPECT_TRUE(renderer_->set_transfer_function(function, units));
+    const MomentsSplat splat = pack(cluster);
+    const SplatBatch batch{dvec3(0), 0, 1};
+    EXPECT_TRUE(renderer_->set_splats(std::span(&splat, 1), {&batch, 1}));
+    return redraw(perspective_view());
+  };
+  for (const ValueAxis axis : {ValueAxis::log, ValueAxis::asinh})
+    for (const double value : {2e-3, 0.7, 40.0, -5.0})
+      for (const double share : {0.01, 0.5, 3.0}) {
+        SCOPED_TRACE(testing::Message() << int(axis) << ", " << value << " +- " << share * std::abs(value));
+        Cluster cluster{.position = {0, 0, -10},
+                        .mass = 3,
+                        .deviations = {1, 0.7, 0.4},
+                        .orientation = oblique,
+                        .value = value,
+                        .value_deviation = share * std::abs(value),
+                        .correlation = {0.5, -0.4, 0.3},
+                        .residual = 0.7};
+        TransferFunction function = lively(0.8);
+        function.axis = axis;
+        function.lo = axis == ValueAxis::log ? 1e-3 : -100;
+        function.hi = 100;
+        function.linear_width = 0.01;
+        const AxisMoments t = function.moments_of(value, cluster.value_deviation);
+        // A value is 0.5 more than a quarter of the stored value.
+        cluster.value = (value - 0.5) * 4, cluster.value_deviation *= 4;
+        const Image bent = drawn(function, cluster, {.value_offset = 0.5, .value_scale = 0.25});
+        cluster.value = t.mean, cluster.value_deviation = t.deviation;
+        const Image linear = drawn(lively(0.8), cluster, {});
+        for (std::size_t i = 0; i < linear.pixels.size(); ++i)
+          ASSERT_LT(glm::length(bent.pixels[i] - linear.pixels[i]), 1e-3f) << i;
+      }
+}
+
 /// Splats with zeros, extreme numbers and numbers that are not finite, in many combinations.
 std::vector<Cluster> hard_cases() {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();

@@ -52,6 +52,40 @@ TEST(Ticks, HaveAFactorForValuesOfAnySize) {
     }
 }
 
+std::vector<std::string> axis_labels(ValueAxis axis, double low, double high, double width = 1) {
+  TransferFunction function = ramp(low, high);
+  function.axis = axis;
+  function.linear_width = width;
+  std::vector<std::string> list;
+  double last = -INFINITY;
+  for (const Tick& tick : ticks_of(function, 5).list) {
+    EXPECT_GT(tick.value, last);
+    EXPECT_GE(function.t_of(tick.value), -1e-9);
+    EXPECT_LE(function.t_of(tick.value), 1 + 1e-9);
+    last = tick.value;
+    list.push_back(tick.label);
+  }
+  return list;
+}
+
+TEST(Ticks, OfALogarithmicAxisArePowersOfTen) {
+  using Labels = std::vector<std::string>;
+  EXPECT_EQ(axis_labels(ValueAxis::log, 1e-6, 1e3), (Labels{"10⁻⁶", "10⁻⁴", "10⁻²", "10⁰", "10²"}));
+  EXPECT_EQ(axis_labels(ValueAxis::log, 0.9e-2, 101), (Labels{"0.01", "0.1", "1", "10", "100"}));
+  EXPECT_EQ(axis_labels(ValueAxis::log, 1, 30), (Labels{"1", "2", "5", "10", "20"}));
+  EXPECT_EQ(axis_labels(ValueAxis::log, 3e51, 9e52), (Labels{"5 × 10⁵¹", "10⁵²", "2 × 10⁵²", "5 × 10⁵²"}));
+  EXPECT_EQ(axis_labels(ValueAxis::log, 3.1, 3.4).size(), 4u);
+  EXPECT_EQ(axis_labels(ValueAxis::linear, 0, 1).size(), 6u);
+}
+
+TEST(Ticks, OfAnAsinhAxisHaveBothSigns) {
+  using Labels = std::vector<std::string>;
+  EXPECT_EQ(axis_labels(ValueAxis::asinh, -100, 100, 10), (Labels{"-100", "-10", "0", "10", "100"}));
+  EXPECT_EQ(axis_labels(ValueAxis::asinh, -1e6, 1e6, 100), (Labels{"-10⁶", "-10³", "0", "10³", "10⁶"}));
+  EXPECT_LE(axis_labels(ValueAxis::asinh, -1e30, 1e30).size(), 6u);
+  EXPECT_GE(axis_labels(ValueAxis::asinh, -1e-3, 1e-3).size(), 2u);
+}
+
 TEST(Font, WritesWordsAndAnyBytes) {
   const Font font = Font::create(20).value();
   EXPECT_GT(font.width("WWW"), 2 * font.width("iii"));
@@ -100,6 +134,34 @@ TEST(Page, OutlinesAreBehindAndInFrontOfTheVolume) {
   };
   EXPECT_GT(at({0, 0.5, 0.5}).r, 0.2f);
   EXPECT_LT(at({0.02, -0.5, -0.5}).r, 0.1f);
+}
+
+TEST(Page, WordsWithAHaloAreReadOnAnyBackground) {
+  const TransferFunction function = ramp(0, 1);
+  const PageText text{"Title", "p [Pa]"};
+  const Page page = lay_out_page(1600, 1200, text, function).value();
+  const Image picture{page.picture_width, page.picture_height,
+                      std::vector<vec4>(static_cast<std::size_t>(page.picture_width) * page.picture_height)};
+  for (const dvec3& ink : {dvec3(0), dvec3(1)}) {
+    const Image plain = compose_page(page, picture, text, function, ink).value();
+    const Image image = compose_page(page, picture, text, function, ink, true).value();
+    // Round each dark stroke there are bright pixels, and the other way round.
+    const auto count = [&](const Image& of, double brightness) {
+      std::size_t found = 0;
+      for (int y = 0; y < page.top; ++y)
+        for (int x = 0; x < page.picture_width; ++x)
+          if (const vec4& pixel = of.at(x, y); pixel.a > 0.7f && std::abs(pixel.r / pixel.a - brightness) < 0.2)
+            ++found;
+      return found;
+    };
+    EXPECT_GT(count(image, ink.r), 200u);
+    EXPECT_GT(count(image, 1 - ink.r), 200u);
+    EXPECT_EQ(count(plain, 1 - ink.r), 0u);
+    EXPECT_GT(count(image, ink.r), 0.8 * static_cast<double>(count(plain, ink.r)));
+  }
+  const double contrast_on_black = (luminance(ink_on_any()) + 0.05) / 0.05;
+  const double contrast_on_white = 1.05 / (luminance(ink_on_any()) + 0.05);
+  EXPECT_GT(std::min(contrast_on_black, contrast_on_white), 4.4);
 }
 
 TEST(Contrast, KeepsColoursAndDensitiesVisible) {

@@ -195,6 +195,37 @@ TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
   refuses("density", {{-0.1, 1}}, "density[0]");
   refuses("density", {{1.1, 1}}, "density[0]");
   refuses("density", {{0, 1}, {0.5, true}}, "density[1][1]");
+  refuses("axis", "logarithmic", "axis");
+  refuses("axis", 1, "axis");
+  refuses("axis", "asinh", "linear_width");
+  refuses("linear_width", 1, "linear_width");
+}
+
+TEST(ParseScene, ReadsAndWritesTheAxis) {
+  json document = valid_scene();
+  json& function = document["transfer_function"];
+  function["axis"] = "log";
+  for (const json& domain : {json{-1, 1}, json{0, 1}}) {
+    function["domain"] = domain;
+    EXPECT_THAT(error_of(document.dump()), StartsWith("transfer_function.domain: "));
+  }
+  function["domain"] = {1e-6, 1e3};
+  Scene scene = parse_scene(document.dump()).value();
+  EXPECT_EQ(scene.transfer_function.axis, ValueAxis::log);
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value().transfer_function, scene.transfer_function);
+
+  function["domain"] = {-1e3, 1e3};
+  function["axis"] = "asinh";
+  for (const json& width : {json(0), json(-1), json("1")}) {
+    function["linear_width"] = width;
+    EXPECT_THAT(error_of(document.dump()), StartsWith("transfer_function.linear_width: "));
+  }
+  function["linear_width"] = 0.25;
+  scene = parse_scene(document.dump()).value();
+  EXPECT_EQ(scene.transfer_function.linear_width, 0.25);
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value().transfer_function, scene.transfer_function);
+  function["domain"] = {1e60, 1e60 * (1 + 1e-15)};
+  EXPECT_THAT(error_of(document.dump()), StartsWith("transfer_function.domain: "));
 }
 
 TEST(ParseScene, RefusesWhatIsNoScene) {

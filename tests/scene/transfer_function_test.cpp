@@ -74,5 +74,66 @@ TEST(TransferFunction, PiecesEndAtBendsAndJumps) {
   EXPECT_EQ(pieces[3].at_end, glm::dvec4(0, 1, 2, 4));
 }
 
+TransferFunction on_axis(ValueAxis axis, double lo, double hi) {
+  TransferFunction function;
+  function.lo = lo, function.hi = hi;
+  function.axis = axis;
+  function.linear_width = 1e-2;
+  function.colors = {{0, {1, 0, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 1}, {1, 3}};
+  return function;
+}
+
+TEST(ValueAxis, EqualRatiosAreEqualStepsOfALogarithmicAxis) {
+  const auto function = on_axis(ValueAxis::log, 1e-6, 1e3);
+  for (int decade = 0; decade <= 9; ++decade) {
+    const double value = 1e-6 * std::pow(10, decade);
+    EXPECT_NEAR(function.t_of(value), decade / 9.0, 1e-14);
+    EXPECT_NEAR(function.value_at(decade / 9.0) / value, 1, 1e-13);
+    EXPECT_NEAR(function.extinction(value), 1 + 2 * decade / 9.0, 1e-13);
+  }
+  EXPECT_EQ(function.value_at(0), 1e-6);
+  EXPECT_EQ(function.value_at(1), 1e3);
+}
+
+TEST(ValueAxis, ZeroAndNegativeValuesCountAsTheLowEndOfALogarithmicAxis) {
+  const auto function = on_axis(ValueAxis::log, 1e-6, 1e3);
+  for (const double value : {0.0, -0.0, -1.0, -1e100, -infinity, 1e-300}) EXPECT_EQ(function.extinction(value), 1);
+  EXPECT_EQ(function.extinction(infinity), 3);
+  EXPECT_EQ(function.extinction(std::nan("")), 0);
+}
+
+TEST(ValueAxis, AsinhShowsBothSignsAlike) {
+  const auto function = on_axis(ValueAxis::asinh, -1e3, 1e3);
+  EXPECT_NEAR(function.t_of(0), 0.5, 1e-14);
+  for (const double value : {1e-9, 1e-3, 1.0, 500.0}) {
+    EXPECT_NEAR(function.t_of(value) + function.t_of(-value), 1, 1e-14);
+    EXPECT_NEAR(function.value_at(function.t_of(value)) / value, 1, 1e-6);
+  }
+  // Linear far below the width, logarithmic far above.
+  EXPECT_NEAR((function.t_of(2e-5) - 0.5) / (function.t_of(1e-5) - 0.5), 2, 1e-5);
+  EXPECT_NEAR(function.t_of(1000) - function.t_of(100), function.t_of(100) - function.t_of(10), 1e-5);
+}
+
+TEST(ValueAxis, MomentsAreThoseOfTheDistribution) {
+  auto function = on_axis(ValueAxis::linear, 2, 6);
+  EXPECT_DOUBLE_EQ(function.moments_of(3, 1).mean, 0.25);
+  EXPECT_DOUBLE_EQ(function.moments_of(3, 1).deviation, 0.25);
+
+  // Mean and deviation of a lognormal distribution whose logarithm has the mean 1 and the deviation 0.8.
+  function = on_axis(ValueAxis::log, 1, std::exp(10));
+  const double variance = 0.64, mean = std::exp(1 + variance / 2);
+  const AxisMoments log = function.moments_of(mean, mean * std::sqrt(std::expm1(variance)));
+  EXPECT_NEAR(log.mean, 0.1, 1e-13);
+  EXPECT_NEAR(log.deviation, 0.08, 1e-13);
+  EXPECT_LT(function.moments_of(-1, 5).mean, 0);
+
+  function = on_axis(ValueAxis::asinh, -1e3, 1e3);
+  const AxisMoments narrow = function.moments_of(10, 1e-3);
+  EXPECT_NEAR(narrow.mean, function.t_of(10), 1e-9);
+  EXPECT_NEAR(narrow.deviation, (function.t_of(10.001) - function.t_of(9.999)) / 2, 1e-9);
+  EXPECT_NEAR(function.moments_of(0, 1e3).mean, 0.5, 1e-14);
+}
+
 }  // namespace
 }  // namespace splatvol

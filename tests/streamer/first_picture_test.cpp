@@ -259,6 +259,109 @@ TEST_F(RendererTestFirstPicture, ChoosesAQuantityAndOneCamera) {
   EXPECT_EQ(scene_to_json(scene_of({}, "T")), scene_to_json(scene_of({}, "T")));
 }
 
+double radius_of(const dvec3& p) { return glm::length(p - 0.5); }
+
+TEST_F(RendererTestFirstPicture, ValuesThatSpanDecadesGetALogarithmicAxis) {
+  const Shape unit = box(dvec3(0), dvec3(1));
+  const auto axis_of = [&](const Field& field) {
+    return scene_of({20, 20, 20}, unit, {{"a", field}}).transfer_function;
+  };
+  for (const double scale : {1e-30, 1.0, 1e48}) {
+    const TransferFunction f =
+        axis_of([&](const dvec3& p) { return scale * std::pow(10, 3 - 9 * radius_of(p) / 0.87); });
+    EXPECT_EQ(f.axis, ValueAxis::log);
+    EXPECT_GT(f.lo, 1e-7 * scale);
+    EXPECT_LT(f.lo, 1e-4 * scale);
+    EXPECT_GT(f.hi, 0.1 * scale);
+    EXPECT_EQ(f.extinction(f.lo), 0);
+    EXPECT_GT(f.extinction(f.hi), 5 * f.extinction(std::sqrt(f.lo * f.hi)));
+  }
+  // Zeros and some errors of rounding below 0 change nothing. Means of 0 are stored with an error of rounding, too.
+  const TransferFunction cut = axis_of([](const dvec3& p) {
+    const double r = radius_of(p);
+    return r > 0.6 ? 0 : p == dvec3(0.5) ? -1e-12 : std::pow(10, -8 * r);
+  });
+  EXPECT_EQ(cut.axis, ValueAxis::log);
+  EXPECT_GT(cut.lo, 1e-10);
+  EXPECT_GT(cut.hi, 0.01);
+  const TransferFunction poles = axis_of([](const dvec3& p) {
+    return std::pow(glm::length(p - dvec3(0.3, 0.5, 0.5)) + 0.003, -6) -
+           std::pow(glm::length(p - dvec3(0.7, 0.5, 0.5)) + 0.003, -6);
+  });
+  EXPECT_EQ(poles.axis, ValueAxis::asinh);
+  EXPECT_NEAR(poles.lo / poles.hi, -1, 1e-6);
+  EXPECT_GT(poles.extinction(poles.hi), poles.extinction(0));
+
+  // No decades: a smooth field, one of two values, and a wall layer that fills no volume.
+  EXPECT_EQ(axis_of([](const dvec3& p) { return p.x; }).axis, ValueAxis::linear);
+  EXPECT_EQ(axis_of([](const dvec3& p) { return std::sin(7 * p.x); }).axis, ValueAxis::linear);
+  EXPECT_EQ(axis_of([](const dvec3& p) { return 1 / (1 + std::exp(60 * (p.z - 0.5))); }).axis, ValueAxis::linear);
+  const Shape graded = [](const dvec3& p) { return dvec3(p.x, p.y, p.z == 0 ? 0 : std::pow(1e-9, 1 - p.z)); };
+  const Scene wall = scene_of({10, 10, 60}, graded, {{"U", [](const dvec3& p) { return std::tanh(20 * p.z); }}});
+  EXPECT_EQ(wall.transfer_function.axis, ValueAxis::linear);
+}
+
+TEST_F(RendererTestFirstPicture, NineDecadesOfCellSizeAreSeen) {
+  const auto grade = [](double t) { return t == 0 ? 0 : std::pow(1e-9, 1 - t); };
+  const Shape corner = [&](const dvec3& p) { return dvec3(grade(p.x), grade(p.y), grade(p.z)); };
+  const auto decade = [](const dvec3& p) { return std::log10(glm::length(p) + 1e-10); };
+  const auto wave = [&](const dvec3& p) { return std::cos(2 * decade(p)); };
+  for (const Field& field : {Field(decade), Field(wave)}) {
+    const Image image = draw(scene_of({27, 27, 27}, corner, {{"T", field}}, {200, 200}));
+    const auto found = opacities(image);
+    ASSERT_GT(found.size(), 8000u);  // a fifth of the picture
+    EXPECT_GT(found[found.size() * 3 / 4], 0.2f);
+    double brightness = 0;
+    for (const vec4& pixel : image.pixels) brightness += luminance(dvec3(pixel)) / static_cast<double>(found.size());
+    EXPECT_GT(brightness, 0.02);
+  }
+}
+
+TEST_F(RendererTestFirstPicture, AWakeIsInThePictureToo) {
+  // The pressure varies round the origin of a long domain; the wake is behind it, beyond what the pressure shows.
+  const auto pressure = [](const dvec3& p) { return 101325 + 900 * std::exp(-glm::dot(p, p)); };
+  const auto wake = [](const dvec3& p) { return p.x < 0 ? 0 : std::exp(-4 * (p.y * p.y + p.z * p.z)); };
+  const Shape domain = box(dvec3(-20), dvec3(40));
+  const auto reach = [&](const Scene& scene) {
+    const View view = make_view(scene).value();
+    double last = 0;
+    for (double x = 0; x < 20; x += 0.1) {
+      const dvec3 p = view.to_view({x, 0, 0});
+      if (std::abs(p.x) * view.focal < 0.5 * view.width * p.z) last = x;
+    }
+    return last;
+  };
+  const Scene alone = scene_of({60, 60, 60}, domain, {{"p", pressure}}, {200, 200});
+  const Scene both = scene_of({60, 60, 60}, domain, {{"p", pressure}, {"k", wake}}, {200, 200});
+  EXPECT_EQ(both.attribute, "p");
+  EXPECT_EQ(scene_of({200, 200}, "k").camera, both.camera);
+  EXPECT_GT(reach(both), 1.3 * reach(alone));
+  // What the pressure shows is no dot.
+  const auto distance = [](const Scene& scene) {
+    return glm::length(scene.camera.position - scene.camera.focal_point);
+  };
+  EXPECT_LT(distance(both), 2.5 * distance(alone));
+}
+
+TEST_F(RendererTestFirstPicture, FramesOneOfTwoFarClusters) {
+  const Shape clusters = [](const dvec3& p) { return p.x < 0.5 ? p : p + dvec3(1e8, 0, 0); };
+  const auto field = [](const dvec3& p) { return p.x > 1e7 ? 0.5 : std::sin(9 * p.y) * std::cos(8 * p.z); };
+  const Scene scene = scene_of({24, 24, 24}, clusters, {{"a", field}}, {200, 200});
+  EXPECT_LT(glm::length(scene.camera.position), 100);
+  EXPECT_LT(scene.transfer_function.hi, 2);
+  EXPECT_GT(opacities(draw(scene)).size(), 5000u);
+}
+
+TEST_F(RendererTestFirstPicture, ValuesFarOutsideOfThePictureDoNotDecide) {
+  const auto spot = [](const dvec3& p) { return 101325 + 900 * std::exp(-40 * glm::dot(p - 0.1, p - 0.1)); };
+  const auto elsewhere = [](const dvec3& p) {
+    return 300 + 0.5 * std::sin(20 * p.x) + 900 * std::exp(-90 * glm::dot(p - 0.9, p - 0.9));
+  };
+  scene_of({30, 30, 30}, box(dvec3(0), dvec3(1)), {{"p", spot}, {"T", elsewhere}}, {200, 200});
+  const Scene scene = scene_of({200, 200}, "T");
+  EXPECT_GT(opacities(draw(scene)).size(), 4000u);
+}
+
 TEST_F(RendererTestFirstPicture, StaysInThePictureAsItTurns) {
   Scene scene = scene_of({24, 6, 6}, box(dvec3(0), dvec3(4, 1, 1)), {{"a", seven}}, {200, 200, dvec3(0), true});
   const dvec3 center = scene.camera.focal_point;

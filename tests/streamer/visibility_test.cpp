@@ -54,6 +54,25 @@ TEST(ExtinctionWithin, IsClampedOutsideOfTheDomain) {
   EXPECT_FALSE(extinction_within(function, 5, 7));
 }
 
+TEST(ExtinctionWithin, FollowsTheAxis) {
+  TransferFunction function = test::opaque();
+  function.axis = ValueAxis::log;
+  function.lo = 1e-6;
+  function.hi = 1e3;
+  const double t = function.t_of(0.1);
+  function.densities = {{0, 0}, {t - 0.01, 0}, {t, 3}, {t + 0.01, 0}, {1, 0}};
+  EXPECT_TRUE(extinction_within(function, -5, 1e3));
+  EXPECT_TRUE(extinction_within(function, 0.05, 0.2));
+  EXPECT_FALSE(extinction_within(function, -5, 0.05));
+  EXPECT_FALSE(extinction_within(function, 0.2, 1e9));
+  const ValueVisibility visibility(function, attribute(0, 64));
+  EXPECT_EQ(visibility.bins(), 1u);
+  EXPECT_FALSE(visibility.shows(0.2f, 0.9f, 1));
+  EXPECT_EQ(visibility.extinctions(0.05f, 0.9f).most, 3);
+  function.axis = ValueAxis::linear;
+  EXPECT_NE(visibility, ValueVisibility(function, attribute(0, 64)));
+}
+
 TEST(ValueVisibility, BinsAreThoseOfVisibleValues) {
   const auto a = attribute(0, 64);
   const ValueVisibility visibility(test::window(10.25, 12.5), a);
