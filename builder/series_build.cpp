@@ -241,8 +241,8 @@ class SeriesBuild {
     if (!target_.geometry) target_.geometry = hash.value();
     if (*target_.geometry == hash.value()) return {};
     return fail(ErrorCode::invalid_data,
-                "{}: its points and cells are not those of the steps before, or points that have the same position and "
-                "values there do not here: {}",
+                "{}: its points and cells are not those of the steps before, or it lacks a value at points of several "
+                "pieces that have one there: {}",
                 group_.front().name, series_of_files_hint);
   }
 

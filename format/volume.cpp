@@ -303,6 +303,11 @@ Result<IndexPage> Volume::read_index_page(const IndexPageRef& ref, std::uint8_t 
   return page;
 }
 
+Result<IndexPage> Volume::with_summaries(IndexPage page, int attribute) const {
+  SPLATVOL_TRY(read_step_summaries(page.number, static_cast<std::size_t>(attribute), page));
+  return page;
+}
+
 Volume::Page Volume::page_at(std::uint64_t page) const {
   const std::size_t of_file = directories_[0].refs.size();
   return page < of_file ? Page{directories_[0], 0, page} : Page{directories_[1], 1, page - of_file};

@@ -108,6 +108,10 @@ class Volume {
   [[nodiscard]] Result<IndexPage> read_index_page(const IndexPageRef& ref, std::uint8_t child_mask,
                                                   std::span<const std::uint64_t> parent_counts, int attribute) const;
 
+  /// Returns an index page as at this step: the structure of `page`, which was read at another step of the same series,
+  /// and the summaries of `attribute` at this one. Reads these summaries only. Requires a series.
+  [[nodiscard]] Result<IndexPage> with_summaries(IndexPage page, int attribute) const;
+
   /// Returns the number of the directory page that has the chunk of a column in a row. Without a column: of the first
   /// column that all steps share. The pages of a step follow those of the file.
   [[nodiscard]] std::uint64_t directory_page_of_row(std::uint64_t row, int column = 0) const;

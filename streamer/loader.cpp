@@ -28,6 +28,11 @@ tl::unexpected<Error> fail_in_part(const format::Volume& volume, const PartLoad&
   return fail(error.code, "{}: {}", what, error.message);
 }
 
+Result<format::IndexPage> read_index_page(const format::Volume& volume, int attribute, const IndexPageLoad& load) {
+  if (load.structure) return volume.with_summaries(*load.structure, attribute);
+  return volume.read_index_page(load.ref, load.child_mask, load.parent_counts, attribute);
+}
+
 template <class Page>
 Result<CacheData> as_data(const format::Volume& volume, const PartLoad& part, Result<Page> page) {
   if (!page) return fail_in_part(volume, part, page.error());
@@ -61,8 +66,7 @@ std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad>
 void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
   PartLoad& first = run.front();
   if (const auto* page = std::get_if<IndexPageLoad>(&first.what)) {
-    first.data =
-        as_data(volume, first, volume.read_index_page(page->ref, page->child_mask, page->parent_counts, attribute));
+    first.data = as_data(volume, first, read_index_page(volume, attribute, *page));
     return;
   }
   if (std::holds_alternative<DirectoryPageLoad>(first.what)) {

@@ -5,6 +5,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <span>
 #include <thread>
@@ -27,6 +28,7 @@ struct IndexPageLoad {
   format::IndexPageRef ref;
   std::uint8_t child_mask;
   std::vector<std::uint64_t> parent_counts;
+  std::shared_ptr<const format::IndexPage> structure = nullptr;  // the page at another step, if it is there
 };
 struct DirectoryPageLoad {};
 struct ChunkLoad {

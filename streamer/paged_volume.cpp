@@ -25,13 +25,29 @@ Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_
   return typed(cache_.insert(key, std::move(fetched), std::move(*reservation)));
 }
 
+Result<IndexPage> PagedVolume::read_root() const {
+  const auto structure = structure_of(root_key());
+  return structure ? volume_->with_summaries(*structure, attribute_) : volume_->read_index_root(attribute_);
+}
+
+std::shared_ptr<const IndexPage> PagedVolume::structure_of(CacheKey key) const {
+  key.step = step_before_;
+  const Cache::Pointer held = step_before_ > 0 ? cache_.find(key) : nullptr;
+  return held ? std::shared_ptr<const IndexPage>(held, &std::get<IndexPage>(*held)) : nullptr;
+}
+
 Result<std::shared_ptr<const IndexPage>> PagedVolume::root() {
-  return page<IndexPage>(root_key(), 0, [&] { return volume_->read_index_root(attribute_); });
+  used_.insert(root_key());
+  return page<IndexPage>(root_key(), 0, [&] { return read_root(); });
 }
 
 Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& parent, std::uint32_t node) {
   const format::IndexPageRef& ref = parent.pages[parent.links[node]];
-  return page<IndexPage>(index_key(ref.offset), ref.page_bytes, [&] {
+  const CacheKey key = index_key(ref.offset);
+  used_.insert(key);
+  return page<IndexPage>(key, ref.page_bytes, [&] {
+    const auto structure = structure_of(key);
+    if (structure) return volume_->with_summaries(*structure, attribute_);
     return volume_->read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
   });
 }

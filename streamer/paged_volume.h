@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <set>
 
 #include "base/error.h"
 #include "format/volume.h"
@@ -18,10 +19,13 @@ class PagedVolume final : public IndexPages {
   PagedVolume(const format::Volume& volume, int attribute, Cache& cache)
       : volume_(&volume), attribute_(attribute), cache_(cache) {}
 
-  /// Changes to another step. Keeps a reference.
+  /// Changes to another step, or to another file. Keeps a reference. If it is a step of the same series, index pages of
+  /// the step before are used for their structure while the cache has them.
   void set_step(const format::Volume& volume, int attribute) {
+    step_before_ = volume.is_same_file(*volume_) ? step_key() : 0;
     volume_ = &volume;
     attribute_ = attribute;
+    used_.clear();
   }
 
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
@@ -30,6 +34,16 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> root() override;
   [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> linked(const format::IndexPage& page,
                                                                         std::uint32_t node) override;
+
+  /// Reads the root page, without the cache.
+  [[nodiscard]] Result<format::IndexPage> read_root() const;
+
+  /// Returns an index page as it was at the step before; null if the cache does not have it.
+  [[nodiscard]] std::shared_ptr<const format::IndexPage> structure_of(CacheKey key) const;
+
+  /// The index pages that `root` and `linked` have returned since the last `forget_used`.
+  [[nodiscard]] const std::set<CacheKey>& used() const { return used_; }
+  void forget_used() { used_.clear(); }
 
   /// The keys of parts in the cache.
   [[nodiscard]] CacheKey root_key() const { return {CacheKey::Kind::index_root, 0, -1, step_key()}; }
@@ -60,6 +74,8 @@ class PagedVolume final : public IndexPages {
 
   const format::Volume* volume_;
   int attribute_;
+  std::uint64_t step_before_ = 0;  // the step of keys; 0: none
+  std::set<CacheKey> used_;
   Cache& cache_;
 };
 

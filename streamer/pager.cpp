@@ -130,7 +130,8 @@ Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, st
   const Cache::Pointer found = find_page(key);
   if (found) return typed<IndexPage>(found);
   const auto counts = page.nodes.counts_of(node);
-  pages_.missing.try_emplace(key, IndexPageLoad{ref, page.nodes.child_masks[node], {counts.begin(), counts.end()}});
+  pages_.missing.try_emplace(
+      key, IndexPageLoad{ref, page.nodes.child_masks[node], {counts.begin(), counts.end()}, paged_.structure_of(key)});
   return nullptr;
 }
 

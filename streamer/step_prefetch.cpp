@@ -55,9 +55,15 @@ bool StepPrefetch::has_same_layout() const {
 void StepPrefetch::read_pages() {
   for (PartLoad& part : pages_) {
     if (stopping_) return;
-    auto page = result_.volume->read_directory_page(part.key.number);
-    if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
-    part.data = CacheData(std::move(*page));
+    if (const auto* index = std::get_if<IndexPageLoad>(&part.what)) {
+      auto page = result_.volume->with_summaries(*index->structure, attribute_);
+      if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
+      part.data = CacheData(std::move(*page));
+    } else {
+      auto page = result_.volume->read_directory_page(part.key.number);
+      if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
+      part.data = CacheData(std::move(*page));
+    }
     result_.parts.push_back(std::move(part));
   }
 }
@@ -66,7 +72,7 @@ bool StepPrefetch::find_location(PartLoad& chunk) const {
   const format::Volume& volume = *result_.volume;
   const std::uint64_t number = volume.directory_page_of_row(chunk.key.number, chunk.key.column);
   for (const PartLoad& part : result_.parts) {
-    if (part.key.number != number) continue;
+    if (part.key.kind != CacheKey::Kind::directory_page || part.key.number != number) continue;
     const auto& page = std::get<DirectoryPage>(*part.data);
     std::get<ChunkLoad>(chunk.what).location = volume.find_chunk(page, chunk.key.number, chunk.key.column);
     return true;

@@ -21,8 +21,9 @@ class StepPrefetch {
   /// Largest load run, packed. One is held at a time, in `working`.
   static constexpr std::uint64_t run_bytes = std::uint64_t{256} << 10;
 
-  /// `pages` and `chunks` have the keys of `step`, and reservations for their data. The locations of the chunks are not
-  /// known yet; the pages must have them. `working` is for all else: the step's preamble and a load run.
+  /// `pages` and `chunks` have the keys of `step`, and reservations for their data. Index pages have their structure.
+  /// The locations of the chunks are not known yet; the directory pages must have them. `working` is for all else: the
+  /// step's preamble and a load run.
   StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute, std::vector<PartLoad> pages,
                std::vector<PartLoad> chunks, Reservation working);
   StepPrefetch(const StepPrefetch&) = delete;

@@ -169,6 +169,23 @@ std::vector<CacheKey> Streamer::step_chunks_of_frame() {
   return keys;
 }
 
+// Adds the index pages from which the frame was chosen, as at another step. Without memory for a page, it stops.
+void Streamer::add_index_pages(std::size_t step, std::vector<PartLoad>& pages) {
+  std::set<CacheKey> keys = paged_.used();
+  if (pager_)
+    for (const auto& [key, held] : pager_->pages().held) keys.insert(key);
+  for (CacheKey key : keys) {
+    if (key.kind == CacheKey::Kind::directory_page) continue;
+    const Cache::Pointer held = cache_.find(key);
+    key.step = step + 1;
+    if (!held || cache_.find(key)) continue;
+    const std::shared_ptr<const format::IndexPage> structure(held, &std::get<format::IndexPage>(*held));
+    auto room = cache_.reserve_spare(structure->memory_bytes());
+    if (!room) return;
+    pages.push_back({key, IndexPageLoad{{}, 0, {}, structure}, std::move(*room), {}, CacheData()});
+  }
+}
+
 void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
@@ -180,6 +197,7 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!working) return;
 
   std::vector<PartLoad> pages, chunks;
+  add_index_pages(step, pages);
   std::set<std::uint64_t> numbers;
   for (CacheKey key : step_chunks_of_frame()) {
     const std::uint64_t number = volume_->directory_page_of_row(key.number, key.column);
@@ -228,7 +246,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
 // Reserves the fixed parts of the budget, such as the preamble. Leaves room to work in: for the pages on the path to a
 // node, and for the chunks of a row.
 Status Streamer::set_memory_aside() {
-  SPLATVOL_TRY_ASSIGN(root, volume_->read_index_root(paged_.attribute()));
+  SPLATVOL_TRY_ASSIGN(root, paged_.read_root());
   working_bytes_ = gatherer_->working_bytes() + directory_page_bytes(*volume_) + 4 * root.memory_bytes();
   if (kernel_ == KernelKind::moments && hide_) filled_ = FilledNodes::find(*volume_, root, paged_.attribute());
   auto fixed = cache_.reserve(fixed_bytes());
@@ -265,6 +283,7 @@ Result<const FrameSplats*> Streamer::request(const View& view, const TransferFun
   aim_.reset();
   pager_.reset();
   coarsest_frame_.reset();
+  paged_.forget_used();
   const auto cut_start = std::chrono::steady_clock::now();
   const ValueVisibility visibility(function, info().attributes[static_cast<std::size_t>(paged_.attribute())],
                                    units().length);

@@ -193,6 +193,7 @@ class Streamer {
   [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
 
   [[nodiscard]] std::vector<CacheKey> step_chunks_of_frame();
+  void add_index_pages(std::size_t step, std::vector<PartLoad>& pages);
   void take_prefetched(StepPrefetch::Result result);
   [[nodiscard]] Status start_paging();
   [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);

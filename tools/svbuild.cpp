@@ -123,7 +123,8 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"census", census}};
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   if (notes.step)
-    document["time_step"] = {{"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->count}};
+    document["time_step"] = {
+        {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
   if (!notes.times.empty()) document["times"] = notes.times;
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
@@ -135,7 +136,7 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
              connectivity_name(report.connectivity), report.file_bytes,
              static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   if (notes.step)
-    fmt::print("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->count);
+    fmt::print("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->times.size());
   if (!notes.times.empty())
     fmt::print("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
                notes.times.front(), notes.times.back());

@@ -1,5 +1,6 @@
 #include "builder/points/boundary_corners.h"
 
+#include <cmath>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -16,7 +17,12 @@ bool operator<(const Corner& a, const Corner& b) {
 }
 
 std::uint64_t hash_values(const PointRecords& layout, const std::byte* record) {
-  return format::hash_bytes(layout.sample(record).subspan(layout.position_bytes()));
+  if (layout.copies() == VertexCopies::same_values)
+    return format::hash_bytes(layout.sample(record).subspan(layout.position_bytes()));
+  std::uint64_t hash = 0;
+  for (std::size_t a = 0; a < layout.attributes(); ++a)
+    hash = 0x9e3779b97f4a7c15u * hash + (std::isnan(layout.value(record, a)) ? 1 : 2);
+  return hash;
 }
 
 BoundaryCorners::BoundaryCorners(const PointRecords& layout, ExternalSorter corners)

@@ -23,7 +23,8 @@ struct Corner {
 [[nodiscard]] bool operator==(const Corner& a, const Corner& b);
 [[nodiscard]] bool operator<(const Corner& a, const Corner& b);
 
-/// Hash of the values in a point's record.
+/// Hash of what copies of a vertex have in common besides their position: the values in a point's record, or, if copies
+/// are found without regard to values, which of them are missing.
 [[nodiscard]] std::uint64_t hash_values(const PointRecords& layout, const std::byte* record);
 
 /// An outer face of the whole mesh, as one of its points has it: a third of it at each corner, or all of it at the

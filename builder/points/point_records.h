@@ -8,6 +8,7 @@
 #include "base/math.h"
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
+#include "builder/sources/source.h"
 
 namespace splatvol {
 
@@ -17,6 +18,14 @@ class PointRecords {
  public:
   PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false)
       : attributes_(attributes), single_(single_precision), material_(material), planes_(planes) {}
+
+  /// The same layout, for records of which others are copies of one vertex.
+  [[nodiscard]] PointRecords with_copies(VertexCopies copies) const {
+    PointRecords layout = *this;
+    layout.copies_ = copies;
+    return layout;
+  }
+  [[nodiscard]] VertexCopies copies() const { return copies_; }
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
   [[nodiscard]] bool has_material() const { return material_; }
@@ -39,7 +48,7 @@ class PointRecords {
     set_number(record, 3 + attribute, value);
   }
 
-  /// The bytes of position and values. Records of the same sample have the same bytes.
+  /// The bytes of position and values.
   [[nodiscard]] std::span<const std::byte> sample(const std::byte* record) const {
     return {record, number_bytes() * (3 + attributes_)};
   }
@@ -105,6 +114,7 @@ class PointRecords {
   bool single_;
   bool material_;
   bool planes_;
+  VertexCopies copies_ = VertexCopies::same_values;
 };
 
 }  // namespace splatvol

@@ -122,8 +122,9 @@ PointStream::PointStream(const PointRecords& layout, InputSummary summary, Exter
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
                                         const std::function<void(double)>& progress) {
-  const PointRecords layout(source.attributes().size(), source.single_precision(), use_cells && source.may_have_cells(),
-                            use_cells && source.brings_material());
+  const PointRecords layout = PointRecords(source.attributes().size(), source.single_precision(),
+                                           use_cells && source.may_have_cells(), use_cells && source.brings_material())
+                                  .with_copies(source.copies());
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   PieceReader reader(source, layout, faces);
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));

@@ -1,6 +1,7 @@
 #include "builder/points/sample_merger.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <span>
 #include <tuple>
@@ -15,6 +16,17 @@ std::tuple<double, double, double> position_of(const PointRecords& layout, const
 
 std::span<const std::byte> values_of(const PointRecords& layout, const std::byte* record) {
   return layout.sample(record).subspan(layout.position_bytes());
+}
+
+// Orders the samples of one position; those that are not told apart are equal.
+bool is_less(const PointRecords& layout, const std::byte* a, const std::byte* b) {
+  if (layout.copies() == VertexCopies::same_values)
+    return std::ranges::lexicographical_compare(values_of(layout, a), values_of(layout, b));
+  for (std::size_t i = 0; i < layout.attributes(); ++i) {
+    const bool missing = std::isnan(layout.value(a, i)), other_missing = std::isnan(layout.value(b, i));
+    if (missing != other_missing) return other_missing;
+  }
+  return false;
 }
 
 }  // namespace
@@ -56,7 +68,7 @@ std::vector<std::size_t> SampleMerger::sort_samples(const std::byte* records, st
   std::ranges::stable_sort(order, [&](std::size_t i, std::size_t j) {
     const std::byte *a = records + i * layout_.bytes(), *b = records + j * layout_.bytes();
     if (position_of(layout_, a) != position_of(layout_, b)) return position_of(layout_, a) < position_of(layout_, b);
-    return std::ranges::lexicographical_compare(values_of(layout_, a), values_of(layout_, b));
+    return is_less(layout_, a, b);
   });
   return order;
 }
@@ -70,8 +82,8 @@ std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const
     return layout_.has_material() && layout_.vertex(record(i)).in_cell != 0;
   };
   const auto is_same_sample = [&](std::size_t i, std::size_t j) {
-    return position(i) == position(j) &&
-           std::ranges::equal(values_of(layout_, record(i)), values_of(layout_, record(j)));
+    return layout_.copies() != VertexCopies::none && position(i) == position(j) &&
+           !is_less(layout_, record(i), record(j)) && !is_less(layout_, record(j), record(i));
   };
   std::vector<std::size_t> kept(order.size());
   std::size_t present = order[0];

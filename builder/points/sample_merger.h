@@ -13,9 +13,8 @@
 
 namespace splatvol {
 
-/// Appends sorted points to batches. Neighbouring pieces of a mesh repeat their common vertices: of points with equal
-/// samples that belong to cells the first is kept, with the material of all. Every point of no cell is a sample of its
-/// own.
+/// Appends sorted points to batches. Neighbouring pieces of a mesh repeat their common vertices: of the copies of a
+/// vertex (PointRecords::copies) the first is kept, with the material of all. Every point of no cell is kept.
 class SampleMerger {
  public:
   /// `has_material`: whether any record has material.

@@ -79,8 +79,14 @@ class MissingValues {
 struct TimeStep {
   double time = 0;
   std::size_t index = 0;
-  std::size_t count = 1;           // of the input's steps
-  std::vector<double> times = {};  // of all of them
+  std::vector<double> times = {};  // of all steps of the input
+};
+
+/// Which points of cells at one position are copies of a vertex. Copies become one point, with the material of all.
+enum class VertexCopies {
+  same_values,  // those with the same values
+  same_place,   // all, if each attribute has a value at all of them or at none
+  none
 };
 
 /// A stream of pieces. Not thread-safe.
@@ -119,6 +125,12 @@ class Source {
 
   /// The attributes of the pieces so far that are not as in the input: "density: of cells, averaged to points".
   [[nodiscard]] virtual std::vector<std::string> conversions() const { return {}; }
+
+  /// Whether values of cells are averaged in each piece by itself, so that copies of a vertex differ from piece to
+  /// piece.
+  [[nodiscard]] virtual bool averages_by_piece() const { return false; }
+
+  [[nodiscard]] virtual VertexCopies copies() const { return VertexCopies::same_values; }
 
   /// Whether a piece may have tetrahedra or bring its material.
   [[nodiscard]] virtual bool may_have_cells() const { return true; }

@@ -28,6 +28,11 @@ std::string difference(const Piece& first, const Piece& other) {
   return {};
 }
 
+// One piece repeats no vertex, so its points of one position are those of a crack or of a field that jumps.
+VertexCopies copies_of(const Source& source) {
+  return source.piece_count() > 1 && !source.averages_by_piece() ? VertexCopies::same_place : VertexCopies::none;
+}
+
 template <class T>
 void append(std::vector<T>& all, std::vector<T>& more) {
   std::ranges::move(more, std::back_inserter(all));
@@ -41,6 +46,7 @@ StepGroup::StepGroup(std::vector<SeriesStep> steps, std::unique_ptr<Source> firs
       others_(steps_.size()),
       finished_(steps_.size()),
       step_attributes_(first_->attributes()),
+      copies_(copies_of(*first_)),
       stated_times_(steps_.size()) {
   for (std::size_t step = 0; step < steps_.size(); ++step)
     attributes_.insert(attributes_.end(), step_attributes_.begin(), step_attributes_.end());

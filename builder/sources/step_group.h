@@ -22,6 +22,9 @@ struct SeriesStep {
 /// The attributes of several steps, one step after another, as attributes of one source. The mesh is that of the first
 /// step; next() fails if another step has other points, cells or attributes. Holds a piece of each step, and its source
 /// if it has several pieces.
+///
+/// The copies of a vertex are the same at all steps, whatever the values: points of one position are copies if the
+/// input has several pieces, and not if values of cells are averaged in each piece by itself.
 class StepGroup final : public Source {
  public:
   /// Opens the first step. Requires a step.
@@ -40,6 +43,7 @@ class StepGroup final : public Source {
   [[nodiscard]] Result<std::optional<Box>> bounds() override { return first_->bounds(); }
   [[nodiscard]] std::optional<std::uint64_t> point_count() const override { return first_->point_count(); }
   [[nodiscard]] std::vector<std::string> conversions() const override { return first_->conversions(); }
+  [[nodiscard]] VertexCopies copies() const override { return copies_; }
   [[nodiscard]] bool may_have_cells() const override { return first_->may_have_cells(); }
   [[nodiscard]] bool brings_material() const override { return first_->brings_material(); }
   [[nodiscard]] bool single_precision() const override { return first_->single_precision(); }
@@ -55,6 +59,7 @@ class StepGroup final : public Source {
   std::vector<std::unique_ptr<Source>> others_;  // [step]; null: not open yet, or finished
   std::vector<bool> finished_;                   // [step]
   std::vector<std::string> step_attributes_, attributes_;
+  VertexCopies copies_;
   std::vector<std::optional<double>> stated_times_;
 };
 

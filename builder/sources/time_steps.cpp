@@ -11,7 +11,7 @@ std::optional<TimeStep> choose_step(const std::vector<double>& times, std::optio
     const bool better = time ? std::abs(times[i] - *time) < std::abs(times[best] - *time) : times[i] >= times[best];
     if (better) best = i;
   }
-  return TimeStep{times[best], best, times.size(), times};
+  return TimeStep{times[best], best, times};
 }
 
 }  // namespace splatvol

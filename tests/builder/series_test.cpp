@@ -14,6 +14,7 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/builder/support/series_check.h"
 
 namespace splatvol {
 namespace {
@@ -70,20 +71,6 @@ Status verify(const std::string& path) {
   return open(path)->verify([](double) {});
 }
 
-// Every chunk of a file at a step, by row and kind of column, packed.
-std::vector<format::Bytes> chunks_of(const format::Volume& volume) {
-  using format::ColumnKind;
-  std::vector<format::Bytes> chunks;
-  const format::RowLayout& rows = volume.rows();
-  for (std::uint64_t row = 0; row < rows.row_count(); ++row)
-    for (const int column : rows.columns_of_row(row)) {
-      const auto page = volume.read_directory_page(volume.directory_page_of_row(row, column)).value();
-      const format::ChunkLocation& location = volume.find_chunk(page, row, column);
-      chunks.push_back(volume.read_bytes(location.offset, location.entry.packed_bytes).value());
-    }
-  return chunks;
-}
-
 // The bytes of a step, as they are in the file.
 std::string bytes_of_step(const std::string& path, std::size_t step) {
   const format::StepEntry entry = open(path)->series()->steps[step];
@@ -107,7 +94,7 @@ TEST_F(Series, AStepIsTheFileThatIsBuiltFromIt) {
     EXPECT_EQ(at_step->info().attributes[0].min, single->info().attributes[0].min);
     EXPECT_EQ(at_step->info().attributes[0].offset, single->info().attributes[0].offset);
     EXPECT_EQ(at_step->read_histograms().value(), single->read_histograms().value());
-    EXPECT_EQ(chunks_of(*at_step), chunks_of(*single));
+    EXPECT_EQ(test::chunks_of(*at_step), test::chunks_of(*single));
 
     const auto root = at_step->read_index_root(0).value(), expected = single->read_index_root(0).value();
     EXPECT_EQ(root.nodes.summaries[0].min, expected.nodes.summaries[0].min);
@@ -177,6 +164,76 @@ TEST_F(Series, AFailedAppendLeavesTheFileAsItWas) {
   };
   expect_refused(steps(3, 5, 10), "--series-of-files");
   expect_refused(steps(1, 2), "not behind");
+}
+
+// Two blocks side by side. At step 0 their values agree at their common points, and later they jump there.
+std::vector<Piece> blocks_at(std::size_t step) {
+  std::vector<Piece> blocks;
+  for (const double block : {0.0, 1.0}) {
+    const test::Mesh mesh = test::lattice(8, [&](dvec3 p) { return p + dvec3(block, 0, 0); });
+    blocks.push_back(test::mesh_piece(mesh, [&](dvec3 p) { return step == 0 ? 3 : p.y + 5 * block + field(step, p); }));
+  }
+  return blocks;
+}
+
+// A source whose pieces have a value each at common points.
+class BlockSource final : public test::PieceSource {
+ public:
+  explicit BlockSource(std::vector<Piece> pieces, bool averages)
+      : PieceSource(std::move(pieces)), averages_(averages) {}
+  bool averages_by_piece() const override { return averages_; }
+
+ private:
+  bool averages_;
+};
+
+std::vector<SeriesStep> block_steps(std::size_t begin, std::size_t end, bool averages) {
+  std::vector<SeriesStep> list;
+  for (std::size_t step = begin; step < end; ++step)
+    list.push_back({fmt::format("step {}", step), static_cast<double>(step),
+                    [step, averages]() -> Result<std::unique_ptr<Source>> {
+                      return std::make_unique<BlockSource>(blocks_at(step), averages);
+                    }});
+  return list;
+}
+
+// Whether points are copies of a vertex depends on no step.
+TEST_F(Series, PointsMergeAtAllStepsOrAtNone) {
+  for (const bool averages : {false, true}) {
+    build_or_fail(block_steps(0, 4, averages), path("together.svol"));
+    BuildOptions little;
+    little.memory = 1 << 20;  // fewer steps at a time
+    build_or_fail(block_steps(0, 4, averages), path("apart.svol"), little);
+    EXPECT_EQ(read_text_file(path("together.svol")).value(), read_text_file(path("apart.svol")).value());
+
+    build_or_fail(block_steps(0, 1, averages), path("grown.svol"));
+    const auto appended = append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent);
+    ASSERT_TRUE(appended) << appended.error().message;
+    const Status verified = verify(path("grown.svol"));
+    ASSERT_TRUE(verified) << verified.error().message;
+    for (std::size_t step = 0; step < 4; ++step)
+      EXPECT_EQ(bytes_of_step(path("grown.svol"), step), bytes_of_step(path("together.svol"), step)) << step;
+    EXPECT_EQ(open(path("grown.svol"))->info().point_count(), 2U * 9 * 9 * 9 - (averages ? 0U : 9U * 9));
+  }
+}
+
+// The points of one piece stay apart: there, the field may jump.
+TEST_F(Series, ACrackStaysOpen) {
+  const auto cracked = [](std::size_t step) {
+    std::vector<Piece> blocks = blocks_at(step);
+    Piece& whole = blocks[0];
+    const auto shift = static_cast<std::uint32_t>(whole.points.size());
+    whole.points.insert(whole.points.end(), blocks[1].points.begin(), blocks[1].points.end());
+    whole.values[0].insert(whole.values[0].end(), blocks[1].values[0].begin(), blocks[1].values[0].end());
+    for (auto corners : blocks[1].tetrahedra) {
+      for (std::uint32_t& corner : corners) corner += shift;
+      whole.tetrahedra.push_back(corners);
+    }
+    return step_of(step, {whole});
+  };
+  build_or_fail({cracked(0)}, path("series.svol"));
+  ASSERT_TRUE(append_to_series({cracked(1), cracked(2)}, path("series.svol"), {}, silent));
+  EXPECT_EQ(open(path("series.svol"))->info().point_count(), 2U * 9 * 9 * 9);
 }
 
 TEST_F(Series, AMeshThatChangesIsRefused) {

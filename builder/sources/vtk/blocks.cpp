@@ -76,7 +76,7 @@ class BlockDataSets final : public VtkDataSets {
     }));
     std::erase_if(shapes_, [&](const ArrayShape& shape) { return !wants_array(selection_, shape.name); });
     algorithm_ = algorithm;
-    SPLATVOL_TRY(check_steps(file_, step_ ? step_->count : 0));
+    SPLATVOL_TRY(check_steps(file_, step_ ? step_->times.size() : 0));
     const bool shares = cells_ == CellValues::averaged && reader_->portions_share_points();
     return shares ? share_points() : Status{};
   }
@@ -88,6 +88,7 @@ class BlockDataSets final : public VtkDataSets {
   std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
+  bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
   void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
     shared_.apply(data, block_name_, array, component, means);
   }

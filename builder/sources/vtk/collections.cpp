@@ -124,6 +124,8 @@ class CompositeDataSets final : public VtkDataSets {
     blocks_->share_means(data, array, component, means);
   }
 
+  bool averages_by_data_set() const override { return blocks_->averages_by_data_set(); }
+
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (!learnt_) SPLATVOL_TRY(learn());
     for (;;) {

@@ -65,6 +65,10 @@ class VtkDataSets {
   virtual void share_means(vtkDataSet& /*data*/, const std::string& /*array*/, int /*component*/,
                            std::span<double> /*means*/) const {}
 
+  /// Whether means of cells at a point that several data sets have differ from one to the other: each has the mean over
+  /// its own cells.
+  [[nodiscard]] virtual bool averages_by_data_set() const { return true; }
+
   /// As Source::time_step(), for the first file that has been opened.
   [[nodiscard]] virtual std::optional<TimeStep> time_step() const { return std::nullopt; }
 };

@@ -53,6 +53,8 @@ class FileDataSets final : public VtkDataSets {
     if (blocks_) blocks_->share_means(data, array, component, means);
   }
 
+  bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
+
   Result<vtkSmartPointer<vtkDataSet>> next() override {
     if (blocks_) {
       SPLATVOL_TRY_ASSIGN(block, blocks_->next());

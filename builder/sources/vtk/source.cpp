@@ -106,6 +106,11 @@ class VtkSource final : public Source {
     return piece;
   }
 
+  bool averages_by_piece() const override {
+    return !own_cells_ && data_sets_->averages_by_data_set() &&
+           std::ranges::any_of(attributes_, [](const VtkAttribute& attribute) { return attribute.of_cells; });
+  }
+
   std::vector<std::string> conversions() const override {
     std::string names;
     for (const std::string& array : names_of(attributes_))

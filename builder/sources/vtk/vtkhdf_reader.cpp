@@ -209,7 +209,7 @@ class HdfFile {
       const std::string own_offsets = fmt::format("{}Offsets/{}", data, name);
       const bool own = step_ && group_.has("Steps/" + own_offsets);
       std::uint64_t first = 0, rows = shape[0];
-      if (step_ && shape.size() >= 4 && (own || shape[0] == step_->count)) {  // the first axis is time
+      if (step_ && shape.size() >= 4 && (own || shape[0] == step_->times.size())) {  // the first axis is time
         first = own ? offset(own_offsets) : step_->index;
         rows = 1;
         shape.erase(shape.begin());

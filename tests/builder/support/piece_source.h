@@ -18,7 +18,7 @@
 namespace splatvol::test {
 
 /// `tells_bounds`, `single_precision`: whether bounds() and single_precision() tell anything.
-class PieceSource final : public Source {
+class PieceSource : public Source {
  public:
   explicit PieceSource(std::vector<Piece> pieces, bool tells_bounds = false, bool single_precision = false)
       : pieces_(std::move(pieces)), tells_bounds_(tells_bounds), single_precision_(single_precision) {}

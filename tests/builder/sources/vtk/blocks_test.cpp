@@ -13,6 +13,7 @@
 #include "builder/open_source.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/support/series_check.h"
 #include VTK_CGNS(cgnslib.h)
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
@@ -100,7 +101,7 @@ class BlocksTest : public test::FolderTest {
       ASSERT_TRUE(input) << input.error().message;
       ASSERT_TRUE(input->step.has_value());
       EXPECT_EQ(input->step->index, step);
-      EXPECT_EQ(input->step->count, 2u);
+      EXPECT_EQ(input->step->times.size(), 2u);
       const double time = times[step];
       EXPECT_NEAR(input->step->time, time, 1e-6);
       EXPECT_EQ(input->points, 2 * block_points);
@@ -117,6 +118,7 @@ class BlocksTest : public test::FolderTest {
     }
     EXPECT_THAT(error_of(name, {{"nothing"}, {}, {}}), HasSubstr("no attribute \"nothing\"; there are: "));
     expect_joined(name);
+    test::expect_series(path(name), folder_, 2, {"f", "U[1]"});  // of points
   }
 
   /// Expects that the points of the blocks' common face are merged.
@@ -365,6 +367,7 @@ TEST_F(BlocksTest, EnSightSingleFiles) {
     EXPECT_EQ(input->step->index, step);
     EXPECT_LT(largest_error(*input, "f", [&](dvec3 p) { return field(p, times[step]); }), 3e-5);
   }
+  test::expect_series(path("all.case"), folder_, 2);
 }
 
 TEST_F(BlocksTest, EnSightTruncated) {
@@ -596,7 +599,7 @@ TEST_F(BlocksTest, OpenFoam) {
       ASSERT_TRUE(input) << input.error().message;
       ASSERT_TRUE(input->step.has_value());
       EXPECT_EQ(input->step->index, step);
-      EXPECT_EQ(input->step->count, 2u);
+      EXPECT_EQ(input->step->times.size(), 2u);
       EXPECT_EQ(input->points, block_points) << "no patches";
       EXPECT_EQ(input->pieces.size(), 1u);
       EXPECT_EQ(input->census.cells.at("hexahedron"), block_cells);
@@ -609,6 +612,7 @@ TEST_F(BlocksTest, OpenFoam) {
   const auto last = read_input({path("case.foam")});
   ASSERT_TRUE(last) << last.error().message;
   EXPECT_EQ(last->step->time, 2);
+  test::expect_series(path("case.foam"), folder_, 2);
 }
 
 TEST_F(BlocksTest, OpenFoamUnits) {
@@ -644,6 +648,7 @@ TEST_F(BlocksTest, DecomposedOpenFoam) {
   const auto report = build_volume(**source, path("out.svol"), {}, [](const char*, double) {});
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_EQ(report->resolution_counts.back(), block_points);
+  test::expect_series(path("case.foam"), folder_, 2);
 
   std::filesystem::rename(path("processor0"), path("processor2"));
   EXPECT_THAT(error_of("case.foam"), HasSubstr("the folder processor0 of the decomposed case is missing"));

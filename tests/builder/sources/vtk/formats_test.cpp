@@ -13,6 +13,7 @@
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/builder/support/series_check.h"
 
 // VTK's readers leak a little if they give up on a damaged file. The leak checker asks here which leaks to ignore.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libvtk\nleak:libhdf5"; }
@@ -132,11 +133,12 @@ TEST_F(FormatsTest, Pvd) {
     EXPECT_EQ(input->points, 8u);
     ASSERT_TRUE(input->step);
     EXPECT_EQ(input->step->index, step);
-    EXPECT_EQ(input->step->count, 2u);
+    EXPECT_EQ(input->step->times.size(), 2u);
     EXPECT_EQ(input->step->time, step == 0 ? 0.5 : 2.5);
     EXPECT_LT(largest_error(*input, "f", step == 0 ? 1 : 10), 1e-5);
     EXPECT_EQ(input->pieces[0].points[0], dvec3(0)) << "parts in order";
   }
+  test::expect_series(path("series.pvd"), folder_, 2);
   expect_refused_or_equal("series.pvd", "series.pvd", 1);
   write_tetrahedron("z.vtu", 0, "f");
   const auto folder = read_input({folder_}, {{}, {}, 0.5});
@@ -399,7 +401,7 @@ TEST_F(FormatsTest, Gmsh) {
       EXPECT_LT(largest_error(*input, "f", 2), 1e-12) << "the last step";
       EXPECT_LT(largest_error(*input, "g[1]", 2), 1e-12);
       ASSERT_TRUE(input->step);
-      EXPECT_EQ(input->step->count, 2u);
+      EXPECT_EQ(input->step->times.size(), 2u);
       const auto cell =
           static_cast<std::size_t>(std::ranges::find(input->attributes, "cell") - input->attributes.begin());
       EXPECT_EQ(input->pieces[0].values[cell][0], 3);
@@ -407,6 +409,7 @@ TEST_F(FormatsTest, Gmsh) {
       const auto first = read_input({path("a.msh")}, {{"f"}, {}, 0.2});
       ASSERT_TRUE(first) << first.error().message;
       EXPECT_LT(largest_error(*first, "f"), 1e-12);
+      test::expect_series(path("a.msh"), folder_, 2);
       expect_refused_or_equal("a.msh", "a.msh", 7);
     }
 }
@@ -600,6 +603,7 @@ TEST_F(FormatsTest, VtkHdf) {
     EXPECT_EQ(input->pieces[0].values[c][0], 3);
     EXPECT_EQ(input->pieces[1].values[c][0], 4);
   }
+  test::expect_series(path("a.vtkhdf"), folder_, 2);
   expect_refused_or_equal("a.vtkhdf", "a.vtkhdf", 401);
 }
 

@@ -1,0 +1,109 @@
+// Time series of cases that OpenFOAM itself has computed.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "base/file.h"
+#include "tests/support/programs.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Debian's programs look for their settings there.
+constexpr const char* environment = "env WM_PROJECT_DIR=/usr/share/openfoam";
+
+// A cavity whose lid moves, 3-D: icoFoam's tutorial with cubic cells.
+class OpenFoamSeries : public test::ProgramTest {
+ protected:
+  void SetUp() override {
+    for (const char* program : {"blockMesh", "polyDualMesh", "icoFoam", "decomposePar"})
+      if (test::run_in(folder_, fmt::format("command -v {}", program)).code != 0)
+        GTEST_SKIP() << "no " << program << " on this machine (Debian's package openfoam)";
+    write_settings();
+    write("constant/transportProperties", "dictionary", "transportModel Newtonian; nu 0.01;");
+    write("0/p", "volScalarField",
+          "dimensions [0 2 -2 0 0 0 0]; internalField uniform 0;\n"
+          "boundaryField { lid { type zeroGradient; } walls { type zeroGradient; } }");
+    write("0/U", "volVectorField",
+          "dimensions [0 1 -1 0 0 0 0]; internalField uniform (0 0 0);\n"
+          "boundaryField { lid { type fixedValue; value uniform (1 0 0); } walls { type noSlip; } }");
+    compute("blockMesh");
+  }
+
+  void write_settings() const {
+    write("system/blockMeshDict", "dictionary",
+          "convertToMeters 0.1; edges ();\n"
+          "vertices ((0 0 0)(1 0 0)(1 1 0)(0 1 0)(0 0 1)(1 0 1)(1 1 1)(0 1 1));\n"
+          "blocks (hex (0 1 2 3 4 5 6 7) (6 6 6) simpleGrading (1 1 1));\n"
+          "boundary (lid { type wall; faces ((3 7 6 2)); } walls { type wall;\n"
+          "  faces ((0 4 7 3)(2 6 5 1)(1 5 4 0)(0 3 2 1)(4 5 6 7)); });");
+    write("system/controlDict", "dictionary",
+          "application icoFoam; startFrom startTime; startTime 0; stopAt endTime; endTime 0.04; deltaT 0.005;\n"
+          "writeControl timeStep; writeInterval 4; writeFormat binary; writePrecision 8; timePrecision 6;");
+    write("system/fvSchemes", "dictionary",
+          "ddtSchemes { default Euler; } gradSchemes { default Gauss linear; }\n"
+          "divSchemes { default none; div(phi,U) Gauss linear; }\n"
+          "laplacianSchemes { default Gauss linear corrected; }\n"
+          "interpolationSchemes { default linear; } snGradSchemes { default corrected; }");
+    write("system/fvSolution", "dictionary",
+          "solvers { p { solver PCG; preconditioner DIC; tolerance 1e-6; relTol 0.05; } pFinal { $p; relTol 0; }\n"
+          "U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-5; relTol 0; } }\n"
+          "PISO { nCorrectors 2; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }");
+    write("system/decomposeParDict", "dictionary",
+          "numberOfSubdomains 2; method simple; coeffs { n (2 1 1); delta 0.001; }");
+  }
+  void write(const std::string& name, const std::string& kind, const std::string& text) const {
+    fs::create_directories(fs::path(path("flow/" + name)).parent_path());
+    std::ofstream(path("flow/" + name)) << fmt::format(
+        "FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n{}\n", kind,
+        fs::path(name).filename().string(), text);
+  }
+  void compute(const std::string& program) const {
+    const test::Outcome outcome = test::run_in(folder_, fmt::format("cd flow && {} {}", environment, program));
+    ASSERT_EQ(outcome.code, 0) << program << ": " << outcome.text;
+  }
+
+  // Expects that each step has the points, values and moments of a file that is built at its time.
+  void expect_steps() const {
+    expect_done("svbuild flow --times all -o all.svol");
+    expect_done("svinfo all.svol --verify");
+    const std::vector<std::string> times = {"0", "0.02", "0.04"};
+    for (std::size_t step = 0; step < times.size(); ++step) {
+      expect_done(fmt::format("svbuild flow --time {} -o one.svol", times[step]));
+      expect_done("svexport one.svol -o one.vtu");
+      expect_done(fmt::format("svexport all.svol --step {} -o step.vtu", step));
+      EXPECT_TRUE(read_text_file(path("one.vtu")).value() == read_text_file(path("step.vtu")).value()) << step;
+    }
+    // At the beginning all values are zero. Points merge as they do later.
+    expect_done("svbuild flow --times 0:0.01 -o grown.svol");
+    expect_done("svbuild flow --times 0.02: --append -o grown.svol");
+    expect_done("svexport grown.svol --step 2 -o grown.vtu");
+    EXPECT_TRUE(read_text_file(path("one.vtu")).value() == read_text_file(path("grown.vtu")).value());
+  }
+  void decompose() const {
+    compute("decomposePar -time 0:1");
+    for (const char* name : {"0", "0.02", "0.04", "constant/polyMesh"}) fs::remove_all(path("flow") + "/" + name);
+  }
+};
+
+TEST_F(OpenFoamSeries, OfHexahedra) {
+  compute("icoFoam");
+  expect_steps();
+  decompose();
+  expect_steps();
+}
+
+TEST_F(OpenFoamSeries, OfPolyhedra) {
+  compute("polyDualMesh 75 -overwrite");
+  compute("icoFoam");
+  expect_steps();
+  decompose();
+  expect_steps();
+}
+
+}  // namespace
+}  // namespace splatvol
