@@ -53,7 +53,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
   return {};
 }
 
-// As box() tells once the piece has been read.
+// The box round the points that cells use, or round all points of a piece without tetrahedra.
 Box PieceReader::box_of(const Piece& piece) const {
   Box box;
   const auto include = [&](const dvec3& p) {
@@ -185,8 +185,7 @@ void PieceReader::find_ranges(const Piece& piece, const PieceMaterial& material,
 PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span<const std::size_t> kept) {
   PieceMaterial material;
   const bool known = piece.material || piece.cells;
-  if (layout_.has_material() && piece.cells)
-    for (const std::size_t i : kept) in_cells_.box.include(piece.points[i]);
+  if (layout_.has_material() && (piece.cells || !piece.tetrahedra.empty())) in_cells_.box.include(box_of(piece));
   if (!layout_.has_material() || (!known && piece.tetrahedra.empty())) {
     census_.in_no_cell += kept.size();
     return material;
@@ -197,10 +196,7 @@ PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span
   material.used.resize(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) material.used[corner] = true;
-  for (const std::size_t i : kept) {
-    if (material.used[i]) in_cells_.box.include(piece.points[i]);
-    census_.in_no_cell += material.used[i] ? 0 : 1;
-  }
+  for (const std::size_t i : kept) census_.in_no_cell += material.used[i] ? 0 : 1;
   ValueTable& table = material.values.emplace(piece.points.size(), layout_.attributes());
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     const std::vector<double> values = std::exchange(piece.values[a], {});

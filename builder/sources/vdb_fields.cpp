@@ -1,6 +1,5 @@
 #include "builder/sources/vdb_fields.h"
 
-#include <cmath>
 #include <utility>
 
 #include "builder/sources/source.h"
@@ -27,8 +26,7 @@ class GridField final : public VdbField {
   template <class T>
   static double number(const T& stored, int component) {
     if constexpr (openvdb::VecTraits<T>::IsVec) {
-      if (component != magnitude) return static_cast<double>(stored[component]);
-      return std::hypot(static_cast<double>(stored[0]), static_cast<double>(stored[1]), static_cast<double>(stored[2]));
+      return static_cast<double>(stored[component]);
     } else {
       return static_cast<double>(stored);
     }

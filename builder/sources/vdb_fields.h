@@ -19,7 +19,7 @@ class VdbField {
   /// Adds the grid's active voxels and tiles to `topology`.
   virtual void add_topology(openvdb::MaskTree& topology) const = 0;
 
-  /// Sets values[i] to the grid's value at `voxels[i]`: a component, or the magnitude. NaN if the grid is not active
+  /// Sets values[i] to the grid's value at `voxels[i]`: a component. NaN if the grid is not active
   /// there.
   virtual void sample(std::span<const openvdb::Coord> voxels, int component, std::span<double> values) const = 0;
 };

@@ -7,6 +7,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -235,6 +236,7 @@ class VdbFile {
       piece->values.assign(attributes_.size(), std::vector<double>(points));
       material.value_moments.assign(attributes_.size(), std::vector<ValueMoments>(points));
       material.gradients.assign(attributes_.size(), std::vector<dvec3>(points));
+      piece->fills.assign(attributes_.size(), 0);
       tbb::parallel_for(begin, end, [&](std::size_t r) { fill(regions_[r], first_points[r - begin], *piece); });
       return piece;
     });
@@ -272,15 +274,15 @@ class VdbFile {
 
   /// Fills in the values of an attribute, their moments and gradients. Requires the masses of fill_material.
   void fill_attribute(const RegionSamples& samples, std::size_t a, Piece& piece) const {
-    const Attribute& attribute = attributes_[a];
-    std::vector<double> values(samples.voxels.size());
-    fields_.at(attribute.grid)->sample(samples.voxels, attribute.component, values);
-    static_cast<void>(missing_.replace(values));
+    std::vector<bool> filled(samples.voxels.size());
+    const std::vector<double> values = sample(samples, attributes_[a], filled);
+    std::uint64_t fills = 0;
     const double edge = samples.region.edge;
     visit_points(samples.region, [&](std::size_t number, std::size_t voxel, const dvec3&) {
       const std::size_t i = samples.first_point + number;
       const Stencil& stencil = samples.layout.stencils[voxel];
       const double value = piece.values[a][i] = values[stencil.own];
+      fills += filled[stencil.own] ? 1 : 0;
       const double mass = piece.material->moments[i].mass;
       if (std::isnan(value) || !(mass > 0)) return;
       // In indices the box is a cube, with variance edge^2 / 12 along each axis.
@@ -294,6 +296,28 @@ class VdbFile {
       moments.min = field.min;
       moments.max = field.max;
     });
+    std::atomic_ref(piece.fills[a]) += fills;  // regions are filled in parallel
+  }
+
+  /// Reads the values of an attribute. The missing ones are NaN; `filled` becomes true where a finite number stood for
+  /// one. A vector with a missing component has no magnitude.
+  [[nodiscard]] std::vector<double> sample(const RegionSamples& samples, const Attribute& attribute,
+                                           std::vector<bool>& filled) const {
+    const auto component = [&](int c) {
+      std::vector<double> values(samples.voxels.size());
+      fields_.at(attribute.grid)->sample(samples.voxels, c, values);
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (missing_.has(values[i])) {
+          filled[i] = filled[i] || std::isfinite(values[i]);
+          values[i] = missing_value;
+        }
+      return values;
+    };
+    if (attribute.component != VdbField::magnitude) return component(attribute.component);
+    std::vector<double> values = component(0);
+    const std::vector<double> y = component(1), z = component(2);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = std::hypot(values[i], y[i], z[i]);
+    return values;
   }
 
   /// The plane of a box's faces that have nothing active beside them.

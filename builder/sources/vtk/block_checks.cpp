@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cstdint>
 #include <string_view>
+#include <utility>
 
 #include "base/file.h"
 #include "builder/sources/read_text.h"
@@ -40,11 +41,11 @@ class CaseChecker {
     constexpr std::array<std::string_view, 5> sections = {"FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE"};
     if (line.empty()) return {};
     if (line == "TIME") {
-      in_file_sets_ = false;
+      section_ = line;
       return start_steps(1);  // until the section gives a number
     }
     if (std::ranges::find(sections, line) != sections.end()) {
-      in_file_sets_ = line == "FILE";
+      section_ = line;
       return {};
     }
     if (line.find('"') != std::string_view::npos)
@@ -61,11 +62,11 @@ class CaseChecker {
     in_values_ = key == "time values";
     if (in_values_) values_ += count_words(value);
     if (in_values_ || key == "filename numbers") return {};
-    if (value.empty())
+    if (value.empty() || !belongs(key))
       return fail(ErrorCode::unsupported, "{}: the line \"{}\" is of no kind that VTK's reader of EnSight knows", path_,
                   line.substr(0, 80));
     // A set of files has a number of steps, too.
-    return key == "number of steps" && !in_file_sets_ ? read_steps(value) : Status{};
+    return key == "number of steps" && section_ == "TIME" ? read_steps(value) : Status{};
   }
 
   /// The largest number of steps that a set of steps declares.
@@ -77,6 +78,23 @@ class CaseChecker {
   }
 
  private:
+  /// Whether a line of this kind may be in the current section.
+  [[nodiscard]] bool belongs(std::string_view key) const {
+    constexpr std::array<std::pair<std::string_view, std::string_view>, 11> keys = {{{"FORMAT", "type"},
+                                                                                     {"GEOMETRY", "model"},
+                                                                                     {"GEOMETRY", "measured"},
+                                                                                     {"GEOMETRY", "match"},
+                                                                                     {"TIME", "time set"},
+                                                                                     {"TIME", "number of steps"},
+                                                                                     {"TIME", "filename start number"},
+                                                                                     {"TIME", "filename increment"},
+                                                                                     {"FILE", "file set"},
+                                                                                     {"FILE", "filename index"},
+                                                                                     {"FILE", "number of steps"}}};
+    if (section_ == "VARIABLE") return key.find(" per ") != std::string_view::npos;
+    return std::ranges::find(keys, std::pair(section_, key)) != keys.end();
+  }
+
   Status start_steps(std::size_t count) {
     SPLATVOL_TRY(finish());
     steps_ = count;
@@ -100,7 +118,7 @@ class CaseChecker {
   std::size_t values_ = 0;  // of these steps so far
   bool counted_ = false;
   bool in_values_ = false;
-  bool in_file_sets_ = false;
+  std::string_view section_;    // of the current line
   std::size_t most_steps_ = 0;  // of a set
 };
 

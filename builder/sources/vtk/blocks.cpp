@@ -56,10 +56,11 @@ Status try_file(const VtkFile& file, const std::vector<std::string>& selection, 
 /// The blocks of one file.
 class BlockDataSets final : public VtkDataSets {
  public:
-  BlockDataSets(VtkFile file, std::vector<std::string> selection, CellValues cells)
+  BlockDataSets(VtkFile file, std::vector<std::string> selection, CellValues cells, const MissingValues& missing)
       : file_(std::move(file)),
         selection_(std::move(selection)),
         cells_(cells),
+        missing_(missing),
         reader_(make_block_reader(file_.kind)) {}
 
   Status open(std::optional<double> time) {
@@ -116,7 +117,8 @@ class BlockDataSets final : public VtkDataSets {
         const std::vector<vtkDataArray*> arrays = arrays_of_cells(*blocks_[i]);
         if (arrays.empty()) continue;
         SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *blocks_[i]));
-        SPLATVOL_TRY(run_vtk(file_.path, [&] { shared_.add(*blocks_[i], block_names_[i], averages, arrays); }));
+        SPLATVOL_TRY(
+            run_vtk(file_.path, [&] { shared_.add(*blocks_[i], block_names_[i], averages, arrays, missing_); }));
       }
       blocks_.clear();
       block_names_.clear();
@@ -210,6 +212,7 @@ class BlockDataSets final : public VtkDataSets {
   VtkFile file_;
   std::vector<std::string> selection_;
   CellValues cells_;
+  MissingValues missing_;
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_
   std::optional<TimeStep> step_;
@@ -226,8 +229,9 @@ class BlockDataSets final : public VtkDataSets {
 }  // namespace
 
 Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const std::vector<std::string>& selection,
-                                                 std::optional<double> time, CellValues cells) {
-  auto blocks = std::make_unique<BlockDataSets>(file, selection, cells);
+                                                 std::optional<double> time, CellValues cells,
+                                                 const MissingValues& missing) {
+  auto blocks = std::make_unique<BlockDataSets>(file, selection, cells, missing);
   SPLATVOL_TRY(blocks->open(time));
   return blocks;
 }

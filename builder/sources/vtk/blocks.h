@@ -16,6 +16,7 @@ namespace splatvol {
 /// cannot be read. `cells` tells where such arrays are expected.
 [[nodiscard]] Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file,
                                                                const std::vector<std::string>& selection,
-                                                               std::optional<double> time, CellValues cells);
+                                                               std::optional<double> time, CellValues cells,
+                                                               const MissingValues& missing);
 
 }  // namespace splatvol

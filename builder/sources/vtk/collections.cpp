@@ -105,12 +105,12 @@ void learn_declared(const VtkFile& file, std::vector<ArrayShape>& shapes) {
 class CompositeDataSets final : public VtkDataSets {
  public:
   CompositeDataSets(const VtkFile& composite, std::vector<std::string> selection, std::optional<double> time,
-                    CellValues cells)
+                    CellValues cells, const MissingValues& missing)
       : path_(composite.path),
         files_(composite.blocks),
         selection_(std::move(selection)),
         cells_(cells),
-        blocks_(read_vtk_files(composite.blocks, selection_, time, cells)) {}
+        blocks_(read_vtk_files(composite.blocks, selection_, time, cells, missing)) {}
 
   std::size_t count() const override { return blocks_->count(); }
   const std::string& path() const override { return blocks_->path().empty() ? path_ : blocks_->path(); }
@@ -195,8 +195,9 @@ Result<std::vector<std::string>> block_files(const std::string& path) {
 }
 
 std::unique_ptr<VtkDataSets> read_composite(const VtkFile& composite, std::vector<std::string> selection,
-                                            std::optional<double> time, CellValues cells) {
-  return std::make_unique<CompositeDataSets>(composite, std::move(selection), time, cells);
+                                            std::optional<double> time, CellValues cells,
+                                            const MissingValues& missing) {
+  return std::make_unique<CompositeDataSets>(composite, std::move(selection), time, cells, missing);
 }
 
 }  // namespace splatvol

@@ -27,6 +27,7 @@ struct CollectionStep {
 /// Reads files as blocks of one data set: those with only surfaces are left out, and an array that a block lacks is NaN
 /// there. Other contracts as read_vtk_files.
 [[nodiscard]] std::unique_ptr<VtkDataSets> read_composite(const VtkFile& composite, std::vector<std::string> selection,
-                                                          std::optional<double> time, CellValues cells);
+                                                          std::optional<double> time, CellValues cells,
+                                                          const MissingValues& missing);
 
 }  // namespace splatvol

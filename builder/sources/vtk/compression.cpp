@@ -55,7 +55,7 @@ Status check_end(const ByteSource& file, std::uint64_t offset, double bytes) {
 
 }  // namespace
 
-Status check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
+Result<double> check_compression_header(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
   const auto damaged = [&] {
     return fail(ErrorCode::invalid_data, "{}: the header of the compressed array at byte {} is damaged", file.name(),
                 offset);
@@ -63,7 +63,8 @@ Status check_compression_header(ByteSource& file, CompressionLayout layout, std:
   SPLATVOL_TRY_ASSIGN(sizes, read_numbers(file, layout, offset, base64, 3));
   if (sizes.size() < 3) return damaged();
   const std::uint64_t compressed_blocks = sizes[0], unpacked_bytes = sizes[1], last_bytes = sizes[2];
-  if (compressed_blocks == 0) return last_bytes == 0 ? Status{} : damaged();
+  if (compressed_blocks == 0 && last_bytes > 0) return damaged();
+  if (compressed_blocks == 0) return 0.0;
   if (compressed_blocks > file.size() || unpacked_bytes == 0 || unpacked_bytes > largest_compressed_block ||
       last_bytes > unpacked_bytes)
     return damaged();
@@ -78,20 +79,27 @@ Status check_compression_header(ByteSource& file, CompressionLayout layout, std:
   const auto encoded = [&](double bytes) { return base64 ? std::ceil(bytes / 3) * 4 : bytes; };
   const double header = static_cast<double>(numbers.size()) * (layout.wide ? 8 : 4);
   const double packed = std::accumulate(numbers.begin() + 3, numbers.end(), 0.0);
-  return check_end(file, offset, encoded(header) + encoded(packed));
+  SPLATVOL_TRY(check_end(file, offset, encoded(header) + encoded(packed)));
+  const std::uint64_t missing = last_bytes == 0 ? 0 : unpacked_bytes - last_bytes;
+  return static_cast<double>(compressed_blocks) * static_cast<double>(unpacked_bytes) - static_cast<double>(missing);
 }
 
-Status check_uncompressed_array(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
+Result<double> check_uncompressed_array(ByteSource& file, CompressionLayout layout, std::uint64_t offset, bool base64) {
   const std::size_t word = layout.wide ? 8 : 4;
   SPLATVOL_TRY_ASSIGN(numbers, read_numbers(file, layout, offset, base64, 1));
-  if (numbers.empty()) return check_end(file, offset, static_cast<double>(word));
+  if (numbers.empty())
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within the array at byte {}", file.name(),
+                offset);
   const auto bytes = static_cast<double>(numbers[0]);
-  if (!base64) return check_end(file, offset, static_cast<double>(word) + bytes);
-  // Some writers encode the header and the data each by itself, others both together.
-  SPLATVOL_TRY_ASSIGN(header, read_text(file, offset, (word + 2) / 3 * 4));
-  const bool apart = header.ends_with('=');
-  const double together = std::ceil((static_cast<double>(word) + bytes) / 3) * 4;
-  return check_end(file, offset, apart ? static_cast<double>(header.size()) + std::ceil(bytes / 3) * 4 : together);
+  double all = static_cast<double>(word) + bytes;
+  if (base64) {
+    // Some writers encode the header and the data each by itself, others both together.
+    SPLATVOL_TRY_ASSIGN(header, read_text(file, offset, (word + 2) / 3 * 4));
+    const bool apart = header.ends_with('=');
+    all = apart ? static_cast<double>(header.size()) + std::ceil(bytes / 3) * 4 : std::ceil(all / 3) * 4;
+  }
+  SPLATVOL_TRY(check_end(file, offset, all));
+  return bytes;
 }
 
 }  // namespace splatvol

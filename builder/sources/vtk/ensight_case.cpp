@@ -95,8 +95,11 @@ void EnsightCase::read_line(std::string_view key, std::string_view value) {
   if (section_ == "FILE") read_file_set(key, value);
   if (section_ == "VARIABLE") read_variable(key, value);
   if (section_ != "GEOMETRY" || key != "model") return;
+  const std::string_view all = value;
   geometry_ = take_sets(value);
   geometry_->name = take_word(value);
+  if (geometry_->name.empty() || (!value.empty() && !value.starts_with("change_coords_only")))
+    wrong_line_ = fmt::format("{}: {}", key, all);
   // With "change_coords_only" later files lack the cells.
   if (!value.empty()) geometry_.reset();
 }
@@ -135,6 +138,7 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
     if (!key.starts_with(kind.key)) continue;
     const std::string_view where = key.substr(kind.key.size());
     if (where != "node" && where != "element") return;
+    const std::string_view all = value;
     EnsightFiles files = take_sets(value);
     files.variable = take_word(value);
     files.components = kind.components;
@@ -143,6 +147,9 @@ void EnsightCase::read_variable(std::string_view key, std::string_view value) {
       files.name = take_word(value);
       variables_.push_back(files);
     }
+    // The frequency of a complex value may follow.
+    const bool frequency = kind.files > 1 && value.find(' ') == std::string_view::npos;
+    if (files.name.empty() || (!value.empty() && !frequency)) wrong_line_ = fmt::format("{}: {}", key, all);
   }
 }
 
@@ -177,7 +184,7 @@ std::optional<EnsightFile> EnsightCase::file_at(const EnsightFiles& files, std::
   std::size_t file = 0;
   while (file < several.steps.size() && step >= several.steps[file]) step -= several.steps[file++];
   if (file == several.steps.size() || (numbered && file >= several.indices.size())) return std::nullopt;
-  return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file]};
+  return EnsightFile{numbered ? with_number(files.name, several.indices[file]) : files.name, several.steps[file], true};
 }
 
 }  // namespace splatvol

@@ -24,6 +24,7 @@ struct EnsightFiles {
 struct EnsightFile {
   std::string name;
   std::size_t steps = 1;
+  bool marked = false;  // "BEGIN TIME STEP" begins each step
 };
 
 class EnsightCase {
@@ -34,6 +35,9 @@ class EnsightCase {
   [[nodiscard]] bool is_gold() const { return gold_; }
   [[nodiscard]] const std::optional<EnsightFiles>& geometry() const { return geometry_; }
   [[nodiscard]] const std::vector<EnsightFiles>& variables() const { return variables_; }
+
+  /// A line that names files in a wrong way; empty if there is none.
+  [[nodiscard]] const std::string& wrong_line() const { return wrong_line_; }
 
   /// The times of all time sets, without order.
   [[nodiscard]] std::vector<double> times() const;
@@ -64,6 +68,7 @@ class EnsightCase {
   bool gold_ = false;
   std::optional<EnsightFiles> geometry_;
   std::vector<EnsightFiles> variables_;
+  std::string wrong_line_;
   std::map<int, TimeSet> time_sets_;
   std::map<int, FileSet> file_sets_;
 

@@ -205,6 +205,18 @@ class EnsightWalk {
     return fail(ErrorCode::invalid_data, "{}: the file is cut off, or damaged: it ends within {}", path_, where_);
   }
 
+  /// Fails unless a line ends a step.
+  [[nodiscard]] Status check_last_line(std::string_view line) const {
+    if (!goes_on() || line.empty() || line == "END TIME STEP") return {};
+    std::string text(line.substr(0, text_bytes));
+    for (char& c : text) c = c >= ' ' && c <= '~' ? c : '?';
+    return fail(ErrorCode::invalid_data, "{}: an unknown line \"{}\" after {}: damaged", path_, text, where_);
+  }
+
+  [[nodiscard]] tl::unexpected<Error> fail_mark() const {
+    return fail(ErrorCode::invalid_data, "{}: a time step does not begin with \"BEGIN TIME STEP\": damaged", path_);
+  }
+
   [[nodiscard]] Status check_steps(std::size_t found, std::size_t stated) const {
     if (stopped_ || found >= stated) return {};
     return fail(ErrorCode::invalid_data,
@@ -222,24 +234,29 @@ class GeometryWalk : public EnsightWalk {
   using EnsightWalk::EnsightWalk;
 
   /// Returns the layout at each time step of the file; none if something in it is unknown.
-  Result<std::vector<Layout>> walk(std::size_t steps) {
+  Result<std::vector<Layout>> walk(const EnsightFile& stated) {
     std::vector<Layout> layouts;
     file_.find_encoding();
-    do layouts.push_back(walk_step());
-    while (goes_on() && !file_.at_end());
+    do {
+      SPLATVOL_TRY_ASSIGN(layout, walk_step(stated.marked));
+      layouts.push_back(std::move(layout));
+    } while (goes_on() && !file_.at_end());
     SPLATVOL_TRY(finish());
-    SPLATVOL_TRY(check_steps(layouts.size(), steps));
+    SPLATVOL_TRY(check_steps(layouts.size(), stated.steps));
     if (stopped_) layouts.clear();
     return layouts;
   }
 
  private:
-  Layout walk_step() {
+  Result<Layout> walk_step(bool marked) {
     Layout layout;
     where_ = "its first lines";
     std::string line;
     // The step's mark and two lines of description, which may be empty.
-    for (int i = 0; i < 5 && !line.starts_with("node id"); ++i) line = bare_case_line(file_.line());
+    for (int i = 0; i < 5 && !line.starts_with("node id"); ++i) {
+      line = bare_case_line(file_.line());
+      if (i == 0 && marked && !line.starts_with("BEGIN TIME STEP")) return fail_mark();
+    }
     stopped_ = !line.starts_with("node id");
     node_ids_ = has_word(line, "given") || has_word(line, "ignore");
     line = file_.keyword();
@@ -255,7 +272,7 @@ class GeometryWalk : public EnsightWalk {
       file_.line();  // its description
       line = walk_part(layout[number]);
     }
-    stopped_ = stopped_ || !(line.empty() || line == "END TIME STEP");
+    SPLATVOL_TRY(check_last_line(line));
     return layout;
   }
 
@@ -313,7 +330,10 @@ class GeometryWalk : public EnsightWalk {
       for (int axis = 0; axis < 3; ++axis) file_.skip(part.nodes);
     }
     if (has_word(header, "iblanked")) file_.skip(part.nodes);
-    return file_.keyword();
+    std::string line = file_.keyword();
+    // Lists of ids and ghosts may follow, which VTK does not know.
+    stopped_ = stopped_ || !(line.empty() || line == "part" || line == "END TIME STEP");
+    return line;
   }
 
   bool node_ids_ = false;
@@ -327,25 +347,27 @@ class VariableWalk : public EnsightWalk {
       : EnsightWalk(std::move(path), std::move(file), encoding), variable_(variable) {}
 
   /// `layouts`: of each step, or one for all.
-  Status walk(const std::vector<Layout>& layouts, std::size_t steps) {
+  Status walk(const std::vector<Layout>& layouts, const EnsightFile& stated) {
     if (file_.at_end()) return fail(ErrorCode::invalid_data, "{}: the file is cut off: it is empty", path_);
     std::size_t found = 0;
     for (; goes_on() && (found == 0 || !file_.at_end()); ++found) {
       if (found >= layouts.size() && layouts.size() > 1) return {};
-      SPLATVOL_TRY(walk_step(layouts[std::min(found, layouts.size() - 1)]));
+      SPLATVOL_TRY(walk_step(layouts[std::min(found, layouts.size() - 1)], stated.marked));
     }
     SPLATVOL_TRY(finish());
     if (!stopped_ && parts_ == 0)
       return fail(ErrorCode::invalid_data, "{}: the file is cut off: it has values of no part", path_);
-    return check_steps(found, steps);
+    return check_steps(found, stated.steps);
   }
 
  private:
-  Status walk_step(const Layout& layout) {
+  Status walk_step(const Layout& layout, bool marked) {
     where_ = "its first lines";
     std::string line = file_.keyword();
     if (line == "C Binary" || line == "Fortran Binary") line = file_.keyword();
-    if (line.starts_with("BEGIN TIME STEP")) line = file_.keyword();
+    const bool mark = line.starts_with("BEGIN TIME STEP");
+    if (marked && !mark) return fail_mark();
+    if (mark) line = file_.keyword();
     line = file_.keyword();  // after a line of description
     while (goes_on() && line == "part") {
       const std::uint64_t number = file_.part_number();
@@ -358,7 +380,7 @@ class VariableWalk : public EnsightWalk {
       ++parts_;
       line = walk_part(part->second);
     }
-    stopped_ = stopped_ || !(line.empty() || line == "END TIME STEP");
+    SPLATVOL_TRY(check_last_line(line));
     return finish();
   }
 
@@ -412,6 +434,9 @@ Status check_blocks_of_6(const std::string& path, ByteSource& file) {
 }  // namespace
 
 Status check_ensight_files(const std::string& path, const EnsightCase& files, std::optional<double> time) {
+  if (!files.wrong_line().empty())
+    return fail(ErrorCode::invalid_data, "{}: the line \"{}\" has too few or too many words", path,
+                files.wrong_line().substr(0, 80));
   if (!files.geometry()) return {};
   const auto step = choose_step(files.times(), time);
   const auto at = step ? std::optional(step->time) : std::nullopt;
@@ -423,7 +448,7 @@ Status check_ensight_files(const std::string& path, const EnsightCase& files, st
   if (!file) return {};  // VTK's reader tells
   if (!files.is_gold()) return check_blocks_of_6(geometry_path, **file);
   GeometryWalk walk(geometry_path, std::move(*file), {});
-  SPLATVOL_TRY_ASSIGN(layouts, walk.walk(geometry->steps));
+  SPLATVOL_TRY_ASSIGN(layouts, walk.walk(*geometry));
   if (layouts.empty()) return {};
 
   const bool moves = files.geometry()->name.find('*') != std::string::npos;
@@ -436,8 +461,7 @@ Status check_ensight_files(const std::string& path, const EnsightCase& files, st
     const std::string values_path = folder / values->name;
     auto opened = open_file(values_path);
     if (opened)
-      SPLATVOL_TRY(
-          VariableWalk(values_path, std::move(*opened), walk.encoding(), variable).walk(layouts, values->steps));
+      SPLATVOL_TRY(VariableWalk(values_path, std::move(*opened), walk.encoding(), variable).walk(layouts, *values));
   }
   return {};
 }

@@ -16,14 +16,14 @@ namespace {
 constexpr std::uint64_t read_at_once = 1 << 20;
 constexpr std::size_t longest_word = 4096;  // names of arrays
 
+}  // namespace
+
 bool is_number(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
   double number = 0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
   return error != std::errc::invalid_argument && end == word.data() + word.size();
 }
-
-}  // namespace
 
 bool is_white_space(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
 

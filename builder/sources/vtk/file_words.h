@@ -5,12 +5,16 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/file.h"
 
 namespace splatvol {
 
 [[nodiscard]] bool is_white_space(char c);
+
+/// Whether a whole word is a number in decimal digits, nan or inf.
+[[nodiscard]] bool is_number(std::string_view word);
 
 /// Reads a file forwards, in large portions. Words and lines of any length are safe: only their first 4096 bytes are
 /// kept. A file that cannot be read seems to end there.

@@ -34,8 +34,8 @@ namespace {
 class FileDataSets final : public VtkDataSets {
  public:
   FileDataSets(std::vector<VtkFile> files, std::vector<std::string> selection, std::optional<double> time,
-               CellValues cells)
-      : files_(std::move(files)), selection_(std::move(selection)), time_(time), cells_(cells) {}
+               CellValues cells, const MissingValues& missing)
+      : files_(std::move(files)), selection_(std::move(selection)), time_(time), cells_(cells), missing_(missing) {}
 
   std::size_t count() const override {
     const std::size_t blocks = blocks_ ? std::max<std::size_t>(blocks_->count(), 1) - 1 : 0;
@@ -88,7 +88,7 @@ class FileDataSets final : public VtkDataSets {
   Result<std::unique_ptr<VtkDataSets>> open_any(const VtkFile& file) const {
     switch (file.kind) {
       case VtkFile::Kind::composite:
-        return read_composite(file, selection_, time_, cells_);
+        return read_composite(file, selection_, time_, cells_, missing_);
       case VtkFile::Kind::gmsh:
         return open_gmsh(file, selection_, time_);
       case VtkFile::Kind::su2:
@@ -96,7 +96,7 @@ class FileDataSets final : public VtkDataSets {
       case VtkFile::Kind::vtkhdf:
         return open_vtkhdf(file, selection_, time_);
       default:
-        return open_blocks(file, selection_, time_, cells_);
+        return open_blocks(file, selection_, time_, cells_, missing_);
     }
   }
 
@@ -166,6 +166,7 @@ class FileDataSets final : public VtkDataSets {
   std::vector<std::string> selection_;
   std::optional<double> time_;
   CellValues cells_;
+  MissingValues missing_;
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                  // the next one
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
@@ -198,8 +199,9 @@ vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind) {
 }
 
 std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vector<std::string> selection,
-                                            std::optional<double> time, CellValues cells) {
-  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time, cells);
+                                            std::optional<double> time, CellValues cells,
+                                            const MissingValues& missing) {
+  return std::make_unique<FileDataSets>(std::move(files), std::move(selection), time, cells, missing);
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {

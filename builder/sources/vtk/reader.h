@@ -19,7 +19,8 @@ namespace splatvol {
 [[nodiscard]] std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files,
                                                           std::vector<std::string> selection,
                                                           std::optional<double> time,
-                                                          CellValues cells = CellValues::averaged);
+                                                          CellValues cells = CellValues::averaged,
+                                                          const MissingValues& missing = {});
 
 /// Makes the reader of an XML file; null for files of other kinds.
 [[nodiscard]] vtkSmartPointer<vtkXMLReader> make_xml_reader(VtkFile::Kind kind);

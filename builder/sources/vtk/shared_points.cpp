@@ -66,7 +66,7 @@ std::uint32_t SharedPoints::number_of(const std::string& array) {
 }
 
 void SharedPoints::add(vtkDataSet& part, const std::string& block, const CellAverages& averages,
-                       std::span<vtkDataArray* const> arrays) {
+                       std::span<vtkDataArray* const> arrays, const MissingValues& missing) {
   ++parts_;
   std::vector<std::pair<vtkIdType, Shared*>> outer;
   Block& points = blocks_[block];
@@ -79,7 +79,6 @@ void SharedPoints::add(vtkDataSet& part, const std::string& block, const CellAve
   }
   std::vector<std::uint32_t> cells(static_cast<std::size_t>(part.GetNumberOfCells()));
   std::iota(cells.begin(), cells.end(), 0u);
-  const MissingValues missing;
   for (vtkDataArray* array : arrays) {
     const std::uint32_t number = number_of(array->GetName());
     for (int c = 0; c < array->GetNumberOfComponents(); ++c) {

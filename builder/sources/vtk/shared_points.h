@@ -21,9 +21,10 @@ namespace splatvol {
 class SharedPoints {
  public:
   /// Adds a part: the means of its `arrays` of cells. `block`: the block of the mesh that this is a part of; points of
-  /// different blocks are not the same. Call it for all parts, then finish(). Requires as many values as cells.
+  /// different blocks are not the same. Call it for all parts, then finish(). `missing`: values that do not
+  /// count. Requires as many values as cells.
   void add(vtkDataSet& part, const std::string& block, const CellAverages& averages,
-           std::span<vtkDataArray* const> arrays);
+           std::span<vtkDataArray* const> arrays, const MissingValues& missing);
 
   /// Forgets the points that only one part has. A point that a part has twice is one, too: there the field may jump.
   void finish();

@@ -171,7 +171,8 @@ Result<std::unique_ptr<Source>> open_vtk_files(std::vector<VtkFile> files, const
                                                std::optional<double> time, CellValues cells,
                                                const MissingValues& missing_values,
                                                const std::optional<TimeStep>& step) {
-  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells), cells, missing_values, step);
+  auto source = std::make_unique<VtkSource>(read_vtk_files(files, selection, time, cells, missing_values), cells,
+                                            missing_values, step);
   std::string missing;
   SPLATVOL_TRY(source->start(selection, missing));
   if (missing.empty()) return source;

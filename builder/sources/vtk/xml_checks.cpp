@@ -6,8 +6,13 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/file.h"
@@ -15,6 +20,7 @@
 #include "base/names.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/compression.h"
+#include "builder/sources/vtk/file_words.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
@@ -66,57 +72,226 @@ Status check_memory(const std::string& path, vtkXMLDataElement& element) {
               path, cells, points, needed / 1e9, limit / 1e9);
 }
 
-/// Checks the header and the end of every binary array of an XML file.
-class BinaryArrays {
+/// The values of `element`'s attribute `name`, if these are `count` integers.
+std::optional<std::vector<std::int64_t>> integers_in(vtkXMLDataElement& element, const char* name, std::size_t count) {
+  const char* text = element.GetAttribute(name);
+  std::vector<std::int64_t> values;
+  for (std::string_view rest = text ? text : ""; !rest.empty();) {
+    rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n"), rest.size()));
+    std::int64_t value = 0;
+    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
+    if (error != std::errc()) break;
+    values.push_back(value);
+    rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
+    rest.remove_prefix(std::min(rest.find_first_not_of(" \t\r\n"), rest.size()));
+    if (values.size() == count && rest.empty()) return values;
+  }
+  return std::nullopt;
+}
+
+/// Points along each axis of an extent; none if the extent is missing or wrong.
+std::optional<std::array<double, 3>> sides_in(vtkXMLDataElement& element, const char* name) {
+  const auto extent = integers_in(element, name, 6);
+  std::array<double, 3> sides{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!extent || (*extent)[2 * axis + 1] < (*extent)[2 * axis]) return std::nullopt;
+    sides[axis] = static_cast<double>((*extent)[2 * axis + 1]) - static_cast<double>((*extent)[2 * axis]) + 1;
+  }
+  return sides;
+}
+
+double cells_of(const std::array<double, 3>& sides) {
+  double cells = 1;
+  for (const double side : sides) cells *= std::max(side - 1, 1.0);
+  return cells;
+}
+
+/// How many values the arrays of a piece must have.
+struct PieceSizes {
+  double points = 0;
+  double cells = 0;
+  std::array<double, 3> sides{};             // of a structured piece
+  std::map<std::string_view, double> lists;  // cells in each list of them
+};
+
+/// The sizes of a piece of an unstructured grid or of a surface.
+std::optional<PieceSizes> sizes_by_counts(vtkXMLDataElement& piece) {
+  PieceSizes sizes;
+  constexpr std::array<std::pair<const char*, std::string_view>, 6> attributes = {{{"NumberOfPoints", "Points"},
+                                                                                   {"NumberOfCells", "Cells"},
+                                                                                   {"NumberOfVerts", "Verts"},
+                                                                                   {"NumberOfLines", "Lines"},
+                                                                                   {"NumberOfStrips", "Strips"},
+                                                                                   {"NumberOfPolys", "Polys"}}};
+  for (const auto& [attribute, list] : attributes) {
+    const auto count = integers_in(piece, attribute, 1);
+    if (piece.GetAttribute(attribute) && (!count || count->front() < 0)) return std::nullopt;
+    sizes.lists[list] = count ? static_cast<double>(count->front()) : 0;
+    if (list != "Points") sizes.cells += sizes.lists[list];
+  }
+  sizes.points = sizes.lists["Points"];
+  return sizes;
+}
+
+/// Checks that the pieces of a structured grid fill its extent: VTK fills the rest with zeros, or not at all.
+Status check_extents(const std::string& path, vtkXMLDataElement& root) {
+  for (const char* name : {"ImageData", "RectilinearGrid", "StructuredGrid"}) {
+    vtkXMLDataElement* grid = root.FindNestedElementWithName(name);
+    if (!grid) continue;
+    const auto whole = sides_in(*grid, "WholeExtent");
+    if (!whole) return fail(ErrorCode::invalid_data, "{}: the WholeExtent of its {} is damaged", path, name);
+    double cells = 0;
+    for (int i = 0; i < grid->GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement& piece = *grid->GetNestedElement(i);
+      if (piece.GetName() != std::string_view("Piece")) continue;
+      const auto sides = sides_in(piece, piece.GetAttribute("Extent") ? "Extent" : "");
+      if (piece.GetAttribute("Extent") && !sides)
+        return fail(ErrorCode::invalid_data, "{}: the Extent of a piece is damaged", path);
+      cells += cells_of(sides.value_or(*whole));
+    }
+    if (cells != cells_of(*whole))
+      return fail(ErrorCode::invalid_data,
+                  "{}: its pieces have {} cells, and its WholeExtent {}: damaged, or a part of "
+                  "a larger grid; write the extent of the part as its WholeExtent",
+                  path, cells, cells_of(*whole));
+  }
+  return {};
+}
+
+/// Checks the header, the end and the size of every array of an XML file.
+class Arrays {
  public:
-  BinaryArrays(ByteSource& file, vtkXMLDataElement& root, std::uint64_t appended_offset)
-      : file_(file), appended_offset_(appended_offset) {
+  Arrays(const std::string& path, ByteSource& file, std::unique_ptr<ByteSource> text, vtkXMLDataElement& root,
+         std::uint64_t appended_offset)
+      : path_(path), file_(file), words_(std::move(text)), appended_offset_(appended_offset) {
     const auto is = [&](vtkXMLDataElement* element, const char* name, std::string_view value) {
-      const char* text = element ? element->GetAttribute(name) : nullptr;
-      return text && text == value;
+      const char* attribute = element ? element->GetAttribute(name) : nullptr;
+      return attribute && attribute == value;
     };
     layout_ = {is(&root, "header_type", "UInt64"), is(&root, "byte_order", "BigEndian")};
     compressed_ = root.GetAttribute("compressor") != nullptr;
     appended_base64_ = !is(root.FindNestedElementWithName("AppendedData"), "encoding", "raw");
   }
 
-  [[nodiscard]] Status check(vtkXMLDataElement& element) {
-    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) SPLATVOL_TRY(check(*element.GetNestedElement(i)));
-    const std::string_view format = element.GetAttribute("format") ? element.GetAttribute("format") : "";
-    if (format == "appended") return check_appended(element);
-    return format == "binary" ? check_inline(element) : Status{};
+  /// Checks all arrays in `element`. `whole`: the sides of the structured grid that it is in.
+  [[nodiscard]] Status check(vtkXMLDataElement& element, const std::array<double, 3>& whole = {}) {
+    const std::string_view name = element.GetName();
+    if (name == "Piece") SPLATVOL_TRY(begin_piece(element, whole));
+    const auto inner = sides_in(element, "WholeExtent").value_or(whole);
+    std::size_t axis = 0;
+    for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
+      vtkXMLDataElement& nested = *element.GetNestedElement(i);
+      if (nested.GetName() != std::string_view("DataArray")) {
+        SPLATVOL_TRY(check(nested, inner));
+        continue;
+      }
+      SPLATVOL_TRY_ASSIGN(values, check_array(nested));
+      const auto tuples =
+          name == "Coordinates" && axis < 3 ? std::optional(sizes_.sides[axis++]) : tuples_in(name, nested);
+      if (values && tuples) SPLATVOL_TRY(check_count(nested, *values, *tuples));
+    }
+    if (name == "Piece") in_piece_ = false;
+    return {};
   }
 
  private:
-  Status check_appended(vtkXMLDataElement& element) {
-    vtkTypeInt64 offset = 0;
-    if (!element.GetScalarAttribute("offset", offset) || offset < 0) return {};
-    const std::uint64_t at = appended_offset_ + static_cast<std::uint64_t>(offset);
-    return check_array(at, appended_base64_);
+  Status begin_piece(vtkXMLDataElement& piece, const std::array<double, 3>& whole) {
+    in_piece_ = true;
+    const auto counts = sizes_by_counts(piece);
+    if (!counts)
+      return fail(ErrorCode::invalid_data, "{}: a piece has a number of points or cells that is wrong", path_);
+    sizes_ = *counts;
+    if (whole[0] == 0) return {};
+    sizes_.sides = sides_in(piece, "Extent").value_or(whole);
+    sizes_.points = sizes_.sides[0] * sizes_.sides[1] * sizes_.sides[2];
+    sizes_.cells = cells_of(sizes_.sides);
+    return {};
   }
 
-  /// Checks a header that follows the element's start tag and white space.
-  Status check_inline(vtkXMLDataElement& element) {
+  /// Tuples that an array in an element must have, if that is known.
+  [[nodiscard]] std::optional<double> tuples_in(std::string_view parent, vtkXMLDataElement& array) const {
+    if (!in_piece_) return std::nullopt;
+    if (parent == "PointData" || parent == "Points") return sizes_.points;
+    if (parent == "CellData") return sizes_.cells;
+    const auto list = sizes_.lists.find(parent);
+    const std::string_view name = array.GetAttribute("Name") ? array.GetAttribute("Name") : "";
+    if (list == sizes_.lists.end() || (name != "offsets" && name != "types")) return std::nullopt;
+    return list->second;
+  }
+
+  [[nodiscard]] Status check_count(vtkXMLDataElement& array, double values, double tuples) const {
+    const auto components = integers_in(array, "NumberOfComponents", 1);
+    const double expected = tuples * static_cast<double>(components ? components->front() : 1);
+    if (values == expected) return {};
+    return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} numbers instead of {}: damaged", path_,
+                array.GetAttribute("Name") ? array.GetAttribute("Name") : "", values, expected);
+  }
+
+  /// Returns how many numbers an array has, if that is known.
+  Result<std::optional<double>> check_array(vtkXMLDataElement& element) {
+    const std::string_view format = element.GetAttribute("format") ? element.GetAttribute("format") : "";
+    const double bytes = value_bytes(element.GetAttribute("type"));
+    if (format != "appended" && format != "binary") return bytes > 0 ? count_words(element) : std::nullopt;
+    const auto offset = format == "appended" ? appended_offset_of(element) : inline_offset(element);
+    if (!offset) return std::optional<double>();
+    const bool base64 = format == "binary" || appended_base64_;
+    SPLATVOL_TRY_ASSIGN(stated, compressed_ ? check_compression_header(file_, layout_, *offset, base64)
+                                            : check_uncompressed_array(file_, layout_, *offset, base64));
+    return bytes > 0 ? std::optional(stated / bytes) : std::nullopt;
+  }
+
+  /// Bytes of a number of a type; 0 for texts and bits.
+  static double value_bytes(std::string_view type) {
+    if (type.ends_with("64")) return 8;
+    if (type.ends_with("32")) return 4;
+    if (type.ends_with("16")) return 2;
+    return type.ends_with("8") ? 1 : 0;
+  }
+
+  std::optional<std::uint64_t> appended_offset_of(vtkXMLDataElement& element) const {
+    vtkTypeInt64 offset = 0;
+    if (!element.GetScalarAttribute("offset", offset) || offset < 0) return std::nullopt;
+    return appended_offset_ + static_cast<std::uint64_t>(offset);
+  }
+
+  /// Where the text after an element's start tag and white space begins.
+  std::optional<std::uint64_t> inline_offset(vtkXMLDataElement& element) {
     constexpr std::uint64_t longest_tag = 4096;
     const auto tag = static_cast<std::uint64_t>(element.GetXMLByteIndex());
-    SPLATVOL_TRY_ASSIGN(text, read_text(file_, tag, longest_tag));
-    const std::size_t end = text.find('>');
-    if (end == std::string::npos) return {};
-    const std::size_t start = text.find_first_not_of(" \t\r\n", end + 1);
-    if (start == std::string::npos) return {};
-    return check_array(tag + start, true);
+    const auto text = read_text(file_, tag, longest_tag);
+    if (!text) return std::nullopt;
+    const std::size_t end = text->find('>');
+    if (end == std::string::npos) return std::nullopt;
+    const std::size_t start = text->find_first_not_of(" \t\r\n", end + 1);
+    return start == std::string::npos ? std::nullopt : std::optional(tag + start);
   }
 
-  Status check_array(std::uint64_t offset, bool base64) {
-    return compressed_ ? check_compression_header(file_, layout_, offset, base64)
-                       : check_uncompressed_array(file_, layout_, offset, base64);
+  /// Counts the numbers of an array of text. Nothing is known if it holds elements of its own.
+  Result<std::optional<double>> count_words(vtkXMLDataElement& element) {
+    const auto offset = inline_offset(element);
+    if (!offset) return std::optional<double>();
+    words_.move_to(*offset);
+    for (double count = 0;; ++count) {
+      const std::string word = words_.next();
+      const std::size_t tag = word.find('<');
+      const std::string_view number = std::string_view(word).substr(0, tag);
+      if (!number.empty() && !is_number(number))
+        return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a word instead of a number: damaged", path_,
+                    element.GetAttribute("Name") ? element.GetAttribute("Name") : "");
+      if (word.empty() || tag == 0) return std::optional(count);
+      if (tag != std::string::npos) return std::optional(count + 1);
+    }
   }
 
+  const std::string& path_;
   ByteSource& file_;
+  FileWords words_;
   std::uint64_t appended_offset_;
   CompressionLayout layout_;
   bool compressed_;
   bool appended_base64_;
+  bool in_piece_ = false;
+  PieceSizes sizes_;  // of the current piece
 };
 
 }  // namespace
@@ -132,8 +307,11 @@ Status check_xml(const std::string& path) {
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
   SPLATVOL_TRY(check_memory(path, *root));
+  SPLATVOL_TRY(check_extents(path, *root));
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  return BinaryArrays(*file, *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition())).check(*root);
+  SPLATVOL_TRY_ASSIGN(text, open_file(path));
+  return Arrays(path, *file, std::move(text), *root, static_cast<std::uint64_t>(parser->GetAppendedDataPosition()))
+      .check(*root);
 }
 
 }  // namespace splatvol

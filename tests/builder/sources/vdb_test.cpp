@@ -8,6 +8,7 @@
 
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <numeric>
 
 #include "base/file.h"
@@ -238,6 +239,29 @@ TEST_F(Vdb, ValuesThatAreNoNumbersAreMissing) {
   EXPECT_TRUE(std::isnan(piece.values[0][1]) && std::isnan(piece.values[0][2]));
   EXPECT_EQ(piece.material->value_moments[0][1].mass, 0);
   EXPECT_EQ(piece.material->gradients[0][0], dvec3(0)) << "no neighbour with a value";
+}
+
+TEST_F(Vdb, FillValuesAreMissingAndCounted) {
+  const auto t = make_grid<openvdb::FloatGrid>("t");
+  const auto u = make_grid<openvdb::Vec3SGrid>("U");
+  for (int i = 0; i < 6; ++i) {
+    t->tree().setValueOn(Coord(i, 0, 0), i == 1 ? 9.96921e36F : i == 3 ? -9999.0F : static_cast<float>(i));
+    u->tree().setValueOn(Coord(i, 0, 0), {i == 4 ? -9999.0F : 3.0F, 4, 0});
+  }
+  u->tree().setValueOn(Coord(5, 0, 0), {std::numeric_limits<float>::quiet_NaN(), 4, 0});
+  write({t, u});
+  const auto source = open_vdb_files({path()}, {}, MissingValues({-9999})).value();
+  const auto piece = source->next().value();
+  EXPECT_THAT(source->attributes(), ElementsAre("t", "U", "U[0]", "U[1]", "U[2]"));
+  EXPECT_THAT(piece->fills, ElementsAre(2, 1, 1, 0, 0)) << "NaN is no number that was taken for missing";
+  for (std::size_t i = 0; i < 6; ++i) {
+    const auto x = static_cast<int>(std::lround(piece->points[i].x));
+    EXPECT_EQ(std::isnan(piece->values[0][i]), x == 1 || x == 3) << x;
+    EXPECT_EQ(std::isnan(piece->values[1][i]), x >= 4) << "a vector with a missing component is missing: " << x;
+    if (x < 4) {
+      EXPECT_EQ(piece->values[1][i], 5);
+    }
+  }
 }
 
 TEST_F(Vdb, ShareOfVoxelsIsTheirMass) {

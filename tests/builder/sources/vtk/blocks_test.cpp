@@ -674,6 +674,34 @@ std::map<std::array<double, 3>, std::vector<double>> values_by_position(const In
   return values;
 }
 
+// Values that the user names as missing do not count in the means of several processors either.
+TEST_F(BlocksTest, DecomposedOpenFoamWithMissingValues) {
+  const WriteFile writer = [&](const std::string& name, const std::string& text) { write(name, text); };
+  write_openfoam_case(writer);
+  constexpr std::size_t cut = 13;
+  write_openfoam_part("", 0, block_cells, writer);
+  write_openfoam_part("processor1/", cut, block_cells, writer);
+  // The first value of the second processor.
+  const std::string field = read_text_file(path("processor1/2/f")).value();
+  const double named = std::stod(field.substr(field.find('(') + 1));
+  const SourceOptions options = {{"f"}, {}, {}, CellValues::averaged, {named}};
+  const auto whole = read_input({path("case.foam")}, options);
+  ASSERT_TRUE(whole) << whole.error().message;
+  std::filesystem::remove_all(path("constant"));
+  write_openfoam_part("processor0/", 0, cut, writer);
+  const auto parts = read_input({path("case.foam")}, options);
+  ASSERT_TRUE(parts) << parts.error().message;
+  ASSERT_EQ(parts->pieces.size(), 2u);
+  EXPECT_EQ(parts->pieces[0].fills[0] + parts->pieces[1].fills[0], 1u);
+  const auto expected = values_by_position(*whole, "f"), found = values_by_position(*parts, "f");
+  std::size_t common = 0;
+  for (const auto& [position, values] : found) {
+    common += values.size() > 1 ? 1 : 0;
+    for (const double value : values) EXPECT_NEAR(value, expected.at(position)[0], 1e-12);
+  }
+  EXPECT_GE(common, side);
+}
+
 // The means are by volume, also over the cells of several processors.
 TEST_F(BlocksTest, DecomposedOpenFoamWithCellsOfDifferentVolumes) {
   const Place graded = [](dvec3 p) { return p * p * p; };
