@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 #include <vector>
 
 #include "scene/contrast.h"
@@ -17,10 +18,15 @@ namespace {
 constexpr std::uint64_t enough_splats = 20000;    // to know where the data is
 constexpr std::uint64_t enough_of_others = 5000;  // of each attribute that is not shown
 constexpr std::uint64_t enough_for_the_domain = 2000;
-constexpr std::size_t most_others = 8;         // attributes whose features the camera frames
-constexpr double visible_of_others = 10;       // factor on share_of_densest and share_of_deepest
+constexpr std::size_t most_others = 8;    // attributes whose features the camera frames
+constexpr double visible_of_others = 10;  // factor on share_of_densest and share_of_deepest
+constexpr double most_for_others = 1.6;   // the camera is at most so many times as far for other attributes
+constexpr int most_steps_back = 3;
+constexpr double step_back_factor = 1.2;
+constexpr double most_at_border = 0.15;        // opacity; more, and the picture crops the material
 constexpr double seen_share = 0.1;             // of a pixel
 constexpr double fewest_seen = 0.1;            // of all splats; else the camera frames a cluster of them
+constexpr double largest_filling = 1.0 / 3;    // of the surroundings; what fills more, such as noise, has no place
 constexpr double least_in_picture = 0.1;       // of what is visible
 constexpr std::size_t fewest_in_picture = 20;  // splats from which values are chosen
 constexpr double share_of_densest = 0.03;      // of the largest extinction; above it a splat counts as visible
@@ -62,18 +68,6 @@ std::vector<SurveySplat> corners_of(const Box& box) {
   return corners;
 }
 
-// If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
-Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats,
-                     const std::vector<SurveySplat>& visible, const FirstPicture& picture) {
-  const int up = info.up < 0 ? 1 : info.up;
-  const double aspect = static_cast<double>(picture.width) / picture.height;
-  const Camera near = fit_camera(visible, up, aspect, info.cube.edge, picture.turns);
-  const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
-  const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
-  const bool fills = distance(near) >= share_of_domain * distance(far);
-  return fills && distance(near) < distance(far) ? far : near;
-}
-
 // Four digits are enough for a file that a person edits.
 void shorten(TransferFunction& function) {
   for (auto& density : function.densities) {
@@ -105,6 +99,46 @@ void weigh(std::vector<SurveySplat>& splats, const Camera& camera) {
   }
 }
 
+// Moves the camera away while the material is cropped, which shows at the sides of the picture: thin material adds up
+// along rays.
+Camera step_back(std::vector<SurveySplat> splats, Camera camera, double aspect) {
+  weigh(splats, camera);
+  TransferFunction function = choose_transfer_function(splats);
+  for (int step = 0; step < most_steps_back; ++step) {
+    const double factor = density_factor(splats, function, camera, opacity_of_material);
+    for (auto& density : function.densities) density.extinction *= factor;
+    if (border_opacity(splats, function, camera, aspect) < most_at_border) break;
+    camera.position = camera.focal_point + step_back_factor * (camera.position - camera.focal_point);
+  }
+  return camera;
+}
+
+// What the camera frames, for all attributes alike: what the first attribute shows, and what other attributes show best
+// near it. A wake is in the picture of the pressure, too, but a far field is not.
+struct Frame {
+  Ball cluster;
+  std::vector<SurveySplat> core, others;
+};
+
+// If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
+Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Frame& frame,
+                     const FirstPicture& picture) {
+  const int up = info.up < 0 ? 1 : info.up;
+  const double aspect = static_cast<double>(picture.width) / picture.height;
+  const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
+  Camera near = fit_camera(frame.core, up, aspect, info.cube.edge, picture.turns);
+  const dvec3 away = most_for_others * (near.position - near.focal_point);
+  std::vector<SurveySplat> all = frame.core;
+  all.insert(all.end(), frame.others.begin(), frame.others.end());
+  near = fit_camera(all, up, aspect, info.cube.edge, picture.turns);
+  if (distance(near) > glm::length(away)) near.position = near.focal_point + away;
+  const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
+  if (distance(near) >= distance(far)) return near;
+  if (distance(near) >= share_of_domain * distance(far)) return far;
+  const Camera relaxed = step_back(splats, near, aspect);
+  return distance(relaxed) >= share_of_domain * distance(far) ? far : relaxed;
+}
+
 // Returns the ball that the picture shows: of all splats, unless their picture would show hardly any, because most are
 // far smaller than a pixel.
 Ball framed_ball(std::vector<SurveySplat> splats, int width, int height) {
@@ -114,28 +148,26 @@ Ball framed_ball(std::vector<SurveySplat> splats, int width, int height) {
   return shows_little ? main_cluster(splats) : Ball{};
 }
 
-// What the camera frames, for all attributes alike: what the first attribute shows, and what other attributes show best
-// near it. A wake is in the picture of the pressure, too, but a far field is not.
-struct Frame {
-  Ball cluster;
-  std::vector<SurveySplat> splats;
-};
+double volume_of(const std::vector<SurveySplat>& splats) {
+  return std::accumulate(splats.begin(), splats.end(), 0.0,
+                         [](double sum, const SurveySplat& splat) { return sum + splat.volume; });
+}
 
 Result<Frame> choose_frame(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
                            const FirstPicture& picture) {
   Frame frame;
   frame.cluster = framed_ball(first_splats, picture.width, picture.height);
   const auto core_splats = within(frame.cluster, first_splats);
-  const auto core = visible_of(core_splats, choose_transfer_function(core_splats));
-  frame.splats = core;
+  frame.core = visible_of(core_splats, choose_transfer_function(core_splats));
   SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
   for (const int other : others) {
-    SPLATVOL_TRY_ASSIGN(all, survey(volume, other, enough_of_others));
+    SPLATVOL_TRY_ASSIGN(all, survey_material(volume, other, enough_of_others));
     const auto splats = within(frame.cluster, all);
     if (std::ranges::none_of(splats, &SurveySplat::has_value)) continue;
     const auto features = visible_of(splats, choose_transfer_function(splats), visible_of_others);
-    const auto near = near_box(core, features);
-    frame.splats.insert(frame.splats.end(), near.begin(), near.end());
+    const auto near = near_box(frame.core, features);
+    if (volume_of(near) > largest_filling * volume_of(near_box(frame.core, splats))) continue;
+    frame.others.insert(frame.others.end(), near.begin(), near.end());
   }
   return frame;
 }
@@ -165,18 +197,17 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
   SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
   SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, enough_splats));
   SPLATVOL_TRY_ASSIGN(frame, choose_frame(volume, first, first_splats, picture));
-  std::vector<SurveySplat> splats = std::move(first_splats);
-  if (index != first) {
-    SPLATVOL_TRY_ASSIGN(others, survey(volume, index, enough_splats));
-    splats = std::move(others);
-  }
+  std::vector<SurveySplat> splats = within(frame.cluster, first_splats);
   Scene scene;
   scene.width = picture.width;
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  splats = within(frame.cluster, splats);
-  scene.camera = choose_camera(volume.info(), splats, frame.splats, picture);
+  scene.camera = choose_camera(volume.info(), splats, frame, picture);
+  if (index != first) {
+    SPLATVOL_TRY_ASSIGN(others, survey(volume, index, enough_splats));
+    splats = within(frame.cluster, others);
+  }
   weigh(splats, scene.camera);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
   scene.transfer_function = fit_to_picture(splats, choose_transfer_function(splats), view);

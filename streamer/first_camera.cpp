@@ -145,14 +145,15 @@ std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>
 }
 
 std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats, const std::vector<SurveySplat>& others) {
+  constexpr double widening = 0.35, largest = 0.25;
   const Box box = box_of(splats);
   const dvec3 extent = box.extent();
   const double longest = std::max({extent.x, extent.y, extent.z});
-  const dvec3 low = box.low - 0.5 * longest, high = box.high + 0.5 * longest;
+  const dvec3 low = box.low - widening * longest, high = box.high + widening * longest;
   std::vector<SurveySplat> near;
   std::ranges::copy_if(others, std::back_inserter(near), [&](const SurveySplat& other) {
     return glm::all(glm::greaterThan(other.center, low)) && glm::all(glm::lessThan(other.center, high)) &&
-           other.longest() <= 0.25 * longest;
+           other.longest() <= largest * longest;
   });
   return near;
 }

@@ -31,7 +31,7 @@ struct Ball {
 /// Returns the splats in the ball that are no larger than it; all splats if none of these has a value.
 [[nodiscard]] std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats);
 
-/// Returns those of `others` that are near `splats`: in their box, widened at each side by half of its longest edge.
+/// Returns those of `others` that are near `splats`: in their box, widened at each side by 35 % of its longest edge.
 /// Splats larger than a quarter of this edge are no features.
 [[nodiscard]] std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats,
                                                 const std::vector<SurveySplat>& others);

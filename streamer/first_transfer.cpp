@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <numeric>
 
@@ -387,6 +388,32 @@ double density_factor(const std::vector<SurveySplat>& splats, const TransferFunc
     (mean_opacity(std::exp(middle)) < opacity ? low : high) = middle;
   }
   return std::exp(0.5 * (low + high));
+}
+
+double border_opacity(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera,
+                      double aspect) {
+  constexpr int rays_of_a_side = 16, quarter = 4, height = 512;
+  const auto view = make_view(camera, static_cast<int>(std::ceil(aspect * height)), height);
+  if (!view) return 0;
+  const std::vector<Ellipsoid> ellipsoids = ellipsoids_of(splats, function, *view);
+  const dvec2 half(0.5 * view->width, 0.5 * view->height);
+  double most = 0;
+  for (const int axis : {0, 1})
+    for (const double side : {-1.0, 1.0}) {
+      std::vector<double> opacities;
+      for (int i = 0; i < rays_of_a_side; ++i) {
+        dvec2 at(side * half);
+        at[1 - axis] = ((i + 0.5) / rays_of_a_side * 2 - 1) * half[1 - axis];
+        const dvec3 direction =
+            glm::normalize(view->forward + at.x / view->focal * view->right + at.y / view->focal * view->up);
+        double depth = 0;
+        for (const Ellipsoid& ellipsoid : ellipsoids) depth += ellipsoid.depth(view->eye, direction);
+        opacities.push_back(-std::expm1(-depth));
+      }
+      std::ranges::sort(opacities, std::greater<>());
+      most = std::max(most, std::accumulate(opacities.begin(), opacities.begin() + quarter, 0.0) / quarter);
+    }
+  return most;
 }
 
 }  // namespace splatvol

@@ -22,4 +22,9 @@ namespace splatvol {
 [[nodiscard]] double density_factor(const std::vector<SurveySplat>& splats, const TransferFunction& function,
                                     const Camera& camera, double opacity);
 
+/// Returns the mean opacity of the most opaque quarter of any side of the picture, seen with a perspective camera.
+/// `aspect`: width / height.
+[[nodiscard]] double border_opacity(const std::vector<SurveySplat>& splats, const TransferFunction& function,
+                                    const Camera& camera, double aspect);
+
 }  // namespace splatvol

@@ -336,11 +336,30 @@ TEST_F(RendererTestFirstPicture, AWakeIsInThePictureToo) {
   EXPECT_EQ(both.attribute, "p");
   EXPECT_EQ(scene_of({200, 200}, "k").camera, both.camera);
   EXPECT_GT(reach(both), 1.3 * reach(alone));
+  // A quantity that varies everywhere does not count.
+  const auto noise = [](const dvec3& p) { return std::sin(3 * p.x) * std::sin(4 * p.y) * std::sin(5 * p.z); };
+  const Scene filled = scene_of({60, 60, 60}, domain, {{"p", pressure}, {"T", noise}}, {200, 200});
+  EXPECT_EQ(filled.camera, alone.camera);
   // What the pressure shows is no dot.
   const auto distance = [](const Scene& scene) {
     return glm::length(scene.camera.position - scene.camera.focal_point);
   };
   EXPECT_LT(distance(both), 2.5 * distance(alone));
+}
+
+TEST_F(RendererTestFirstPicture, ThinMaterialThatAddsUpIsNotCropped) {
+  // A dense core in a wide halo, which is thin but deep, in a large domain.
+  const auto halo = [](const dvec3& p) {
+    const double r = glm::length(p);
+    return 101325 + 900 * std::exp(-r * r) + 250 * std::exp(-r * r / 18);
+  };
+  const Shape domain = box(dvec3(-25), dvec3(50));
+  const Image image = draw(scene_of({50, 50, 50}, domain, {{"p", halo}}, {200, 200}));
+  float border = 0;
+  for (int i = 0; i < 200; ++i)
+    border = std::max({border, image.at(i, 0).a, image.at(i, 199).a, image.at(0, i).a, image.at(199, i).a});
+  EXPECT_LT(border, 0.25f);
+  EXPECT_GT(opacities(image).size(), 4000u);
 }
 
 TEST_F(RendererTestFirstPicture, FramesOneOfTwoFarClusters) {
