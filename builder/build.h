@@ -20,7 +20,7 @@ struct BuildOptions {
   std::uint32_t leaf_points = 8;                        // N of the octree or k-d tree; at least 8 (see build_volume)
   std::uint32_t points_per_chunk = 1024;                // 64 to 65536; with more, a coarse view reads more in vain
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
-  std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input
+  std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input as it is read
   std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once
   std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
   bool gradients = false;                               // the column `gradient`: lights the kernel octant
@@ -38,6 +38,7 @@ struct BuildReport {
   PointCensus points;
   CellCensus cells;
   std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
+  std::uint64_t least_memory = 0;                                   // held even if BuildOptions::memory grants less
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
 };

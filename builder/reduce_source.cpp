@@ -5,6 +5,7 @@
 
 #include "builder/connect.h"
 #include "builder/describe.h"
+#include "builder/memory_plan.h"
 #include "builder/output/row_collector.h"
 #include "builder/points/batch_cutter.h"
 #include "builder/points/material_estimator.h"
@@ -27,18 +28,22 @@ class Reducer {
         folder_(std::move(folder)),
         progress_(progress),
         info_(describe_volume(options, input().cube, input().attributes)),
-        fits_(connection_.points <= most_fitted_points) {}
+        fits_(connection_.points <= most_fitted_points),
+        plan_(plan_memory(options.memory, shape())) {}
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_);
-    RowCollector rows(info_, fits_, &packer);
+    RowCollector rows(info_, fits_, &packer, plan_.rows, folder_);
+    if (fits_) rows.expect_splats(connection_.points);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
     IndexLeafSpool leaves(std::move(leaf_file));
     const ReductionSettings settings = reduction_settings(packer);
-    ReductionPass pass(settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); });
+    ReductionPass pass(
+        settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); }, plan_.most_open_leaves);
     SPLATVOL_TRY(reduce(pass, rows, packer, files));
     progress_("fitting densities", 0);
-    std::vector<PendingRow> rest = rows.extract_rest();
+    connection_.next = {};  // and what it holds
+    SPLATVOL_TRY_ASSIGN(rest, rows.extract_rest());
     SPLATVOL_TRY(write_rows(rest, packer, files));
     progress_("indexing", 0);
     BuildReport report = finish_description(pass);
@@ -48,6 +53,19 @@ class Reducer {
 
  private:
   [[nodiscard]] const InputSummary& input() const { return points_.summary(); }
+
+  // Most points in an index leaf.
+  [[nodiscard]] std::uint64_t index_leaf_points() const {
+    return std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
+  }
+
+  [[nodiscard]] BuildShape shape() const {
+    return {.attributes = input().attributes.size(),
+            .gradients = options_.gradients,
+            .estimates = connection_.needs_estimate,
+            .index_leaf_points = index_leaf_points(),
+            .fitted_points = fits_ ? connection_.points : 0};
+  }
 
   ReductionSettings reduction_settings(const RowPacker& packer) const {
     return {.cube = input().cube,
@@ -62,13 +80,13 @@ class Reducer {
 
   Status reduce(ReductionPass& pass, RowCollector& rows, const RowPacker& packer, RowFiles& files) const {
     const std::size_t attributes = input().attributes.size();
-    const std::uint64_t leaf_points = std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
-    BatchCutter batches(connection_.next, attributes, leaf_points);
-    MaterialEstimator estimator(input().box, input().cube);
+    BatchCutter batches(connection_.next, attributes, index_leaf_points(), plan_.batches);
+    MaterialEstimator estimator(input().box, input().cube, options_.gradients);
     const ReductionStages stages{batches, connection_.needs_estimate ? &estimator : nullptr, pass, rows, packer, files};
-    return run_reduction(stages, attributes, [&](std::uint64_t done) {
+    const auto progress = [&](std::uint64_t done) {
       progress_("reducing", static_cast<double>(done) / static_cast<double>(points_.count()));
-    });
+    };
+    return run_reduction(stages, attributes, progress, plan_.most_batches);
   }
 
   // Completes the volume's description, and returns the report, without the file's size.
@@ -79,7 +97,8 @@ class Reducer {
                        .connectivity = connection_.used,
                        .points = input().census,
                        .cells = input().cells,
-                       .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0};
+                       .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
+                       .least_memory = std::max(plan_.least, connection_.least_memory)};
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       info_.attributes[a].missing = pass.missing()[a];
       report.missing.emplace_back(info_.attributes[a].name, pass.missing()[a]);
@@ -96,6 +115,7 @@ class Reducer {
   const BuildProgress& progress_;
   format::VolumeInfo info_;
   bool fits_;  // densities
+  MemoryPlan plan_;
 };
 
 }  // namespace
@@ -107,8 +127,9 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
-  SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,
-                                                  [&](double fraction) { progress("reading", fraction); }));
+  SPLATVOL_TRY_ASSIGN(points, PointStream::create(
+                                  source, use_cells, options.memory / 2, folder,
+                                  [&](double fraction) { progress("reading", fraction); }, options.gradients));
   progress("connecting", 0);
   SPLATVOL_TRY_ASSIGN(connection, connect(options, points, folder));
   return Reducer(options, points, std::move(connection), folder, progress).run(files, write);

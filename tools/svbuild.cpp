@@ -106,6 +106,7 @@ Counts census_lines(const BuildReport& report) {
 
 // Notes on the input that the report repeats.
 struct InputNotes {
+  std::uint64_t memory = 0;              // BuildOptions::memory
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
@@ -121,6 +122,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"file_bytes", report.file_bytes},
                                      {"seconds", seconds},
                                      {"census", census}};
+  if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   if (notes.step)
     document["time_step"] = {
@@ -142,6 +144,9 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
                notes.times.front(), notes.times.back());
   for (const std::string& conversion : notes.conversions) fmt::print("  {}\n", conversion);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
+  if (notes.memory < report.least_memory)
+    fmt::print("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
+               report.least_memory);
 }
 
 Result<BuildOptions> build_options_of(const Options& options) {
@@ -231,6 +236,7 @@ Status build(const Options& options) {
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;
+  notes.memory = build_options.memory;
   const auto report =
       is_series(options) ? build_steps(options, build_options, notes) : build_one(options, build_options, notes);
   if (!report) {
@@ -347,8 +353,8 @@ void add_unit_option(CLI::App& app, Options& options) {
 
 void add_machine_options(CLI::App& app, Options& options) {
   app.add_option("--memory", options.memory,
-                 "Bytes to hold besides a piece of the input, such as 2G (default: a quarter of the machine's or "
-                 "container's); the result is the same")
+                 "Bytes to hold besides a piece of the input as its reader holds it, such as 2G (default: a quarter of "
+                 "the machine's or container's); the result is the same. If the input needs more, svbuild says so")
       ->type_name("SIZE")
       ->check(check_bytes);
   app.add_option("--temp", options.temp_folder, "Folder for temporary files (default: the folder of the output)")

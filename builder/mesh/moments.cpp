@@ -16,6 +16,8 @@ constexpr double mean_share = 23.0 / 144;
 constexpr double own_square = (161.0 - 97.0) / 4320;
 constexpr double common_square = 97.0 / 4320;
 
+constexpr double third = 1.0 / 3;
+
 SymmetricMatrix operator*(double factor, const SymmetricMatrix& a) {
   return {factor * a.xx, factor * a.yy, factor * a.zz, factor * a.xy, factor * a.xz, factor * a.yz};
 }
@@ -82,8 +84,8 @@ void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> val
   // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the
   // tetrahedron.
   double low = 0, high = 0;
-  for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, (rise.x + rise.y) / 3, (rise.y + rise.z) / 3,
-                              (rise.z + rise.x) / 3, total / 4}) {
+  for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, third * (rise.x + rise.y), third * (rise.y + rise.z),
+                              third * (rise.z + rise.x), total / 4}) {
     low = std::min(low, corner);
     high = std::max(high, corner);
   }
@@ -173,8 +175,8 @@ inline void add_moments(LaneSums& sums, const MeasuredQuarter& measured, const L
     add(sums.covariance[k], weight * common_square * total * measured.sum[k]);
   }
   Lanes low{}, high{};
-  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, (rise[0] + rise[1]) / 3, (rise[1] + rise[2]) / 3,
-                              (rise[2] + rise[0]) / 3, total / 4}) {
+  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, third * (rise[0] + rise[1]), third * (rise[1] + rise[2]),
+                              third * (rise[2] + rise[0]), total / 4}) {
     low = corner < low ? corner : low;
     high = corner > high ? corner : high;
   }
@@ -192,6 +194,9 @@ inline void add_gradient(LaneSums& sums, const MeasuredQuarter& measured, const 
     for (int k = 0; k < 3; ++k) sums.gradient[k] = counts ? sums.gradient[k] + difference[k] : sums.gradient[k];
   }
 }
+
+// Spreads numbers that are often near each other over a hash table.
+constexpr std::size_t hash_of(std::uint32_t vertex) { return vertex * std::size_t{0x9e3779b97f4a7c15} >> 32; }
 
 // Symmetric matrices while they become diagonal: at the end, eigenvalues, and eigenvectors as columns.
 struct Decomposition {
@@ -402,28 +407,79 @@ dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> value
   return gradient;
 }
 
-void VertexMaterial::find_values(std::size_t vertex, const ValueTable& table, std::span<VertexValue> values) const {
+void VertexBlock::clear() {
+  vertices_.clear();
+  others_.clear();
+  begins_.clear();
+  std::ranges::fill(slots_, 0u);
+}
+
+// Doubles the hash table.
+void VertexBlock::grow() {
+  slots_.assign(std::max<std::size_t>(2 * slots_.size(), 1024), 0);
+  const std::size_t mask = slots_.size() - 1;
+  for (std::uint32_t number = 0; number < vertices_.size(); ++number) {
+    std::size_t slot = hash_of(vertices_[number]) & mask;
+    while (slots_[slot] != 0) slot = (slot + 1) & mask;
+    slots_[slot] = number + 1;
+  }
+}
+
+// Returns the vertex's new number, and gives it one if it has none.
+std::uint32_t VertexBlock::number_of(std::uint32_t vertex) {
+  if (2 * vertices_.size() >= slots_.size()) grow();
+  const std::size_t mask = slots_.size() - 1;
+  std::size_t slot = hash_of(vertex) & mask;
+  for (; slots_[slot] != 0; slot = (slot + 1) & mask)
+    if (vertices_[slots_[slot] - 1] == vertex) return slots_[slot] - 1;
+  vertices_.push_back(vertex);
+  slots_[slot] = static_cast<std::uint32_t>(vertices_.size());
+  return slots_[slot] - 1;
+}
+
+void VertexMaterial::make_block(std::span<const std::uint32_t> vertices, VertexBlock& block) const {
+  block.clear();
+  for (const std::uint32_t vertex : vertices) block.number_of(vertex);
+  for (const std::uint32_t vertex : vertices) {
+    block.begins_.push_back(block.others_.size());
+    for (const std::uint32_t t : incident_[vertex]) {
+      const Tetrahedron& corners = tetrahedra_[t];
+      const auto own = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
+      std::array<std::uint32_t, 3>& others = block.others_.emplace_back();
+      for (std::size_t k = 0; k < 3; ++k) others[k] = block.number_of(corners[(own + 1 + k) % 4]);
+    }
+  }
+}
+
+SpatialMoments VertexMaterial::find_values(const VertexBlock& block, std::size_t number, const ValueTable& table,
+                                           bool gradients, std::span<VertexValue> values) const {
   thread_local std::vector<MeasuredQuarter> quarters;
   quarters.clear();
-  const double mass = visit(vertex, [&](const Quarter& quarter) {
+  SpatialMoments space;
+  const double mass = visit(block.vertices_[number], [&](const Quarter& quarter) {
+    if (quarter.mass > 0) add(space, quarter);
     const auto& [a, b, c] = quarter.edges;
-    quarters.push_back({quarter, quarter.sum(), {glm::dot(a, a), glm::dot(b, b), glm::dot(c, c)}});
+    MeasuredQuarter& measured = quarters.emplace_back(
+        MeasuredQuarter{quarter, quarter.sum(), {glm::dot(a, a), glm::dot(b, b), glm::dot(c, c)}});
+    measured.quarter.others = block.others_[block.begins_[number] + quarters.size() - 1];
   });
+  finish(space);
   for (std::size_t first = 0; first < table.attributes(); first += lanes) {
     const std::span<const ValueTable::Row> rows = table.rows(first);
-    const Lanes own = lanes_of(rows[vertex]);
+    const Lanes own = lanes_of(rows[number]);
     LaneSums sums;
     for (const MeasuredQuarter& measured : quarters) {
       const auto& [a, b, c] = measured.quarter.others;
       const Lanes rise[3] = {lanes_of(rows[a]) - own, lanes_of(rows[b]) - own, lanes_of(rows[c]) - own};
       if (measured.quarter.mass > 0) add_moments(sums, measured, rise, own);
-      add_gradient(sums, measured, rise);
+      if (gradients) add_gradient(sums, measured, rise);
     }
     for (std::size_t lane = 0; lane < lanes && first + lane < table.attributes(); ++lane) {
       values[first + lane] = sums.value(lane);
       finish(values[first + lane].moments, mass, own[lane]);
     }
   }
+  return space;
 }
 
 std::array<format::SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {

@@ -59,8 +59,15 @@ class ValueTable {
   static constexpr std::size_t lanes = 4;
   using Row = std::array<double, lanes>;
 
-  ValueTable(std::size_t vertices, std::size_t attributes)
-      : vertices_(vertices), attributes_(attributes), rows_((attributes + lanes - 1) / lanes * vertices) {}
+  ValueTable() = default;
+  ValueTable(std::size_t vertices, std::size_t attributes) { resize(vertices, attributes); }
+
+  /// Keeps the memory, and no values.
+  void resize(std::size_t vertices, std::size_t attributes) {
+    vertices_ = vertices;
+    attributes_ = attributes;
+    rows_.resize((attributes + lanes - 1) / lanes * vertices);
+  }
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
 
@@ -71,14 +78,34 @@ class ValueTable {
     return rows_[attribute / lanes * vertices_ + vertex][attribute % lanes];
   }
 
-  /// The attributes from `first` on, a multiple of `lanes`: [vertex]. Attributes beyond the last have the value 0.
+  /// The attributes from `first` on, a multiple of `lanes`: [vertex]. Attributes beyond the last have any value.
   [[nodiscard]] std::span<const Row> rows(std::size_t first) const {
     return std::span(rows_).subspan(first / lanes * vertices_, vertices_);
   }
 
  private:
-  std::size_t vertices_, attributes_;
+  std::size_t vertices_ = 0, attributes_ = 0;
   std::vector<Row> rows_;
+};
+
+/// Some vertices of a mesh, and the corners of all tetrahedra at them, numbered anew: the vertices whose values decide
+/// on the material of the block. Keeps its memory for the next block.
+class VertexBlock {
+ public:
+  /// [new number]: a vertex of the mesh. Those of the block come first, in their order.
+  [[nodiscard]] std::span<const std::uint32_t> vertices() const { return vertices_; }
+
+ private:
+  friend class VertexMaterial;
+
+  void clear();
+  std::uint32_t number_of(std::uint32_t vertex);
+  void grow();
+
+  std::vector<std::uint32_t> vertices_;
+  std::vector<std::array<std::uint32_t, 3>> others_;  // new numbers: of the other corners of each tetrahedron
+  std::vector<std::size_t> begins_;                   // [vertex of the block]: its tetrahedra among others_
+  std::vector<std::uint32_t> slots_;                  // hash table: 1 + new number; 0: empty
 };
 
 /// The material of a vertex that has a value of an attribute, and the direction of the value's gradient there.
@@ -105,9 +132,19 @@ class VertexMaterial {
   /// up to the whole. 0 if there is none.
   [[nodiscard]] dvec3 gradient(std::size_t vertex, std::span<const double> values) const;
 
-  /// Finds value_moments and gradient of all attributes, to the same last bit, much faster than one by one. Requires
-  /// values.size() == table.attributes().
-  void find_values(std::size_t vertex, const ValueTable& table, std::span<VertexValue> values) const;
+  /// Makes `block` that of these vertices, which must differ.
+  void make_block(std::span<const std::uint32_t> vertices, VertexBlock& block) const;
+
+  /// Finds value_moments, and with `gradients` also gradient, of all attributes at vertex `number` of a block, to the
+  /// same last bit, much faster than one by one. `table`: values at block.vertices(). Returns the vertex's moments.
+  /// Requires values.size() == table.attributes().
+  SpatialMoments find_values(const VertexBlock& block, std::size_t number, const ValueTable& table, bool gradients,
+                             std::span<VertexValue> values) const;
+
+  /// Bytes that it holds for a mesh.
+  [[nodiscard]] static std::size_t bytes(std::size_t vertices, std::size_t tetrahedra) {
+    return 8 * vertices + 24 * tetrahedra;
+  }
 
  private:
   template <class Add>

@@ -139,13 +139,13 @@ class BoxTree {
     std::uint32_t ellipsoid;
   };
 
-  BoxTree(std::span<const Ellipsoid> ellipsoids, std::span<const std::uint32_t> members) {
-    members_.reserve(members.size());
-    for (const std::uint32_t i : members) members_.push_back({{ellipsoids[i].centre, ellipsoids[i].reach}, i});
-    for (std::size_t count = members.size(); tiers_.empty() || count > 1;) {
+  /// `ellipsoids` must outlive this.
+  BoxTree(std::span<const Ellipsoid> ellipsoids, std::vector<std::uint32_t> members)
+      : ellipsoids_(ellipsoids), members_(std::move(members)) {
+    for (std::size_t count = members_.size(); tiers_.empty() || count > 1;) {
       std::vector<Bounds> above((count + fan - 1) / fan);
       for (std::size_t i = 0; i < count; ++i)
-        above[i / fan].include(tiers_.empty() ? members_[i].bounds : tiers_.back()[i]);
+        above[i / fan].include(tiers_.empty() ? member(i).bounds : tiers_.back()[i]);
       count = above.size();
       tiers_.push_back(std::move(above));
     }
@@ -167,12 +167,19 @@ class BoxTree {
     for (std::size_t child = i * fan; child < end; ++child) {
       if (tier > 0)
         descend(tier - 1, child, bounds, visit);
-      else if (members_[child].bounds.meets(bounds))
-        visit(members_[child]);
+      else if (const Member found = member(child); found.bounds.meets(bounds))
+        visit(found);
     }
   }
 
-  std::vector<Member> members_;
+  // Bounds are made anew: to keep them would take more memory than all the rest of the tree.
+  [[nodiscard]] Member member(std::size_t i) const {
+    const Ellipsoid& ellipsoid = ellipsoids_[members_[i]];
+    return {{ellipsoid.centre, ellipsoid.reach}, members_[i]};
+  }
+
+  std::span<const Ellipsoid> ellipsoids_;
+  std::vector<std::uint32_t> members_;
   std::vector<std::vector<Bounds>> tiers_;  // from the boxes round members up to one box
 };
 
@@ -186,7 +193,7 @@ std::vector<BoxTree> make_trees(std::span<const Ellipsoid> ellipsoids) {
           static_cast<std::uint32_t>(i));
   }
   std::vector<BoxTree> trees;
-  for (const auto& [size, of_size] : members) trees.emplace_back(ellipsoids, of_size);
+  for (auto& [size, of_size] : members) trees.emplace_back(ellipsoids, std::move(of_size));
   return trees;
 }
 
@@ -266,6 +273,7 @@ class DensityFit {
       search.candidates.resize(search.found.size());
       std::iota(search.candidates.begin(), search.candidates.end(), 0);
       append_views(search, 0, search.looks.size(), 0, search.found.size(), portions_[b]);
+      portions_[b].views.shrink_to_fit();
     });
   }
 

@@ -18,7 +18,6 @@ inline constexpr std::size_t max_levels = 64;
 /// An attribute of a member.
 struct MemberValue {
   float value = 0;       // of the point, as the file stores it
-  vec3 gradient{0};      // unit vector, or 0
   ValueMoments moments;  // of the cluster
 };
 
@@ -30,6 +29,7 @@ struct Member {
   SpatialMoments moments;  // about the point
   BoundaryPlane plane;
   std::vector<MemberValue> values;         // [attribute]
+  std::vector<vec3> gradients;             // [attribute]: unit vector, or 0. Empty if not wanted
   std::vector<StoredSplat> splats;         // [level], up to the present one
   std::vector<StoredValue> stored_values;  // [level * attributes + attribute]
 

@@ -8,6 +8,26 @@
 #include <utility>
 
 namespace splatvol {
+namespace {
+
+// Rows with fewer splats are not worth a write.
+constexpr std::size_t least_written_splats = 32;
+
+bool has_gradients(const format::VolumeInfo& info) {
+  return std::ranges::find(info.columns, format::ColumnKind::gradient, &format::Column::kind) != info.columns.end();
+}
+
+}  // namespace
+
+RowCollector::RowCollector(const format::VolumeInfo& info, bool fits, const RowPacker* packer, std::size_t memory,
+                           std::string folder)
+    : attributes_(info.attributes.size()),
+      points_per_chunk_(info.points_per_chunk),
+      fits_(fits),
+      packer_(packer),
+      memory_(memory),
+      folder_(std::move(folder)),
+      splat_bytes_(SplatColumns::bytes_of_splat(attributes_, has_gradients(info))) {}
 
 std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
   while (queues_.size() <= segment) queues_.emplace_back(queues_.size() + 1);
@@ -15,25 +35,25 @@ std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
 }
 
 bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || !row.chunks.empty() || row.splats->size() == points_per_chunk_;
+  return !row.splats || !row.chunks.empty() || size_of(row) == points_per_chunk_;
 }
 
 // The row that the next splat belongs to.
-SplatColumns& RowCollector::open_row(std::size_t segment, std::size_t level) {
+PendingRow& RowCollector::open_row(std::size_t segment, std::size_t level) {
   Queue& queue = queues(segment)[level];
   if (queue.empty() || is_complete(queue.back())) {
     if (spare_.empty()) spare_.push_back(std::make_unique<SplatColumns>(attributes_));
     queue.push_back({segment, level, std::move(spare_.back()), {}});
     spare_.pop_back();
   }
-  return *queue.back().splats;
+  return queue.back();
 }
 
 void RowCollector::add_finest(const SplatColumns& splats) {
   for (std::size_t begin = 0; begin < splats.size();) {
-    SplatColumns& row = open_row(0, 0);
-    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_ - row.size());
-    row.append(splats, begin, end);
+    PendingRow& row = open_row(0, 0);
+    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_ - size_of(row));
+    row.splats->append(splats, begin, end);
     begin = end;
   }
 }
@@ -43,65 +63,125 @@ void RowCollector::add_packed_finest(PackedRow row) { queues(0)[0].push_back({0,
 void RowCollector::add_point(std::size_t segment, const Member& member) {
   SplatColumns* own = nullptr;
   for (std::size_t level = 0; level <= segment; ++level) {
-    own = &open_row(segment, level);
+    own = open_row(segment, level).splats.get();
     own->add_splat(member.splats[level], std::span(member.stored_values).subspan(level * attributes_, attributes_));
   }
   own->add_point(member.point);
-  for (std::size_t a = 0; a < attributes_; ++a)
-    own->add_point_value(a, member.values[a].value, member.values[a].gradient);
+  for (std::size_t a = 0; a < attributes_; ++a) own->add_point_value(a, member.values[a].value);
+  for (std::size_t a = 0; a < member.gradients.size(); ++a) own->add_gradient(a, member.gradients[a]);
 }
 
 void RowCollector::recycle(std::vector<PendingRow>& rows) {
   for (PendingRow& row : rows) {
-    if (!row.splats) continue;
+    if (!row.splats || (spare_.size() + 1) * row_bytes() > spare_memory()) continue;
     row.splats->clear();
     spare_.push_back(std::move(row.splats));
   }
   rows.clear();
 }
 
-void RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
+Status RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
   recycle(rows);
   for (std::vector<Queue>& of_segment : queues_)
     for (std::size_t level = 0; level < of_segment.size(); ++level) {
       Queue& queue = of_segment[level];
       if (!at_end && fits_ && level == 0) {
-        pack_waiting(queue);
+        SPLATVOL_TRY(pack_waiting(queue));
         continue;
       }
       while (!queue.empty() && (at_end || is_complete(queue.front()))) {
+        if (!at_end) SPLATVOL_TRY(read_back(queue.front()));
         rows.push_back(std::move(queue.front()));
         queue.pop_front();
       }
     }
+  return at_end ? Status{} : write_out_open_rows();
 }
 
 // Packs the complete rows of level 0 as far as their densities allow.
-void RowCollector::pack_waiting(Queue& queue) const {
-  if (!packer_) return;
+Status RowCollector::pack_waiting(Queue& queue) {
+  if (!packer_) return {};
   std::vector<PendingRow*> rows;
   for (auto row = queue.rbegin(); row != queue.rend() && row->chunks.empty(); ++row)
     if (row->splats && is_complete(*row)) rows.push_back(&*row);
+  for (PendingRow* row : rows) SPLATVOL_TRY(read_back(*row));
   // Without isolation, this thread could take up other stages of the pipeline that calls.
   tbb::this_task_arena::isolate(
       [&] { tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t r) { packer_->pack_early(*rows[r]); }); });
+  for (PendingRow* row : rows) {
+    std::uint64_t bytes = 0;
+    for (const format::PackedChunk& chunk : row->chunks) bytes += chunk.bytes.size();
+    if (waiting_bytes_ + bytes > memory_ / 4)
+      SPLATVOL_TRY(write_out_chunks(*row));
+    else
+      waiting_bytes_ += bytes;
+  }
+  return {};
+}
+
+// Writes out the rows that are not complete, if together they take too much memory.
+Status RowCollector::write_out_open_rows() {
+  std::vector<PendingRow*> open;
+  std::size_t splats = 0;
+  for (std::vector<Queue>& of_segment : queues_)
+    for (Queue& queue : of_segment) {
+      if (queue.empty() || is_complete(queue.back())) continue;
+      splats += queue.back().splats->size();
+      if (queue.back().splats->size() >= least_written_splats) open.push_back(&queue.back());
+    }
+  if (splats <= memory_ / 2 / splat_bytes_) return {};
+  for (PendingRow* row : open) SPLATVOL_TRY(write_out(*row));
+  spare_.clear();
+  return {};
+}
+
+Status RowCollector::open_spool() {
+  if (spool_) return {};
+  SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+  spool_ = std::make_unique<TempFile>(std::move(file));
+  return {};
+}
+
+Status RowCollector::write_out(PendingRow& row) {
+  SPLATVOL_TRY(open_spool());
+  const std::uint64_t offset = spool_->size();
+  SPLATVOL_TRY_ASSIGN(bytes, row.splats->write_to(*spool_));
+  row.spool = spool_.get();
+  row.written.push_back({offset, bytes});
+  row.written_splats += row.splats->size();
+  row.splats = std::make_unique<SplatColumns>(attributes_);
+  return {};
+}
+
+Status RowCollector::write_out_chunks(PendingRow& row) {
+  SPLATVOL_TRY(open_spool());
+  row.spool = spool_.get();
+  row.chunks_at = spool_->size();
+  for (format::PackedChunk& chunk : row.chunks) {
+    SPLATVOL_TRY(spool_->append(chunk.bytes));
+    chunk.bytes = {};
+  }
+  return {};
+}
+
+Status RowCollector::read_back(PendingRow& row) {
+  const std::vector<FilePart> parts = row.written;
+  if (row.splats) SPLATVOL_TRY(read_written(row));
+  for (const FilePart& part : parts) spool_->release(part.offset, part.bytes);
+  return {};
 }
 
 void RowCollector::fit() {
   fit_densities(fitted_);
-  for (const std::vector<Queue>& of_segment : queues_)
-    for (const PendingRow& row : of_segment[0]) {
-      SplatColumns::Splats& splats = row.splats->splats;
-      for (std::size_t i = 0; i < splats.shapes.size(); ++i)
-        splats.shapes[i].density = fitted_[splats.numbers[i]].shape.density;
-    }
-  fitted_ = {};
+  for (std::vector<Queue>& of_segment : queues_)
+    for (PendingRow& row : of_segment[0]) row.fitted = &fitted_;
 }
 
-std::vector<PendingRow> RowCollector::extract_rest() {
+Result<std::vector<PendingRow>> RowCollector::extract_rest() {
+  spare_.clear();
   if (fits_) fit();
   std::vector<PendingRow> rows;
-  extract(rows, true);
+  SPLATVOL_TRY(extract(rows, true));
   return rows;
 }
 

@@ -75,10 +75,12 @@ Status RowFiles::read(Stream& stream, const Visit& visit) {
 }
 
 Status write_rows(std::span<PendingRow> rows, const RowPacker& packer, RowFiles& files) {
-  constexpr std::size_t packed_together = 256;  // packed rows are held until they are written
+  constexpr std::size_t packed_together = 32;  // packed rows are held until they are written
   for (; !rows.empty(); rows = rows.subspan(std::min(packed_together, rows.size()))) {
     const std::span<PendingRow> packed = rows.first(std::min(packed_together, rows.size()));
-    tbb::parallel_for(std::size_t{0}, packed.size(), [&](std::size_t r) { packer.pack(packed[r]); });
+    std::vector<Status> done(packed.size());
+    tbb::parallel_for(std::size_t{0}, packed.size(), [&](std::size_t r) { done[r] = packer.pack(packed[r]); });
+    for (const Status& status : done) SPLATVOL_TRY(status);
     for (PendingRow& row : packed) {
       SPLATVOL_TRY(files.write(row));
       row = {};

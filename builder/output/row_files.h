@@ -65,7 +65,7 @@ class RowFiles {
   std::vector<std::vector<Stream>> streams_;  // [segment][level]
 };
 
-/// Packs rows in parallel, and writes them in their order. Frees each row once it is written.
+/// Packs rows in parallel, some at a time, and writes them in their order. Frees each row once it is written.
 [[nodiscard]] Status write_rows(std::span<PendingRow> rows, const RowPacker& packer, RowFiles& files);
 
 }  // namespace splatvol

@@ -53,11 +53,14 @@ class ChunkPacker {
  private:
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
     const format::ValueBins bins = format::bins_of(attributes_[attribute]);
-    const SplatColumns::SplatValues& values = splats_.splat_values[attribute];
+    std::vector<format::SplatValue> values;
+    values.reserve(splats_.size());
     format::ValueSummary summary;
-    for (std::size_t i = 0; i < splats_.size(); ++i)
-      summary.include(summarize_range(values.min[i], values.max[i], bins));
-    return format::pack_value_moments(values.moments, least_step(values.moments), summary);
+    for (const StoredValue& stored : splats_.splat_values[attribute]) {
+      summary.include(summarize_range(stored.min, stored.max, bins));
+      values.push_back(stored.value());
+    }
+    return format::pack_value_moments(values, least_step(values), summary);
   }
 
   // Depends on no value that is far from the others, such as a number that stands for no value.
@@ -77,8 +80,8 @@ class ChunkPacker {
 
   double value_error(std::size_t attribute) const {
     double smallest = infinity;
-    for (const format::SplatValue& value : splats_.splat_values[attribute].moments)
-      if (value.deviation > 0) smallest = std::min(smallest, value.deviation);
+    for (const StoredValue& value : splats_.splat_values[attribute])
+      if (value.deviation > 0) smallest = std::min(smallest, double{value.deviation});
     return std::isfinite(smallest) ? smallest * value_error_per_deviation : 0;
   }
 
@@ -113,11 +116,25 @@ PackedRow RowPacker::pack(const SplatColumns& splats) const {
   return serialize(chunks);
 }
 
-void RowPacker::pack(PendingRow& row) const {
-  if (!row.splats) return;
+Status RowPacker::pack(PendingRow& row) const {
+  if (!row.splats) return {};
+  SPLATVOL_TRY(read_written(row));
+  std::vector<format::SplatShape>& shapes = row.splats->splats.shapes;
+  const std::vector<std::uint64_t>& numbers = row.splats->splats.numbers;
+  if (row.fitted) {
+    shapes.resize(numbers.size());
+    for (std::size_t i = 0; i < shapes.size(); ++i) shapes[i] = (*row.fitted)[numbers[i]].shape;
+  }
   if (row.chunks.empty()) {
     row.packed = pack(*row.splats);
-    return;
+    return {};
+  }
+  std::uint64_t offset = row.chunks_at.value_or(0);
+  for (PackedChunk& chunk : row.chunks) {
+    if (!row.chunks_at) break;
+    chunk.bytes.resize(chunk.entry.packed_bytes);
+    SPLATVOL_TRY(row.spool->read(offset, chunk.bytes));
+    offset += chunk.bytes.size();
   }
   const std::vector<format::Column>& columns = row.has_points ? all_columns_ : resolution_columns_;
   for (std::size_t c = 0; c < columns.size(); ++c)
@@ -125,6 +142,7 @@ void RowPacker::pack(PendingRow& row) const {
       row.chunks[c] = ChunkPacker(*row.splats, attributes_).pack(columns[c]);
   row.packed = serialize(row.chunks);
   row.chunks = {};
+  return {};
 }
 
 void RowPacker::pack_early(PendingRow& row) const {
@@ -134,9 +152,19 @@ void RowPacker::pack_early(PendingRow& row) const {
   for (const format::Column& column : row.has_points ? all_columns_ : resolution_columns_)
     row.chunks.push_back(column.kind == format::ColumnKind::moments ? format::PackedChunk{} : packer.pack(column));
   SplatColumns rest(attributes_.size());
-  rest.splats.shapes = std::move(splats.splats.shapes);
   rest.splats.numbers = std::move(splats.splats.numbers);
   splats = std::move(rest);
+}
+
+Status read_written(PendingRow& row) {
+  if (row.written.empty()) return {};
+  auto whole = std::make_unique<SplatColumns>(row.splats->splat_values.size());
+  for (const FilePart& part : row.written) SPLATVOL_TRY(whole->read_from(*row.spool, part.offset));
+  whole->append(*row.splats, 0, row.splats->size());
+  row.splats = std::move(whole);
+  row.written.clear();
+  row.written_splats = 0;
+  return {};
 }
 
 }  // namespace splatvol

@@ -17,9 +17,7 @@ void for_each_array(A& a, B& b, const Visit& visit) {
   visit(a.points.positions, b.points.positions);
   visit(a.points.errors, b.points.errors);
   for (std::size_t i = 0; i < a.splat_values.size(); ++i) {
-    visit(a.splat_values[i].moments, b.splat_values[i].moments);
-    visit(a.splat_values[i].min, b.splat_values[i].min);
-    visit(a.splat_values[i].max, b.splat_values[i].max);
+    visit(a.splat_values[i], b.splat_values[i]);
     visit(a.point_values[i].values, b.point_values[i].values);
     visit(a.point_values[i].gradients, b.point_values[i].gradients);
   }
@@ -46,10 +44,8 @@ void SplatColumns::add_splat(const StoredSplat& splat, std::span<const StoredVal
   splats.depths.push_back(splat.depth);
   splats.counts.push_back(splat.count);
   for (std::size_t a = 0; a < values.size(); ++a) {
-    splat_values[a].moments.push_back(values[a].value);
-    splat_values[a].min.push_back(values[a].min);
-    splat_values[a].max.push_back(values[a].max);
-    prefetch_end(splat_values[a].moments);
+    splat_values[a].push_back(values[a]);
+    prefetch_end(splat_values[a]);
   }
   prefetch_end(splats.centroids);
   prefetch_end(splats.shapes);
@@ -60,16 +56,48 @@ void SplatColumns::add_point(const PointPosition& point) {
   points.errors.push_back(point.error);
 }
 
-void SplatColumns::add_point_value(std::size_t attribute, float value, const vec3& gradient) {
-  point_values[attribute].values.push_back(value);
-  point_values[attribute].gradients.push_back(gradient);
-}
-
 void SplatColumns::append(const SplatColumns& other, std::size_t begin, std::size_t end) {
   for_each_array(*this, other, [&](auto& all, const auto& items) {
     const auto at = [&](std::size_t i) { return items.begin() + static_cast<std::ptrdiff_t>(i); };
     if (!items.empty()) all.insert(all.end(), at(begin), at(end));
   });
+}
+
+Result<std::uint64_t> SplatColumns::write_to(TempFile& file) const {
+  const std::uint64_t begin = file.size();
+  std::vector<std::uint64_t> sizes;
+  for_each_array(*this, *this, [&](const auto& items, const auto&) { sizes.push_back(items.size()); });
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(sizes))));
+  Status written;
+  for_each_array(*this, *this, [&](const auto& items, const auto&) {
+    if (written) written = file.append(std::as_bytes(std::span(items)));
+  });
+  SPLATVOL_TRY(written);
+  return file.size() - begin;
+}
+
+Status SplatColumns::read_from(const TempFile& file, std::uint64_t offset) {
+  std::size_t arrays = 0;
+  for_each_array(*this, *this, [&](const auto&, const auto&) { ++arrays; });
+  std::vector<std::uint64_t> sizes(arrays);
+  SPLATVOL_TRY(file.read(offset, std::as_writable_bytes(std::span(sizes))));
+  offset += arrays * sizeof(std::uint64_t);
+  Status done;
+  auto size = sizes.begin();
+  for_each_array(*this, *this, [&](auto& items, const auto&) {
+    const std::size_t before = items.size();
+    items.resize(before + *size++);
+    const auto added = std::as_writable_bytes(std::span(items).subspan(before));
+    if (done) done = file.read(offset, added);
+    offset += added.size();
+  });
+  return done;
+}
+
+std::size_t SplatColumns::bytes_of_splat(std::size_t attributes, bool gradients) {
+  const std::size_t splat = sizeof(dvec3) + sizeof(double) + sizeof(format::SplatShape) + sizeof(std::uint64_t) + 2;
+  const std::size_t point = sizeof(dvec3) + sizeof(double);
+  return splat + point + attributes * (sizeof(StoredValue) + sizeof(float) + (gradients ? sizeof(vec3) : 0));
 }
 
 void SplatColumns::clear() {

@@ -6,7 +6,9 @@
 #include <span>
 #include <vector>
 
+#include "base/error.h"
 #include "base/math.h"
+#include "base/temp_file.h"
 #include "builder/output/stored_splat.h"
 #include "format/columns.h"
 
@@ -22,20 +24,16 @@ struct SplatColumns {
     std::vector<std::uint64_t> numbers;
     std::vector<std::uint8_t> depths, counts;
   };
-  struct SplatValues {
-    std::vector<format::SplatValue> moments;
-    std::vector<float> min, max;
-  };
   struct Points {
     std::vector<dvec3> positions;
     std::vector<double> errors;
   };
   struct PointValues {
     std::vector<float> values;    // less the attribute's offset; NaN: missing
-    std::vector<vec3> gradients;  // unit vectors; 0: none
+    std::vector<vec3> gradients;  // unit vectors; 0: none. Empty if not wanted
   };
   Splats splats;
-  std::vector<SplatValues> splat_values;  // [attribute]
+  std::vector<std::vector<StoredValue>> splat_values;  // [attribute]
   Points points;
   std::vector<PointValues> point_values;  // [attribute]
 
@@ -49,10 +47,22 @@ struct SplatColumns {
 
   /// Adds the splat's point. Its values follow.
   void add_point(const PointPosition& point);
-  void add_point_value(std::size_t attribute, float value, const vec3& gradient);
+  void add_point_value(std::size_t attribute, float value) { point_values[attribute].values.push_back(value); }
+  void add_gradient(std::size_t attribute, const vec3& gradient) {
+    point_values[attribute].gradients.push_back(gradient);
+  }
 
   /// Appends elements [begin, end) of another.
   void append(const SplatColumns& other, std::size_t begin, std::size_t end);
+
+  /// Writes all arrays to the end of a file, for read_from(). Returns how many bytes it wrote.
+  [[nodiscard]] Result<std::uint64_t> write_to(TempFile& file) const;
+
+  /// Appends what write_to() wrote at `offset`. Requires as many attributes.
+  [[nodiscard]] Status read_from(const TempFile& file, std::uint64_t offset);
+
+  /// Bytes of a splat with its point, about.
+  [[nodiscard]] static std::size_t bytes_of_splat(std::size_t attributes, bool gradients);
 
   /// Keeps the memory.
   void clear();

@@ -12,18 +12,16 @@ StoredSplat make_stored_splat(const dvec3& position, double point_error, const S
   return splat;
 }
 
-format::SplatValue splat_value(const ValueMoments& moments, const format::SplatShape& shape,
-                               const format::Attribute& attribute) {
-  format::SplatValue value = value_of(moments, shape);
-  value.mean = attribute.stored(value.mean);
-  value.deviation /= attribute.scale;
-  return value;
-}
-
 StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
                               const format::Attribute& attribute) {
   const auto [low, high] = stored_range(moments, attribute);
-  return {splat_value(moments, shape, attribute), low, high};
+  const format::SplatValue value = value_of(moments, shape);
+  return {static_cast<float>(attribute.stored(value.mean)),
+          static_cast<float>(value.deviation / attribute.scale),
+          vec3(value.correlation),
+          static_cast<float>(value.coverage),
+          low,
+          high};
 }
 
 format::ValueSummary summarize_range(float low, float high, const format::ValueBins& bins) {

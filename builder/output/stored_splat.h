@@ -30,10 +30,17 @@ struct StoredSplat {
   std::uint8_t count = 0;    // points in that leaf, at most 255
 };
 
-/// A splat's values of an attribute, as stored: by the attribute's offset and scale.
+/// A splat's values of an attribute, as stored: by the attribute's offset and scale. In single precision: the file
+/// keeps less, and these are most of the memory of a build with many attributes. Fields as in format::SplatValue.
 struct StoredValue {
-  format::SplatValue value;
+  float mean, deviation;
+  vec3 correlation;
+  float coverage;
   float min, max;  // of the material; min > max if it has no value
+
+  [[nodiscard]] format::SplatValue value() const {
+    return {.mean = mean, .deviation = deviation, .correlation = dvec3(correlation), .coverage = coverage};
+  }
 };
 
 /// Makes the splat of `moments`, whose shape_of is `shape`, cut at `plane`, about a point at `position`. `point_error`:
@@ -45,10 +52,6 @@ struct StoredValue {
   return make_stored_splat(position, point_error, moments, shape_of(moments), plane);
 }
 
-/// Distribution of an attribute's stored values in the splat `shape` of all material.
-[[nodiscard]] format::SplatValue splat_value(const ValueMoments& moments, const format::SplatShape& shape,
-                                             const format::Attribute& attribute);
-
 /// Least and largest stored value of the material; first > second if it has no value.
 [[nodiscard]] inline std::pair<float, float> stored_range(const ValueMoments& moments,
                                                           const format::Attribute& attribute) {
@@ -56,7 +59,7 @@ struct StoredValue {
   return {static_cast<float>(attribute.stored(moments.min)), static_cast<float>(attribute.stored(moments.max))};
 }
 
-/// Makes both of these.
+/// Returns the distribution of an attribute's stored values in the splat `shape` of all material, and their range.
 [[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const format::SplatShape& shape,
                                             const format::Attribute& attribute);
 

@@ -6,17 +6,9 @@
 #include "builder/sorting/octree_nodes.h"
 
 namespace splatvol {
-namespace {
 
-constexpr std::size_t batch_points = std::size_t{1} << 12;
-
-// Most points in an estimate node. The estimate is worse at borders of nodes, and larger nodes have fewer borders.
-constexpr std::size_t estimate_node_points = 4096;
-
-}  // namespace
-
-BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points)
-    : next_(std::move(next)), index_leaf_points_(index_leaf_points) {
+BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape)
+    : next_(std::move(next)), index_leaf_points_(index_leaf_points), shape_(shape) {
   held_.resize_attributes(attributes);
 }
 
@@ -42,22 +34,25 @@ NodePart BatchCutter::part_at(std::size_t begin, std::size_t most) const {
 std::size_t BatchCutter::cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const {
   parts.clear();
   std::size_t end = begin_;
-  while (end < held_.size() && end - begin_ < batch_points) {
+  while (end < held_.size() && end - begin_ < shape_.points) {
     parts.push_back(part_at(end, most));
     end = parts.back().end;
   }
   return end;
 }
 
-void BatchCutter::cut_index_leaves(std::size_t end, std::vector<NodePart>& parts) {
+// Every estimate node ends an index leaf, or a part of one: the points of one key may go on in the next batch, and
+// where batches end must not matter.
+void BatchCutter::cut_index_leaves(std::span<const NodePart> nodes, std::vector<NodePart>& parts) {
   parts.clear();
-  for (std::size_t begin = begin_; begin < end; begin = parts.back().end) {
-    NodePart part = part_at(begin, index_leaf_points_);
-    part.end = std::min(part.end, end);  // the points of one key go on in the next batch
-    if (!part.continued) ++leaves_;
-    part.leaf = leaves_ - 1;
-    parts.push_back(part);
-  }
+  for (const NodePart& node : nodes)
+    for (std::size_t begin = node.begin; begin < node.end; begin = parts.back().end) {
+      NodePart part = part_at(begin, index_leaf_points_);
+      part.end = std::min(part.end, node.end);
+      if (!part.continued) ++leaves_;
+      part.leaf = leaves_ - 1;
+      parts.push_back(part);
+    }
 }
 
 void BatchCutter::copy_points(std::size_t end, PointBatch& batch) const {
@@ -72,19 +67,19 @@ void BatchCutter::copy_points(std::size_t end, PointBatch& batch) const {
 
 // Keeps the last point that was returned: the next nodes depend on its key.
 void BatchCutter::forget_returned_points() {
-  if (begin_ <= held_.size() / 2) return;
   for_each_array(held_, held_, [&](auto& items, auto&) {
-    items.erase(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(std::min(begin_ - 1, items.size())));
+    items.erase(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(
+                                                   std::min(begin_ - std::min<std::size_t>(begin_, 1), items.size())));
   });
-  begin_ = 1;
+  begin_ = std::min<std::size_t>(begin_, 1);
 }
 
 Result<bool> BatchCutter::next(PointBatch& batch) {
-  const std::size_t most = std::max(estimate_node_points, index_leaf_points_);
-  SPLATVOL_TRY(hold(batch_points + most + 1));
+  const std::size_t most = std::max(shape_.node_points, index_leaf_points_);
+  SPLATVOL_TRY(hold(shape_.points + most + 1));
   if (begin_ == held_.size()) return false;
   const std::size_t end = cut_estimate_nodes(most, batch.estimate_parts);
-  cut_index_leaves(end, batch.leaf_parts);
+  cut_index_leaves(batch.estimate_parts, batch.leaf_parts);
   copy_points(end, batch);
   for (auto* parts : {&batch.estimate_parts, &batch.leaf_parts})
     for (NodePart& part : *parts) part.begin -= begin_, part.end -= begin_;

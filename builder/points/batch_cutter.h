@@ -1,20 +1,32 @@
 // Batches of whole index leaves from a stream of points.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "base/error.h"
 #include "builder/points/point_batch.h"
 
 namespace splatvol {
 
-/// Cuts a stream of points into index leaves, and returns them in batches of whole estimate nodes. Where batches end
-/// depends on the points alone.
+/// How large batches are. Rows and index leaves do not depend on it.
+struct BatchShape {
+  std::size_t points = 4096;       // a batch ends with the estimate node that makes it so large
+  std::size_t node_points = 4096;  // most points in an estimate node; at least so many as in an index leaf are allowed
+};
+
+/// The most points in an estimate node if material is estimated. The estimate is worse at borders of nodes, and larger
+/// nodes have fewer borders.
+inline constexpr std::size_t estimate_node_points = 4096;
+
+/// Cuts a stream of points into index leaves, and returns them in batches of whole estimate nodes.
 class BatchCutter {
  public:
   /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because
   /// octree leaves count up to 255 points. Points of one key that are more than a leaf holds come in several parts.
-  BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points);
+  BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape = {});
 
   /// Replaces `batch` by the next points, and uses its memory again. Returns false after the last point.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
@@ -23,12 +35,13 @@ class BatchCutter {
   [[nodiscard]] Status hold(std::size_t points);
   [[nodiscard]] NodePart part_at(std::size_t begin, std::size_t most) const;
   [[nodiscard]] std::size_t cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const;
-  void cut_index_leaves(std::size_t end, std::vector<NodePart>& parts);
+  void cut_index_leaves(std::span<const NodePart> nodes, std::vector<NodePart>& parts);
   void copy_points(std::size_t end, PointBatch& batch) const;
   void forget_returned_points();
 
   NextPoints next_;
   std::size_t index_leaf_points_;
+  BatchShape shape_;
   PointBatch held_;             // points that have not been returned, and at least one before them
   std::size_t begin_ = 0;       // first of the held points that has not been returned
   bool ended_ = false;          // the stream has no more points

@@ -410,7 +410,7 @@ void Subdomain::fill(const Mesh& mesh, PointBatch& result) const {
     for (std::size_t a = 0; a < attributes; ++a) {
       result.values[a].push_back(mesh.values[a][i]);
       result.value_moments[a].push_back(material.value_moments(i, mesh.values[a]));
-      result.gradients[a].push_back(material.gradient(i, mesh.values[a]));
+      if (points_.layout().has_gradients()) result.gradients[a].push_back(material.gradient(i, mesh.values[a]));
     }
   }
 }

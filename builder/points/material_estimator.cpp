@@ -12,10 +12,10 @@
 namespace splatvol {
 namespace {
 
-void resize_material(PointBatch& batch) {
+void resize_material(PointBatch& batch, bool with_gradients) {
   batch.moments.resize(batch.size());
   for (auto& moments : batch.value_moments) moments.resize(batch.size());
-  for (auto& gradients : batch.gradients) gradients.resize(batch.size());
+  for (auto& gradients : batch.gradients) gradients.resize(with_gradients ? batch.size() : 0);
 }
 
 // The first part of a node has all of its material: the points of such a node share one Morton key.
@@ -27,13 +27,14 @@ void clear_material(const NodePart& part, PointBatch& batch) {
   };
   clear(batch.moments);
   for (auto& moments : batch.value_moments) clear(moments);
-  for (auto& gradients : batch.gradients) clear(gradients);
+  for (auto& gradients : batch.gradients)
+    if (!gradients.empty()) clear(gradients);
 }
 
 }  // namespace
 
 void MaterialEstimator::estimate(PointBatch& batch) {
-  resize_material(batch);
+  resize_material(batch, gradients_);
   const std::vector<NodePart>& parts = batch.estimate_parts;
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t p) {
     if (parts[p].continued)
@@ -54,7 +55,8 @@ void MaterialEstimator::estimate_node(const NodePart& node, PointBatch& batch) {
   for (auto& of_attribute : batch.values) values.push_back(in_node(of_attribute));
   EstimatedMaterial result{in_node(batch.moments), {}, {}};
   for (auto& of_attribute : batch.value_moments) result.value_moments.push_back(in_node(of_attribute));
-  for (auto& of_attribute : batch.gradients) result.gradients.push_back(in_node(of_attribute));
+  for (auto& of_attribute : batch.gradients)
+    if (gradients_) result.gradients.push_back(in_node(of_attribute));
   estimates_.local().estimate(positions, values, bounds, result);
 }
 

@@ -13,7 +13,9 @@ namespace splatvol {
 class MaterialEstimator {
  public:
   /// `box`: round all points. `cube`: the octree's root.
-  MaterialEstimator(const Box& box, const Cube& cube) : box_(box), cube_(cube) {}
+  /// `gradients`: whether to find them.
+  MaterialEstimator(const Box& box, const Cube& cube, bool gradients = true)
+      : box_(box), cube_(cube), gradients_(gradients) {}
 
   /// Replaces the material of a batch. Thread-safe.
   void estimate(PointBatch& batch);
@@ -23,6 +25,7 @@ class MaterialEstimator {
 
   Box box_;
   Cube cube_;
+  bool gradients_;
   tbb::enumerable_thread_specific<BoxEstimate> estimates_;
 };
 

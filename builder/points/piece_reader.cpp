@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <iterator>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -18,13 +17,30 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// Records that are made at a time: their bytes bound the memory, whatever the number of points and attributes.
-constexpr std::size_t slice_bytes = std::size_t{1} << 23;
-constexpr std::size_t slice_tasks = 16;
+constexpr std::size_t slice_tasks = 16;  // records that are made at a time are shared out to so many tasks
+
+// Values of a block's points, about. Those of their neighbours are some times as many; together they fit into a cache.
+constexpr std::size_t block_values = 4096;
 
 // A value that is too large for arithmetic is taken for some program's fill value, and so for missing.
 double present_or_nan(double value) {
   return std::abs(value) <= largest_value ? value : std::numeric_limits<double>::quiet_NaN();
+}
+
+// Gets an attribute's values at some points; NaN: missing.
+void get_values(const Piece& piece, std::size_t attribute, std::span<const std::uint32_t> points,
+                std::span<double> values) {
+  if (piece.lent) {
+    piece.lent->get(attribute, points, values);
+  } else {
+    for (std::size_t i = 0; i < points.size(); ++i) values[i] = piece.values[attribute][points[i]];
+  }
+  for (double& value : values) value = present_or_nan(value);
+}
+
+void include_value(double value, std::size_t attribute, PointRanges& ranges) {
+  if (value < ranges.low[attribute]) ranges.low[attribute] = value;
+  if (value > ranges.high[attribute]) ranges.high[attribute] = value;
 }
 
 }  // namespace
@@ -88,30 +104,29 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
   if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                 piece.tetrahedra.size());
-  const std::vector<std::size_t> kept = find_finite(piece);
+  const std::vector<std::uint32_t> kept = find_finite(piece);
   census_.read += piece.points.size();
   census_.not_finite += piece.points.size() - kept.size();
   cells_ += piece.census;
   for (std::size_t a = 0; a < piece.fills.size(); ++a) fills_[a] += piece.fills[a];
-  for (std::vector<double>& values : piece.values)
-    tbb::parallel_for(std::size_t{0}, values.size(), [&](std::size_t i) { values[i] = present_or_nan(values[i]); });
 
-  const PieceMaterial material = prepare_material(piece, kept);
-  const std::size_t most = std::max<std::size_t>(slice_bytes / layout_.bytes(), slice_tasks);
+  PieceMaterial material = prepare_material(piece, kept);
+  const std::size_t most = std::max<std::size_t>(slice_bytes_ / layout_.bytes(), slice_tasks);
   for (std::size_t first = 0; first < kept.size(); first += most) {
-    const auto slice = std::span(kept).subspan(first, std::min(most, kept.size() - first));
-    make_records(piece, material, slice);
+    make_records(piece, material, std::span(kept).subspan(first, std::min(most, kept.size() - first)));
     SPLATVOL_TRY(visit(records_));
   }
-  return add_faces(piece, material);
+  const bool has_mesh = material.mesh.has_value();
+  material = {};  // finding faces takes memory of its own
+  return add_faces(piece, has_mesh);
 }
 
 // Indices of the points that are kept.
-std::vector<std::size_t> PieceReader::find_finite(const Piece& piece) {
-  std::vector<std::size_t> kept(piece.points.size());
+std::vector<std::uint32_t> PieceReader::find_finite(const Piece& piece) {
+  std::vector<std::uint32_t> kept(piece.points.size());
   std::size_t count = 0;
   for (std::size_t i = 0; i < piece.points.size(); ++i) {
-    kept[count] = i;
+    kept[count] = static_cast<std::uint32_t>(i);
     count += is_usable_position(piece.points[i]) ? 1 : 0;
   }
   kept.resize(count);
@@ -135,54 +150,75 @@ bool PieceReader::leave_out(const std::byte* record) {
 }
 
 // Makes records, and finds the ranges.
-void PieceReader::make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> slice) {
+void PieceReader::make_records(const Piece& piece, const PieceMaterial& material,
+                               std::span<const std::uint32_t> slice) {
   const std::size_t count = slice.size(), task_points = (count + slice_tasks - 1) / slice_tasks;
+  const std::size_t block_points = std::clamp<std::size_t>(block_values / layout_.attributes(), 16, 1024);
   records_.resize(count * layout_.bytes());
   const std::size_t tasks = (count + task_points - 1) / task_points;
   std::vector<PointRanges> ranges(tasks, PointRanges(layout_.attributes())), in_cells = ranges;
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t r) {
-    const std::size_t first = r * task_points;
-    const auto part = slice.subspan(first, std::min(task_points, count - first));
-    make_part(piece, material, part, records_.data() + first * layout_.bytes());
-    find_ranges(piece, material, part, ranges[r]);
-    std::vector<std::size_t> used;
-    std::ranges::copy_if(part, std::back_inserter(used), [&](std::size_t i) { return material.in_cells(piece, i); });
-    find_ranges(piece, material, used, in_cells[r]);
+    Block& block = blocks_.local();
+    const std::size_t end = std::min((r + 1) * task_points, count);
+    for (std::size_t first = r * task_points; first < end; first += block_points) {
+      block.points = slice.subspan(first, std::min(block_points, end - first));
+      load_values(piece, material, block);
+      make_block(piece, material, block, records_.data() + first * layout_.bytes());
+      find_ranges(piece, block, ranges[r]);
+      find_ranges_in_cells(piece, material, block, in_cells[r]);
+    }
   });
   // In order, as 0 and -0 are equal.
   for (const PointRanges& range : ranges) ranges_.include(range);
   for (const PointRanges& range : in_cells) in_cells_.include(range);
 }
 
-void PieceReader::make_part(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
-                            std::byte* record) const {
-  if (layout_.has_material()) std::memset(record, 0, part.size() * layout_.bytes());
-  std::vector<VertexValue> values(layout_.attributes());  // scratch
-  for (const std::size_t i : part) {
-    layout_.set_position(record, piece.points[i]);
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, material.value(piece, a, i));
-    if (layout_.has_material()) set_material(piece, material, i, values, record);
+// Loads the values at the block's points, and at the vertices round them if these are in a mesh.
+void PieceReader::load_values(const Piece& piece, const PieceMaterial& material, Block& block) const {
+  std::span<const std::uint32_t> indices = block.points;
+  if (material.mesh) {
+    material.mesh->make_block(block.points, block.vertices);
+    indices = block.vertices.vertices();
+  }
+  block.values.resize(indices.size(), layout_.attributes());
+  block.column.resize(indices.size());
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    get_values(piece, a, indices, block.column);
+    for (std::size_t i = 0; i < indices.size(); ++i) block.values.at(i, a) = block.column[i];
+  }
+}
+
+void PieceReader::make_block(const Piece& piece, const PieceMaterial& material, Block& block,
+                             std::byte* record) const {
+  if (layout_.has_material()) std::memset(record, 0, block.points.size() * layout_.bytes());
+  block.found.resize(layout_.attributes());
+  for (std::size_t number = 0; number < block.points.size(); ++number) {
+    layout_.set_position(record, piece.points[block.points[number]]);
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, block.values.at(number, a));
+    if (layout_.has_material()) set_material(piece, material, block, number, record);
     record += layout_.bytes();
   }
 }
 
-void PieceReader::find_ranges(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
-                              PointRanges& ranges) const {
-  for (const std::size_t i : part) ranges.box.include(piece.points[i]);
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    double low = infinity, high = -infinity;
-    for (const std::size_t i : part) {
-      const double value = material.value(piece, a, i);
-      low = value < low ? value : low;
-      high = value > high ? value : high;
-    }
-    ranges.low[a] = low;
-    ranges.high[a] = high;
+void PieceReader::find_ranges(const Piece& piece, const Block& block, PointRanges& ranges) const {
+  for (const std::uint32_t i : block.points) ranges.box.include(piece.points[i]);
+  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+    for (std::size_t number = 0; number < block.points.size(); ++number)
+      include_value(block.values.at(number, a), a, ranges);
+}
+
+void PieceReader::find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
+                                       PointRanges& ranges) const {
+  for (std::size_t number = 0; number < block.points.size(); ++number) {
+    const std::uint32_t i = block.points[number];
+    if (!material.in_cells(piece, i)) continue;
+    ranges.box.include(piece.points[i]);
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) include_value(block.values.at(number, a), a, ranges);
   }
 }
 
-// Prepares for the records of a piece. With tetrahedra, takes the piece's values.
-PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span<const std::size_t> kept) {
+// Prepares for the records of a piece.
+PieceReader::PieceMaterial PieceReader::prepare_material(const Piece& piece, std::span<const std::uint32_t> kept) {
   PieceMaterial material;
   const bool known = piece.material || piece.cells;
   if (layout_.has_material() && (piece.cells || !piece.tetrahedra.empty())) in_cells_.box.include(box_of(piece));
@@ -196,21 +232,22 @@ PieceReader::PieceMaterial PieceReader::prepare_material(Piece& piece, std::span
   material.used.resize(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) material.used[corner] = true;
-  for (const std::size_t i : kept) census_.in_no_cell += material.used[i] ? 0 : 1;
-  ValueTable& table = material.values.emplace(piece.points.size(), layout_.attributes());
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const std::vector<double> values = std::exchange(piece.values[a], {});
-    for (std::size_t i = 0; i < values.size(); ++i) table.at(i, a) = values[i];
-  }
+  for (const std::uint32_t i : kept) census_.in_no_cell += material.used[i] ? 0 : 1;
   material.mesh.emplace(piece.points, piece.tetrahedra);
   return material;
 }
 
-void PieceReader::set_material(const Piece& piece, const PieceMaterial& material, std::size_t point,
-                               std::span<VertexValue> values, std::byte* record) const {
+void PieceReader::set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
+                               std::byte* record) const {
+  const std::uint32_t point = block.points[number];
   if (piece.material) return set_known_material(*piece.material, point, record);
-  if (piece.cells) return set_whole_cell(piece, point, record);
-  if (material.mesh) set_vertex_material(material, point, values, record);
+  if (piece.cells) return set_whole_cell(piece, block, number, record);
+  if (!material.mesh) return;
+  const SpatialMoments moments =
+      material.mesh->find_values(block.vertices, number, block.values, layout_.has_gradients(), block.found);
+  layout_.set_vertex(record, {material.used[point] ? 1.0 : 0.0, moments});
+  for (std::size_t a = 0; a < layout_.attributes(); ++a)
+    layout_.set_value_part(record, a, {block.found[a].moments, block.found[a].gradient});
 }
 
 void PieceReader::set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const {
@@ -221,11 +258,11 @@ void PieceReader::set_known_material(const PointMaterial& material, std::size_t 
 }
 
 // The point has a whole cell, and one value in it.
-void PieceReader::set_whole_cell(const Piece& piece, std::size_t point, std::byte* record) const {
-  const SpatialMoments& moments = piece.cells->moments[point];
+void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const {
+  const SpatialMoments& moments = piece.cells->moments[block.points[number]];
   layout_.set_vertex(record, {1.0, moments});
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const double value = piece.values[a][point];
+    const double value = block.values.at(number, a);
     if (std::isnan(value)) continue;
     PointRecords::ValuePart part;
     part.moments.mass = moments.mass;
@@ -235,23 +272,19 @@ void PieceReader::set_whole_cell(const Piece& piece, std::size_t point, std::byt
   }
 }
 
-void PieceReader::set_vertex_material(const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
-                                      std::byte* record) const {
-  layout_.set_vertex(record, {material.used[point] ? 1.0 : 0.0, material.mesh->moments(point)});
-  material.mesh->find_values(point, *material.values, values);
-  for (std::size_t a = 0; a < layout_.attributes(); ++a)
-    layout_.set_value_part(record, a, {values[a].moments, values[a].gradient});
-}
-
-Status PieceReader::add_faces(const Piece& piece, const PieceMaterial& material) {
+Status PieceReader::add_faces(const Piece& piece, bool has_mesh) {
   std::vector<std::byte> record(layout_.bytes());
   const auto hash = [&](std::size_t point) {
-    for (std::size_t a = 0; a < layout_.attributes(); ++a)
-      layout_.set_value(record.data(), a, material.value(piece, a, point));
+    const auto index = static_cast<std::uint32_t>(point);
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+      double value = 0;
+      get_values(piece, a, {&index, 1}, {&value, 1});
+      layout_.set_value(record.data(), a, value);
+    }
     return hash_values(layout_, record.data());
   };
   if (layout_.has_material() && piece.cells && !piece.material) return faces_.add_cells(piece, hash);
-  return material.mesh ? faces_.add(piece, hash) : Status{};
+  return has_mesh ? faces_.add(piece, hash) : Status{};
 }
 
 }  // namespace splatvol

@@ -1,7 +1,11 @@
 // The pieces of an input as records.
 #pragma once
 
+#include <tbb/enumerable_thread_specific.h>
+
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <span>
@@ -21,11 +25,13 @@ namespace splatvol {
 /// Reads an input's pieces into records, with the material that each piece gives its points.
 class PieceReader {
  public:
-  /// `faces`: gets the outer faces of pieces with cells. References must outlive this.
-  PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces)
+  /// `faces`: gets the outer faces of pieces with cells. References must outlive this. `memory`: bytes to hold beside
+  /// the piece and its mesh (VertexMaterial), at least some records.
+  PieceReader(Source& source, const PointRecords& layout, PieceFaces& faces, std::size_t memory)
       : source_(source),
         layout_(layout),
         faces_(faces),
+        slice_bytes_(std::min(memory, std::size_t{1} << 23)),
         ranges_(source.attributes().size()),
         in_cells_(source.attributes().size()),
         fills_(source.attributes().size()) {}
@@ -48,43 +54,49 @@ class PieceReader {
   [[nodiscard]] InputSummary summary() const;
 
  private:
-  // The values and the mesh of the present piece, if its points have their material from tetrahedra.
+  // The mesh of the present piece, if its points have their material from tetrahedra.
   struct PieceMaterial {
     std::vector<bool> used;  // [point]: by a tetrahedron
-    std::optional<ValueTable> values;
     std::optional<VertexMaterial> mesh;
 
     [[nodiscard]] bool in_cells(const Piece& piece, std::size_t point) const {
       return piece.cells || (!used.empty() && used[point]);
     }
+  };
 
-    [[nodiscard]] double value(const Piece& piece, std::size_t attribute, std::size_t point) const {
-      return values ? values->at(point, attribute) : piece.values[attribute][point];
-    }
+  // Some points of a piece, and the values that decide on their material. Values are never those of the whole piece.
+  struct Block {
+    std::span<const std::uint32_t> points;
+    VertexBlock vertices;                // of the mesh
+    std::vector<std::uint32_t> indices;  // of the points, and then of the other vertices
+    ValueTable values;                   // [indices]
+    std::vector<double> column;          // scratch: of an attribute
+    std::vector<VertexValue> found;      // scratch: of a point
   };
 
   [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
-  [[nodiscard]] std::vector<std::size_t> find_finite(const Piece& piece);
+  [[nodiscard]] std::vector<std::uint32_t> find_finite(const Piece& piece);
   [[nodiscard]] Box box_of(const Piece& piece) const;
-  [[nodiscard]] PieceMaterial prepare_material(Piece& piece, std::span<const std::size_t> kept);
-  void make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> slice);
-  void make_part(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
-                 std::byte* record) const;
-  void find_ranges(const Piece& piece, const PieceMaterial& material, std::span<const std::size_t> part,
-                   PointRanges& ranges) const;
-  void set_material(const Piece& piece, const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
+  [[nodiscard]] PieceMaterial prepare_material(const Piece& piece, std::span<const std::uint32_t> kept);
+  void make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::uint32_t> slice);
+  void load_values(const Piece& piece, const PieceMaterial& material, Block& block) const;
+  void make_block(const Piece& piece, const PieceMaterial& material, Block& block, std::byte* record) const;
+  void find_ranges(const Piece& piece, const Block& block, PointRanges& ranges) const;
+  void find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
+                            PointRanges& ranges) const;
+  void set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
                     std::byte* record) const;
   void set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const;
-  void set_whole_cell(const Piece& piece, std::size_t point, std::byte* record) const;
-  void set_vertex_material(const PieceMaterial& material, std::size_t point, std::span<VertexValue> values,
-                           std::byte* record) const;
-  [[nodiscard]] Status add_faces(const Piece& piece, const PieceMaterial& material);
+  void set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const;
+  [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh);
   [[nodiscard]] bool has_cells() const { return in_cells_.box.low.x <= in_cells_.box.high.x; }
 
   Source& source_;
   PointRecords layout_;
   PieceFaces& faces_;
+  std::size_t slice_bytes_;
   std::vector<std::byte> records_;  // some of the present piece
+  tbb::enumerable_thread_specific<Block> blocks_;
   PointRanges ranges_;
   PointRanges in_cells_;              // of the points that cells use; at the end, of all that are not left out
   std::vector<std::uint64_t> fills_;  // [attribute]

@@ -32,7 +32,7 @@ struct PointBatch {
   std::vector<std::vector<double>> values;  // [attribute]; NaN: missing
   std::vector<SpatialMoments> moments;
   std::vector<std::vector<ValueMoments>> value_moments;  // [attribute]
-  std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none
+  std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none. Empty if not wanted
   std::vector<BoundaryPlane> planes;                     // empty if no point has one
   std::vector<NodePart> leaf_parts;                      // of index leaves
   std::vector<NodePart> estimate_parts;                  // of estimate nodes

@@ -13,11 +13,12 @@
 namespace splatvol {
 
 /// The layout of a point's record. It begins with the sample: the position, and a value for each attribute. With
-/// material follow the vertex part, and for each attribute a value part; with planes, the point's plane.
+/// material follow the vertex part, and for each attribute a value part, with or without its gradient; with planes, the
+/// point's plane.
 class PointRecords {
  public:
-  PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false)
-      : attributes_(attributes), single_(single_precision), material_(material), planes_(planes) {}
+  PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false, bool gradients = true)
+      : attributes_(attributes), single_(single_precision), material_(material), planes_(planes), gradients_(gradients) {}
 
   /// The same layout, for records of which others are copies of one vertex.
   [[nodiscard]] PointRecords with_copies(VertexCopies copies) const {
@@ -30,6 +31,7 @@ class PointRecords {
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
   [[nodiscard]] bool has_material() const { return material_; }
   [[nodiscard]] bool has_planes() const { return planes_; }
+  [[nodiscard]] bool has_gradients() const { return gradients_; }
   [[nodiscard]] std::size_t bytes() const {
     return number_bytes() * (3 + attributes_) + (material_ ? material_bytes() : 0) +
            (planes_ ? sizeof(BoundaryPlane) : 0);
@@ -62,15 +64,17 @@ class PointRecords {
   };
   struct ValuePart {
     ValueMoments moments;
-    dvec3 gradient{0};  // of any length
+    dvec3 gradient{0};  // of any length; 0 if the records have no gradients
   };
   [[nodiscard]] VertexPart vertex(const std::byte* record) const { return read<VertexPart>(record, vertex_offset()); }
   void set_vertex(std::byte* record, const VertexPart& part) const { write(record, vertex_offset(), part); }
   [[nodiscard]] ValuePart value_part(const std::byte* record, std::size_t attribute) const {
-    return read<ValuePart>(record, value_offset(attribute));
+    ValuePart part;
+    std::memcpy(&part, record + value_offset(attribute), value_bytes());
+    return part;
   }
   void set_value_part(std::byte* record, std::size_t attribute, const ValuePart& part) const {
-    write(record, value_offset(attribute), part);
+    std::memcpy(record + value_offset(attribute), &part, value_bytes());
   }
 
   /// With planes only.
@@ -106,14 +110,16 @@ class PointRecords {
   }
   [[nodiscard]] std::size_t vertex_offset() const { return number_bytes() * (3 + attributes_); }
   [[nodiscard]] std::size_t value_offset(std::size_t attribute) const {
-    return vertex_offset() + sizeof(VertexPart) + attribute * sizeof(ValuePart);
+    return vertex_offset() + sizeof(VertexPart) + attribute * value_bytes();
   }
-  [[nodiscard]] std::size_t material_bytes() const { return sizeof(VertexPart) + attributes_ * sizeof(ValuePart); }
+  [[nodiscard]] std::size_t value_bytes() const { return gradients_ ? sizeof(ValuePart) : sizeof(ValueMoments); }
+  [[nodiscard]] std::size_t material_bytes() const { return sizeof(VertexPart) + attributes_ * value_bytes(); }
 
   std::size_t attributes_;
   bool single_;
   bool material_;
   bool planes_;
+  bool gradients_;
   VertexCopies copies_ = VertexCopies::same_values;
 };
 

@@ -121,12 +121,14 @@ PointStream::PointStream(const PointRecords& layout, InputSummary summary, Exter
       merger_(layout, summary_.has_material) {}
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
-                                        const std::function<void(double)>& progress) {
+                                         const std::function<void(double)>& progress, bool gradients) {
   const PointRecords layout = PointRecords(source.attributes().size(), source.single_precision(),
-                                           use_cells && source.may_have_cells(), use_cells && source.brings_material())
+                                           use_cells && source.may_have_cells(), use_cells && source.brings_material(),
+                                           gradients)
                                   .with_copies(source.copies());
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
-  PieceReader reader(source, layout, faces);
+  source.lend_values();
+  PieceReader reader(source, layout, faces, memory / 16);
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));
   SPLATVOL_TRY(sorted.points.finish());
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));

@@ -23,11 +23,11 @@ namespace splatvol {
 class PointStream {
  public:
   /// `memory`: bytes to hold in all, beside a piece. `folder`: for points that do not fit. `progress` gets the share of
-  /// the pieces that are read. Points do not depend on memory and threads. Fails if there is no point with finite
-  /// coordinates, or if their extent overflows.
+  /// the pieces that are read. `gradients`: whether the points are to have them. Points do not depend on memory and
+  /// threads. Fails if there is no point with finite coordinates, or if their extent overflows.
   [[nodiscard]] static Result<PointStream> create(Source& source, bool use_cells, std::size_t memory,
                                                   const std::string& folder,
-                                                  const std::function<void(double)>& progress);
+                                                  const std::function<void(double)>& progress, bool gradients = true);
 
   /// Appends the next points to `batch` (NextPoints), a few thousand, copies of a vertex as one.
   [[nodiscard]] Result<bool> next(PointBatch& batch);

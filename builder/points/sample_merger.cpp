@@ -111,7 +111,7 @@ void SampleMerger::append_point(const std::byte* record, const MortonKey& key, P
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     const PointRecords::ValuePart part = layout_.value_part(record, a);
     batch.value_moments[a].push_back(part.moments);
-    batch.gradients[a].push_back(part.gradient);
+    if (layout_.has_gradients()) batch.gradients[a].push_back(part.gradient);
   }
   if (layout_.has_planes()) batch.planes.push_back(layout_.plane(record));
 }
@@ -122,7 +122,7 @@ void SampleMerger::merge_into(std::size_t point, const std::byte* record, PointB
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
     const PointRecords::ValuePart part = layout_.value_part(record, a);
     merge(batch.value_moments[a][point], part.moments, dvec3(0));
-    batch.gradients[a][point] += part.gradient;
+    if (layout_.has_gradients()) batch.gradients[a][point] += part.gradient;
   }
 }
 

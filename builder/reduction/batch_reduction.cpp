@@ -32,7 +32,7 @@ class BatchReducer {
   BatchReducer(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result)
       : batch_(batch), settings_(settings), pool_(pool), result_(result) {
     for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
-    result_.tail.reserve(settings.packer ? settings.points_per_chunk : batch.size());
+    result_.tail.reserve(settings.packer ? std::min(settings.points_per_chunk, batch.size()) : batch.size());
     clusters_.assign(result.owners);
   }
 
@@ -132,15 +132,13 @@ class BatchReducer {
     columns.points.errors.push_back(error);
     for (std::size_t a = 0; a < attributes(); ++a) {
       const ValueMoments& material = batch_.value_moments[a][i];
-      columns.splat_values[a].moments.emplace_back(MadeBy{[&] { return splat_value(material, shape, attribute(a)); }});
-      const auto [low, high] = stored_range(material, attribute(a));
+      const StoredValue& splat = columns.splat_values[a].emplace_back(
+          MadeBy{[&] { return make_stored_value(material, shape, attribute(a)); }});
       const float value = stored(a, i);
-      columns.splat_values[a].min.push_back(low);
-      columns.splat_values[a].max.push_back(high);
-      columns.point_values[a].values.push_back(value);
-      columns.point_values[a].gradients.push_back(direction(batch_.gradients[a][i]));
+      columns.add_point_value(a, value);
+      if (!batch_.gradients[a].empty()) columns.add_gradient(a, direction(batch_.gradients[a][i]));
       count(a, value);
-      include(leaf, a, low, high, value);
+      include(leaf, a, splat.min, splat.max, value);
     }
     leaf.count(0);
     leaf.splats_at(0).include(centroid, shape, moments, depth_, count_);
@@ -217,10 +215,11 @@ class BatchReducer {
     if (!part_.continued && settings_.wants_splats) result_.splats.push_back(splat);
     const auto shift = [&](std::size_t i) { return batch_.positions[i] - batch_.positions[kept]; };
     member.values.resize(attributes());
+    member.gradients.resize(batch_.gradients.empty() || batch_.gradients[0].empty() ? 0 : attributes());
     for (std::size_t a = 0; a < attributes(); ++a) {
       MemberValue& value = member.values[a];
       value.value = stored(a, kept);
-      value.gradient = direction(batch_.gradients[a][kept]);
+      if (!batch_.gradients[a].empty()) member.gradients[a] = direction(batch_.gradients[a][kept]);
       member.stored_values.emplace_back(
           MadeBy{[&] { return make_stored_value(batch_.value_moments[a][kept], splat.shape, attribute(a)); }});
       for (const std::size_t i : cluster) merge(value.moments, batch_.value_moments[a][i], shift(i));

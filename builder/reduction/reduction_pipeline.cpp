@@ -10,8 +10,6 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t items_in_flight = 8;
-
 // A batch on its way through the stages.
 struct Item {
   PointBatch batch;
@@ -22,8 +20,8 @@ struct Item {
 // Items whose memory is used again. Thread-safe.
 class ItemPool {
  public:
-  explicit ItemPool(std::size_t attributes) {
-    for (std::size_t i = 0; i < items_in_flight; ++i)
+  ItemPool(std::size_t attributes, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i)
       free_.push_back(std::make_unique<Item>(Item{{}, ReducedBatch(attributes), {}}));
   }
 
@@ -47,13 +45,13 @@ class ItemPool {
 class ReductionPipeline {
  public:
   ReductionPipeline(const ReductionStages& stages, std::size_t attributes,
-                    const std::function<void(std::uint64_t)>& progress)
-      : stages_(stages), progress_(progress), items_(attributes) {}
+                    const std::function<void(std::uint64_t)>& progress, std::size_t most_batches)
+      : stages_(stages), progress_(progress), most_batches_(most_batches), items_(attributes, most_batches) {}
 
   Status run() {
     constexpr auto in_order = tbb::filter_mode::serial_in_order, parallel = tbb::filter_mode::parallel;
     tbb::parallel_pipeline(
-        items_in_flight,
+        most_batches_,
         tbb::make_filter<void, Item*>(in_order, [&](tbb::flow_control& control) { return cut(control); }) &
             tbb::make_filter<Item*, Item*>(parallel, [&](Item* item) { return reduce(item); }) &
             tbb::make_filter<Item*, Item*>(in_order, [&](Item* item) { return add(item); }) &
@@ -61,6 +59,7 @@ class ReductionPipeline {
             tbb::make_filter<Item*, void>(in_order, [&](Item* item) { write(item); }));
     SPLATVOL_TRY(cut_);
     SPLATVOL_TRY(added_);
+    SPLATVOL_TRY(packed_);
     SPLATVOL_TRY(written_);
     return stages_.pass.finish();
   }
@@ -89,38 +88,51 @@ class ReductionPipeline {
     if (failed_) return item;
     const PointBatch& batch = item->batch;
     added_ = stages_.pass.add(batch, item->reduced);
+    if (added_) added_ = stages_.rows.extract_complete(item->rows);
     if (!added_) failed_ = true;
-    stages_.rows.extract_complete(item->rows);
     progress_(batch.first + batch.size());
     return item;
   }
 
   Item* pack(Item* item) {
-    if (!failed_)
-      for (PendingRow& row : item->rows) stages_.packer.pack(row);
+    for (auto row = item->rows.begin(); row != item->rows.end() && !failed_; ++row) {
+      const Status packed = stages_.packer.pack(*row);
+      if (!packed) fail_packing(packed);
+    }
     return item;
+  }
+
+  // Several threads pack.
+  void fail_packing(const Status& status) {
+    const tbb::spin_mutex::scoped_lock lock(packing_);
+    if (packed_) packed_ = status;
+    failed_ = true;
   }
 
   void write(Item* item) {
     for (auto row = item->rows.begin(); row != item->rows.end() && !failed_; ++row) {
       written_ = stages_.files.write(*row);
       if (!written_) failed_ = true;
+      if (!recycles_) row->splats.reset();
     }
     items_.release(item);
   }
 
   const ReductionStages& stages_;
   const std::function<void(std::uint64_t)>& progress_;
+  std::size_t most_batches_;
   ItemPool items_;
-  Status cut_, added_, written_;
+  const bool recycles_ = stages_.rows.recycles();
+  Status cut_, added_, packed_, written_;
+  tbb::spin_mutex packing_;
   std::atomic<bool> failed_ = false;
 };
 
 }  // namespace
 
 Status run_reduction(const ReductionStages& stages, std::size_t attributes,
-                     const std::function<void(std::uint64_t points)>& progress) {
-  return ReductionPipeline(stages, attributes, progress).run();
+                     const std::function<void(std::uint64_t points)>& progress, std::size_t most_batches) {
+  return ReductionPipeline(stages, attributes, progress, most_batches).run();
 }
 
 }  // namespace splatvol

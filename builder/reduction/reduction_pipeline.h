@@ -27,8 +27,9 @@ struct ReductionStages {
 
 /// Runs all batches through the stages, and finishes the pass; rows that are not complete stay in `rows`. Batches are
 /// cut, added and written in order. The work between does not depend on order, and several batches are worked on at a
-/// time. `progress` gets the number of points that are done.
+/// time, at most `most_batches`. `progress` gets the number of points that are done.
 [[nodiscard]] Status run_reduction(const ReductionStages& stages, std::size_t attributes,
-                                   const std::function<void(std::uint64_t points)>& progress);
+                                   const std::function<void(std::uint64_t points)>& progress,
+                                   std::size_t most_batches = 8);
 
 }  // namespace splatvol

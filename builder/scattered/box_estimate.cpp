@@ -50,7 +50,7 @@ void BoxEstimate::estimate(std::span<const dvec3> positions, std::span<const std
       for (; group != groups_.end() && group->end <= neighbourhood.end; ++group) {
         const dvec3 gradient = fit_gradient(*group, values[a], around);
         store_values(*group, values[a], gradient, result.moments, result.value_moments[a]);
-        for (std::uint32_t i = group->begin; i < group->end; ++i) {
+        for (std::uint32_t i = group->begin; i < group->end && !result.gradients.empty(); ++i) {
           const std::uint32_t point = entries_[i].point();
           result.gradients[a][point] = std::isnan(values[a][point]) ? dvec3(0) : gradient;
         }

@@ -14,7 +14,7 @@ namespace splatvol {
 struct EstimatedMaterial {
   std::span<SpatialMoments> moments;                   // [point]
   std::vector<std::span<ValueMoments>> value_moments;  // [attribute][point]
-  std::vector<std::span<dvec3>> gradients;             // [attribute][point]; 0 if there is none
+  std::vector<std::span<dvec3>> gradients;             // [attribute][point]; 0 if there is none. Or empty: not wanted
 };
 
 /// Shares out the volume of an estimate node by a k-d tree over its points: each point has a box, and the boxes tile

@@ -336,26 +336,26 @@ ScatteredEstimate::Fit ScatteredEstimate::fit(std::size_t point, std::span<const
   return result;
 }
 
+ValueMoments ScatteredEstimate::value(std::size_t point, std::span<const double> values) const {
+  const SpatialMoments& cell = spatial_[point];
+  if (cell.mass == 0 || std::isnan(values[point])) return {};
+  const Fit line = fit(point, values);
+  const dvec3& g = line.gradient;
+  const SymmetricMatrix& s = cell.covariance;
+  const dvec3 covariance(s.xx * g.x + s.xy * g.y + s.xz * g.z, s.xy * g.x + s.yy * g.y + s.yz * g.z,
+                         s.xz * g.x + s.yz * g.y + s.zz * g.z);
+  return linear_value_moments(cell, values[point], g, covariance, line.min, line.max);
+}
+
 std::vector<ValueMoments> ScatteredEstimate::values(std::span<const double> values) const {
   std::vector<ValueMoments> result(spatial_.size());
-  tbb::parallel_for(std::size_t{0}, result.size(), [&](std::size_t i) {
-    const SpatialMoments& cell = spatial_[i];
-    if (cell.mass == 0 || std::isnan(values[i])) return;
-    const Fit line = fit(i, values);
-    const dvec3& g = line.gradient;
-    const SymmetricMatrix& s = cell.covariance;
-    const dvec3 covariance(s.xx * g.x + s.xy * g.y + s.xz * g.z, s.xy * g.x + s.yy * g.y + s.yz * g.z,
-                           s.xz * g.x + s.yz * g.y + s.zz * g.z);
-    result[i] = linear_value_moments(cell, values[i], g, covariance, line.min, line.max);
-  });
+  tbb::parallel_for(std::size_t{0}, result.size(), [&](std::size_t i) { result[i] = value(i, values); });
   return result;
 }
 
 std::vector<dvec3> ScatteredEstimate::gradients(std::span<const double> values) const {
   std::vector<dvec3> result(spatial_.size(), dvec3(0));
-  tbb::parallel_for(std::size_t{0}, result.size(), [&](std::size_t i) {
-    if (!std::isnan(values[i])) result[i] = fit(i, values).gradient;
-  });
+  tbb::parallel_for(std::size_t{0}, result.size(), [&](std::size_t i) { result[i] = gradient(i, values); });
   return result;
 }
 

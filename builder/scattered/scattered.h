@@ -1,6 +1,7 @@
 // Splat moments of points that come without cells.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -47,8 +48,16 @@ class ScatteredEstimate {
   /// best. A point has no mass if its own value is missing (NaN). Requires values.size() == spatial().size(). [point]
   [[nodiscard]] std::vector<ValueMoments> values(std::span<const double> values) const;
 
+  /// Returns these moments of one point.
+  [[nodiscard]] ValueMoments value(std::size_t point, std::span<const double> values) const;
+
   /// Returns these gradients; 0 where there is none. [point]
   [[nodiscard]] std::vector<dvec3> gradients(std::span<const double> values) const;
+
+  /// Returns this gradient of one point.
+  [[nodiscard]] dvec3 gradient(std::size_t point, std::span<const double> values) const {
+    return std::isnan(values[point]) ? dvec3(0) : fit(point, values).gradient;
+  }
 
  private:
   class Builder;

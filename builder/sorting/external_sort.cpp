@@ -1,6 +1,7 @@
 #include "builder/sorting/external_sort.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 #include <tbb/task_group.h>
 
 #include <algorithm>
@@ -284,11 +285,11 @@ void ExternalSorter::Impl::start_merging(std::span<const Run> runs) {
   producing_.run([this] { produce(); });
 }
 
-// Makes the output that next() will return.
+// Makes the output that next() will return. Takes up no other tasks: one of them might wait for this one.
 void ExternalSorter::Impl::produce() {
   Output& output = outputs_[1];
   if (!merger_) {
-    copy_sorted(output);
+    tbb::this_task_arena::isolate([&] { copy_sorted(output); });
   } else if (const Result<std::size_t> count = merger_->fill(output.records, output.keys); count) {
     output.count = *count;
   } else {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <thread>
 
 namespace splatvol {
 namespace {
@@ -52,22 +53,28 @@ RunMerger::~RunMerger() { reading_.wait(); }
 
 void RunMerger::read_ahead(RunInput& input) {
   input.ready.store(false, std::memory_order_relaxed);
-  reading_.run([this, &input] {
-    Buffer& buffer = input.buffers[1];
-    const Result<std::size_t> count = input.reader.next(buffer.records);
-    if (count) {
-      buffer.count = *count;
-      key_(buffer.records.first(*count * record_bytes_), buffer.keys.first(*count));
-    } else {
-      input.status = tl::unexpected<Error>(count.error());
-    }
-    input.ready.store(true, std::memory_order_release);
-  });
+  input.claimed.store(false, std::memory_order_release);
+  reading_.run([this, &input] { read_if_unclaimed(input); });
 }
 
-// Advances to the packet that was read ahead.
+void RunMerger::read_if_unclaimed(RunInput& input) {
+  if (input.claimed.exchange(true, std::memory_order_acq_rel)) return;
+  Buffer& buffer = input.buffers[1];
+  const Result<std::size_t> count = input.reader.next(buffer.records);
+  if (count) {
+    buffer.count = *count;
+    key_(buffer.records.first(*count * record_bytes_), buffer.keys.first(*count));
+  } else {
+    input.status = tl::unexpected<Error>(count.error());
+  }
+  input.ready.store(true, std::memory_order_release);
+}
+
+// Advances to the packet that was read ahead. A wait for TBB's tasks could take up any other task, also one that waits
+// for this merge.
 Status RunMerger::advance(RunInput& input) {
-  if (!input.ready.load(std::memory_order_acquire)) reading_.wait();
+  read_if_unclaimed(input);
+  while (!input.ready.load(std::memory_order_acquire)) std::this_thread::yield();
   SPLATVOL_TRY(input.status);
   std::swap(input.buffers[0], input.buffers[1]);
   input.next = 0;

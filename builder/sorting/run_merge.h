@@ -56,10 +56,11 @@ class RunMerger {
     explicit RunInput(const PacketReader& packet_reader) : reader(packet_reader) {}
 
     PacketReader reader;
-    std::array<Buffer, 2> buffers;    // being merged; read ahead
-    std::size_t next = 0;             // record of buffers[0]
-    Status status;                    // of the packet read ahead
-    std::atomic<bool> ready = false;  // the packet has been read ahead
+    std::array<Buffer, 2> buffers;     // being merged; read ahead
+    std::size_t next = 0;              // record of buffers[0]
+    Status status;                     // of the packet read ahead
+    std::atomic<bool> claimed = true;  // a thread reads the packet, or has read it
+    std::atomic<bool> ready = false;   // the packet has been read ahead
   };
   // A run with its next key. A run that has ended loses against all others.
   struct Entry {
@@ -70,6 +71,7 @@ class RunMerger {
 
   Status start();
   void read_ahead(RunInput& input);
+  void read_if_unclaimed(RunInput& input);
   Status advance(RunInput& input);
   void replay(std::int64_t run);
 

@@ -41,10 +41,20 @@ struct PointCells {
   std::vector<SpatialMoments> moments;  // [point], about the point's position
 };
 
+/// The values of a piece, where its reader has them: without a copy, and in their own type.
+class LentValues {
+ public:
+  virtual ~LentValues() = default;
+
+  /// Gets an attribute's values at some points of the piece, one for each; NaN: missing. Thread-safe.
+  virtual void get(std::size_t attribute, std::span<const std::uint32_t> points, std::span<double> values) const = 0;
+};
+
 /// A part of the input that is small enough to hold in memory.
 struct Piece {
   std::vector<dvec3> points;
   std::vector<std::vector<double>> values;               // [attribute][point]; NaN: missing
+  std::shared_ptr<const LentValues> lent;                // instead of values; only after Source::lend_values()
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;  // indices into points, any orientation
   std::optional<PointMaterial> material;                 // instead of tetrahedra; only if Source::brings_material()
   std::optional<PointCells> cells;                       // instead of tetrahedra
@@ -100,6 +110,9 @@ class Source {
 
   /// The unit of each attribute, in the order of attributes(): "m/s", or empty if the input does not tell.
   [[nodiscard]] virtual std::vector<std::string> units() const { return std::vector<std::string>(attributes().size()); }
+
+  /// Allows the pieces to lend their values. Not all sources do so.
+  virtual void lend_values() {}
 
   /// Number of pieces, for progress. A file that is not open yet counts as one piece.
   [[nodiscard]] virtual std::size_t piece_count() const = 0;

@@ -8,6 +8,7 @@
 #include <vtkInformationStringKey.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
+#include <vtkSetGet.h>
 
 #include <algorithm>
 #include <cmath>
@@ -152,9 +153,23 @@ std::vector<double> attribute_values(const VtkAttribute& attribute,
   return values;
 }
 
+void read_component(vtkDataArray& array, int component, std::span<const std::uint32_t> indices,
+                    std::span<double> values) {
+  const auto read = [&](const auto* data) {
+    const auto stride = static_cast<std::size_t>(array.GetNumberOfComponents());
+    data += component;
+    for (std::size_t i = 0; i < indices.size(); ++i) values[i] = static_cast<double>(data[indices[i] * stride]);
+  };
+  if (array.HasStandardMemoryLayout()) {
+    const void* data = array.GetVoidPointer(0);
+    switch (array.GetDataType()) { vtkTemplateMacro(return read(static_cast<const VTK_TT*>(data))); }
+  }
+  for (std::size_t i = 0; i < indices.size(); ++i) values[i] = array.GetComponent(indices[i], component);
+}
+
 std::vector<double> component_values(vtkDataArray& array, int component, std::span<const std::uint32_t> indices) {
   std::vector<double> values(indices.size());
-  for (std::size_t i = 0; i < indices.size(); ++i) values[i] = array.GetComponent(indices[i], component);
+  read_component(array, component, indices, values);
   return values;
 }
 

@@ -84,6 +84,10 @@ struct VtkValues {
 [[nodiscard]] std::vector<double> attribute_values(const VtkAttribute& attribute,
                                                    const std::function<std::vector<double>(int)>& component);
 
+/// Reads one component of an array, an element for each index. Requires indices in range. Thread-safe.
+void read_component(vtkDataArray& array, int component, std::span<const std::uint32_t> indices,
+                    std::span<double> values);
+
 /// Returns one component of an array. Requires indices in range.
 [[nodiscard]] std::vector<double> component_values(vtkDataArray& array, int component,
                                                    std::span<const std::uint32_t> indices);

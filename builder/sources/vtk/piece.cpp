@@ -29,6 +29,7 @@
 #include "builder/sources/vtk/cell_averages.h"
 #include "builder/sources/vtk/cells.h"
 #include "builder/sources/vtk/lattice.h"
+#include "builder/sources/vtk/lent_arrays.h"
 #include "builder/sources/vtk/messages.h"
 
 namespace splatvol {
@@ -62,13 +63,14 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const CellKind& kind, std
 class PieceMaker {
  public:
   PieceMaker(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes, CellValues cells,
-             const MissingValues& missing, const ChangeMeans& change_means)
+             const MissingValues& missing, const ChangeMeans& change_means, bool lend)
       : path_(path),
         data_(data),
         attributes_(attributes),
         own_cells_(cells == CellValues::own),
         missing_(missing),
-        change_means_(change_means) {}
+        change_means_(change_means),
+        lends_(lend) {}
 
   Result<std::unique_ptr<Piece>> make() {
     SPLATVOL_TRY(read_points());
@@ -76,11 +78,14 @@ class PieceMaker {
     SPLATVOL_TRY(read_cells());
     if (own_cells_) {
       use_cells_as_points();
+      prepare_lending();
       read_values_of_cells();
     } else {
       drop_points();
+      prepare_lending();
       read_values_of_points();
     }
+    piece_->lent = std::move(lent_);
     return std::move(piece_);
   }
 
@@ -353,6 +358,23 @@ class PieceMaker {
       for (std::uint32_t& point : tetrahedron) point = new_index[point];
   }
 
+  void prepare_lending() {
+    if (lends_) lent_ = std::make_shared<LentArrays>(missing_, kept_);
+  }
+
+  /// Lends an attribute that is not converted.
+  void lend(const VtkAttribute& attribute, const VtkValues& values) {
+    lent_->add(*values.array, attribute.component);
+    piece_->fills.push_back(lent_->fills());
+  }
+
+  void add_values(std::vector<double> values) {
+    if (lent_)
+      lent_->add(std::move(values));
+    else
+      piece_->values.push_back(std::move(values));
+  }
+
   /// Reads the values of the points that are kept. Arrays of cells are averaged.
   void read_values_of_points() {
     std::optional<CellAverages> averages;
@@ -360,8 +382,12 @@ class PieceMaker {
     const std::vector<std::uint32_t> all = averages_ ? first_indices(data_.GetNumberOfCells()) : kept_;
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       const VtkValues& values = arrays_[a];
+      if (lent_ && !values.of_cells) {
+        lend(attributes_[a], values);
+        continue;
+      }
       piece_->fills.push_back(0);
-      piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
+      add_values(attribute_values(attributes_[a], [&](int component) {
         if (!values.of_cells) return read_component(values, component, kept_);
         std::vector<double> means = averages->means(read_component(values, component, all));
         if (change_means_) change_means_(attributes_[a].array, component, means);
@@ -420,8 +446,12 @@ class PieceMaker {
     const std::vector<std::uint32_t> all = first_indices(data_.GetNumberOfPoints());
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       const VtkValues& values = arrays_[a];
+      if (lent_ && values.of_cells) {
+        lend(attributes_[a], values);
+        continue;
+      }
       piece_->fills.push_back(0);
-      piece_->values.push_back(attribute_values(attributes_[a], [&](int component) {
+      add_values(attribute_values(attributes_[a], [&](int component) {
         if (values.of_cells) return read_component(values, component, kept_);
         const std::vector<double> of_corners = read_component(values, component, all);
         std::vector<double> means(kept_.size());
@@ -438,11 +468,13 @@ class PieceMaker {
   bool own_cells_;
   const MissingValues& missing_;
   const ChangeMeans& change_means_;
+  bool lends_;  // values
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
 
   std::unique_ptr<Piece> piece_ = std::make_unique<Piece>();
+  std::shared_ptr<LentArrays> lent_;        // null: values are copied
   std::vector<Use> use_;                    // of each point
   std::vector<std::uint32_t> kept_;         // points that stay; or cells that are points
   std::vector<VtkValues> arrays_;           // [attribute]
@@ -460,9 +492,10 @@ class PieceMaker {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                           std::span<const VtkAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing, const ChangeMeans& change_means) {
+                                          const MissingValues& missing, const ChangeMeans& change_means,
+                                          bool lend) {
   Result<std::unique_ptr<Piece>> piece;
-  const auto make = [&] { piece = PieceMaker(path, data, attributes, cells, missing, change_means).make(); };
+  const auto make = [&] { piece = PieceMaker(path, data, attributes, cells, missing, change_means, lend).make(); };
   SPLATVOL_TRY(run_vtk(path, make));
   return piece;
 }
@@ -470,7 +503,7 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
 Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
   std::optional<Result<CellAverages>> averages;
   SPLATVOL_TRY(
-      run_vtk(path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}, {}).make_averages(); }));
+      run_vtk(path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}, {}, false).make_averages(); }));
   return std::move(*averages);
 }
 

@@ -49,6 +49,7 @@ class VtkSource final : public Source {
 
   const std::vector<std::string>& attributes() const override { return names_; }
   std::vector<std::string> units() const override { return units_; }
+  void lend_values() override { lends_ = true; }
   std::size_t piece_count() const override { return data_sets_->count(); }
   std::optional<TimeStep> time_step() const override { return step_ ? step_ : data_sets_->time_step(); }
   std::optional<double> stated_time() const override { return time_step() ? Source::stated_time() : time_; }
@@ -99,7 +100,8 @@ class VtkSource final : public Source {
     SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_, missing_,
                                           [&](const std::string& array, int component, std::span<double> means) {
                                             data_sets_->share_means(*data, array, component, means);
-                                          }));
+                                          },
+                                          lends_));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);
@@ -152,6 +154,7 @@ class VtkSource final : public Source {
   std::unique_ptr<VtkDataSets> data_sets_;
   bool own_cells_;
   CellValues cells_;
+  bool lends_ = false;  // values
   MissingValues missing_;
   std::uint64_t points_ = 0;         // of the pieces so far
   std::set<std::string> converted_;  // attributes

@@ -360,8 +360,14 @@ TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
   const VertexMaterial material(mesh.points, mesh.tetrahedra);
   std::vector<VertexValue> found(attributes);
   const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
+  std::vector<std::uint32_t> vertices(mesh.points.size());
+  std::iota(vertices.begin(), vertices.end(), 0u);
+  VertexBlock block;
+  material.make_block(vertices, block);
   for (std::size_t v = 0; v < mesh.points.size(); ++v) {
-    material.find_values(v, table, found);
+    const SpatialMoments space = material.find_values(block, v, table, true, found);
+    EXPECT_EQ(space.mass, material.moments(v).mass);
+    EXPECT_EQ(space.covariance.xy, material.moments(v).covariance.xy);
     for (std::size_t a = 0; a < attributes; ++a) {
       const ValueMoments one = material.value_moments(v, values[a]), &all = found[a].moments;
       EXPECT_TRUE(same(all.mass, one.mass) && same(all.mean, one.mean) && same(all.variance, one.variance)) << v;
@@ -371,6 +377,32 @@ TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
         EXPECT_TRUE(same(all.centroid[k], one.centroid[k]) && same(all.covariance[k], one.covariance[k])) << v;
         EXPECT_TRUE(same(found[a].gradient[k], gradient[k])) << v;
       }
+    }
+  }
+}
+
+// A block of a few vertices knows the values of these and of their neighbours alone. Its gradients may be left out.
+TEST(VertexMaterial, BlocksHaveTheMaterialOfTheWhole) {
+  const test::Mesh mesh = test::jittered(6, 0.3);
+  const auto values = test::sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  VertexBlock block;
+  ValueTable table;
+  for (std::uint32_t first = 0; first + 5 <= mesh.points.size(); first += 37) {
+    const std::array<std::uint32_t, 3> vertices = {first + 3, first, first + 4};
+    material.make_block(vertices, block);
+    ASSERT_TRUE(std::ranges::equal(block.vertices().first(3), vertices));
+    EXPECT_LT(block.vertices().size(), mesh.points.size() / 2);
+    table.resize(block.vertices().size(), 1);
+    for (std::size_t i = 0; i < block.vertices().size(); ++i) table.at(i, 0) = values[block.vertices()[i]];
+    for (std::size_t k = 0; k < 3; ++k) {
+      VertexValue found;
+      const SpatialMoments space = material.find_values(block, k, table, false, {&found, 1});
+      EXPECT_EQ(space.centroid, material.moments(vertices[k]).centroid);
+      const ValueMoments expected = material.value_moments(vertices[k], values);
+      EXPECT_EQ(found.moments.mean, expected.mean);
+      EXPECT_EQ(found.moments.covariance, expected.covariance);
+      EXPECT_EQ(found.gradient, dvec3(0));
     }
   }
 }

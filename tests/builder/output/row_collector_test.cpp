@@ -83,7 +83,7 @@ struct Rows {
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
     run(points, 100, pass, rows, packer, files);
-    std::vector<PendingRow> rest = rows.extract_rest();
+    std::vector<PendingRow> rest = *rows.extract_rest();
     EXPECT_TRUE(write_rows(rest, packer, files));
     read(files, pass.counts().size(), finest);
   }

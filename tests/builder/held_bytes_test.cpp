@@ -1,0 +1,145 @@
+// How many bytes a build holds: counts what operator new returns.
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "builder/build.h"
+#include "builder/memory_plan.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+#include "tests/format/allocation_counter.h"
+
+namespace splatvol {
+namespace {
+
+double field(const dvec3& p, std::size_t attribute) {
+  const double k = 1 + static_cast<double>(attribute % 7);
+  return std::sin(k * p.x) + p.y * p.z + static_cast<double>(attribute);
+}
+
+// Values that take no memory, as those in a reader's own arrays.
+class FieldValues final : public LentValues {
+ public:
+  explicit FieldValues(std::vector<dvec3> points) : points_(std::move(points)) {}
+  void get(std::size_t attribute, std::span<const std::uint32_t> points, std::span<double> values) const override {
+    for (std::size_t i = 0; i < points.size(); ++i) values[i] = field(points_[points[i]], attribute);
+  }
+
+ private:
+  std::vector<dvec3> points_;
+};
+
+// Pieces of many attributes.
+class ManyAttributes final : public Source {
+ public:
+  ManyAttributes(std::vector<Piece> pieces, std::size_t attributes, bool may_lend = true)
+      : pieces_(std::move(pieces)), may_lend_(may_lend) {
+    for (std::size_t a = 0; a < attributes; ++a) attributes_.push_back("a" + std::to_string(a));
+  }
+  const std::vector<std::string>& attributes() const override { return attributes_; }
+  void lend_values() override { lends_ = may_lend_; }
+  std::size_t piece_count() const override { return pieces_.size(); }
+  Result<std::unique_ptr<Piece>> next() override {
+    if (next_ == pieces_.size()) return nullptr;
+    auto piece = std::make_unique<Piece>(pieces_[next_++]);
+    piece->values.clear();
+    if (lends_) piece->lent = std::make_shared<FieldValues>(piece->points);
+    for (std::size_t a = 0; a < attributes_.size() && !lends_; ++a) {
+      piece->values.emplace_back();
+      for (const dvec3& p : piece->points) piece->values.back().push_back(field(p, a));
+    }
+    return piece;
+  }
+
+ private:
+  std::vector<Piece> pieces_;
+  std::vector<std::string> attributes_;
+  bool may_lend_;
+  bool lends_ = false;
+  std::size_t next_ = 0;
+};
+
+// Bytes of a piece, with what its reader would hold: points twice, and the tetrahedra at each point.
+std::size_t piece_bytes(const std::vector<Piece>& pieces) {
+  std::size_t most = 0;
+  for (const Piece& piece : pieces)
+    most = std::max(most, 2 * sizeof(dvec3) * piece.points.size() + sizeof(Tetrahedron) * piece.tetrahedra.size() +
+                              VertexMaterial::bytes(piece.points.size(), piece.tetrahedra.size()));
+  return most;
+}
+
+std::string read_all(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+struct Built {
+  std::size_t most_bytes = 0;
+  BuildReport report;
+};
+
+Built build(const std::vector<Piece>& pieces, std::size_t attributes, BuildOptions options, const std::string& path) {
+  ManyAttributes source(pieces, attributes);
+  test::start_counting_allocations();
+  auto report = build_volume(source, path, options, [](const char*, double) {});
+  EXPECT_TRUE(report) << (report ? "" : report.error().message);
+  return {test::most_bytes_allocated(), report ? *report : BuildReport{}};
+}
+
+// Whatever the attributes, a build holds its memory, a piece and some hundred KiB. Files are the same.
+TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
+  const tbb::global_control control(tbb::global_control::max_allowed_parallelism, 2);
+  const std::string path = testing::TempDir() + "held.svol";
+  const Piece mesh = test::mesh_piece(test::jittered(18, 0.2), [](const dvec3& p) { return p.x; });
+  for (const auto& pieces : {std::vector{mesh}, test::cut(mesh, 3)})
+    for (const std::size_t attributes : {1u, 20u, 80u}) {
+      std::string expected;
+      for (const std::uint64_t memory : {std::uint64_t{256} << 20, std::uint64_t{32} << 20, std::uint64_t{1}}) {
+        BuildOptions options;
+        options.memory = memory;
+        const Built built = build(pieces, attributes, options, path);
+        const std::uint64_t granted = std::max(memory, built.report.least_memory);
+        EXPECT_LE(built.most_bytes, granted + piece_bytes(pieces) + (std::size_t{2} << 20))
+            << attributes << " attributes, " << memory << " bytes";
+        if (expected.empty()) expected = read_all(path);
+        EXPECT_TRUE(read_all(path) == expected) << attributes << " attributes, " << memory << " bytes";
+      }
+    }
+}
+
+// Lent values give the same file as values of the piece.
+TEST(HeldBytes, LentValuesGiveTheSameFile) {
+  const std::string lent = testing::TempDir() + "lent.svol", own = testing::TempDir() + "own.svol";
+  const Piece mesh = test::mesh_piece(test::jittered(9, 0.2), [](const dvec3& p) { return field(p, 0); });
+  ManyAttributes lends({mesh}, 3), copies({mesh}, 3, false);
+  ASSERT_TRUE(build_volume(lends, lent, {}, [](const char*, double) {}));
+  ASSERT_TRUE(build_volume(copies, own, {}, [](const char*, double) {}));
+  EXPECT_TRUE(read_all(lent) == read_all(own));
+}
+
+TEST(MemoryPlan, LittleMemoryGivesSmallBatchesAndLeastTellsWhatTheyTake) {
+  BuildShape shape{.attributes = 27, .gradients = false, .estimates = false, .index_leaf_points = 512};
+  const MemoryPlan large = plan_memory(std::uint64_t{8} << 30, shape), small = plan_memory(1, shape);
+  EXPECT_EQ(large.batches.points, 4096u);
+  EXPECT_EQ(small.batches.points, 64u);
+  EXPECT_EQ(small.most_batches, 2u);
+  EXPECT_EQ(small.least, large.least);
+  EXPECT_LT(small.least, std::uint64_t{64} << 20);
+  const MemoryPlan enough = plan_memory(small.least, shape);
+  EXPECT_LE(enough.rows, small.least / 4);
+  shape.attributes = 100;
+  EXPECT_GT(plan_memory(1, shape).least, small.least);
+  shape.gradients = true;
+  EXPECT_GT(plan_memory(1, shape).least, plan_memory(1, {.attributes = 100, .index_leaf_points = 512}).least);
+}
+
+}  // namespace
+}  // namespace splatvol
