@@ -113,8 +113,8 @@ Camera step_back(std::vector<SurveySplat> splats, Camera camera, double aspect) 
   return camera;
 }
 
-// What the camera frames, for all attributes alike: what the first attribute shows, and what other attributes show best
-// near it. A wake is in the picture of the pressure, too, but a far field is not.
+// The splats that the camera frames, for all attributes alike: those that the first attribute shows, and near them
+// those that other attributes show best. A wake is in the picture of the pressure, too, but a far field is not.
 struct Framing {
   Ball ball;
   std::vector<SurveySplat> core, others;
