@@ -25,7 +25,7 @@ constexpr int most_steps_back = 3;
 constexpr double step_back_factor = 1.2;
 constexpr double most_at_border = 0.15;        // opacity; more, and the picture crops the material
 constexpr double seen_share = 0.1;             // of a pixel
-constexpr double fewest_seen = 0.1;            // of all splats; else the camera frames a cluster of them
+constexpr double fewest_seen = 0.1;            // of all splats; else the camera frames a clump of them
 constexpr double largest_filling = 1.0 / 3;    // of the surroundings; what fills more, such as noise, has no place
 constexpr double least_in_picture = 0.1;       // of what is visible
 constexpr std::size_t fewest_in_picture = 20;  // splats from which values are chosen
@@ -34,8 +34,8 @@ constexpr double share_of_deepest = 0.1;       // of the largest optical depth o
 constexpr double share_of_domain = 0.7;        // what is visible is that large: the camera shows all
 constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark background
 
-Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, std::uint64_t enough) {
-  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, enough));
+Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, const SurveyShapes& shapes) {
+  SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, shapes));
   if (std::ranges::none_of(splats, &SurveySplat::has_value))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),
                 volume.info().attributes[static_cast<std::size_t>(index)].name);
@@ -113,23 +113,23 @@ Camera step_back(std::vector<SurveySplat> splats, Camera camera, double aspect) 
   return camera;
 }
 
-// What the camera frames, for all attributes alike: what the first attribute shows, and what other attributes show best
-// near it. A wake is in the picture of the pressure, too, but a far field is not.
-struct Frame {
-  Ball cluster;
+// The splats that the camera frames, for all attributes alike: those that the first attribute shows, and near them
+// those that other attributes show best. A wake is in the picture of the pressure, too, but a far field is not.
+struct Framing {
+  Ball ball;
   std::vector<SurveySplat> core, others;
 };
 
 // If what is visible fills most of the domain, all of the domain is in the picture, with its outline.
-Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Frame& frame,
+Camera choose_camera(const format::VolumeInfo& info, const std::vector<SurveySplat>& splats, const Framing& framing,
                      const FirstPicture& picture) {
   const int up = info.up < 0 ? 1 : info.up;
   const double aspect = static_cast<double>(picture.width) / picture.height;
   const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
-  Camera near = fit_camera(frame.core, up, aspect, info.cube.edge, picture.turns);
+  Camera near = fit_camera(framing.core, up, aspect, info.cube.edge, picture.turns);
   const dvec3 away = most_for_others * (near.position - near.focal_point);
-  std::vector<SurveySplat> all = frame.core;
-  all.insert(all.end(), frame.others.begin(), frame.others.end());
+  std::vector<SurveySplat> all = framing.core;
+  all.insert(all.end(), framing.others.begin(), framing.others.end());
   near = fit_camera(all, up, aspect, info.cube.edge, picture.turns);
   if (distance(near) > glm::length(away)) near.position = near.focal_point + away;
   const Camera far = fit_camera(corners_of(bounds_of(splats)), up, aspect, info.cube.edge, picture.turns);
@@ -145,7 +145,7 @@ Ball framed_ball(std::vector<SurveySplat> splats, int width, int height) {
   weigh(splats, fit_camera(splats, 1, static_cast<double>(width) / height, 1));
   const auto seen = std::ranges::count_if(splats, [](const SurveySplat& splat) { return splat.weight > seen_share; });
   const bool shows_little = static_cast<double>(seen) < fewest_seen * static_cast<double>(splats.size());
-  return shows_little ? main_cluster(splats) : Ball{};
+  return shows_little ? main_clump(splats) : Ball{};
 }
 
 double volume_of(const std::vector<SurveySplat>& splats) {
@@ -153,23 +153,25 @@ double volume_of(const std::vector<SurveySplat>& splats) {
                          [](double sum, const SurveySplat& splat) { return sum + splat.volume; });
 }
 
-Result<Frame> choose_frame(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
-                           const FirstPicture& picture) {
-  Frame frame;
-  frame.cluster = framed_ball(first_splats, picture.width, picture.height);
-  const auto core_splats = within(frame.cluster, first_splats);
-  frame.core = visible_of(core_splats, choose_transfer_function(core_splats));
+Result<Framing> choose_framing(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
+                               const FirstPicture& picture) {
+  Framing framing;
+  framing.ball = framed_ball(first_splats, picture.width, picture.height);
+  const auto core_splats = within(framing.ball, first_splats);
+  framing.core = visible_of(core_splats, choose_transfer_function(core_splats));
   SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
+  if (others.empty()) return framing;
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_of_others));
   for (const int other : others) {
-    SPLATVOL_TRY_ASSIGN(all, survey_material(volume, other, enough_of_others));
-    const auto splats = within(frame.cluster, all);
+    SPLATVOL_TRY_ASSIGN(all, survey_material(volume, other, shapes));
+    const auto splats = within(framing.ball, all);
     if (std::ranges::none_of(splats, &SurveySplat::has_value)) continue;
     const auto features = visible_of(splats, choose_transfer_function(splats), visible_of_others);
-    const auto near = near_box(frame.core, features);
-    if (volume_of(near) > largest_filling * volume_of(near_box(frame.core, splats))) continue;
-    frame.others.insert(frame.others.end(), near.begin(), near.end());
+    const auto near = near_box(framing.core, features);
+    if (volume_of(near) > largest_filling * volume_of(near_box(framing.core, splats))) continue;
+    framing.others.insert(framing.others.end(), near.begin(), near.end());
   }
-  return frame;
+  return framing;
 }
 
 bool is_in_picture(const View& view, const dvec3& position) {
@@ -195,18 +197,19 @@ TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, Transfer
 Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute, const FirstPicture& picture) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, attribute));
   SPLATVOL_TRY_ASSIGN(first, choose_first_attribute(volume));
-  SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, enough_splats));
-  SPLATVOL_TRY_ASSIGN(frame, choose_frame(volume, first, first_splats, picture));
-  std::vector<SurveySplat> splats = within(frame.cluster, first_splats);
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
+  SPLATVOL_TRY_ASSIGN(first_splats, survey(volume, first, shapes));
+  SPLATVOL_TRY_ASSIGN(framing, choose_framing(volume, first, first_splats, picture));
+  std::vector<SurveySplat> splats = within(framing.ball, first_splats);
   Scene scene;
   scene.width = picture.width;
   scene.height = picture.height;
   scene.outline = true;
   scene.attribute = volume.info().attributes[static_cast<std::size_t>(index)].name;
-  scene.camera = choose_camera(volume.info(), splats, frame, picture);
+  scene.camera = choose_camera(volume.info(), splats, framing, picture);
   if (index != first) {
-    SPLATVOL_TRY_ASSIGN(others, survey(volume, index, enough_splats));
-    splats = within(frame.cluster, others);
+    SPLATVOL_TRY_ASSIGN(others, survey(volume, index, shapes));
+    splats = within(framing.ball, others);
   }
   weigh(splats, scene.camera);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, picture.width, picture.height));
@@ -221,7 +224,8 @@ Result<Scene> default_scene(const format::Volume& volume, const std::string& att
 
 Result<dvec3> middle_of_visible(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
-  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index, enough_splats));
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_splats));
+  SPLATVOL_TRY_ASSIGN(splats, survey(volume, index, shapes));
   return middle_of(visible_of(within(framed_ball(splats, scene.width, scene.height), splats), scene.transfer_function));
 }
 

@@ -17,8 +17,9 @@ struct FirstPicture {
 };
 
 /// Makes a scene that shows the data. The camera fits what choose_first_attribute's values show, for every attribute
-/// alike. Reads some hundred KiB. `attribute` empty: that of choose_first_attribute. Fails if the file cannot be read,
-/// lacks the attribute (the message lists those that it has), or has no value of it.
+/// alike, and what other attributes show near them. Reads some hundred KiB. `attribute` empty: that of
+/// choose_first_attribute. Fails if the file cannot be read, lacks the attribute (the message lists those that it has),
+/// or has no value of it.
 [[nodiscard]] Result<Scene> default_scene(const format::Volume& volume, const std::string& attribute,
                                           const FirstPicture& picture = {});
 

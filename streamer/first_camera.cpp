@@ -106,7 +106,7 @@ double variance_within(const std::vector<SurveySplat>& splats, const std::vector
 
 }  // namespace
 
-Ball main_cluster(const std::vector<SurveySplat>& splats) {
+Ball main_clump(const std::vector<SurveySplat>& splats) {
   constexpr std::size_t tried = 128;
   constexpr double share = 0.4, smaller = 100, kept = 4, empty_up_to = 10, most_between = 0.01;
   const auto rank = static_cast<std::size_t>(share * static_cast<double>(splats.size()));

@@ -23,10 +23,10 @@ struct Ball {
   double radius = std::numeric_limits<double>::infinity();
 };
 
-/// Returns the ball that a picture should show: of all splats, unless they lie in clusters so far apart that no picture
+/// Returns the ball that a picture should show: of all splats, unless they lie in clumps so far apart that no picture
 /// shows two of them. This is so if two fifths of the splats lie in a ball with less than a hundredth of the radius of
 /// all, and hardly any splats lie round it up to ten times its radius. Then it is four times this ball.
-[[nodiscard]] Ball main_cluster(const std::vector<SurveySplat>& splats);
+[[nodiscard]] Ball main_clump(const std::vector<SurveySplat>& splats);
 
 /// Returns the splats in the ball that are no larger than it; all splats if none of these has a value.
 [[nodiscard]] std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats);

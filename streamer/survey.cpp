@@ -58,35 +58,54 @@ std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most
   return finer == counts.begin() ? 0 : static_cast<std::size_t>(finer - counts.begin()) - 1;
 }
 
-Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
-                                                 std::uint64_t most_splats) {
+namespace {
+
+tl::unexpected<Error> no_moments(const format::Volume& volume) {
+  return fail(ErrorCode::unsupported,
+              "{}: has no splat moments, which a first scene needs: build it again with svbuild", volume.name());
+}
+
+}  // namespace
+
+Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats) {
   using format::ColumnKind;
   const format::VolumeInfo& info = volume.info();
-  const int centroid = info.find_column(ColumnKind::centroid), moments = info.find_column(ColumnKind::moments),
-            value_moments = info.find_column(ColumnKind::value_moments, attribute);
-  if (std::min({centroid, moments, value_moments}) < 0)
-    return fail(ErrorCode::unsupported,
-                "{}: has no splat moments, which a first scene needs: build it again with "
-                "svbuild",
-                volume.name());
-  const std::size_t resolution = survey_resolution(info, most_splats);
-  std::vector<dvec3> centroids;
-  std::vector<format::SplatShape> shapes;
+  const int centroid = info.find_column(ColumnKind::centroid), moments = info.find_column(ColumnKind::moments);
+  if (std::min(centroid, moments) < 0) return no_moments(volume);
+  SurveyShapes found;
+  found.resolution = survey_resolution(info, most_splats);
+  RowReader reader(volume);
+  for (std::uint64_t group = 0; found.centroids.size() < info.resolution_counts[found.resolution]; ++group) {
+    const std::uint64_t row = volume.rows().row(found.resolution, group);
+    const std::uint32_t count = volume.rows().group(group).count;
+    SPLATVOL_TRY(reader.append(row, count, centroid, &format::unpack_positions, found.centroids));
+    SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, found.shapes));
+  }
+  return found;
+}
+
+Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                 const SurveyShapes& shapes) {
+  const format::VolumeInfo& info = volume.info();
+  const int value_moments = info.find_column(format::ColumnKind::value_moments, attribute);
+  if (value_moments < 0) return no_moments(volume);
   std::vector<format::SplatValue> values;
   RowReader reader(volume);
-  for (std::uint64_t group = 0; centroids.size() < info.resolution_counts[resolution]; ++group) {
-    const std::uint64_t row = volume.rows().row(resolution, group);
-    const std::uint32_t count = volume.rows().group(group).count;
-    SPLATVOL_TRY(reader.append(row, count, centroid, &format::unpack_positions, centroids));
-    SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, shapes));
-    SPLATVOL_TRY(reader.append(row, count, value_moments, &format::unpack_value_moments, values));
-  }
+  for (std::uint64_t group = 0; values.size() < shapes.centroids.size(); ++group)
+    SPLATVOL_TRY(reader.append(volume.rows().row(shapes.resolution, group), volume.rows().group(group).count,
+                               value_moments, &format::unpack_value_moments, values));
   const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<SurveySplat> splats;
-  splats.reserve(centroids.size());
-  for (std::size_t i = 0; i < centroids.size(); ++i)
-    splats.push_back(splat_of(centroids[i], shapes[i], values[i], described));
+  splats.reserve(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    splats.push_back(splat_of(shapes.centroids[i], shapes.shapes[i], values[i], described));
   return splats;
+}
+
+Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                 std::uint64_t most_splats) {
+  SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, most_splats));
+  return survey_material(volume, attribute, shapes);
 }
 
 Result<std::vector<double>> survey_values(const format::Volume& volume, int attribute, std::uint64_t most_points) {

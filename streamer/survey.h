@@ -32,8 +32,22 @@ struct SurveySplat {
 /// Returns the finest resolution with at most `most_splats` splats, or the coarsest if all have more.
 [[nodiscard]] std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats);
 
-/// Reads the splats of survey_resolution, with the values of an attribute: some hundred KiB of any file. Fails if the
-/// file cannot be read, is damaged, or lacks moments.
+/// The shapes of the splats of a survey, which all attributes have in common.
+struct SurveyShapes {
+  std::size_t resolution = 0;
+  std::vector<dvec3> centroids;
+  std::vector<format::SplatShape> shapes;
+};
+
+/// Reads the shapes of the splats of survey_resolution: some hundred KiB of any file. Fails if the file cannot be read,
+/// is damaged, or lacks moments.
+[[nodiscard]] Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t most_splats);
+
+/// Reads the values of an attribute of these splats, which are of the same volume. Fails as survey_shapes does.
+[[nodiscard]] Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
+                                                               const SurveyShapes& shapes);
+
+/// Reads both.
 [[nodiscard]] Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, int attribute,
                                                                std::uint64_t most_splats);
 

@@ -88,6 +88,8 @@ def _property(transfer_function):
     inverse of that is the unit of length."""
     import vtk
 
+    if transfer_function.get("axis", "linear") != "linear":
+        raise ValueError("VTK's transfer functions are compared on linear axes only")
     low, high = transfer_function["domain"]
     densest = max(density for _, density in transfer_function["density"]) or 1.0
     colors, opacities = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()

@@ -362,10 +362,10 @@ TEST_F(RendererTestFirstPicture, ThinMaterialThatAddsUpIsNotCropped) {
   EXPECT_GT(opacities(image).size(), 4000u);
 }
 
-TEST_F(RendererTestFirstPicture, FramesOneOfTwoFarClusters) {
-  const Shape clusters = [](const dvec3& p) { return p.x < 0.5 ? p : p + dvec3(1e8, 0, 0); };
+TEST_F(RendererTestFirstPicture, FramesOneOfTwoFarClumps) {
+  const Shape clumps = [](const dvec3& p) { return p.x < 0.5 ? p : p + dvec3(1e8, 0, 0); };
   const auto field = [](const dvec3& p) { return p.x > 1e7 ? 0.5 : std::sin(9 * p.y) * std::cos(8 * p.z); };
-  const Scene scene = scene_of({24, 24, 24}, clusters, {{"a", field}}, {200, 200});
+  const Scene scene = scene_of({24, 24, 24}, clumps, {{"a", field}}, {200, 200});
   EXPECT_LT(glm::length(scene.camera.position), 100);
   EXPECT_LT(scene.transfer_function.hi, 2);
   EXPECT_GT(opacities(draw(scene)).size(), 5000u);
