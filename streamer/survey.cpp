@@ -73,12 +73,20 @@ Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, i
   std::vector<dvec3> centroids;
   std::vector<format::SplatShape> shapes;
   std::vector<format::SplatValue> values;
+  const auto unpack_centroids = [&](const format::ChunkEntry& entry, const format::Bytes& packed, std::span<dvec3> out,
+                                    const std::string& what) {
+    return format::unpack_centroids(entry, packed, out, info.cube, what);
+  };
+  const auto unpack_shapes = [&](const format::ChunkEntry& entry, const format::Bytes& packed,
+                                 std::span<format::SplatShape> out, const std::string& what) {
+    return format::unpack_moments(entry, packed, out, info.cube.edge, what);
+  };
   RowReader reader(volume);
   for (std::uint64_t group = 0; centroids.size() < info.resolution_counts[resolution]; ++group) {
     const std::uint64_t row = volume.rows().row(resolution, group);
     const std::uint32_t count = volume.rows().group(group).count;
-    SPLATVOL_TRY(reader.append(row, count, centroid, &format::unpack_positions, centroids));
-    SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, shapes));
+    SPLATVOL_TRY(reader.append(row, count, centroid, unpack_centroids, centroids));
+    SPLATVOL_TRY(reader.append(row, count, moments, unpack_shapes, shapes));
     SPLATVOL_TRY(reader.append(row, count, value_moments, &format::unpack_value_moments, values));
   }
   const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];

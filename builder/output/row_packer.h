@@ -3,11 +3,13 @@
 
 #include <cstddef>
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "builder/output/splat_columns.h"
 #include "format/codec.h"
 #include "format/volume_info.h"
+#include "format/volume_writer.h"
 
 namespace splatvol {
 
@@ -26,11 +28,26 @@ struct PendingRow {
   bool has_points = false;                       // after pack_early
 };
 
+/// Facts about the points of packed rows, as they are stored.
+struct StoredSummary {
+  double position_error = 0;                      // the largest that a chunk states, world units
+  std::vector<format::StoredValues> values = {};  // [attribute]
+
+  /// Returns the histogram of each attribute.
+  [[nodiscard]] format::Histograms histograms() const;
+};
+
+/// Which columns are stored as they are given.
+struct ExactColumns {
+  bool positions = false;
+  bool values = false;  // to the single precision of stored values
+};
+
 /// Packs rows. Thread-safe.
 class RowPacker {
  public:
-  /// `info`: attributes and columns.
-  explicit RowPacker(const format::VolumeInfo& info);
+  /// `info`: cube, attributes and columns.
+  explicit RowPacker(const format::VolumeInfo& info, ExactColumns exact = {});
 
   /// Packs the columns of the splats, and those of their points if it has some.
   [[nodiscard]] PackedRow pack(const SplatColumns& splats) const;
@@ -42,9 +59,19 @@ class RowPacker {
   /// the densities may change. Requires a whole row.
   void pack_early(PendingRow& row) const;
 
+  /// Returns the facts about all points that were packed so far.
+  [[nodiscard]] StoredSummary summary() const;
+
  private:
+  class ChunkPacker;
+  void include(const StoredSummary& row) const;
+
+  Cube cube_;
+  ExactColumns exact_;
   std::vector<format::Attribute> attributes_;
   std::vector<format::Column> all_columns_, resolution_columns_;
+  mutable std::mutex mutex_;
+  mutable StoredSummary summary_;
 };
 
 }  // namespace splatvol

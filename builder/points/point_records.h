@@ -19,6 +19,7 @@ class PointRecords {
       : attributes_(attributes), single_(single_precision), material_(material), planes_(planes) {}
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
+  [[nodiscard]] bool is_single_precision() const { return single_; }
   [[nodiscard]] bool has_material() const { return material_; }
   [[nodiscard]] bool has_planes() const { return planes_; }
   [[nodiscard]] std::size_t bytes() const {

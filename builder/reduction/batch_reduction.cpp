@@ -139,7 +139,6 @@ class BatchReducer {
       columns.splat_values[a].max.push_back(high);
       columns.point_values[a].values.push_back(value);
       columns.point_values[a].gradients.push_back(direction(batch_.gradients[a][i]));
-      count(a, value);
       include(leaf, a, low, high, value);
     }
     leaf.count(0);
@@ -160,13 +159,6 @@ class BatchReducer {
     result_.tail.clear();
   }
 
-  void count(std::size_t attribute, float value) {
-    if (std::isnan(value))
-      ++result_.missing[attribute];
-    else
-      ++result_.histograms[attribute][static_cast<std::size_t>(bins_[attribute].bin(double{value}))];
-  }
-
   void include(OpenIndexLeaf& leaf, std::size_t attribute, float low, float high, float value) const {
     leaf.summaries[attribute].include(summarize_range(low, high, bins_[attribute]));
     leaf.summaries[attribute].include(bins_[attribute].summarize(std::span(&value, 1)));
@@ -175,11 +167,8 @@ class BatchReducer {
   void include_members(OpenIndexLeaf& leaf, std::size_t first) {
     for (std::size_t m = first; m < result_.members.size(); ++m) {
       const Member& member = *result_.members[m];
-      for (std::size_t a = 0; a < attributes(); ++a) {
-        // The points of a part that is continued are all finest, and have been counted.
-        if (!part_.continued) count(a, member.values[a].value);
+      for (std::size_t a = 0; a < attributes(); ++a)
         include(leaf, a, member.stored_values[a].min, member.stored_values[a].max, member.values[a].value);
-      }
     }
   }
 
@@ -287,8 +276,6 @@ void ReducedBatch::clear() {
   tail.clear();
   members.clear();
   leaf_parts.clear();
-  for (auto& histogram : histograms) histogram.fill(0);
-  std::ranges::fill(missing, 0);
 }
 
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result) {
