@@ -77,6 +77,10 @@ void unpack_column(benchmark::State& state, std::size_t bytes_per_point, const P
   report(state, chunk, bytes_per_point);
 }
 
+// A cube that all numbers fit into.
+constexpr double edge = 1e3;
+const Cube cube{dvec3(-edge / 2), edge};
+
 // The argument e sets the error to 2^-e of the group's extent; 0: exact.
 double error_of(const benchmark::State& state) {
   return state.range(0) == 0 ? 0 : std::ldexp(1, -static_cast<int>(state.range(0)));
@@ -89,8 +93,9 @@ void pack_position(benchmark::State& state) {
 
 void unpack_position(benchmark::State& state) {
   std::vector<dvec3> out(points);
-  unpack_column(state, sizeof(dvec3), pack_positions(positions(), error_of(state)),
-                [&](const PackedChunk& chunk) { return unpack_positions(chunk.entry, chunk.bytes, out, "bench"); });
+  unpack_column(state, sizeof(dvec3), pack_positions(positions(), error_of(state)), [&](const PackedChunk& chunk) {
+    return unpack_positions(chunk.entry, chunk.bytes, out, cube, "bench");
+  });
 }
 
 void pack_value(benchmark::State& state) {
@@ -118,13 +123,13 @@ void unpack_octant(benchmark::State& state) {
 
 void pack_shape(benchmark::State& state) {
   const auto in = shapes();
-  pack_column(state, sizeof(SplatShape), [&] { return pack_moments(in); });
+  pack_column(state, sizeof(SplatShape), [&] { return pack_moments(in, edge); });
 }
 
 void unpack_shape(benchmark::State& state) {
   std::vector<SplatShape> out(points);
-  unpack_column(state, sizeof(SplatShape), pack_moments(shapes()),
-                [&](const PackedChunk& chunk) { return unpack_moments(chunk.entry, chunk.bytes, out, "bench"); });
+  unpack_column(state, sizeof(SplatShape), pack_moments(shapes(), edge),
+                [&](const PackedChunk& chunk) { return unpack_moments(chunk.entry, chunk.bytes, out, edge, "bench"); });
 }
 
 constexpr ValueSummary any_value{-2, 2, ~std::uint64_t{0}};

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/output/row_packer.h"
 #include "builder/points/input_summary.h"
 #include "builder/reduction/clusters.h"
 #include "builder/scattered/scattered.h"
@@ -23,6 +24,8 @@ struct BuildOptions {
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input as it is read
   std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once
   std::string temp_folder;                              // for what memory cannot hold; empty: the output's folder
+  ExactColumns exact = {};                              // what is stored as it is given
+  bool join_attributes = true;                          // with the same values: stored once, with an alias
   bool gradients = false;                               // the column `gradient`: lights the kernel octant
   Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
@@ -39,6 +42,7 @@ struct BuildReport {
   CellCensus cells;
   std::uint64_t uncertain = 0;                                      // DelaunaySubdomains::uncertain()
   std::uint64_t least_memory = 0;                                   // held even if BuildOptions::memory grants less
+  std::vector<std::pair<std::string, std::string>> aliases = {};    // attribute of the input, the same one in the file
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
 };

@@ -32,7 +32,7 @@ class Reducer {
         plan_(plan_memory(options.memory, shape())) {}
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
-    const RowPacker packer(info_);
+    const RowPacker packer(info_, options_.exact);
     RowCollector rows(info_, fits_, &packer, plan_.rows, folder_);
     if (fits_) rows.expect_splats(connection_.points);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
@@ -46,8 +46,9 @@ class Reducer {
     SPLATVOL_TRY_ASSIGN(rest, rows.extract_rest());
     SPLATVOL_TRY(write_rows(rest, packer, files));
     progress_("indexing", 0);
-    BuildReport report = finish_description(pass);
-    SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass}));
+    const StoredSummary stored = packer.summary();
+    BuildReport report = finish_description(pass, stored);
+    SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass, stored.histograms()}));
     return report;
   }
 
@@ -90,7 +91,9 @@ class Reducer {
   }
 
   // Completes the volume's description, and returns the report, without the file's size.
-  BuildReport finish_description(const ReductionPass& pass) {
+  BuildReport finish_description(const ReductionPass& pass, const StoredSummary& stored) {
+    info_.position_error = stored.position_error;
+    info_.aliases = input().aliases;
     const std::vector<std::uint64_t> counts = pass.counts();
     info_.resolution_counts.assign(counts.rbegin(), counts.rend());
     BuildReport report{.resolution_counts = info_.resolution_counts,
@@ -100,10 +103,13 @@ class Reducer {
                        .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
                        .least_memory = std::max(plan_.least, connection_.least_memory)};
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
-      info_.attributes[a].missing = pass.missing()[a];
-      report.missing.emplace_back(info_.attributes[a].name, pass.missing()[a]);
+      info_.attributes[a].missing = stored.values[a].missing;
+      info_.attributes[a].error = stored.values[a].error * info_.attributes[a].scale;
+      report.missing.emplace_back(info_.attributes[a].name, stored.values[a].missing);
       report.fills.emplace_back(info_.attributes[a].name, input().fills[a]);
     }
+    for (const format::Alias& alias : info_.aliases)
+      report.aliases.emplace_back(alias.name, info_.attributes[static_cast<std::size_t>(alias.attribute)].name);
     info_.provenance = describe_provenance(options_, report);
     return report;
   }
@@ -127,9 +133,11 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
-  SPLATVOL_TRY_ASSIGN(points, PointStream::create(
-                                  source, use_cells, options.memory / 2, folder,
-                                  [&](double fraction) { progress("reading", fraction); }, options.gradients));
+  JoinedAttributes joined{.join = options.join_attributes};
+  for (const auto& [name, unit] : options.units) joined.apart.push_back(name);
+  const auto read = [&](double fraction) { progress("reading", fraction); };
+  SPLATVOL_TRY_ASSIGN(
+      points, PointStream::create(source, use_cells, options.memory / 2, folder, read, options.gradients, joined));
   progress("connecting", 0);
   SPLATVOL_TRY_ASSIGN(connection, connect(options, points, folder));
   return Reducer(options, points, std::move(connection), folder, progress).run(files, write);

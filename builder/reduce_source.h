@@ -22,6 +22,7 @@ struct ReducedSource {
   RowFiles& files;
   IndexLeafSpool& leaves;
   const ReductionPass& pass;
+  format::Histograms histograms;
 };
 
 using WriteReduced = std::function<Status(ReducedSource)>;

@@ -105,7 +105,10 @@ class SeriesBuild {
  public:
   SeriesBuild(const BuildOptions& options, std::string folder, const BuildProgress& progress, Target& target,
               double first_number)
-      : options_(options), folder_(std::move(folder)), progress_(progress), target_(target), number_(first_number) {}
+      : options_(options), folder_(std::move(folder)), progress_(progress), target_(target), number_(first_number) {
+    // What is the same in the steps of a group need not be the same in later ones.
+    options_.join_attributes = false;
+  }
 
   // Reduces all steps, group by group.
   Result<SeriesReport> run(std::vector<SeriesStep> steps) {
@@ -202,7 +205,7 @@ class SeriesBuild {
       SPLATVOL_TRY_ASSIGN(time, time_of(s, source.stated_times()[s]));
       step.time = time;
       step.provenance = step_provenance(s);
-      const auto histograms = std::span(reduced.pass.histograms()).subspan(s * attributes, attributes);
+      const auto histograms = std::span(reduced.histograms).subspan(s * attributes, attributes);
       SPLATVOL_TRY_ASSIGN(
           writer, StepWriter::create(*target_.info, std::move(step), std::move(summaries[s]), histograms, folder_));
       writers.push_back(std::move(writer));
@@ -257,7 +260,7 @@ class SeriesBuild {
     return provenance.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   }
 
-  const BuildOptions& options_;
+  BuildOptions options_;
   std::string folder_;
   const BuildProgress& progress_;
   Target& target_;
@@ -307,6 +310,10 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
     if (info.reduction_method == reduction_name(reduction)) options.reduction = reduction;
   options.leaf_points = info.leaf_points;
   options.points_per_chunk = info.points_per_chunk;
+  options.exact.positions = info.position_error == 0;
+  const auto is_exact = [](const format::Attribute& attribute) { return attribute.error == 0; };
+  options.exact.values =
+      options.exact.values || (options.exact.positions && std::ranges::all_of(volume->info().attributes, is_exact));
   options.gradients = volume->info().find_column(format::ColumnKind::gradient, 0) >= 0;
   SPLATVOL_TRY_ASSIGN(geometry, volume->geometry_hash());
   Target target{.info = info, .geometry = geometry};

@@ -84,11 +84,20 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
       return unpack(entry, bytes, std::span(out), what);
     };
   };
+  // Lengths are checked against the cube, or its edge.
+  const auto into_lengths = [&](auto& out, auto unpack, const auto& bound) {
+    return into(out, [unpack, &bound](const format::ChunkEntry& entry, const format::Bytes& bytes, auto span,
+                                      const std::string& what) { return unpack(entry, bytes, span, bound, what); });
+  };
+  const Cube& cube = volume_.info().cube;
   if (parts.positions)
-    SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::position, -1, into(result.positions, format::unpack_positions)));
+    SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::position, -1,
+                            into_lengths(result.positions, format::unpack_positions, cube)));
   if (parts.material) {
-    SPLATVOL_TRY(read_chunk(row, ColumnKind::centroid, -1, into(result.centroids, format::unpack_positions)));
-    SPLATVOL_TRY(read_chunk(row, ColumnKind::moments, -1, into(result.shapes, format::unpack_moments)));
+    SPLATVOL_TRY(
+        read_chunk(row, ColumnKind::centroid, -1, into_lengths(result.centroids, format::unpack_centroids, cube)));
+    SPLATVOL_TRY(
+        read_chunk(row, ColumnKind::moments, -1, into_lengths(result.shapes, format::unpack_moments, cube.edge)));
   }
   for (const std::size_t a : selection_.attributes) {
     if (parts.values)

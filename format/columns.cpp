@@ -20,6 +20,9 @@ constexpr std::uint8_t form_exact = 2;
 constexpr double rounding_error = 0.51;
 constexpr int max_grid_bits = 45;
 
+// By how many edges centroids may be outside of the cube, along each axis (spec 8).
+constexpr double centroid_margin = 1;
+
 int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
 
 // The origin is the grid point nearest to the lowest coordinate, so this coordinate may lie half a quantisation step
@@ -86,18 +89,33 @@ bool encode_on_grid(double error, std::span<float> values, std::span<std::uint32
     all_bits |= codes[i];
     last = number;
     values[i] = value_on_grid(header, number);
-    if (!std::isfinite(values[i])) return false;
+    if (!(std::abs(values[i]) <= largest_stored_value)) return false;
   }
   header.width = static_cast<std::uint8_t>(bytes_for(all_bits));
   return true;
 }
 
-Status read_values_on_grid(const ValueHeader& header, std::span<const std::byte> planes, std::span<float> out,
-                           std::string_view what) {
+// Returns the largest error of values that are stored with this header.
+double error_of(const ValueHeader& header) {
+  return header.form == form_grid ? rounding_error * header.quantisation_step : 0;
+}
+
+// Describes the values of a chunk as they come back.
+StoredValues describe(std::span<const float> values, const ValueBins& bins, const ValueHeader& header) {
+  StoredValues result{.error = error_of(header)};
+  for (const float value : values) {
+    if (std::isnan(value))
+      ++result.missing;
+    else
+      ++result.histogram[static_cast<std::size_t>(bins.bin(double{value}))];
+  }
+  return result;
+}
+
+void read_values_on_grid(const ValueHeader& header, std::span<const std::byte> planes, std::span<float> out) {
   std::vector<std::uint32_t> codes(out.size());
   read_planes<std::uint32_t>(planes, codes, header.width);
   std::int64_t last = 0;
-  bool finite = true;
   for (std::size_t i = 0; i < out.size(); ++i) {
     if (codes[i] == 0) {
       out[i] = std::bit_cast<float>(missing_value_bits);
@@ -105,20 +123,18 @@ Status read_values_on_grid(const ValueHeader& header, std::span<const std::byte>
     }
     last += unzigzag(codes[i] - 1);
     out[i] = value_on_grid(header, last);
-    finite = finite && std::isfinite(out[i]);
   }
-  if (!finite) return fail(ErrorCode::invalid_data, "{}: a value is not finite [R17]", what);
-  return {};
 }
 
-Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count,
+// Checks the form of a header. The error of positions is at most the edge of the cube.
+Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count, double edge,
                                              std::string_view what) {
   if (payload.size() < sizeof(PositionHeader))
     return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
   const auto header = read_record<PositionHeader>(payload, 0);
   std::size_t bytes_per_point = 0;
   bool valid = (header.form == form_grid || header.form == form_exact) && header.zero == 0 && header.error >= 0 &&
-               std::isfinite(header.error) && header.quantisation_step >= 0 && std::isfinite(header.quantisation_step);
+               header.error <= edge && header.quantisation_step >= 0 && std::isfinite(header.quantisation_step);
   for (int axis = 0; axis < 3; ++axis) {
     bytes_per_point += header.form == form_exact ? sizeof(double) : header.width[axis];
     valid = valid && std::isfinite(header.origin[axis]) && header.width[axis] <= (header.form == form_grid ? 7 : 0);
@@ -158,10 +174,11 @@ ValueSummary ValueBins::summarize(std::span<const float> stored) const {
   return summary;
 }
 
-PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
+PackedChunk pack_positions(std::span<const dvec3> positions, double error, double* stated_error) {
   PositionHeader header{};
   const bool grid = make_grid(positions, error, header);
   if (!grid) header = {.form = form_exact, .width = {}, .zero = 0, .error = 0, .origin = {}, .quantisation_step = 0};
+  if (stated_error) *stated_error = header.error;
 
   Bytes payload;
   append_record(payload, header);
@@ -180,16 +197,29 @@ PackedChunk pack_positions(std::span<const dvec3> positions, double error) {
   return pack_payload(payload, positions.size());
 }
 
-PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins) {
+PackedChunk pack_centroids(std::span<const dvec3> centroids, double error, const Cube& cube) {
+  const dvec3 low = cube.origin - centroid_margin * cube.edge;
+  const dvec3 high = cube.origin + (1 + centroid_margin) * cube.edge;
+  const auto is_inside = [&](const dvec3& p) { return glm::clamp(p, low, high) == p; };
+  if (std::ranges::all_of(centroids, is_inside)) return pack_positions(centroids, std::min(error, cube.edge));
+  std::vector<dvec3> inside(centroids.begin(), centroids.end());
+  for (dvec3& p : inside) p = glm::clamp(p, low, high);
+  return pack_positions(inside, std::min(error, cube.edge));
+}
+
+PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins, StoredValues* result) {
   ValueHeader header{};
-  std::vector<float> rounded(stored.begin(), stored.end());
+  std::vector<float> values(stored.begin(), stored.end());
+  for (float& value : values)
+    if (!(std::abs(value) <= largest_stored_value)) value = std::bit_cast<float>(missing_value_bits);
+  std::vector<float> rounded = values;
   std::vector<std::uint32_t> codes(stored.size());
   if (!encode_on_grid(error, rounded, codes, header)) {
     header = {.form = form_exact, .width = sizeof(float), .zero = {}, .origin = 0, .quantisation_step = 0};
-    rounded.assign(stored.begin(), stored.end());
-    for (std::size_t i = 0; i < stored.size(); ++i)
-      codes[i] = std::isfinite(stored[i]) ? std::bit_cast<std::uint32_t>(stored[i]) : missing_value_bits;
+    rounded = values;
+    for (std::size_t i = 0; i < values.size(); ++i) codes[i] = std::bit_cast<std::uint32_t>(values[i]);
   }
+  if (result) *result = describe(rounded, bins, header);
   Bytes payload;
   append_record(payload, header);
   append_planes<std::uint32_t>(payload, codes, header.width);
@@ -203,10 +233,13 @@ PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const s
   return pack_payload(payload, depths.size());
 }
 
-Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
-                        std::string_view what) {
+namespace {
+
+// Unpacks points that lie within `margin` edges of the cube, and their stated error.
+Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out, const Cube& cube,
+                     double margin, std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
-  SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), what));
+  SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), cube.edge, what));
   auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
   std::vector<std::uint64_t> codes(out.size());
   for (int axis = 0; axis < 3; ++axis) {
@@ -218,10 +251,27 @@ Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> pack
                          ? header.origin[axis] + header.quantisation_step * static_cast<double>(codes[i])
                          : std::bit_cast<double>(codes[i]);
   }
-  const auto finite = [](const dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); };
-  if (!std::ranges::all_of(out, finite))
-    return fail(ErrorCode::invalid_data, "{}: a position is not finite [R17]", what);
+  // A cube that is small beside its distance from 0 has no exact other end. So distances are compared.
+  const double least = -margin * cube.edge - header.error, most = (1 + margin) * cube.edge + header.error;
+  bool inside = true;
+  for (const dvec3& p : out) {
+    const dvec3 from_origin = p - cube.origin;
+    for (int axis = 0; axis < 3; ++axis) inside = inside && from_origin[axis] >= least && from_origin[axis] <= most;
+  }
+  if (!inside) return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube [R17]", what);
   return {};
+}
+
+}  // namespace
+
+Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                        const Cube& cube, std::string_view what) {
+  return unpack_points(entry, packed, out, cube, 0, what);
+}
+
+Status unpack_centroids(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                        const Cube& cube, std::string_view what) {
+  return unpack_points(entry, packed, out, cube, centroid_margin, what);
 }
 
 Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
@@ -237,10 +287,12 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
   if (!valid || payload.size() != sizeof(ValueHeader) + out.size() * header.width)
     return fail(ErrorCode::invalid_data, "{}: bad header of values [R17]", what);
   const auto planes = std::span<const std::byte>(payload).subspan(sizeof(ValueHeader));
-  if (grid) return read_values_on_grid(header, planes, out, what);
-  read_planes<float>(planes, out);
-  if (std::ranges::any_of(out, [](float value) { return std::isinf(value); }))
-    return fail(ErrorCode::invalid_data, "{}: a value is infinite [R17]", what);
+  if (grid)
+    read_values_on_grid(header, planes, out);
+  else
+    read_planes<float>(planes, out);
+  if (std::ranges::any_of(out, [&](float value) { return value < entry.min || value > entry.max; }))
+    return fail(ErrorCode::invalid_data, "{}: a value is out of the range that its chunk states [R17]", what);
   return {};
 }
 
@@ -260,6 +312,12 @@ Result<double> stated_position_error(const ChunkEntry& entry, std::span<const st
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, "position"));
   if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
   return read_record<PositionHeader>(payload, 0).error;
+}
+
+Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, "value"));
+  if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
+  return error_of(read_record<ValueHeader>(payload, 0));
 }
 
 }  // namespace splatvol::format

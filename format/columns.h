@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -14,11 +15,20 @@
 
 namespace splatvol::format {
 
+/// Largest magnitude of a stored value. Differences of such values stay in the range of single precision.
+inline constexpr float largest_stored_value = 0x1p126F;
+
 /// Range and occupied bins of stored values. They tell whether a transfer function leaves anything visible.
 struct ValueSummary {
   float min = std::numeric_limits<float>::infinity();  // min > max: no present value
   float max = -std::numeric_limits<float>::infinity();
   std::uint64_t occupancy = 0;
+
+  /// Whether this is the range of stored values, or of none (spec 5).
+  [[nodiscard]] bool is_valid() const {
+    constexpr float none = std::numeric_limits<float>::infinity();
+    return (min == none && max == -none) || (-largest_stored_value <= min && min <= max && max <= largest_stored_value);
+  }
 
   void include(const ValueSummary& other) {
     min = std::min(min, other.min);
@@ -72,6 +82,16 @@ struct SplatValue {
   double coverage = 0;   // share of the mass that has a value, [0, 1]; 0: the other numbers mean nothing
 };
 
+/// Counts of values in each of the 64 bins.
+using Histogram = std::array<std::uint64_t, 64>;
+
+/// What pack_values did to the values of a chunk.
+struct StoredValues {
+  Histogram histogram{};      // of the values as they come back
+  std::uint64_t missing = 0;  // values that come back as missing
+  double error = 0;           // none differs by more from what comes back
+};
+
 /// A chunk ready to be written.
 struct PackedChunk {
   ChunkEntry entry;
@@ -79,28 +99,37 @@ struct PackedChunk {
 };
 
 /// Packs positions on a grid that moves no coordinate by more than `error` (>= 0, world units), or exactly if no such
-/// grid is shorter. Requires finite positions, at least one. Thread-safe, as are all functions here.
-[[nodiscard]] PackedChunk pack_positions(std::span<const dvec3> positions, double error);
+/// grid is shorter. Requires finite positions, at least one. Sets `stated_error` to the bound that the chunk states,
+/// unless it is null. Thread-safe, as are all functions here.
+[[nodiscard]] PackedChunk pack_positions(std::span<const dvec3> positions, double error,
+                                         double* stated_error = nullptr);
+
+/// Packs centroids in the same way, for a file with this cube. Moves those that are farther outside of the cube than a
+/// file may have them.
+[[nodiscard]] PackedChunk pack_centroids(std::span<const dvec3> centroids, double error, const Cube& cube);
 
 /// Packs stored values on a grid that moves none by more than `error` (>= 0), or exactly if no such grid is shorter.
-/// Values that are not finite become missing.
-[[nodiscard]] PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins);
+/// Values that are not finite, or beyond `largest_stored_value`, become missing. Fills `result` unless it is null.
+[[nodiscard]] PackedChunk pack_values(std::span<const float> stored, double error, const ValueBins& bins,
+                                      StoredValues* result = nullptr);
 
 /// Packs octant depths and counts. Requires spans of one length.
 [[nodiscard]] PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts);
 
-/// Packs shapes. Requires finite numbers and descending deviations. These come back:
+/// Packs shapes, for a file whose cube has this edge. Requires finite numbers and descending deviations. Cuts off what
+/// passes the bounds of a file: deviations at `edge`, and boundaries that lie farther away. The rest comes back:
 /// - mass and deviations within a factor 2^(1/256), unless they are under 2^-511 of the largest;
 /// - orientations so that the end of each axis moves towards a shorter axis by at most 1/16 of the shorter deviation.
 ///   20 bits suffice up to aspect ratios of 10^4. If the axes are the coordinate axes, they suffice for any aspect
 ///   ratio.
-[[nodiscard]] PackedChunk pack_moments(std::span<const SplatShape> shapes);
+[[nodiscard]] PackedChunk pack_moments(std::span<const SplatShape> shapes, double edge);
 
 /// Packs the distributions of a value. `summary` bounds the values of the material. Requires means in the range of
 /// single precision. These come back:
 /// - means within 0.07 deviations, or within 0.51 least_step (>= 0) if this is more; in single precision if means are
 ///   too far from each other for such steps. Means outside of `summary`, by rounding, are moved into it first;
-/// - deviations within a factor 2^(1/16), unless they are under 2^-8191 of the largest;
+/// - deviations within a factor 2^(1/16), unless they are under 2^-8191 of the largest. Those above the length of the
+///   range of `summary`, by rounding, become as large as it;
 /// - correlations within 1/30. Residuals follow from them;
 /// - coverages within 1/255. Only 0 becomes 0.
 [[nodiscard]] PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step,
@@ -109,18 +138,21 @@ struct PackedChunk {
 /// Packs directions of any length; 0 is no direction. The components of the unit vectors come back within 1/127.
 [[nodiscard]] PackedChunk pack_gradients(std::span<const vec3> directions);
 
-/// Unpack a chunk of as many points as `out` has. The numbers are finite and within the ranges above; a value may also
-/// be NaN. `what` begins the message of an error. Safe on untrusted `packed`: its hash is checked first. A `centroid`
-/// column is packed and unpacked as positions.
+/// Unpack a chunk of as many points as `out` has. The numbers are finite, within the ranges above, and within the
+/// bounds that the specification sets for a file with this cube, or with its edge (R17); a value may also be NaN.
+/// `what` begins the message of an error. Safe on untrusted `packed`: its hash is checked first. `entry` is as
+/// Volume::read_directory_page returns it.
 [[nodiscard]] Status unpack_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
-                                      std::string_view what);
+                                      const Cube& cube, std::string_view what);
+[[nodiscard]] Status unpack_centroids(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
+                                      const Cube& cube, std::string_view what);
 [[nodiscard]] Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                                    std::string_view what);
 [[nodiscard]] Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed,
                                     std::span<std::uint8_t> depths, std::span<std::uint8_t> counts,
                                     std::string_view what);
 [[nodiscard]] Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed,
-                                    std::span<SplatShape> out, std::string_view what);
+                                    std::span<SplatShape> out, double edge, std::string_view what);
 [[nodiscard]] Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed,
                                           std::span<SplatValue> out, std::string_view what);
 [[nodiscard]] Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
@@ -128,5 +160,8 @@ struct PackedChunk {
 
 /// Returns the bound on the position error that a packed chunk states, in world units.
 [[nodiscard]] Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed);
+
+/// Returns the bound on the error of stored values that follows from a packed chunk's form: 0 if it is exact.
+[[nodiscard]] Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed);
 
 }  // namespace splatvol::format

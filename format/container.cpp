@@ -44,6 +44,23 @@ Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
   return {};
 }
 
+void seal(Superblock& superblock) {
+  superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
+}
+
+Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEntry> sections) {
+  std::ranges::copy(is_step ? step_magic : magic, superblock.magic);
+  superblock.major_version = major_version;
+  superblock.minor_version = minor_version;
+  superblock.section_count = static_cast<std::uint32_t>(sections.size());
+  superblock.section_table_hash = hash_bytes(std::as_bytes(sections));
+  seal(superblock);
+  Bytes front;
+  append_record(front, superblock);
+  for (const SectionEntry& section : sections) append_record(front, section);
+  return front;
+}
+
 Result<std::shared_ptr<const Container>> Container::open(std::shared_ptr<CountedSource> source, Kind kind,
                                                          std::uint64_t begin, std::uint64_t bytes, std::string name) {
   std::shared_ptr<Container> container(new Container(std::move(source), kind, begin, std::move(name)));

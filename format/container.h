@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,6 +23,13 @@ struct CountedSource {
 
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
 };
+
+/// Puts the hash of the superblock's other fields into it.
+void seal(Superblock& superblock);
+
+/// Returns the superblock and the section table of a file or a step. Sets magic, version, counts and hashes; the other
+/// fields of `superblock` are the caller's: lengths, and those of a series.
+[[nodiscard]] Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEntry> sections);
 
 /// A range of a file that begins with a superblock and a section table. Holds its preamble, and reads everything else
 /// on demand. Offsets are from the beginning of the range. Thread-safe.

@@ -193,6 +193,10 @@ bool encode_orientations(const ShapeLanes& shapes, int bits, LaneBits& codes) {
 
 constexpr double boundary_scale = 128;
 constexpr int largest_boundary_code = 511;
+
+// Bounds of a file (spec 8). Codes move the foot of a boundary by less than the rest of the edge.
+constexpr double largest_foot = 0.95;    // edges, from the centroid, of a writer
+constexpr double largest_mass = 0x1p64;  // cubes of the edge
 constexpr double densities_per_octave = 32;
 constexpr int density_one = 128;
 
@@ -397,15 +401,18 @@ PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, cons
   return sizes;
 }
 
+// Returns the length of the range of values; 0 if there is none. No deviation and no least step is larger.
+double length_of(float min, float max) { return min <= max ? double{max} - double{min} : 0; }
+
 // Leaves out the values of material without a value, and moves means into the range of `summary`: otherwise rounding
-// could put a mean where a transfer function is not expected to show it.
+// could put a mean where a transfer function is not expected to show it. Bounds deviations by the length of the range.
 std::vector<SplatValue> within(const ValueSummary& summary, std::span<const SplatValue> values) {
   std::vector<SplatValue> present(values.begin(), values.end());
   for (SplatValue& value : present) {
-    if (value.coverage > 0)
-      value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
-    else
-      value = {};
+    if (!(value.coverage > 0)) value = {};
+    if (!(value.coverage > 0)) continue;
+    value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
+    value.deviation = std::min(value.deviation, length_of(summary.min, summary.max));
   }
   return present;
 }
@@ -428,7 +435,22 @@ std::vector<std::uint16_t> encode_deviations(std::span<const SplatValue> values,
 
 }  // namespace
 
-PackedChunk pack_moments(std::span<const SplatShape> shapes) {
+namespace {
+
+// Returns the shape within the bounds of a file.
+SplatShape within(SplatShape shape, double edge) {
+  shape.mass = std::min(shape.mass, largest_mass * edge * edge * edge);
+  shape.deviations = glm::min(shape.deviations, dvec3(edge));
+  const double foot = glm::length(shape.deviations * (shape.boundary / edge));
+  if (foot > largest_foot) shape.boundary *= largest_foot / foot;
+  return shape;
+}
+
+}  // namespace
+
+PackedChunk pack_moments(std::span<const SplatShape> all_shapes, double edge) {
+  std::vector<SplatShape> shapes(all_shapes.begin(), all_shapes.end());
+  for (SplatShape& shape : shapes) shape = within(shape, edge);
   MomentsHeader header{};
   for (const SplatShape& shape : shapes) {
     header.mass_scale = std::max(header.mass_scale, shape.mass);
@@ -458,7 +480,7 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes) {
 PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step, const ValueSummary& summary) {
   const std::vector<SplatValue> present = within(summary, values);
   ValueMomentsHeader header{};
-  header.least_step = std::min(least_step, std::numeric_limits<double>::max());
+  header.least_step = std::min(least_step, length_of(summary.min, summary.max));
   std::vector<double> decoded(present.size());
   const std::vector<std::uint16_t> deviations = encode_deviations(present, header, decoded);
   std::vector<std::uint32_t> means(present.size());
@@ -493,8 +515,25 @@ PackedChunk pack_gradients(std::span<const vec3> directions) {
   return pack_payload(payload, directions.size());
 }
 
+namespace {
+
+// Checks the bounds that the specification sets for the shapes of a file.
+Status check_bounds(const MomentsHeader& header, std::span<const SplatShape> shapes, double edge,
+                    std::string_view what) {
+  if (header.deviation_scale > edge || header.mass_scale > largest_mass * edge * edge * edge)
+    return fail(ErrorCode::invalid_data, "{}: material larger than the cube [R17]", what);
+  const auto is_beyond = [&](const SplatShape& shape) {
+    return shape.boundary != dvec3(0) && !(squared_length(shape.deviations * (shape.boundary / edge)) <= 1);
+  };
+  if (std::ranges::any_of(shapes, is_beyond))
+    return fail(ErrorCode::invalid_data, "{}: a boundary is farther away than an edge of the cube [R17]", what);
+  return {};
+}
+
+}  // namespace
+
 Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
-                      std::string_view what) {
+                      double edge, std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<MomentsHeader>(payload, what));
   const std::size_t width = header.orientation_width;
@@ -525,16 +564,19 @@ Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed
   if (!descending) return fail(ErrorCode::invalid_data, "{}: deviations do not descend [R17]", what);
   if (farthest > largest_boundary_code)
     return fail(ErrorCode::invalid_data, "{}: a boundary is out of range [R17]", what);
-  return {};
+  return check_bounds(header, out, edge, what);
 }
 
 namespace {
 
-bool is_valid(const ValueMomentsHeader& header, std::size_t payload_bytes, std::size_t points) {
+bool is_valid(const ValueMomentsHeader& header, const ChunkEntry& entry, std::size_t payload_bytes,
+              std::size_t points) {
+  const double length = length_of(entry.min, entry.max);
   const bool steps = header.form == form_steps && header.width <= 3;
   const bool exact = header.form == form_exact && header.width == sizeof(float);
-  return (steps || exact) && header.deviation_width <= 2 && std::isfinite(header.origin) &&
-         is_scale(header.least_step) && is_scale(header.deviation_scale) && all_zero(header.zero) &&
+  return (steps || exact) && header.deviation_width <= 2 && header.least_step <= length &&
+         header.deviation_scale <= length && std::isfinite(header.origin) && is_scale(header.least_step) &&
+         is_scale(header.deviation_scale) && all_zero(header.zero) &&
          payload_bytes == sizeof(ValueMomentsHeader) + points * (header.width + header.deviation_width + 4U);
 }
 
@@ -564,7 +606,7 @@ Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> 
                             std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
-  if (!is_valid(header, payload.size(), out.size()))
+  if (!is_valid(header, entry, payload.size(), out.size()))
     return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
 
   const std::size_t width = header.width, correlations = width + header.deviation_width;

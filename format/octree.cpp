@@ -355,6 +355,8 @@ Result<std::vector<ValueSummary>> unpack_summaries(const IndexPagePart& part, st
   for (std::size_t node = 0; node < nodes; ++node)
     summaries.push_back({read_record<float>(raw, node * 4), read_record<float>(raw, (nodes + node) * 4),
                          read_record<std::uint64_t>(raw, (nodes + node) * 8)});
+  if (!std::ranges::all_of(summaries, &ValueSummary::is_valid))
+    return fail(ErrorCode::invalid_data, "{}: a range of values is out of range [R13]", what);
   return summaries;
 }
 

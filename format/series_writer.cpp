@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/append_file.h"
+#include "format/container.h"
 #include "format/series_index.h"
 
 namespace splatvol::format {
@@ -87,10 +88,6 @@ Footer make_footer(std::uint64_t file_bytes, std::uint64_t table_hash) {
   footer.table_hash = table_hash;
   footer.hash = hash_bytes(std::as_bytes(std::span(&footer, 1)).first(offsetof(Footer, hash)));
   return footer;
-}
-
-void seal(Superblock& superblock) {
-  superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
 }
 
 Status append_steps(const std::string& path, const Volume& volume, std::span<const std::unique_ptr<StepWriter>> steps) {

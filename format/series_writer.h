@@ -40,9 +40,6 @@ class StepDirectory {
 /// Returns the footer of a file with this superblock and section table.
 [[nodiscard]] Footer make_footer(std::uint64_t file_bytes, std::uint64_t table_hash);
 
-/// Sets `hash` to that of the superblock's other fields.
-void seal(Superblock& superblock);
-
 /// Appends steps to the series in a file. Writes them behind the file's end, and then changes the superblock: until
 /// then, and if this is interrupted, the file stays as it was, with bytes behind its end. Cuts off the bytes that an
 /// interrupted append has left. Fails if:

@@ -4,6 +4,8 @@
 #include <array>
 #include <limits>
 
+#include "format/container.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -116,18 +118,9 @@ void StepWriter::add_sections(const Bytes& directory_root) {
 // The superblock and the section table.
 Bytes StepWriter::pack_front() const {
   Superblock superblock{};
-  std::ranges::copy(step_magic, superblock.magic);
-  superblock.major_version = major_version;
-  superblock.minor_version = minor_version;
   superblock.file_bytes = end_;
   superblock.preamble_bytes = choose_preamble_bytes(end_, rows_offset_, directory_.resolution_ends());
-  superblock.section_count = static_cast<std::uint32_t>(sections_.size());
-  superblock.section_table_hash = hash_bytes(std::as_bytes(std::span(sections_)));
-  superblock.hash = hash_bytes(std::as_bytes(std::span(&superblock, 1)).first(offsetof(Superblock, hash)));
-  Bytes front;
-  append_record(front, superblock);
-  for (const SectionEntry& section : sections_) append_record(front, section);
-  return front;
+  return format::pack_front(superblock, true, sections_);
 }
 
 Result<StepEntry> StepWriter::write(std::uint64_t offset, const Append& append) {

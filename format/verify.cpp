@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
+#include <limits>
 
 #include "format/volume.h"
 
@@ -14,7 +14,7 @@ class Volume::Verifier {
       : volume_(volume),
         info_(volume.info_),
         progress_(progress),
-        present_(info_.attributes.size()),
+        histograms_(info_.attributes.size()),
         missing_(info_.attributes.size()) {}
 
   Status run() {
@@ -184,11 +184,11 @@ class Volume::Verifier {
       }
       case ColumnKind::centroid: {
         std::vector<dvec3> centroids(points);
-        return unpack_positions(location.entry, packed, centroids, what);
+        return unpack_centroids(location.entry, packed, centroids, info_.cube, what);
       }
       case ColumnKind::moments: {
         std::vector<SplatShape> shapes(points);
-        return unpack_moments(location.entry, packed, shapes, what);
+        return unpack_moments(location.entry, packed, shapes, info_.cube.edge, what);
       }
       case ColumnKind::value_moments: {
         std::vector<SplatValue> values(points);
@@ -209,14 +209,10 @@ class Volume::Verifier {
   Status check_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
                          const std::string& what) const {
     std::vector<dvec3> positions(points);
-    SPLATVOL_TRY(unpack_positions(entry, packed, positions, what));
+    SPLATVOL_TRY(unpack_positions(entry, packed, positions, info_.cube, what));
     SPLATVOL_TRY_ASSIGN(error, stated_position_error(entry, packed));
-    const dvec3 low = info_.cube.origin - error;
-    const dvec3 high = info_.cube.origin + info_.cube.edge + error;
-    for (const dvec3& p : positions)
-      for (int axis = 0; axis < 3; ++axis)
-        if (p[axis] < low[axis] || p[axis] > high[axis])
-          return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube", what);
+    if (error > info_.position_error)
+      return fail(ErrorCode::invalid_data, "{}: states a larger error than the metadata", what);
     return {};
   }
 
@@ -228,11 +224,14 @@ class Volume::Verifier {
     const ValueSummary summary = bins.summarize(values);
     if (summary.min != entry.min || summary.max != entry.max || summary.occupancy != entry.occupancy)
       return fail(ErrorCode::invalid_data, "{}: range or occupancy is wrong", what);
+    SPLATVOL_TRY_ASSIGN(error, stated_value_error(entry, packed));
+    if (error * info_.attributes[attribute].scale > info_.attributes[attribute].error)
+      return fail(ErrorCode::invalid_data, "{}: has a larger error than the metadata state", what);
     for (const float value : values) {
       if (std::isnan(value))
         ++missing_[attribute];
       else
-        ++present_[attribute];
+        ++histograms_[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
     }
     return {};
   }
@@ -241,10 +240,8 @@ class Volume::Verifier {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) < 0) continue;
-      // Rounding moves values between bins, but not into or out of all of them.
-      const auto in_bins = [](const auto& bins) { return std::reduce(bins.begin(), bins.end()); };
       if (missing_[attribute] != info_.attributes[attribute].missing ||
-          (!histograms.empty() && present_[attribute] != in_bins(histograms[attribute])))
+          (!histograms.empty() && histograms_[attribute] != histograms[attribute]))
         return fail(ErrorCode::invalid_data, "{}: histogram or number of missing values of '{}' is wrong",
                     volume_.name(), info_.attributes[attribute].name);
     }
@@ -262,7 +259,7 @@ class Volume::Verifier {
   const std::function<void(double)>& progress_;
   std::vector<std::pair<std::uint64_t, std::uint64_t>> pages_;  // offset, bytes
   std::uint64_t page_bytes_ = 0;                                // of all in pages_
-  std::vector<std::uint64_t> present_;                          // values that were read, by attribute
+  Histograms histograms_;                                       // of the values that were read
   std::vector<std::uint64_t> missing_;                          // by attribute
 };
 
@@ -274,12 +271,22 @@ Status Volume::verify(const std::function<void(double)>& progress) const {
     };
   };
   const std::function<void(double)> of_file = part(0);
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<StepRange> ranges(series_ ? series_->ranges.size() : 0, StepRange{nan, nan});
   SPLATVOL_TRY(Verifier(*this, of_file).run());
   for (std::size_t step = 0; step < steps; ++step) {
     SPLATVOL_TRY_ASSIGN(volume, at_step(step));
     const std::function<void(double)> of_step = part(step + 1);
     SPLATVOL_TRY(Verifier(*volume, of_step).run_step());
+    for (std::size_t a = 0; a < ranges.size(); ++a) {
+      ranges[a].min = std::fmin(ranges[a].min, volume->info().attributes[a].min);
+      ranges[a].max = std::fmax(ranges[a].max, volume->info().attributes[a].max);
+    }
   }
+  const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
+  for (std::size_t a = 0; a < ranges.size(); ++a)
+    if (!same(ranges[a].min, series_->ranges[a].min) || !same(ranges[a].max, series_->ranges[a].max))
+      return broken("the step directory has a range that is not that of the steps [R18]");
   return {};
 }
 

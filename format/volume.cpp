@@ -12,6 +12,11 @@ namespace {
 // read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 
+bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
+  if (kind != ColumnKind::value && kind != ColumnKind::value_moments) return true;
+  return ValueSummary{entry.min, entry.max, entry.occupancy}.is_valid();
+}
+
 }  // namespace
 
 std::size_t Series::nearest(double time) const {
@@ -149,8 +154,12 @@ Status Volume::check_entries(const Series& series) const {
   if (end != file_->superblock().step_directory) return broken("the steps do not tile the file [R18]");
   if (series.steps.empty()) return broken("a series without steps [R18]");
   for (std::size_t i = 0; i < series.steps.size(); ++i)
-    if (!std::isfinite(series.steps[i].time) || (i > 0 && !(series.steps[i].time > series.steps[i - 1].time)))
-      return broken("the times of the steps do not rise [R19]");
+    if (!(std::abs(series.steps[i].time) <= largest_time) ||
+        (i > 0 && !(series.steps[i].time > series.steps[i - 1].time)))
+      return broken("the times of the steps do not rise, or are out of range [R19]");
+  for (const StepRange& range : series.ranges)
+    if (!(std::isnan(range.min) && std::isnan(range.max)) && !is_range(range.min, range.max))
+      return broken("the step directory has a range that is none [R18]");
   return {};
 }
 
@@ -371,12 +380,15 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
   std::size_t at = sizeof(std::uint64_t);
   for (std::uint64_t row = result.first_row; at < bytes.size(); ++row) {
     const std::uint64_t points = rows.group(rows.group_of_row(row)).count;
-    for (std::size_t c = 0; c < rows.columns_of_row(row).size(); ++c, at += sizeof(ChunkEntry)) {
+    for (const int column : rows.columns_of_row(row)) {
       const auto entry = read_record<ChunkEntry>(bytes, at);
+      at += sizeof(ChunkEntry);
       if (entry.packed_bytes == 0 || entry.packed_bytes > end - offset)
         return container.broken("a chunk passes the rows [R12]");
       if (entry.unpacked_bytes > 64 + 64 * points || entry.packed_bytes > entry.unpacked_bytes)
         return container.broken("a chunk is too large [R10]");
+      if (!has_valid_range(entry, info_.columns[static_cast<std::size_t>(directory.first_column + column)].kind))
+        return container.broken("a chunk states a range of values that is out of range [R10]");
       result.chunks.push_back({container.begin() + offset, entry});
       offset += entry.packed_bytes;
     }

@@ -65,6 +65,12 @@ double finite(const json& node, const char* key) {
   return node.get<double>();
 }
 
+double bounded(const json& node, const char* key, double largest) {
+  const double number = finite(node, key);
+  require(std::abs(number) <= largest, fmt::format("'{}' is beyond {:g}", key, largest));
+  return number;
+}
+
 std::uint64_t whole(const json& node, const char* key, std::uint64_t least, std::uint64_t most) {
   const bool valid =
       node.is_number_unsigned() && node.get<std::uint64_t>() >= least && node.get<std::uint64_t>() <= most;
@@ -85,10 +91,10 @@ Cube read_cube(const json& node) {
   Cube cube;
   const json& origin = list(node, "origin");
   require(origin.size() == 3, "'origin' is not a list of three numbers");
-  for (int axis = 0; axis < 3; ++axis) cube.origin[axis] = finite(origin[static_cast<std::size_t>(axis)], "origin");
-  cube.edge = finite(member(node, "edge"), "edge");
-  require(cube.edge > 0, "'edge' is not above 0");
-  for (int axis = 0; axis < 3; ++axis) require(std::isfinite(cube.origin[axis] + cube.edge), "'cube' is not finite");
+  for (int axis = 0; axis < 3; ++axis)
+    cube.origin[axis] = bounded(origin[static_cast<std::size_t>(axis)], "origin", largest_length);
+  cube.edge = bounded(member(node, "edge"), "edge", largest_length);
+  require(cube.edge >= least_length, fmt::format("'edge' is below {:g}", least_length));
   return cube;
 }
 
@@ -96,17 +102,19 @@ Attribute read_attribute(const json& node) {
   Attribute attribute;
   attribute.name = text(node, "name");
   attribute.unit = text(node, "unit");
-  attribute.offset = finite(member(node, "offset"), "offset");
-  attribute.scale = finite(member(node, "scale"), "scale");
+  attribute.offset = bounded(member(node, "offset"), "offset", largest_value);
+  attribute.scale = bounded(member(node, "scale"), "scale", largest_value);
   require(attribute.scale > 0, "'scale' is not above 0");
   attribute.min = finite_or_null(node, "min");
   attribute.max = finite_or_null(node, "max");
   attribute.missing = whole_member(node, "missing", 0, max_points);
-  require(std::isnan(attribute.min) == std::isnan(attribute.max) && !(attribute.min > attribute.max),
-          "'min' and 'max' disagree");
+  attribute.error = finite(member(node, "error"), "error");
+  require(attribute.error >= 0, "'error' is below 0");
+  const bool none = std::isnan(attribute.min) && std::isnan(attribute.max);
+  require(none || attribute.min <= attribute.max, "'min' and 'max' disagree");
   const ValueBins bins = bins_of(attribute);
-  require(std::isnan(attribute.min) ||
-              (std::isfinite(bins.min) && std::isfinite(bins.max) && std::isfinite(bins.max - bins.min)),
+  require(none || (is_range(attribute.min, attribute.max) && std::abs(bins.min) <= double{largest_stored_value} &&
+                   std::abs(bins.max) <= double{largest_stored_value}),
           "'min' and 'max' are out of range");
   return attribute;
 }
@@ -161,6 +169,22 @@ std::vector<Attribute> read_attributes(const json& nodes, std::uint64_t points) 
   return attributes;
 }
 
+// Reads other names of attributes. All names together are unique.
+std::vector<Alias> read_aliases(const json& nodes, const std::vector<Attribute>& attributes) {
+  std::vector<Alias> aliases;
+  std::vector<std::string> names;
+  for (const Attribute& attribute : attributes) names.push_back(attribute.name);
+  require(attributes.empty() ? nodes.empty() : nodes.size() <= max_attributes, "'aliases' is too long");
+  for (const json& node : nodes) {
+    const std::uint64_t attribute = whole_member(node, "attribute", 0, attributes.size() - 1);
+    aliases.push_back({text(node, "name"), static_cast<int>(attribute)});
+    names.push_back(aliases.back().name);
+  }
+  if (const auto duplicate = find_duplicate(std::move(names)))
+    throw RuleBroken(fmt::format("alias '{}': the name appears twice", *duplicate));
+  return aliases;
+}
+
 std::vector<SeriesAttribute> read_series(const json& nodes) {
   std::vector<SeriesAttribute> attributes;
   std::vector<std::string> names;
@@ -203,7 +227,10 @@ VolumeInfo read_info(const json& root) {
       static_cast<std::uint32_t>(whole_member(reduction, "leaf_points", 1, std::numeric_limits<std::uint32_t>::max()));
 
   info.attributes = read_attributes(list(root, "attributes"), info.point_count());
+  if (root.contains("aliases")) info.aliases = read_aliases(list(root, "aliases"), info.attributes);
   info.columns = read_columns(list(root, "columns"), info.attributes.size());
+  info.position_error = finite(member(root, "position_error"), "position_error");
+  require(info.position_error >= 0, "'position_error' is below 0");
   require(info.find_column(ColumnKind::position) >= 0, "'columns' has no position");
   if (root.contains("series")) {
     info.series = read_series(list(root, "series"));
@@ -245,7 +272,8 @@ json to_json(const Attribute& attribute) {
           {"scale", attribute.scale},
           {"min", number_or_null(attribute.min)},
           {"max", number_or_null(attribute.max)},
-          {"missing", attribute.missing}};
+          {"missing", attribute.missing},
+          {"error", attribute.error}};
 }
 
 json to_json(const Column& column) {
@@ -270,7 +298,7 @@ json to_json(const StepInfo& step) {
 
 StepInfo read_step(const json& root, const VolumeInfo& info) {
   StepInfo step;
-  step.time = finite(member(root, "time"), "time");
+  step.time = bounded(member(root, "time"), "time", largest_time);
   step.attributes = read_attributes(list(root, "attributes"), info.point_count());
   require(info.series.has_value() && std::ranges::equal(step.attributes, *info.series,
                                                         [](const Attribute& a, const SeriesAttribute& b) {
@@ -293,8 +321,11 @@ json to_json(const VolumeInfo& info) {
   root["points_per_chunk"] = info.points_per_chunk;
   root["rows_per_directory_page"] = info.rows_per_directory_page;
   root["reduction"] = {{"method", info.reduction_method}, {"leaf_points", info.leaf_points}};
+  root["position_error"] = info.position_error;
   root["attributes"] = json::array();
   for (const Attribute& attribute : info.attributes) root["attributes"].push_back(to_json(attribute));
+  for (const Alias& alias : info.aliases)
+    root["aliases"].push_back({{"name", alias.name}, {"attribute", alias.attribute}});
   root["columns"] = json::array();
   for (const Column& column : info.columns) root["columns"].push_back(to_json(column));
   root["size_bounds"] = info.size_bounds;
@@ -327,7 +358,9 @@ int VolumeInfo::find_column(ColumnKind kind, int attribute) const {
 
 int VolumeInfo::find_attribute(const std::string& name) const {
   const auto found = std::ranges::find(attributes, name, &Attribute::name);
-  return found == attributes.end() ? -1 : static_cast<int>(found - attributes.begin());
+  if (found != attributes.end()) return static_cast<int>(found - attributes.begin());
+  const auto alias = std::ranges::find(aliases, name, &Alias::name);
+  return alias == aliases.end() ? -1 : alias->attribute;
 }
 
 Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name) {
@@ -335,6 +368,7 @@ Result<int> find_attribute(const VolumeInfo& info, const std::string& name, cons
   if (index >= 0) return index;
   std::vector<std::string> names;
   for (const Attribute& attribute : info.attributes) names.push_back(attribute.name);
+  for (const Alias& alias : info.aliases) names.push_back(alias.name);
   return fail_no_attribute(file_name, name, names);
 }
 

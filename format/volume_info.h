@@ -13,6 +13,17 @@
 
 namespace splatvol::format {
 
+/// Bounds of numbers in a file (spec 4): their products stay in the range of double precision.
+inline constexpr double largest_value = 1e102;  // magnitude of values, offsets and scales
+inline constexpr double largest_length = 1e60;  // magnitude of coordinates of the cube, and its edge
+inline constexpr double least_length = 1e-60;   // of the edge
+inline constexpr double largest_time = 1e300;   // magnitude
+
+/// Whether two numbers are the ends of a range of values.
+[[nodiscard]] inline bool is_range(double min, double max) {
+  return -largest_value <= min && min <= max && max <= largest_value;
+}
+
 struct Attribute {
   std::string name;
   std::string unit;
@@ -21,6 +32,7 @@ struct Attribute {
   double min = std::numeric_limits<double>::quiet_NaN();  // of the values; NaN if none is present
   double max = std::numeric_limits<double>::quiet_NaN();
   std::uint64_t missing = 0;
+  double error = 0;  // no value differs by more from the input's, besides rounding to single precision of stored values
 
   /// Convert between values and stored values.
   [[nodiscard]] double value(double stored) const { return offset + scale * stored; }
@@ -36,6 +48,14 @@ struct Attribute {
 [[nodiscard]] inline ValueBins bins_of(const Attribute& attribute) {
   return {attribute.stored(attribute.min), attribute.stored(attribute.max)};
 }
+
+/// Another name of an attribute: the input has the same values, bit by bit, under both.
+struct Alias {
+  std::string name;
+  int attribute = 0;  // index
+
+  [[nodiscard]] bool operator==(const Alias&) const = default;
+};
 
 /// An attribute of a time series. Ranges and offsets are those of each step.
 struct SeriesAttribute {
@@ -64,7 +84,9 @@ struct VolumeInfo {
   std::uint32_t rows_per_directory_page = 256;
   std::string reduction_method = "octree";
   std::uint32_t leaf_points = 8;
+  double position_error = 0;  // no coordinate of a point differs by more from the input's
   std::vector<Attribute> attributes;
+  std::vector<Alias> aliases;
   std::vector<Column> columns;
   std::vector<std::string> size_bounds = {"octant"};
   std::string provenance = "{}";  // a JSON object
@@ -80,12 +102,12 @@ struct VolumeInfo {
   /// Returns the index of a column, -1 if the file does not have it.
   [[nodiscard]] int find_column(ColumnKind kind, int attribute = -1) const;
 
-  /// Returns the index of an attribute, -1 if the file does not have it.
+  /// Returns the index of an attribute, by its name or an alias; -1 if the file does not have it.
   [[nodiscard]] int find_attribute(const std::string& name) const;
 };
 
-/// Returns the index of an attribute. Fails with invalid_argument if there is none of this name; the message begins
-/// with `file_name` and lists the attributes of the file.
+/// Returns the index of an attribute, by its name or an alias. Fails with invalid_argument if there is none of this
+/// name; the message begins with `file_name` and lists the attributes and aliases of the file.
 [[nodiscard]] Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name);
 
 /// Write and read the metadata (spec section 4). Both check every rule of this section, so that everything written can

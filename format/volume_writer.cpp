@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "format/container.h"
 #include "format/series_writer.h"
 
 namespace splatvol::format {
@@ -184,20 +185,11 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& directory_root, c
 // The superblock and the section table.
 Bytes VolumeWriter::pack_section_table() const {
   Superblock superblock{};
-  std::ranges::copy(magic, superblock.magic);
-  superblock.major_version = major_version;
-  superblock.minor_version = minor_version;
   superblock.file_bytes = file_bytes_;
   superblock.critical_features = info_.series ? series_feature : 0;
   superblock.step_directory = step_directory_;
   superblock.preamble_bytes = choose_preamble_bytes(shared_bytes_, rows_offset_, directory_.resolution_ends());
-  superblock.section_count = static_cast<std::uint32_t>(sections_.size());
-  superblock.section_table_hash = hash_bytes(std::as_bytes(std::span(sections_)));
-  seal(superblock);
-  Bytes table;
-  append_record(table, superblock);
-  for (const SectionEntry& section : sections_) append_record(table, section);
-  return table;
+  return pack_front(superblock, false, sections_);
 }
 
 }  // namespace splatvol::format

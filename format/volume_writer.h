@@ -18,8 +18,8 @@
 
 namespace splatvol::format {
 
-/// Counts of values in each of the 64 bins, for each attribute.
-using Histograms = std::vector<std::array<std::uint64_t, 64>>;
+/// [attribute]: of the values as stored.
+using Histograms = std::vector<Histogram>;
 
 /// Writes a file row by row, in row order. The file gets its name in `finish`. Holds some MiB, however many rows there
 /// are. Not thread-safe; the chunks may be packed on several threads beforehand.

@@ -82,13 +82,14 @@ std::uint64_t largest_payload(ColumnKind kind, std::uint64_t points) {
 }
 
 Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& entry, std::span<const std::byte> packed,
-                                  std::uint32_t points, double edge, std::string_view what) {
-  const double length = drawing_length(edge);
+                                  std::uint32_t points, const Cube& cube, std::string_view what) {
+  const double length = drawing_length(cube.edge);
   switch (kind) {
     case ColumnKind::position:
     case ColumnKind::centroid: {
       std::vector<dvec3> positions(points);
-      SPLATVOL_TRY(format::unpack_positions(entry, packed, positions, what));
+      const auto unpack = kind == ColumnKind::position ? format::unpack_positions : format::unpack_centroids;
+      SPLATVOL_TRY(unpack(entry, packed, positions, cube, what));
       return DecodedChunk(std::move(positions));
     }
     case ColumnKind::value: {
@@ -101,7 +102,7 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
       SPLATVOL_TRY(format::unpack_octants(entry, packed, depths, counts, what));
       std::vector<float> sizes(points);
       for (std::size_t i = 0; i < sizes.size(); ++i)
-        sizes[i] = static_cast<float>(std::ldexp(edge / length, -depths[i]) / std::cbrt(counts[i]));
+        sizes[i] = static_cast<float>(std::ldexp(cube.edge / length, -depths[i]) / std::cbrt(counts[i]));
       return DecodedChunk(std::move(sizes));
     }
     case ColumnKind::gradient:
@@ -110,7 +111,10 @@ Result<DecodedChunk> decode_chunk(ColumnKind kind, const format::ChunkEntry& ent
           pack_direction);
     case ColumnKind::moments:
       return decode_each<format::SplatShape>(
-          points, [&](std::span<format::SplatShape> out) { return format::unpack_moments(entry, packed, out, what); },
+          points,
+          [&](std::span<format::SplatShape> out) {
+            return format::unpack_moments(entry, packed, out, cube.edge, what);
+          },
           [&](const format::SplatShape& shape) { return compact(shape, length); });
     case ColumnKind::value_moments:
       return decode_each<format::SplatValue>(

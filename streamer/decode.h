@@ -47,12 +47,12 @@ using DecodedChunk = std::variant<std::vector<dvec3>, std::vector<float>, std::v
 /// Returns the most bytes that the payload of a chunk can have.
 [[nodiscard]] std::uint64_t largest_payload(format::ColumnKind kind, std::uint64_t points);
 
-/// Checks and decodes a chunk. Fails with unsupported for an unknown kind. `edge` is that of the file's cube. Positions
-/// stay in world units; other lengths are in units of drawing_length(edge). `what` begins the message of an error. Safe
+/// Checks and decodes a chunk. Fails with unsupported for an unknown kind. `cube`: the file's. Positions stay in
+/// world units; other lengths are in units of drawing_length(cube.edge). `what` begins the message of an error. Safe
 /// on untrusted bytes. Thread-safe.
 [[nodiscard]] Result<DecodedChunk> decode_chunk(format::ColumnKind kind, const format::ChunkEntry& entry,
-                                                std::span<const std::byte> packed, std::uint32_t points, double edge,
-                                                std::string_view what);
+                                                std::span<const std::byte> packed, std::uint32_t points,
+                                                const Cube& cube, std::string_view what);
 
 /// Converts to single precision, in units of `length`. Keeps x, y and z of the quaternion, after turning it by 180
 /// degrees about a principal axis if w is under 1/2.

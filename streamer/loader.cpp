@@ -83,7 +83,7 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
     }
     const ChunkLoad& chunk = part.chunk();
     const auto packed = std::span(*bytes).subspan(chunk.location.offset - begin, chunk.location.entry.packed_bytes);
-    auto decoded = decode_chunk(chunk.kind, chunk.location.entry, packed, chunk.points, volume.info().cube.edge,
+    auto decoded = decode_chunk(chunk.kind, chunk.location.entry, packed, chunk.points, volume.info().cube,
                                 describe(volume, part));
     if (decoded)
       part.data = CacheData(std::move(*decoded));

@@ -49,7 +49,7 @@ Result<std::vector<double>> sum_masses(const format::Volume& volume, const forma
     const format::ChunkLocation& location = volume.find_chunk(directory, row, column);
     SPLATVOL_TRY_ASSIGN(packed, volume.read_bytes(location.offset, location.entry.packed_bytes));
     shapes.resize(rows.group(rows.group_of_row(row)).count);
-    SPLATVOL_TRY(format::unpack_moments(location.entry, packed, shapes, volume.name()));
+    SPLATVOL_TRY(format::unpack_moments(location.entry, packed, shapes, volume.info().cube.edge, volume.name()));
     for (const format::SplatShape& shape : shapes) sums.push_back(sums.back() + shape.mass);
   }
   return sums;

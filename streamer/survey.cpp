@@ -74,12 +74,20 @@ Result<SurveyShapes> survey_shapes(const format::Volume& volume, std::uint64_t m
   if (std::min(centroid, moments) < 0) return no_moments(volume);
   SurveyShapes found;
   found.resolution = survey_resolution(info, most_splats);
+  const auto unpack_centroids = [&](const format::ChunkEntry& entry, const format::Bytes& packed, std::span<dvec3> out,
+                                    const std::string& what) {
+    return format::unpack_centroids(entry, packed, out, info.cube, what);
+  };
+  const auto unpack_shapes = [&](const format::ChunkEntry& entry, const format::Bytes& packed,
+                                 std::span<format::SplatShape> out, const std::string& what) {
+    return format::unpack_moments(entry, packed, out, info.cube.edge, what);
+  };
   RowReader reader(volume);
   for (std::uint64_t group = 0; found.centroids.size() < info.resolution_counts[found.resolution]; ++group) {
     const std::uint64_t row = volume.rows().row(found.resolution, group);
     const std::uint32_t count = volume.rows().group(group).count;
-    SPLATVOL_TRY(reader.append(row, count, centroid, &format::unpack_positions, found.centroids));
-    SPLATVOL_TRY(reader.append(row, count, moments, &format::unpack_moments, found.shapes));
+    SPLATVOL_TRY(reader.append(row, count, centroid, unpack_centroids, found.centroids));
+    SPLATVOL_TRY(reader.append(row, count, moments, unpack_shapes, found.shapes));
   }
   return found;
 }

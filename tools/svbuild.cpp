@@ -36,6 +36,7 @@ struct Options {
   std::vector<std::string> columns;
   std::optional<double> time;
   bool gradients = false;
+  bool exact = false;
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
   std::vector<double> missing;
@@ -124,6 +125,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
+  for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
@@ -143,6 +145,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
     fmt::print("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
                notes.times.front(), notes.times.back());
   for (const std::string& conversion : notes.conversions) fmt::print("  {}\n", conversion);
+  for (const auto& [name, same] : report.aliases)
+    fmt::print("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
   if (notes.memory < report.least_memory)
     fmt::print("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
@@ -154,6 +158,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
   build_options.gradients = options.gradients;
+  build_options.exact = {.positions = options.exact, .values = options.exact};
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   build_options.memory = memory_limit() / 4;
@@ -305,6 +310,10 @@ void add_format_options(CLI::App& app, Options& options) {
   app.add_flag("--gradients", options.gradients,
                "Keep the direction of each attribute's gradient at the points, about 3 bytes each: svrender --kernel "
                "octant needs it for scenes with lighting");
+  app.add_flag("--exact", options.exact,
+               "Store positions and values as they are given, values in single precision: without it, a position may "
+               "move by 1/64 of the smallest deviation of the splats around, and a value by 1/16 of theirs. The file "
+               "becomes larger, pictures stay the same");
   app.add_option("--up", options.up,
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")

@@ -56,8 +56,27 @@ Result<json> export_points(const format::Volume& volume, const ExportSelection& 
   ProgressBar bar("exporting");
   SPLATVOL_TRY_ASSIGN(report,
                       export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
-  return json{
-      {"output", options.output}, {"points", report.points}, {"mass", report.mass}, {"file_bytes", report.file_bytes}};
+  json errors = json::object();
+  for (const std::size_t a : selection.attributes)
+    errors[volume.info().attributes[a].name] = volume.info().attributes[a].error;
+  return json{{"output", options.output},
+              {"points", report.points},
+              {"mass", report.mass},
+              {"file_bytes", report.file_bytes},
+              {"position_error", volume.info().position_error},
+              {"value_errors", errors}};
+}
+
+// Prints by how much numbers of the output may differ from those that svbuild was given.
+void print_errors(const json& report) {
+  std::string errors;
+  for (const auto& [name, error] : report["value_errors"].items())
+    if (error > 0) errors += fmt::format(", {} {:.3g}", name, error.get<double>());
+  const auto position_error = report["position_error"].get<double>();
+  if (errors.empty() && !(position_error > 0))
+    fmt::print("  positions and values as they were given\n");
+  else
+    fmt::print("  largest errors: of a coordinate {:.3g}{}\n", position_error, errors);
 }
 
 void print_text(const json& report) {
@@ -71,6 +90,7 @@ void print_text(const json& report) {
     fmt::print("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
                report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
                report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+  if (report.contains("value_errors")) print_errors(report);
 }
 
 Status run_export(const Options& options) {
@@ -102,7 +122,8 @@ void add_file_options(CLI::App& app, Options& options) {
          "The file to write. .vdb: a grid of each attribute, and one of the share of each voxel that is material. "
          ".vtu: points with their values, and the mass, centroid and covariance of their material; for each "
          "attribute A, \"A mean\", \"A deviation\", \"A covariance\" and \"A gradient\" of its moments, and "
-         "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\"")
+         "the gradient direction that svbuild --gradients stores for the point, \"A gradient direction\". Positions "
+         "and values are those of the input up to the errors that the result states; svbuild --exact leaves none")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu")
       ->check(check_not_empty);

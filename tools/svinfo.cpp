@@ -137,9 +137,9 @@ json attributes_json(const format::VolumeInfo& info, const Survey& survey) {
   json list = json::array();
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {
     const format::Attribute& attribute = info.attributes[a];
-    json entry = {{"name", attribute.name},      {"unit", attribute.unit}, {"offset", attribute.offset},
-                  {"scale", attribute.scale},    {"min", attribute.min},   {"max", attribute.max},
-                  {"missing", attribute.missing}};
+    json entry = {{"name", attribute.name},       {"unit", attribute.unit},  {"offset", attribute.offset},
+                  {"scale", attribute.scale},     {"min", attribute.min},    {"max", attribute.max},
+                  {"missing", attribute.missing}, {"error", attribute.error}};
     if (!survey.histograms.empty()) entry["histogram"] = survey.histograms[a];
     list.push_back(std::move(entry));
   }
@@ -192,7 +192,11 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
                       {"edge", info.cube.edge}};
   document["points_per_chunk"] = info.points_per_chunk;
   document["reduction"] = {{"method", info.reduction_method}, {"leaf_points", info.leaf_points}};
+  document["position_error"] = info.position_error;
   document["attributes"] = attributes_json(info, survey);
+  for (const format::Alias& alias : info.aliases)
+    document["aliases"].push_back(
+        {{"name", alias.name}, {"same_as", info.attributes[static_cast<std::size_t>(alias.attribute)].name}});
   document["columns"] = columns_json(info, survey);
   document["index"] = {
       {"nodes", survey.index.nodes}, {"bytes", survey.index.bytes}, {"structure_bytes", survey.index.structure_bytes}};
@@ -209,15 +213,18 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
 
 void print_attributes(const Volume& volume, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
-  fmt::print("\n{:<24} {:>13} {:>13} {:>10} {:>12}  {}\n", "attribute", "min", "max", "missing", "bytes/point", "unit");
+  fmt::print("\n{:<24} {:>13} {:>13} {:>10} {:>10} {:>12}  {}\n", "attribute", "min", "max", "error", "missing",
+             "bytes/point", "unit");
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {
     const format::Attribute& attribute = info.attributes[a];
     std::uint64_t bytes = 0;
     for (std::size_t c = 0; c < info.columns.size(); ++c)
       if (info.columns[c].attribute == static_cast<int>(a)) bytes += survey.columns[c].packed;
-    fmt::print("{:<24} {:>13.6g} {:>13.6g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min, attribute.max,
-               attribute.missing, per(bytes, info.point_count()), attribute.unit);
+    fmt::print("{:<24} {:>13.6g} {:>13.6g} {:>10.3g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min,
+               attribute.max, attribute.error, attribute.missing, per(bytes, info.point_count()), attribute.unit);
   }
+  for (const format::Alias& alias : info.aliases)
+    fmt::print("{:<24} the same as {}\n", alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
 }
 
 // Prints the bytes of each kind of column, of all attributes together, and of the index and the directory.
@@ -282,6 +289,7 @@ void print_text(const Volume& volume, const format::Steps& steps, std::size_t st
   fmt::print("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
   fmt::print("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
              info.cube.edge);
+  fmt::print("{:<24} {:.3g} of a coordinate\n", "largest error", info.position_error);
   if (info.up >= 0) fmt::print("{:<24} {}\n", "up", "xyz"[info.up]);
   fmt::print("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
   fmt::print("{:<24} {} nodes, {:.1f} bytes a node ({:.1f} without attributes)\n", "index", survey.index.nodes,

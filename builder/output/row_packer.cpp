@@ -24,35 +24,54 @@ constexpr double step_per_mean = 0x1p-16;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// Packs columns of a row.
-class ChunkPacker {
- public:
-  ChunkPacker(const SplatColumns& splats, const std::vector<format::Attribute>& attributes)
-      : splats_(splats), attributes_(attributes) {}
+PackedRow serialize(std::span<const PackedChunk> chunks) {
+  PackedRow row;
+  row.entry_bytes = chunks.size() * sizeof(format::ChunkEntry);
+  std::size_t size = row.entry_bytes;
+  for (const PackedChunk& chunk : chunks) size += chunk.bytes.size();
+  Bytes& bytes = row.bytes;
+  bytes.reserve(size);
+  for (const PackedChunk& chunk : chunks) format::append_record(bytes, chunk.entry);
+  for (const PackedChunk& chunk : chunks) bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
+  return row;
+}
 
-  format::PackedChunk pack(const format::Column& column) const {
+}  // namespace
+
+// Packs columns of a row.
+class RowPacker::ChunkPacker {
+ public:
+  ChunkPacker(const SplatColumns& splats, const RowPacker& packer) : splats_(splats), packer_(packer) {
+    row_.values.resize(packer.attributes_.size());
+  }
+
+  format::PackedChunk pack(const format::Column& column) {
     const auto a = static_cast<std::size_t>(std::max(column.attribute, 0));
     switch (column.kind) {
       case format::ColumnKind::position:
-        return format::pack_positions(splats_.points.positions, std::ranges::min(splats_.points.errors));
+        return format::pack_positions(splats_.points.positions, position_error(), &row_.position_error);
       case format::ColumnKind::octant:
         return format::pack_octants(splats_.splats.depths, splats_.splats.counts);
       case format::ColumnKind::centroid:
-        return format::pack_positions(splats_.splats.centroids, std::ranges::min(splats_.splats.errors));
+        return format::pack_centroids(splats_.splats.centroids, std::ranges::min(splats_.splats.errors), packer_.cube_);
       case format::ColumnKind::moments:
-        return format::pack_moments(splats_.splats.shapes);
+        return format::pack_moments(splats_.splats.shapes, packer_.cube_.edge);
       case format::ColumnKind::value_moments:
         return pack_value_moments(a);
       case format::ColumnKind::gradient:
         return format::pack_gradients(splats_.point_values[a].gradients);
       default:
-        return format::pack_values(splats_.point_values[a].values, value_error(a), format::bins_of(attributes_[a]));
+        return format::pack_values(splats_.point_values[a].values, value_error(a),
+                                   format::bins_of(packer_.attributes_[a]), &row_.values[a]);
     }
   }
 
+  // Facts about the points of the chunks so far.
+  [[nodiscard]] const StoredSummary& row() const { return row_; }
+
  private:
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
-    const format::ValueBins bins = format::bins_of(attributes_[attribute]);
+    const format::ValueBins bins = format::bins_of(packer_.attributes_[attribute]);
     std::vector<format::SplatValue> values;
     values.reserve(splats_.size());
     format::ValueSummary summary;
@@ -78,7 +97,10 @@ class ChunkPacker {
     return std::min(step_per_median_deviation * *median, step_per_mean * smallest_mean);
   }
 
+  double position_error() const { return packer_.exact_.positions ? 0 : std::ranges::min(splats_.points.errors); }
+
   double value_error(std::size_t attribute) const {
+    if (packer_.exact_.values) return 0;
     double smallest = infinity;
     for (const StoredValue& value : splats_.splat_values[attribute])
       if (value.deviation > 0) smallest = std::min(smallest, double{value.deviation});
@@ -86,33 +108,46 @@ class ChunkPacker {
   }
 
   const SplatColumns& splats_;
-  const std::vector<format::Attribute>& attributes_;
+  const RowPacker& packer_;
+  StoredSummary row_;
 };
 
-PackedRow serialize(std::span<const PackedChunk> chunks) {
-  PackedRow row;
-  row.entry_bytes = chunks.size() * sizeof(format::ChunkEntry);
-  std::size_t size = row.entry_bytes;
-  for (const PackedChunk& chunk : chunks) size += chunk.bytes.size();
-  Bytes& bytes = row.bytes;
-  bytes.reserve(size);
-  for (const PackedChunk& chunk : chunks) format::append_record(bytes, chunk.entry);
-  for (const PackedChunk& chunk : chunks) bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
-  return row;
-}
-
-}  // namespace
-
-RowPacker::RowPacker(const format::VolumeInfo& info) : attributes_(info.attributes), all_columns_(info.columns) {
+RowPacker::RowPacker(const format::VolumeInfo& info, ExactColumns exact)
+    : cube_(info.cube), exact_(exact), attributes_(info.attributes), all_columns_(info.columns) {
+  summary_.values.resize(attributes_.size());
   std::ranges::copy_if(all_columns_, std::back_inserter(resolution_columns_),
                        [](const format::Column& column) { return column.scope == format::ColumnScope::resolution; });
 }
 
+format::Histograms StoredSummary::histograms() const {
+  format::Histograms histograms;
+  for (const format::StoredValues& of_attribute : values) histograms.push_back(of_attribute.histogram);
+  return histograms;
+}
+
+StoredSummary RowPacker::summary() const {
+  const std::scoped_lock lock(mutex_);
+  return summary_;
+}
+
+void RowPacker::include(const StoredSummary& row) const {
+  const std::scoped_lock lock(mutex_);
+  summary_.position_error = std::max(summary_.position_error, row.position_error);
+  for (std::size_t a = 0; a < row.values.size(); ++a) {
+    format::StoredValues& all = summary_.values[a];
+    const format::StoredValues& more = row.values[a];
+    for (std::size_t bin = 0; bin < all.histogram.size(); ++bin) all.histogram[bin] += more.histogram[bin];
+    all.missing += more.missing;
+    all.error = std::max(all.error, more.error);
+  }
+}
+
 PackedRow RowPacker::pack(const SplatColumns& splats) const {
-  const ChunkPacker packer(splats, attributes_);
+  ChunkPacker packer(splats, *this);
   std::vector<PackedChunk> chunks;
   for (const format::Column& column : splats.points.positions.empty() ? resolution_columns_ : all_columns_)
     chunks.push_back(packer.pack(column));
+  if (!splats.points.positions.empty()) include(packer.row());
   return serialize(chunks);
 }
 
@@ -139,7 +174,7 @@ Status RowPacker::pack(PendingRow& row) const {
   const std::vector<format::Column>& columns = row.has_points ? all_columns_ : resolution_columns_;
   for (std::size_t c = 0; c < columns.size(); ++c)
     if (columns[c].kind == format::ColumnKind::moments)
-      row.chunks[c] = ChunkPacker(*row.splats, attributes_).pack(columns[c]);
+      row.chunks[c] = ChunkPacker(*row.splats, *this).pack(columns[c]);
   row.packed = serialize(row.chunks);
   row.chunks = {};
   return {};
@@ -147,10 +182,11 @@ Status RowPacker::pack(PendingRow& row) const {
 
 void RowPacker::pack_early(PendingRow& row) const {
   SplatColumns& splats = *row.splats;
-  const ChunkPacker packer(splats, attributes_);
+  ChunkPacker packer(splats, *this);
   row.has_points = !splats.points.positions.empty();
   for (const format::Column& column : row.has_points ? all_columns_ : resolution_columns_)
     row.chunks.push_back(column.kind == format::ColumnKind::moments ? format::PackedChunk{} : packer.pack(column));
+  if (row.has_points) include(packer.row());
   SplatColumns rest(attributes_.size());
   rest.splats.numbers = std::move(splats.splats.numbers);
   splats = std::move(rest);

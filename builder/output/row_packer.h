@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "builder/output/splat_columns.h"
 #include "format/codec.h"
 #include "format/volume_info.h"
+#include "format/volume_writer.h"
 
 namespace splatvol {
 
@@ -45,12 +47,26 @@ struct PendingRow {
 
 /// Reads the splats of a row that were written out, and puts them before the others. Thread-safe for different rows.
 [[nodiscard]] Status read_written(PendingRow& row);
+/// Facts about the points of packed rows, as they are stored.
+struct StoredSummary {
+  double position_error = 0;                      // the largest that a chunk states, world units
+  std::vector<format::StoredValues> values = {};  // [attribute]
+
+  /// Returns the histogram of each attribute.
+  [[nodiscard]] format::Histograms histograms() const;
+};
+
+/// Which columns are stored as they are given.
+struct ExactColumns {
+  bool positions = false;
+  bool values = false;  // to the single precision of stored values
+};
 
 /// Packs rows. Thread-safe.
 class RowPacker {
  public:
-  /// `info`: attributes and columns.
-  explicit RowPacker(const format::VolumeInfo& info);
+  /// `info`: cube, attributes and columns.
+  explicit RowPacker(const format::VolumeInfo& info, ExactColumns exact = {});
 
   /// Packs the columns of the splats, and those of their points if it has some.
   [[nodiscard]] PackedRow pack(const SplatColumns& splats) const;
@@ -62,9 +78,19 @@ class RowPacker {
   /// the densities may change. Requires a whole row.
   void pack_early(PendingRow& row) const;
 
+  /// Returns the facts about all points that were packed so far.
+  [[nodiscard]] StoredSummary summary() const;
+
  private:
+  class ChunkPacker;
+  void include(const StoredSummary& row) const;
+
+  Cube cube_;
+  ExactColumns exact_;
   std::vector<format::Attribute> attributes_;
   std::vector<format::Column> all_columns_, resolution_columns_;
+  mutable std::mutex mutex_;
+  mutable StoredSummary summary_;
 };
 
 }  // namespace splatvol

@@ -48,14 +48,15 @@ Status BoundaryCorners::read_corners(const MortonKey& key) {
   }
 }
 
-Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin) {
+Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored) {
   batch.planes.resize(batch.size());
   for (std::size_t first = begin, end = begin; first < batch.size(); first = end) {
     while (end < batch.size() && batch.keys[end] == batch.keys[first]) ++end;
     SPLATVOL_TRY(read_corners(batch.keys[first]));
     for (std::size_t i = first; i < end && !corners_.empty(); ++i) {
       layout_.set_position(record_.data(), batch.positions[i]);
-      for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record_.data(), a, batch.values[a][i]);
+      for (std::size_t a = 0; a < layout_.attributes(); ++a)
+        layout_.set_value(record_.data(), a, batch.values[stored[a]][i]);
       const Corner corner{batch.positions[i], hash_values(layout_, record_.data())};
       incident_.clear();
       for (const CornerArea& third : corners_)

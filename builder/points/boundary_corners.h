@@ -48,8 +48,9 @@ class BoundaryCorners {
   /// `corners`: of CornerArea, sorted by the Morton keys of their positions.
   BoundaryCorners(const PointRecords& layout, ExternalSorter corners);
 
-  /// Appends the planes of the points from `begin` on. Requires all points of each key, and calls in Morton order.
-  [[nodiscard]] Status append_planes(PointBatch& batch, std::size_t begin);
+  /// Appends the planes of the points from `begin` on. `stored`: InputSummary::stored. Requires all points of each key,
+  /// and calls in Morton order.
+  [[nodiscard]] Status append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored);
 
  private:
   [[nodiscard]] Status read_corners(const MortonKey& key);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "base/math.h"
@@ -20,12 +21,20 @@ struct PointCensus {
   std::uint64_t left_out = 0;    // dropped: no cell uses them, and they lie outside of the box round all cells
 };
 
+/// Which attributes with the same values are stored once.
+struct JoinedAttributes {
+  bool join = true;
+  std::vector<std::string> apart = {};  // names that become no alias; "U" holds for "U[0]" too
+};
+
 /// An input that has been read.
 struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box
   std::vector<format::Attribute> attributes;  // name, unit, offset, scale, range
   std::vector<std::uint64_t> fills;           // [attribute]: numbers read that stood for none
+  std::vector<format::Alias> aliases;         // other attributes of the source, with the values of one of these
+  std::vector<std::size_t> stored;            // [attribute of the source]: index of the attribute that has its values
   CellCensus cells;
   PointCensus census;  // PointStream::next() counts merged and coincident points
   bool has_material = false;

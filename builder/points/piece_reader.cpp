@@ -80,19 +80,48 @@ Box PieceReader::box_of(const Piece& piece) const {
   else
     for (const auto& corners : piece.tetrahedra)
       for (const std::uint32_t corner : corners) include(piece.points[corner]);
-  return box;
+  return grown_for_material(box, deviation_of(piece));
 }
 
-InputSummary PieceReader::summary() const {
+// The largest deviation of material that the points of a piece bring along.
+double PieceReader::deviation_of(const Piece& piece) const {
+  if (!layout_.has_material() || !(piece.cells || piece.material)) return 0;
+  const std::vector<SpatialMoments>& moments = piece.cells ? piece.cells->moments : piece.material->moments;
+  double largest = 0;
+  for (std::size_t i = 0; i < moments.size(); ++i)
+    if (is_usable_position(piece.points[i])) largest = std::max(largest, deviation_bound(moments[i]));
+  return largest;
+}
+
+// Returns which of the attributes in `summary` has the same values, and so the same material: that follows from values
+// and cells.
+std::optional<std::size_t> PieceReader::find_same(std::size_t attribute, const InputSummary& summary,
+                                                  const JoinedAttributes& joined) const {
+  const std::string& name = source_.attributes()[attribute];
+  const auto is_name = [&](const std::string& apart) { return name == apart || name.starts_with(apart + "["); };
+  if (!joined.join || brings_value_moments_ || std::ranges::any_of(joined.apart, is_name)) return std::nullopt;
+  const std::vector<std::string> units = source_.units();
+  for (std::size_t a = 0; a < attribute; ++a)
+    if (values_[a].value() == values_[attribute].value() && units[a] == units[attribute]) return summary.stored[a];
+  return std::nullopt;
+}
+
+InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   InputSummary summary;
   const PointRanges& ranges = census_.left_out > 0 ? in_cells_ : ranges_;
   summary.box = box();
   const std::vector<std::string> units = source_.units();
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    const std::optional<std::size_t> same = find_same(a, summary, joined);
+    summary.stored.push_back(same.value_or(summary.attributes.size()));
+    if (same) {
+      summary.aliases.push_back({source_.attributes()[a], static_cast<int>(*same)});
+      continue;
+    }
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));
     summary.attributes.back().unit = units[a];
+    summary.fills.push_back(fills_[a]);
   }
-  summary.fills = fills_;
   summary.cells = cells_;
   summary.census = census_;
   summary.has_material = has_material_;
@@ -108,6 +137,8 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
   census_.read += piece.points.size();
   census_.not_finite += piece.points.size() - kept.size();
   cells_ += piece.census;
+  deviation_ = std::max(deviation_, deviation_of(piece));
+  brings_value_moments_ = brings_value_moments_ || piece.material.has_value();
   for (std::size_t a = 0; a < piece.fills.size(); ++a) fills_[a] += piece.fills[a];
 
   PieceMaterial material = prepare_material(piece, kept);
@@ -157,6 +188,7 @@ void PieceReader::make_records(const Piece& piece, const PieceMaterial& material
   records_.resize(count * layout_.bytes());
   const std::size_t tasks = (count + task_points - 1) / task_points;
   std::vector<PointRanges> ranges(tasks, PointRanges(layout_.attributes())), in_cells = ranges;
+  std::vector<std::vector<format::PartsHash>> hashes(tasks, std::vector<format::PartsHash>(layout_.attributes()));
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t r) {
     Block& block = blocks_.local();
     const std::size_t end = std::min((r + 1) * task_points, count);
@@ -166,11 +198,24 @@ void PieceReader::make_records(const Piece& piece, const PieceMaterial& material
       make_block(piece, material, block, records_.data() + first * layout_.bytes());
       find_ranges(piece, block, ranges[r]);
       find_ranges_in_cells(piece, material, block, in_cells[r]);
+      hash_block(block, hashes[r]);
     }
   });
   // In order, as 0 and -0 are equal.
   for (const PointRanges& range : ranges) ranges_.include(range);
   for (const PointRanges& range : in_cells) in_cells_.include(range);
+  for (const std::vector<format::PartsHash>& of_task : hashes)
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) values_[a].add(of_task[a].value());
+}
+
+// Adds the values at the block's points to the hash of each attribute, if there are others to compare with.
+void PieceReader::hash_block(Block& block, std::span<format::PartsHash> hashes) const {
+  if (layout_.attributes() < 2) return;
+  block.column.resize(block.points.size());
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
+    for (std::size_t i = 0; i < block.points.size(); ++i) block.column[i] = block.values.at(i, a);
+    hashes[a].add(std::as_bytes(std::span(block.column)));
+  }
 }
 
 // Loads the values at the block's points, and at the vertices round them if these are in a mesh.

@@ -13,12 +13,14 @@
 
 #include "base/error.h"
 #include "base/math.h"
+#include "builder/mesh/material_box.h"
 #include "builder/mesh/moments.h"
 #include "builder/points/input_summary.h"
 #include "builder/points/piece_faces.h"
 #include "builder/points/point_ranges.h"
 #include "builder/points/point_records.h"
 #include "builder/sources/source.h"
+#include "format/codec.h"
 
 namespace splatvol {
 
@@ -34,7 +36,8 @@ class PieceReader {
         slice_bytes_(std::min(memory, std::size_t{1} << 23)),
         ranges_(source.attributes().size()),
         in_cells_(source.attributes().size()),
-        fills_(source.attributes().size()) {}
+        fills_(source.attributes().size()),
+        values_(source.attributes().size()) {}
 
   /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the pieces that are
   /// done). If the input turns out to be one piece, calls only(box round its points) before the records; `only` may be
@@ -42,16 +45,18 @@ class PieceReader {
   [[nodiscard]] Status run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
                            const std::function<Status(std::span<const std::byte>)>& visit);
 
-  /// Box round the points so far: if there are cells, round those in cells.
-  [[nodiscard]] const Box& box() const { return has_cells() ? in_cells_.box : ranges_.box; }
+  /// Box round the points so far: if there are cells, round those in cells. Large enough for the material that points
+  /// bring along.
+  [[nodiscard]] Box box() const { return grown_for_material(has_cells() ? in_cells_.box : ranges_.box, deviation_); }
 
   /// Whether a record's point is to be left out: no cell uses it, though there are cells, and it lies outside of `box`.
   /// It owns nothing, and should not widen the cube. Call it for all records once these have been read: counts those
   /// left out, and takes the values of the others into the ranges.
   [[nodiscard]] bool leave_out(const std::byte* record);
 
-  /// All but the cube.
-  [[nodiscard]] InputSummary summary() const;
+  /// All but the cube. Of attributes with the same values and unit, only the first is listed, unless they are to be
+  /// kept apart.
+  [[nodiscard]] InputSummary summary(const JoinedAttributes& joined) const;
 
  private:
   // The mesh of the present piece, if its points have their material from tetrahedra.
@@ -74,13 +79,17 @@ class PieceReader {
     std::vector<VertexValue> found;      // scratch: of a point
   };
 
+  [[nodiscard]] std::optional<std::size_t> find_same(std::size_t attribute, const InputSummary& summary,
+                                                     const JoinedAttributes& joined) const;
   [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
   [[nodiscard]] std::vector<std::uint32_t> find_finite(const Piece& piece);
   [[nodiscard]] Box box_of(const Piece& piece) const;
+  [[nodiscard]] double deviation_of(const Piece& piece) const;
   [[nodiscard]] PieceMaterial prepare_material(const Piece& piece, std::span<const std::uint32_t> kept);
   void make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::uint32_t> slice);
   void load_values(const Piece& piece, const PieceMaterial& material, Block& block) const;
   void make_block(const Piece& piece, const PieceMaterial& material, Block& block, std::byte* record) const;
+  void hash_block(Block& block, std::span<format::PartsHash> hashes) const;
   void find_ranges(const Piece& piece, const Block& block, PointRanges& ranges) const;
   void find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
                             PointRanges& ranges) const;
@@ -98,11 +107,14 @@ class PieceReader {
   std::vector<std::byte> records_;  // some of the present piece
   tbb::enumerable_thread_specific<Block> blocks_;
   PointRanges ranges_;
-  PointRanges in_cells_;              // of the points that cells use; at the end, of all that are not left out
-  std::vector<std::uint64_t> fills_;  // [attribute]
+  PointRanges in_cells_;                   // of the points that cells use; at the end, of all that are not left out
+  std::vector<std::uint64_t> fills_;       // [attribute]
+  std::vector<format::PartsHash> values_;  // [attribute]: hash of the values of all points, in the order of the input
+  bool brings_value_moments_ = false;      // which could differ where values are equal
   CellCensus cells_;
   PointCensus census_;
   bool has_material_ = false;
+  double deviation_ = 0;  // the largest of material that points bring along
 };
 
 }  // namespace splatvol

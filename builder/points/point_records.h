@@ -29,6 +29,7 @@ class PointRecords {
   [[nodiscard]] VertexCopies copies() const { return copies_; }
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
+  [[nodiscard]] bool is_single_precision() const { return single_; }
   [[nodiscard]] bool has_material() const { return material_; }
   [[nodiscard]] bool has_planes() const { return planes_; }
   [[nodiscard]] bool has_gradients() const { return gradients_; }

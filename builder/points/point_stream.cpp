@@ -115,13 +115,16 @@ class InputSorter {
 PointStream::PointStream(const PointRecords& layout, InputSummary summary, ExternalSorter points,
                          std::optional<BoundaryCorners> corners)
     : layout_(layout),
+      stored_layout_(summary.attributes.size(), layout.is_single_precision(), layout.has_material(),
+                     layout.has_planes()),
       summary_(std::move(summary)),
       points_(std::move(points)),
       corners_(std::move(corners)),
-      merger_(layout, summary_.has_material) {}
+      merger_(layout, summary_.has_material, summary_.stored) {}
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
-                                         const std::function<void(double)>& progress, bool gradients) {
+                                         const std::function<void(double)>& progress, bool gradients,
+                                         const JoinedAttributes& joined) {
   const PointRecords layout = PointRecords(source.attributes().size(), source.single_precision(),
                                            use_cells && source.may_have_cells(), use_cells && source.brings_material(),
                                            gradients)
@@ -132,7 +135,7 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));
   SPLATVOL_TRY(sorted.points.finish());
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));
-  InputSummary summary = reader.summary();
+  InputSummary summary = reader.summary(joined);
   summary.cube = sorted.cube;
   return PointStream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
 }
@@ -168,7 +171,7 @@ Result<bool> PointStream::next(PointBatch& batch) {
   }
   records_.erase(records_.begin(), records_.begin() + static_cast<std::ptrdiff_t>(whole * layout_.bytes()));
   keys_.erase(keys_.begin(), keys_.begin() + static_cast<std::ptrdiff_t>(whole));
-  if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first));
+  if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first, summary_.stored));
   return true;
 }
 

@@ -24,18 +24,20 @@ class PointStream {
  public:
   /// `memory`: bytes to hold in all, beside a piece. `folder`: for points that do not fit. `progress` gets the share of
   /// the pieces that are read. `gradients`: whether the points are to have them. Points do not depend on memory and
-  /// threads. Fails if there is no point with finite coordinates, or if their extent overflows.
+  /// threads. Fails if there is no point with finite coordinates, or if their extent overflows. Of attributes with the
+  /// same values, the points have one, unless `joined` keeps them apart.
   [[nodiscard]] static Result<PointStream> create(Source& source, bool use_cells, std::size_t memory,
                                                   const std::string& folder,
-                                                  const std::function<void(double)>& progress, bool gradients = true);
+                                                  const std::function<void(double)>& progress, bool gradients = true,
+                                                  const JoinedAttributes& joined = {});
 
   /// Appends the next points to `batch` (NextPoints), a few thousand, copies of a vertex as one.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
   [[nodiscard]] const InputSummary& summary() const { return summary_; }
 
-  /// Layout of the points' records.
-  [[nodiscard]] const PointRecords& layout() const { return layout_; }
+  /// A layout for records of the points that this returns.
+  [[nodiscard]] const PointRecords& layout() const { return stored_layout_; }
 
   /// Points that were sorted. Merging leaves fewer.
   [[nodiscard]] std::uint64_t count() const { return points_.count(); }
@@ -46,7 +48,8 @@ class PointStream {
 
   [[nodiscard]] Result<std::size_t> read_whole_run();
 
-  PointRecords layout_;
+  PointRecords layout_;  // with all attributes of the source
+  PointRecords stored_layout_;
   InputSummary summary_;
   ExternalSorter points_;
   std::optional<BoundaryCorners> corners_;

@@ -31,6 +31,12 @@ bool is_less(const PointRecords& layout, const std::byte* a, const std::byte* b)
 
 }  // namespace
 
+SampleMerger::SampleMerger(const PointRecords& layout, bool has_material, std::span<const std::size_t> stored)
+    : layout_(layout), has_material_(has_material) {
+  for (std::size_t a = 0; a < stored.size(); ++a)
+    if (stored[a] == taken_.size()) taken_.push_back(a);
+}
+
 void SampleMerger::append(const std::byte* records, std::size_t count, const MortonKey& key, PointBatch& batch,
                           PointCensus& census) {
   if (count == 1) {
@@ -105,11 +111,11 @@ std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const
 void SampleMerger::append_point(const std::byte* record, const MortonKey& key, PointBatch& batch) const {
   batch.keys.push_back(key);
   batch.positions.push_back(layout_.position(record));
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) batch.values[a].push_back(layout_.value(record, a));
+  for (std::size_t a = 0; a < taken_.size(); ++a) batch.values[a].push_back(layout_.value(record, taken_[a]));
   if (!has_material_) return;
   batch.moments.push_back(layout_.vertex(record).moments);
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const PointRecords::ValuePart part = layout_.value_part(record, a);
+  for (std::size_t a = 0; a < taken_.size(); ++a) {
+    const PointRecords::ValuePart part = layout_.value_part(record, taken_[a]);
     batch.value_moments[a].push_back(part.moments);
     if (layout_.has_gradients()) batch.gradients[a].push_back(part.gradient);
   }
@@ -119,8 +125,8 @@ void SampleMerger::append_point(const std::byte* record, const MortonKey& key, P
 // Copies of a vertex own what each piece gives them.
 void SampleMerger::merge_into(std::size_t point, const std::byte* record, PointBatch& batch) const {
   merge(batch.moments[point], layout_.vertex(record).moments, dvec3(0));
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const PointRecords::ValuePart part = layout_.value_part(record, a);
+  for (std::size_t a = 0; a < taken_.size(); ++a) {
+    const PointRecords::ValuePart part = layout_.value_part(record, taken_[a]);
     merge(batch.value_moments[a][point], part.moments, dvec3(0));
     if (layout_.has_gradients()) batch.gradients[a][point] += part.gradient;
   }

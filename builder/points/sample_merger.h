@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "base/math.h"
@@ -17,8 +18,8 @@ namespace splatvol {
 /// vertex (PointRecords::copies) the first is kept, with the material of all. Every point of no cell is kept.
 class SampleMerger {
  public:
-  /// `has_material`: whether any record has material.
-  SampleMerger(const PointRecords& layout, bool has_material) : layout_(layout), has_material_(has_material) {}
+  /// `has_material`: whether any record has material. `stored`: InputSummary::stored.
+  SampleMerger(const PointRecords& layout, bool has_material, std::span<const std::size_t> stored);
 
   /// Appends the points of `count` records that share `key`, and counts in `census`: merged, coincident. Requires calls
   /// in Morton order, and all records of a key at once unless there are too many.
@@ -35,6 +36,7 @@ class SampleMerger {
 
   PointRecords layout_;
   bool has_material_;
+  std::vector<std::size_t> taken_;  // [attribute of the batch]: which of the record
 
   // Key and position of the last record that was appended.
   std::optional<MortonKey> last_key_;

@@ -137,7 +137,6 @@ class BatchReducer {
       const float value = stored(a, i);
       columns.add_point_value(a, value);
       if (!batch_.gradients[a].empty()) columns.add_gradient(a, direction(batch_.gradients[a][i]));
-      count(a, value);
       include(leaf, a, splat.min, splat.max, value);
     }
     leaf.count(0);
@@ -158,13 +157,6 @@ class BatchReducer {
     result_.tail.clear();
   }
 
-  void count(std::size_t attribute, float value) {
-    if (std::isnan(value))
-      ++result_.missing[attribute];
-    else
-      ++result_.histograms[attribute][static_cast<std::size_t>(bins_[attribute].bin(double{value}))];
-  }
-
   void include(OpenIndexLeaf& leaf, std::size_t attribute, float low, float high, float value) const {
     leaf.summaries[attribute].include(summarize_range(low, high, bins_[attribute]));
     leaf.summaries[attribute].include(bins_[attribute].summarize(std::span(&value, 1)));
@@ -173,11 +165,8 @@ class BatchReducer {
   void include_members(OpenIndexLeaf& leaf, std::size_t first) {
     for (std::size_t m = first; m < result_.members.size(); ++m) {
       const Member& member = *result_.members[m];
-      for (std::size_t a = 0; a < attributes(); ++a) {
-        // The points of a part that is continued are all finest, and have been counted.
-        if (!part_.continued) count(a, member.values[a].value);
+      for (std::size_t a = 0; a < attributes(); ++a)
         include(leaf, a, member.stored_values[a].min, member.stored_values[a].max, member.values[a].value);
-      }
     }
   }
 
@@ -286,8 +275,6 @@ void ReducedBatch::clear() {
   tail.clear();
   members.clear();
   leaf_parts.clear();
-  for (auto& histogram : histograms) histogram.fill(0);
-  std::ranges::fill(missing, 0);
 }
 
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result) {

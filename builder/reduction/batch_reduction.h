@@ -13,7 +13,6 @@
 #include "builder/reduction/cascade.h"
 #include "builder/reduction/clusters.h"
 #include "format/codec.h"
-#include "format/volume_writer.h"
 
 namespace splatvol {
 
@@ -41,11 +40,8 @@ struct ReducedBatch {
 
   std::vector<MemberPool::Handle> members;  // points that coarser levels have, with their splats at levels 0 and 1
   std::vector<LeafPart> leaf_parts;         // as in PointBatch
-  format::Histograms histograms;            // of all points
-  std::vector<std::uint64_t> missing;       // [attribute]
 
-  explicit ReducedBatch(std::size_t attributes)
-      : finest(attributes), tail(attributes), histograms(attributes), missing(attributes) {}
+  explicit ReducedBatch(std::size_t attributes) : finest(attributes), tail(attributes) {}
 
   /// Keeps the memory.
   void clear();

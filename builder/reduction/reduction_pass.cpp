@@ -22,9 +22,7 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& ro
                 [this](std::size_t level, const Member& member) {
                   leaf(member.leaf).count(level);
                   rows_.add_point(level, member);
-                }}),
-      histograms_(settings.attributes.size()),
-      missing_(settings.attributes.size()) {}
+                }}) {}
 
 void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
   result.clear();
@@ -37,10 +35,6 @@ Status ReductionPass::add(const PointBatch& batch, ReducedBatch& reduced) {
   rows_.add_finest(reduced.finest);
   for (PackedRow& row : reduced.packed) rows_.add_packed_finest(std::move(row));
   rows_.add_finest(reduced.tail);
-  for (std::size_t a = 0; a < missing_.size(); ++a) {
-    missing_[a] += reduced.missing[a];
-    for (std::size_t bin = 0; bin < histograms_[a].size(); ++bin) histograms_[a][bin] += reduced.histograms[a][bin];
-  }
   add_members(batch, reduced);
   cascade_.advance();
   points_ += batch.size();

@@ -11,7 +11,6 @@
 #include "builder/output/row_collector.h"
 #include "builder/reduction/batch_reduction.h"
 #include "builder/reduction/cascade.h"
-#include "format/volume_writer.h"
 
 namespace splatvol {
 
@@ -45,8 +44,6 @@ class ReductionPass {
 
   /// Points of each level.
   [[nodiscard]] std::vector<std::uint64_t> counts() const;
-  [[nodiscard]] const format::Histograms& histograms() const { return histograms_; }
-  [[nodiscard]] const std::vector<std::uint64_t>& missing() const { return missing_; }  // [attribute]
 
  private:
   void add_members(const PointBatch& batch, ReducedBatch& reduced);
@@ -64,8 +61,6 @@ class ReductionPass {
   std::deque<OpenIndexLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one
   std::map<std::uint64_t, OpenIndexLeaf> late_leaves_;
-  format::Histograms histograms_;
-  std::vector<std::uint64_t> missing_;
 };
 
 }  // namespace splatvol

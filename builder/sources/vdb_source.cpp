@@ -18,6 +18,7 @@
 #include "base/file.h"
 #include "base/names.h"
 #include "base/vdb_share.h"
+#include "builder/mesh/material_box.h"
 #include "builder/sources/piece_ahead.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vdb_fields.h"
@@ -103,7 +104,9 @@ class VdbFile {
     });
     Box all;
     for (const Box& box : boxes) all.include(box);
-    return all;
+    double edge = 0;
+    for (const Region& region : regions_) edge = std::max(edge, static_cast<double>(region.edge));
+    return grown_for_material(all, deviation_bound(transform_.box_moments(edge)));
   }
 
  private:

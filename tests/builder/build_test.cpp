@@ -88,6 +88,13 @@ std::vector<T> decode(const Chunk& chunk, std::size_t count, Unpack unpack) {
   return items;
 }
 
+// Unpacks lengths, which are checked against the cube, or its edge.
+template <class Unpack, class Bound>
+auto within(const Bound& bound, Unpack unpack) {
+  return [bound, unpack](const format::ChunkEntry& entry, const format::Bytes& bytes, auto& items,
+                         const std::string& what) { return unpack(entry, bytes, items, bound, what); };
+}
+
 std::vector<Splat> read_splats(const format::Volume& volume, std::size_t resolution) {
   using format::ColumnKind;
   std::vector<Splat> splats;
@@ -95,8 +102,10 @@ std::vector<Splat> read_splats(const format::Volume& volume, std::size_t resolut
   for (std::uint64_t row = rows.first_row(resolution); row < rows.first_row(resolution + 1); ++row) {
     const std::uint32_t count = rows.group(rows.group_of_row(row)).count;
     const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
-    const auto centroids = decode<dvec3>(chunk(ColumnKind::centroid, -1), count, format::unpack_positions);
-    const auto shapes = decode<format::SplatShape>(chunk(ColumnKind::moments, -1), count, format::unpack_moments);
+    const auto centroids =
+        decode<dvec3>(chunk(ColumnKind::centroid, -1), count, within(volume.info().cube, format::unpack_centroids));
+    const auto shapes = decode<format::SplatShape>(chunk(ColumnKind::moments, -1), count,
+                                                   within(volume.info().cube.edge, format::unpack_moments));
     const Chunk value_chunk = chunk(ColumnKind::value_moments, 0);
     const auto values = decode<format::SplatValue>(value_chunk, count, format::unpack_value_moments);
     for (std::size_t i = 0; i < count; ++i) splats.push_back({centroids[i], shapes[i], values[i]});
@@ -117,7 +126,8 @@ Contents read_all(const std::string& path) {
     const format::Group group = rows.group(g);
     const std::uint64_t row = rows.row(group.segment, g);
     const auto chunk = [&](ColumnKind kind, int attribute) { return read_chunk(volume, row, kind, attribute); };
-    append(contents.positions, decode<dvec3>(chunk(ColumnKind::position, -1), group.count, format::unpack_positions));
+    append(contents.positions, decode<dvec3>(chunk(ColumnKind::position, -1), group.count,
+                                             within(volume.info().cube, format::unpack_positions)));
     append(contents.values, decode<float>(chunk(ColumnKind::value, 0), group.count, format::unpack_values));
     if (volume.info().find_column(ColumnKind::gradient, 0) >= 0)
       append(contents.gradients, decode<vec3>(chunk(ColumnKind::gradient, 0), group.count, format::unpack_gradients));

@@ -123,6 +123,7 @@ TEST(HostileSeries, EntriesThatLieAreRefused) {
   EXPECT_THAT(error([](auto& e) { e[2].hash ^= 1; }), HasSubstr("dead part"));
   EXPECT_THAT(error([](auto& e) { e[1].time = 0; }), HasSubstr("[R19]"));
   EXPECT_THAT(error([](auto& e) { e[3].time = std::numeric_limits<double>::infinity(); }), HasSubstr("[R19]"));
+  EXPECT_THAT(error([](auto& e) { e[3].time = 1.1e300; }), HasSubstr("[R19]"));
   EXPECT_THAT(error([](auto& e) { e[3].time = std::numeric_limits<double>::quiet_NaN(); }), HasSubstr("[R19]"));
   EXPECT_THAT(error([](auto& e) { e[0].time = -5; }), HasSubstr("its time is not that of the step directory"));
   EXPECT_THAT(error([](auto& e) {

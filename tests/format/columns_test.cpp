@@ -15,6 +15,7 @@ namespace {
 using testing::HasSubstr;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
+const Cube anywhere{dvec3(-1e300), 2e300};
 constexpr float missing = std::numeric_limits<float>::quiet_NaN();
 
 std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, const dvec3& extent,
@@ -28,7 +29,7 @@ std::vector<dvec3> random_positions(std::size_t count, const dvec3& origin, cons
 
 std::vector<dvec3> unpacked(const PackedChunk& chunk, std::size_t count) {
   std::vector<dvec3> positions(count);
-  const Status status = unpack_positions(chunk.entry, chunk.bytes, positions, "test");
+  const Status status = unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test");
   EXPECT_TRUE(status) << status.error().message;
   return positions;
 }
@@ -166,8 +167,8 @@ PackedChunk chunk_of(const Bytes& payload) {
   chunk.entry = {hash_bytes(chunk.bytes),
                  static_cast<std::uint32_t>(chunk.bytes.size()),
                  static_cast<std::uint32_t>(payload.size()),
-                 0,
-                 0,
+                 -largest_stored_value,
+                 largest_stored_value,
                  0};
   return chunk;
 }
@@ -180,7 +181,7 @@ TEST(PositionColumn, RefusesBadHeaders) {
     payload.resize(payload.size() + plane_bytes, std::byte{9});
     const PackedChunk chunk = chunk_of(payload);
     std::vector<dvec3> positions(10);
-    const Status status = unpack_positions(chunk.entry, chunk.bytes, positions, "test");
+    const Status status = unpack_positions(chunk.entry, chunk.bytes, positions, anywhere, "test");
     if (!status) {
       EXPECT_THAT(status.error().message, HasSubstr("[R17]"));
     }
@@ -216,7 +217,56 @@ TEST(PositionColumn, RefusesExactCoordinatesThatAreNotFinite) {
   const std::vector<dvec3> positions = {{1, 2, 3}, {4, infinity, 6}};
   const PackedChunk chunk = pack_positions(positions, 0);
   std::vector<dvec3> out(2);
-  EXPECT_FALSE(unpack_positions(chunk.entry, chunk.bytes, out, "test"));
+  EXPECT_FALSE(unpack_positions(chunk.entry, chunk.bytes, out, anywhere, "test"));
+}
+
+TEST(PositionColumn, PointsOutsideOfTheCubeAreRefused) {
+  const Cube cube{{1, 2, 3}, 0.5};
+  for (const double error : {0.0, 1e-3})
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double away : {-0.01, 0.0, 0.5, 0.51}) {
+        std::vector<dvec3> positions = random_positions(20, cube.origin, dvec3(cube.edge));
+        positions[7][axis] = cube.origin[axis] + away;
+        const PackedChunk chunk = pack_positions(positions, error);
+        std::vector<dvec3> out(20);
+        const Status status = unpack_positions(chunk.entry, chunk.bytes, out, cube, "test");
+        EXPECT_EQ(status.has_value(), away >= 0 && away <= 0.5) << away;
+        if (!status) {
+          EXPECT_THAT(status.error().message, HasSubstr("outside of the cube [R17]"));
+        }
+      }
+}
+
+TEST(PositionColumn, AnErrorIsAtMostTheEdge) {
+  PositionHeader header{1, {0, 0, 0}, 0, 0.5, {1, 2, 3}, 0};
+  for (const double error : {0.5, 0.6, 1e300}) {
+    header.error = error;
+    Bytes payload;
+    append_record(payload, header);
+    const PackedChunk chunk = chunk_of(payload);
+    std::vector<dvec3> out(3);
+    EXPECT_EQ(unpack_positions(chunk.entry, chunk.bytes, out, {{1, 2, 3}, 0.5}, "test").has_value(), error == 0.5);
+  }
+}
+
+TEST(CentroidColumn, StaysWithinAnEdgeOfTheCube) {
+  const Cube cube{{1, 2, 3}, 0.5};
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double away : {-0.51, -0.5, 0.0, 1.0, 1.01, 1e30}) {
+      std::vector<dvec3> centroids = random_positions(20, cube.origin, dvec3(cube.edge));
+      centroids[7][axis] = cube.origin[axis] + away;
+      std::vector<dvec3> out(20);
+      const PackedChunk chunk = pack_positions(centroids, 1e-3);
+      const Status status = unpack_centroids(chunk.entry, chunk.bytes, out, cube, "test");
+      EXPECT_EQ(status.has_value(), away >= -0.5 && away <= 1) << away;
+      if (!status) {
+        EXPECT_THAT(status.error().message, HasSubstr("outside of the cube [R17]"));
+      }
+      // A writer cannot break the rule.
+      const PackedChunk cut = pack_centroids(centroids, 1e-3, cube);
+      ASSERT_TRUE(unpack_centroids(cut.entry, cut.bytes, out, cube, "test"));
+      EXPECT_NEAR(out[7][axis], cube.origin[axis] + std::clamp(away, -0.5, 1.0), 1e-3);
+    }
 }
 
 TEST(PositionColumn, ChecksTheHashFirst) {
@@ -226,10 +276,10 @@ TEST(PositionColumn, ChecksTheHashFirst) {
   for (std::size_t i = 0; i < chunk.bytes.size(); ++i) {
     Bytes flipped = chunk.bytes;
     flipped[i] ^= std::byte{0x10};
-    const Status status = unpack_positions(chunk.entry, flipped, out, "chunk 3");
+    const Status status = unpack_positions(chunk.entry, flipped, out, anywhere, "chunk 3");
     ASSERT_FALSE(status);
     EXPECT_EQ(status.error().message, "chunk 3: checksum mismatch");
-    EXPECT_FALSE(unpack_positions(chunk.entry, std::span(chunk.bytes).first(i), out, "test"));
+    EXPECT_FALSE(unpack_positions(chunk.entry, std::span(chunk.bytes).first(i), out, anywhere, "test"));
   }
 }
 
@@ -238,11 +288,11 @@ TEST(ValueColumn, ComesBackBitByBit) {
   std::vector<float> values(1000);
   for (float& value : values) {
     do value = std::bit_cast<float>(static_cast<std::uint32_t>(random()));
-    while (!std::isfinite(value));
+    while (!(std::abs(value) <= largest_stored_value));
   }
   values[3] = -0.0F;
   values[4] = std::numeric_limits<float>::denorm_min();
-  values[5] = std::numeric_limits<float>::max();
+  values[5] = largest_stored_value;
   const PackedChunk chunk = pack_values(values, 0, {-1, 1});
   std::vector<float> out(values.size());
   ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
@@ -257,6 +307,7 @@ TEST(ValueColumn, WhatIsNotFiniteIsMissing) {
                                      std::numeric_limits<float>::signaling_NaN(),
                                      std::numeric_limits<float>::infinity(),
                                      -std::numeric_limits<float>::infinity(),
+                                     std::numeric_limits<float>::max(),
                                      3};
   const PackedChunk chunk = pack_values(values, 0, {1, 3});
   EXPECT_EQ(chunk.entry.min, 1);
@@ -264,8 +315,8 @@ TEST(ValueColumn, WhatIsNotFiniteIsMissing) {
   EXPECT_EQ(chunk.entry.occupancy, 1 | std::uint64_t{1} << 63);
   std::vector<float> out(values.size());
   ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
-  for (std::size_t i = 1; i < 6; ++i) EXPECT_EQ(std::bit_cast<std::uint32_t>(out[i]), 0x7FC00000u);
-  EXPECT_EQ(out[6], 3);
+  for (std::size_t i = 1; i < 7; ++i) EXPECT_EQ(std::bit_cast<std::uint32_t>(out[i]), 0x7FC00000u);
+  EXPECT_EQ(out[7], 3);
 }
 
 TEST(ValueColumn, NoPresentValueHasAnEmptyRange) {
@@ -315,6 +366,49 @@ TEST(ValueColumn, OnAGridValuesStayWithinTheirError) {
         else
           EXPECT_NEAR(out[i], values[i], bound + 1e-7 * std::abs(values[i]));
     }
+}
+
+TEST(ValueColumn, DescribesTheValuesAsTheyComeBack) {
+  std::vector<float> values = random_values(2000, -1, 3);
+  for (std::size_t i = 0; i < values.size(); i += 7) values[i] = missing;
+  const ValueBins bins{-1, 3};
+  for (const double error : {0.0, 1e-3, 0.3}) {
+    StoredValues stored;
+    const PackedChunk chunk = pack_values(values, error, bins, &stored);
+    std::vector<float> out(values.size());
+    ASSERT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+    Histogram histogram{};
+    std::uint64_t gone = 0;
+    double largest = 0;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      if (std::isnan(out[i])) {
+        ++gone;
+        continue;
+      }
+      ++histogram[static_cast<std::size_t>(bins.bin(double{out[i]}))];
+      largest = std::max(largest, std::abs(double{out[i]} - double{values[i]}));
+    }
+    EXPECT_EQ(stored.histogram, histogram);
+    EXPECT_EQ(stored.missing, gone);
+    EXPECT_LE(largest, stored.error);
+    EXPECT_LE(stored.error, error);
+    EXPECT_EQ(stored.error, stated_value_error(chunk.entry, chunk.bytes).value());
+    EXPECT_EQ(stored.error > 0, error > 0);
+  }
+}
+
+TEST(ValueColumn, RefusesValuesBeyondTheRangeOfTheirChunk) {
+  for (const double error : {0.0, 1e-2}) {
+    PackedChunk chunk = pack_values(random_values(100, 1, 2), error, {1, 2});
+    std::vector<float> out(100);
+    EXPECT_TRUE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+    const float max = chunk.entry.max;
+    chunk.entry.max = 1.9F;
+    EXPECT_THAT(unpack_values(chunk.entry, chunk.bytes, out, "test").error().message, HasSubstr("[R17]"));
+    chunk.entry.max = max;
+    chunk.entry.min = 1.1F;
+    EXPECT_FALSE(unpack_values(chunk.entry, chunk.bytes, out, "test"));
+  }
 }
 
 TEST(ValueColumn, AValueFarFromTheOthersMakesThemExact) {

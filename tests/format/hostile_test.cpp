@@ -92,7 +92,12 @@ class Explorer {
     }
   }
 
-  static Status read_chunk(ColumnKind kind, const ChunkEntry& entry, const Bytes& packed, std::size_t points) {
+  Status read_chunk(ColumnKind kind, const ChunkEntry& entry, const Bytes& packed, std::size_t points) const {
+    const Cube& cube = volume_.info().cube;
+    const auto into_lengths = [&](auto element, auto unpack, const auto& bound) {
+      std::vector<decltype(element)> out(points);
+      return unpack(entry, packed, out, bound, "test");
+    };
     const auto into = [&](auto element, auto unpack) {
       std::vector<decltype(element)> out(points);
       return unpack(entry, packed, out, "test");
@@ -100,14 +105,15 @@ class Explorer {
     std::vector<std::uint8_t> depths(points), counts(points);
     switch (kind) {
       case ColumnKind::position:
+        return into_lengths(dvec3(), unpack_positions, cube);
       case ColumnKind::centroid:
-        return into(dvec3(), unpack_positions);
+        return into_lengths(dvec3(), unpack_centroids, cube);
       case ColumnKind::value:
         return into(float(), unpack_values);
       case ColumnKind::octant:
         return unpack_octants(entry, packed, depths, counts, "test");
       case ColumnKind::moments:
-        return into(SplatShape(), unpack_moments);
+        return into_lengths(SplatShape(), unpack_moments, cube.edge);
       case ColumnKind::value_moments:
         return into(SplatValue(), unpack_value_moments);
       case ColumnKind::gradient:
@@ -417,6 +423,132 @@ TEST_F(HostileTree, WrongHistogramsAreRefused) {
   const Outcome outcome = explore(parts_, Part::histograms, 0, [](Bytes& bytes) { bytes[8] ^= std::byte{1}; });
   EXPECT_TRUE(outcome.opened);
   EXPECT_THAT(outcome.message, HasSubstr("histogram"));
+}
+
+TEST_F(HostileTree, HistogramsAreCheckedBinByBin) {
+  const Outcome outcome = explore(parts_, Part::histograms, 0, [](Bytes& bytes) {
+    std::vector<std::uint64_t> bins(64);
+    std::memcpy(bins.data(), bytes.data(), bytes.size());
+    const auto from = std::ranges::find_if(bins, [](std::uint64_t count) { return count > 0; });
+    --*from;
+    ++*(from + 1);
+    std::memcpy(bytes.data(), bins.data(), bytes.size());
+  });
+  EXPECT_TRUE(outcome.opened);
+  EXPECT_THAT(outcome.message, HasSubstr("histogram"));
+}
+
+TEST_F(HostileTree, ErrorsBeyondThoseOfTheMetadataAreRefused) {
+  const Outcome outcome = explore(parts_, Part::metadata, 0, [](Bytes& bytes) {
+    json document = metadata_of(bytes);
+    document["position_error"] = 1e-9;
+    set_text(bytes, document.dump());
+  });
+  EXPECT_TRUE(outcome.opened);
+  EXPECT_THAT(outcome.message, HasSubstr("larger error than the metadata"));
+}
+
+// --- Numbers that would make a reader draw nonsense.
+
+class HostileNumbers : public HostileTree {
+ protected:
+  // Returns the message after a change to the header of each chunk of a kind in turn. It is the same for all of them.
+  template <class Header>
+  std::string message(ColumnKind kind, const std::function<void(Header&)>& change) {
+    std::string message = "none";
+    for (const std::size_t chunk : chunks_of(kind)) {
+      const Outcome outcome = explore(parts_, Part::chunk, chunk, [&](Bytes& bytes) {
+        auto header = read_record<Header>(bytes, 0);
+        change(header);
+        std::memcpy(bytes.data(), &header, sizeof(header));
+      });
+      EXPECT_TRUE(outcome.opened);
+      message = outcome.message.substr(outcome.message.rfind(':') + 1);
+      if (outcome.verified) return "accepted";
+    }
+    return message;
+  }
+
+  // Returns the message after a change to the directory's first entry of a kind.
+  std::string entry_message(ColumnKind kind, const std::function<void(ChunkEntry&)>& change) {
+    return explore(parts_, Part::directory_page, 0,
+                   [&](Bytes& page) {
+                     const std::size_t at = sizeof(std::uint64_t) + chunks_of(kind).front() * sizeof(ChunkEntry);
+                     auto entry = read_record<ChunkEntry>(page, at);
+                     change(entry);
+                     std::memcpy(page.data() + at, &entry, sizeof(entry));
+                   })
+        .message;
+  }
+
+  // Numbers of the chunks of a kind.
+  std::vector<std::size_t> chunks_of(ColumnKind kind) const {
+    const auto volume = Volume::open(memory_source(parts_.assemble(leave_alone), "whole")).value();
+    std::vector<std::size_t> chunks;
+    std::size_t chunk = 0;
+    for (std::uint64_t row = 0; row < volume->rows().row_count(); ++row)
+      for (const int column : volume->rows().columns_of_row(row)) {
+        if (volume->info().columns[static_cast<std::size_t>(column)].kind == kind) chunks.push_back(chunk);
+        ++chunk;
+      }
+    return chunks;
+  }
+};
+
+constexpr double infinite = std::numeric_limits<double>::infinity();
+
+TEST_F(HostileNumbers, PositionsAreInTheCube) {
+  using Header = PositionHeader;
+  EXPECT_EQ(message<Header>(ColumnKind::position, [](Header&) {}), "accepted");
+  for (const double away : {1.1, -1.1, 1e30, -1e300, infinite, std::nan("")})
+    EXPECT_THAT(message<Header>(ColumnKind::position, [&](Header& h) { h.origin[1] += away; }), HasSubstr("[R17]"));
+  // A large error does not make room for them.
+  EXPECT_THAT(message<Header>(ColumnKind::position, [&](Header& h) { h.origin[1] = h.error = 1e30; }),
+              HasSubstr("[R17]"));
+  EXPECT_THAT(message<Header>(ColumnKind::position, [&](Header& h) { h.quantisation_step = 1e30; }),
+              HasSubstr("[R17]"));
+}
+
+TEST_F(HostileNumbers, CentroidsAreNearTheCube) {
+  using Header = PositionHeader;
+  for (const double away : {2.1, -2.1, 1e30, -1e300})
+    EXPECT_THAT(message<Header>(ColumnKind::centroid, [&](Header& h) { h.origin[2] += away; }), HasSubstr("[R17]"));
+}
+
+TEST_F(HostileNumbers, MaterialIsNoLargerThanTheCube) {
+  using Header = MomentsHeader;
+  for (const double scale : {1.01, 1e30, 1e308})
+    EXPECT_THAT(message<Header>(ColumnKind::moments, [&](Header& h) { h.deviation_scale = scale; }),
+                HasSubstr("[R17]"));
+  for (const double scale : {1e20, 1e308, infinite})
+    EXPECT_THAT(message<Header>(ColumnKind::moments, [&](Header& h) { h.mass_scale = scale; }), HasSubstr("[R17]"));
+}
+
+TEST_F(HostileNumbers, DeviationsOfValuesFitTheirRange) {
+  using Header = ValueMomentsHeader;
+  for (const double scale : {1e3, 1e30, 1e308}) {
+    EXPECT_THAT(message<Header>(ColumnKind::value_moments, [&](Header& h) { h.deviation_scale = scale; }),
+                HasSubstr("[R17]"));
+    EXPECT_THAT(message<Header>(ColumnKind::value_moments, [&](Header& h) { h.least_step = scale; }),
+                HasSubstr("[R17]"));
+  }
+}
+
+TEST_F(HostileNumbers, RangesAreRanges) {
+  constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
+  constexpr float no_end = std::numeric_limits<float>::infinity();
+  for (const ColumnKind kind : {ColumnKind::value, ColumnKind::value_moments}) {
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { e.min = not_a_number; }), HasSubstr("[R10]"));
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { e.max = not_a_number; }), HasSubstr("[R10]"));
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { e.max = no_end; }), HasSubstr("[R10]"));
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { e.min = -no_end; }), HasSubstr("[R10]"));
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { e.max = 3e38F; }), HasSubstr("[R10]"));
+    EXPECT_THAT(entry_message(kind, [](ChunkEntry& e) { std::swap(e.min, e.max); }), HasSubstr("[R10]"));
+  }
+  for (const float bad : {not_a_number, -no_end, 3e38F})
+    EXPECT_THAT(
+        explore(parts_, Part::summary, 0, [&](Bytes& bytes) { std::memcpy(bytes.data(), &bad, sizeof(bad)); }).message,
+        HasSubstr("[R13]"));
 }
 
 TEST_F(HostileTree, ValuesOutsideOfTheirRangeAreRefused) {

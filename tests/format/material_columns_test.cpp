@@ -22,7 +22,11 @@ constexpr double rounding = 1e-12;
 // Half a quantisation step of a log code, with the rounding of double precision.
 const double log_code_factor = std::exp2(1.0 / 256) * (1 + rounding);
 
-constexpr auto unpack_shapes = unpack_moments;
+// The edge of a cube that everything fits into.
+constexpr double wide = 1e301;
+
+constexpr auto unpack_shapes = [](const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
+                                  std::string_view what) { return unpack_moments(entry, packed, out, wide, what); };
 constexpr auto unpack_signals = unpack_value_moments;
 
 template <class Element, class Unpack>
@@ -124,7 +128,7 @@ double worst_tilt(const SplatShape& in, const SplatShape& out) {
 }
 
 void expect_shapes_near(const std::vector<SplatShape>& in, double tilt = 1.0 / 16) {
-  const PackedChunk chunk = pack_moments(in);
+  const PackedChunk chunk = pack_moments(in, wide);
   EXPECT_LE(chunk.entry.unpacked_bytes, 64 + 64 * in.size());  // R10
   EXPECT_EQ(chunk.entry.occupancy, 0u);
   const auto out = unpacked<SplatShape>(chunk, in.size(), unpack_shapes);
@@ -143,7 +147,7 @@ void expect_shapes_near(const std::vector<SplatShape>& in, double tilt = 1.0 / 1
 }
 
 std::uint8_t orientation_width(const std::vector<SplatShape>& shapes) {
-  return read_record<MomentsHeader>(payload_of(pack_moments(shapes)), 0).orientation_width;
+  return read_record<MomentsHeader>(payload_of(pack_moments(shapes, wide)), 0).orientation_width;
 }
 
 TEST(MomentsColumn, KeepsItsBoundsAtEveryAspectRatio) {
@@ -188,7 +192,7 @@ TEST(MomentsColumn, AxesOfSpaceComeBackExactly) {
   shapes[2].orientation = {0, 0, -1, 0};
   shapes[3].orientation = {0, 0, 0, 1};
   EXPECT_EQ(orientation_width(shapes), 3);
-  const auto out = unpacked<SplatShape>(pack_moments(shapes), 4, unpack_shapes);
+  const auto out = unpacked<SplatShape>(pack_moments(shapes, wide), 4, unpack_shapes);
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(std::abs(glm::dot(out[i].orientation, shapes[i].orientation)), 1);
 }
 
@@ -200,7 +204,7 @@ TEST(MomentsColumn, EveryComponentMayBeTheLargestWithEitherSign) {
       glm::dquat q(0.2, -0.3, 0.1, 0.25);
       q[largest] = sign;
       shapes[0].orientation = glm::normalize(q);
-      const glm::dquat back = unpacked<SplatShape>(pack_moments(shapes), 1, unpack_shapes)[0].orientation;
+      const glm::dquat back = unpacked<SplatShape>(pack_moments(shapes, wide), 1, unpack_shapes)[0].orientation;
       // The same turn, with the largest component made positive.
       for (int k = 0; k < 4; ++k) EXPECT_NEAR(back[k], sign * shapes[0].orientation[k], 2 * half_step);
       EXPECT_GT(back[largest], 0);
@@ -232,7 +236,7 @@ TEST(MomentsColumn, ZeroStaysZero) {
   shapes[5].deviations = dvec3(0);
   shapes[6].deviations = {1, 1, 0};
   shapes[7].deviations = {1, 0, 0};
-  const auto out = unpacked<SplatShape>(pack_moments(shapes), shapes.size(), unpack_shapes);
+  const auto out = unpacked<SplatShape>(pack_moments(shapes, wide), shapes.size(), unpack_shapes);
   for (std::size_t i = 0; i < shapes.size(); ++i) {
     EXPECT_TRUE(within_factor(shapes[i].mass, out[i].mass, log_code_factor)) << i;
     for (int k = 0; k < 3; ++k)
@@ -252,7 +256,7 @@ TEST(MomentsColumn, HoldsManyDecadesInOneChunk) {
 
   // Masses under 2^-511 of the largest all come back equal, and above 0.
   shapes = {{1e300, dvec3(1e300), {1, 0, 0, 0}}, {1e-300, dvec3(1e-300), {1, 0, 0, 0}}};
-  const auto out = unpacked<SplatShape>(pack_moments(shapes), 2, unpack_shapes);
+  const auto out = unpacked<SplatShape>(pack_moments(shapes, wide), 2, unpack_shapes);
   EXPECT_GT(out[1].mass, 0);
   EXPECT_LT(out[1].mass, 1e147);
   EXPECT_GT(out[1].deviations[2], 0);
@@ -263,7 +267,7 @@ TEST(MomentsColumn, OnePointIsExactButForItsOrientation) {
   for (const double size : {1e-30, 1.0, 1e30}) {
     const std::vector<SplatShape> one = {random.shape(size, 1, 1)};
     expect_shapes_near(one);
-    const auto out = unpacked<SplatShape>(pack_moments(one), 1, unpack_shapes);
+    const auto out = unpacked<SplatShape>(pack_moments(one, wide), 1, unpack_shapes);
     EXPECT_EQ(out[0].mass, one[0].mass);
     EXPECT_EQ(out[0].deviations[0], one[0].deviations[0]);
   }
@@ -272,7 +276,7 @@ TEST(MomentsColumn, OnePointIsExactButForItsOrientation) {
 TEST(MomentsColumn, RefusesBadHeaders) {
   Shapes random(8);
   const std::vector<SplatShape> shapes = random.shapes(10, 1, 0.9, 0.8);
-  const PackedChunk good = pack_moments(shapes);
+  const PackedChunk good = pack_moments(shapes, wide);
   const auto refuses = [&](const std::function<void(MomentsHeader&, Bytes&)>& change) {
     return refused<MomentsHeader, SplatShape>(good, 10, unpack_shapes, change);
   };
@@ -296,9 +300,10 @@ TEST(MomentsColumn, RefusesDeviationsThatDoNotDescend) {
   for (const dvec3& deviations : {dvec3(1, 2, 0.5), dvec3(1, 0.5, 0.75), dvec3(0, 0, 1), dvec3(1, 0, 1)}) {
     std::vector<SplatShape> shapes(5, SplatShape{1, dvec3(2, 1, 0.5), {1, 0, 0, 0}});
     shapes[2].deviations = deviations;
-    const PackedChunk chunk = pack_moments(shapes);
+    const PackedChunk chunk = pack_moments(shapes, wide);
     std::vector<SplatShape> out(5);
-    EXPECT_THAT(unpack_moments(chunk.entry, chunk.bytes, out, "test").error().message, HasSubstr("descend [R17]"));
+    EXPECT_THAT(unpack_moments(chunk.entry, chunk.bytes, out, wide, "test").error().message,
+                HasSubstr("descend [R17]"));
   }
 }
 
@@ -336,17 +341,49 @@ TEST(MomentsColumn, ABoundaryOutOfRangeIsRefused) {
     bytes[14] = code >> 8 & 255;
     std::vector<SplatShape> out(1);
     const PackedChunk chunk = chunk_of_one(MomentsHeader{1, 1, 3, {}}, bytes);
-    EXPECT_EQ(unpack_moments(chunk.entry, chunk.bytes, out, "chunk").has_value(), std::abs(code) <= 511) << code;
+    EXPECT_EQ(unpack_moments(chunk.entry, chunk.bytes, out, wide, "chunk").has_value(), std::abs(code) <= 511) << code;
   }
 }
 
 TEST(MomentsColumn, WhatIsTooFarOrTooDenseIsClamped) {
   std::vector<SplatShape> shapes(2, SplatShape{1, dvec3(1), {1, 0, 0, 0}, dvec3(1e9, -5, 3), 1e9});
   shapes[1].density = 1e-9;
-  const auto out = unpacked<SplatShape>(pack_moments(shapes), 2, unpack_shapes);
+  const auto out = unpacked<SplatShape>(pack_moments(shapes, wide), 2, unpack_shapes);
   EXPECT_EQ(out[0].boundary, dvec3(511, -511, 384) / 128.0);
   EXPECT_GT(out[0].density, 15);
   EXPECT_EQ(out[1].density, 1.0 / 16);
+}
+
+TEST(MomentsColumn, RefusesWhatIsLargerThanTheCube) {
+  const std::vector<SplatShape> shapes(5, SplatShape{1, dvec3(0.5, 0.4, 0.3), {1, 0, 0, 0}, dvec3(1, 1, 0)});
+  const PackedChunk chunk = pack_moments(shapes, 1);
+  std::vector<SplatShape> out(5);
+  const auto message = [&](double edge) {
+    const Status status = unpack_moments(chunk.entry, chunk.bytes, out, edge, "test");
+    return status ? "" : status.error().message;
+  };
+  EXPECT_EQ(message(1), "");
+  EXPECT_EQ(message(0.65), "");
+  EXPECT_THAT(message(0.63), HasSubstr("farther away than an edge of the cube [R17]"));  // 0.64 away
+  EXPECT_THAT(message(0.49), HasSubstr("larger than the cube [R17]"));
+  EXPECT_THAT(message(1e-8), HasSubstr("larger than the cube [R17]"));
+  const PackedChunk heavy = pack_moments(std::vector<SplatShape>(5, SplatShape{1e30, dvec3(0.1), {}}), 1e10);
+  EXPECT_TRUE(unpack_moments(heavy.entry, heavy.bytes, out, 1e4, "test"));
+  EXPECT_THAT(unpack_moments(heavy.entry, heavy.bytes, out, 1e3, "test").error().message, HasSubstr("[R17]"));
+}
+
+TEST(MomentsColumn, AWriterKeepsToTheBoundsOfAFile) {
+  Shapes random(12);
+  for (const double edge : {1e-30, 1.0, 1e30}) {
+    std::vector<SplatShape> shapes = random.shapes(200, 3 * edge, 0.8, 0.5);
+    shapes[0].mass = 1e290;
+    shapes[1].boundary = dvec3(4, 4, 4);
+    const PackedChunk chunk = pack_moments(shapes, edge);
+    std::vector<SplatShape> out(shapes.size());
+    const Status status = unpack_moments(chunk.entry, chunk.bytes, out, edge, "test");
+    EXPECT_TRUE(status) << status.error().message;
+    EXPECT_EQ(out[0].mass, 0x1p64 * edge * edge * edge);
+  }
 }
 
 TEST(MomentsColumn, AnyPlanesGiveFiniteNumbers) {
@@ -354,10 +391,10 @@ TEST(MomentsColumn, AnyPlanesGiveFiniteNumbers) {
   for (int round = 0; round < 200; ++round) {
     const std::size_t width = 3 + random() % 6;
     Bytes payload;
-    append_record(payload, MomentsHeader{round % 2 == 0 ? 1.7e308 : 5e-324,
-                                         round % 3 == 0 ? 1.7e308 : 1e-300,
-                                         static_cast<std::uint8_t>(width),
-                                         {}});
+    append_record(
+        payload,
+        MomentsHeader{
+            round % 2 == 0 ? 1.7e308 : 5e-324, round % 3 == 0 ? wide : 1e-300, static_cast<std::uint8_t>(width), {}});
     std::array<std::uint16_t, 4> codes{};
     for (std::uint16_t& code : codes) code = static_cast<std::uint16_t>(random());
     std::ranges::sort(codes.begin() + 1, codes.end(), std::greater());
@@ -500,7 +537,7 @@ TEST(ValueMomentsColumn, TinyCoverageIsNotNone) {
 TEST(ValueMomentsColumn, ExtremesComeBackExactly) {
   const std::vector<SplatValue> values = {
       {1, 0, dvec3(1, -1, 0), 0, 1}, {1, 3, dvec3(0, 0, -1), 0, 1}, {1, 3, dvec3(0), 1, 1}};
-  const auto out = unpacked<SplatValue>(pack_value_moments(values, 0, {1, 1, 1}), 3, unpack_signals);
+  const auto out = unpacked<SplatValue>(pack_value_moments(values, 0, {-5, 7, 1}), 3, unpack_signals);
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(out[i].mean, values[i].mean);
     EXPECT_EQ(out[i].deviation, values[i].deviation);
@@ -545,10 +582,28 @@ TEST(ValueMomentsColumn, RefusesMeansOutsideOfTheEntrysBounds) {
   EXPECT_TRUE(refuses(1, std::numeric_limits<float>::quiet_NaN()));
 }
 
+TEST(ValueMomentsColumn, DeviationsAndStepsAreAtMostTheLengthOfTheRange) {
+  const std::vector<SplatValue> values = random_signals(10, 1, 2);
+  const PackedChunk good = pack_value_moments(values, 1e-3, {1, 2, 1});
+  const auto refuses = [&](const std::function<void(ValueMomentsHeader&, Bytes&)>& change) {
+    return refused<ValueMomentsHeader, SplatValue>(good, 10, unpack_signals, change);
+  };
+  EXPECT_FALSE(refuses([](ValueMomentsHeader&, Bytes&) {}));
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.deviation_scale = 1.01; }));
+  EXPECT_TRUE(refuses([](ValueMomentsHeader& h, Bytes&) { h.least_step = 1.01; }));
+
+  // A writer cannot break the rule, even where rounding to single precision leaves no range.
+  std::vector<SplatValue> narrow(10, SplatValue{0.1, 1e-12, dvec3(0), 1, 1});
+  const PackedChunk chunk = pack_value_moments(narrow, 1e300, {0.1F, 0.1F, 1});
+  const auto out = unpacked<SplatValue>(chunk, 10, unpack_signals);
+  EXPECT_EQ(out[3].deviation, 0);
+  EXPECT_EQ(out[3].mean, double{0.1F});
+}
+
 TEST(ValueMomentsColumn, IsReadAsTheSpecificationSays) {
   PackedChunk chunk = chunk_of_one(ValueMomentsHeader{1, 2, 1, {}, -10, 0.25, 8}, {0x35, 0x12, 17, 15, 0xF1, 0, 255});
   chunk.entry.min = static_cast<float>(-10 - 0.25 * 0x91B);
-  chunk.entry.max = chunk.entry.min + 1;
+  chunk.entry.max = chunk.entry.min + 8;
   const SplatValue value = unpacked<SplatValue>(chunk, 1, unpack_signals)[0];
   EXPECT_EQ(value.deviation, 2);
   EXPECT_EQ(value.mean, -10 - 0.25 * 0x91B);

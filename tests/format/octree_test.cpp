@@ -328,7 +328,8 @@ class CrowdedTree {
     const auto value = [&](std::size_t i) {
       return static_cast<float>(std::sin(static_cast<double>(keys_[i] >> 20) * 1e-11));
     };
-    tree_.summaries.push_back({value(begin), value(end - 1), std::uint64_t{0xFF} << (keys_[begin] >> 40) % 50});
+    const auto [min, max] = std::minmax({value(begin), value(end - 1)});
+    tree_.summaries.push_back({min, max, std::uint64_t{0xFF} << (keys_[begin] >> 40) % 50});
     if (end - begin <= leaf_points_ || depth == 21) return;
     for (std::size_t child = begin; child < end;) {
       const auto octant = [&](std::size_t i) { return keys_[i] >> (60 - 3 * depth) & 7; };

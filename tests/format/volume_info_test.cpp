@@ -22,7 +22,7 @@ VolumeInfo example() {
   info.rows_per_directory_page = 3;
   info.reduction_method = "mis";
   info.leaf_points = 12;
-  info.attributes = {{"Density", "kg/m^3", 101325.25, 0x1p100, 0.1, 1e300, 7},
+  info.attributes = {{"Density", "kg/m^3", 101325.25, 0x1p100, 0.1, 1e60, 7, 0.25},
                      {"U[0] \"quoted\" \n \u00e9", "", 0, 1, std::nan(""), std::nan(""), 100}};
   info.columns = {
       {ColumnKind::position, ColumnScope::segment, -1},   {ColumnKind::value, ColumnScope::segment, 0},
@@ -58,7 +58,8 @@ TEST(Metadata, ComesBack) {
     EXPECT_EQ(back->attributes[a].missing, info.attributes[a].missing);
   }
   EXPECT_EQ(back->attributes[0].min, 0.1);
-  EXPECT_EQ(back->attributes[0].max, 1e300);
+  EXPECT_EQ(back->attributes[0].max, 1e60);
+  EXPECT_EQ(back->attributes[0].error, 0.25);
   EXPECT_TRUE(std::isnan(back->attributes[1].min) && std::isnan(back->attributes[1].max));
   ASSERT_EQ(back->columns.size(), info.columns.size());
   for (std::size_t c = 0; c < info.columns.size(); ++c) {
@@ -82,6 +83,27 @@ TEST(Metadata, FindsColumnsAndAttributes) {
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().code, ErrorCode::invalid_argument);
   EXPECT_TRUE(none.error().message.starts_with("a.svol: no attribute \"density\"; there are: Density, "));
+}
+
+TEST(Metadata, AnAliasIsAnotherNameOfAnAttribute) {
+  VolumeInfo info = example();
+  info.aliases = {{"rho", 0}, {"velocity", 1}, {"rho (cells)", 0}};
+  const auto back = metadata_from_json(metadata_to_json(info).value());
+  ASSERT_TRUE(back) << back.error().message;
+  EXPECT_EQ(back->aliases, info.aliases);
+  EXPECT_EQ(back->find_attribute("rho (cells)"), 0);
+  EXPECT_EQ(back->find_attribute("velocity"), 1);
+  EXPECT_EQ(find_attribute(*back, "velocity", "a.svol").value(), 1);
+  EXPECT_THAT(find_attribute(*back, "p", "a.svol").error().message, HasSubstr("rho (cells)"));
+}
+
+TEST(Metadata, AFileWithoutAttributesHasNoAliases) {
+  json document = example_json();
+  document["attributes"] = json::array();
+  document["columns"] = {document["columns"][0]};
+  EXPECT_TRUE(metadata_from_json(document.dump()));
+  document["aliases"] = {{{"name", "a"}, {"attribute", 0}}};
+  EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("aliases"));
 }
 
 // Returns the paths of all values of the document.
@@ -176,6 +198,16 @@ std::vector<Broken> values_out_of_range() {
       {"/attributes/0/missing", -1, "missing"},
       {"/attributes/0/min", 1e301, "disagree"},
       {"/attributes/0/min", nullptr, "disagree"},
+      {"/attributes/0/error", -1, "error"},
+      {"/position_error", -1, "position_error"},
+      {"/aliases", json::object(), "aliases"},
+      {"/aliases", {{{"name", "a"}}}, "attribute"},
+      {"/aliases", {{{"attribute", 0}}}, "name"},
+      {"/aliases", {{{"name", "a"}, {"attribute", 2}}}, "attribute"},
+      {"/aliases", {{{"name", "a"}, {"attribute", -1}}}, "attribute"},
+      {"/aliases", {{{"name", "a"}, {"attribute", "Density"}}}, "attribute"},
+      {"/aliases", {{{"name", "Density"}, {"attribute", 1}}}, "appears twice"},
+      {"/aliases", {{{"name", "a"}, {"attribute", 0}}, {{"name", "a"}, {"attribute", 1}}}, "appears twice"},
       {"/attributes/1/max", 3, "disagree"},
       {"/attributes/1/name", "Density", "'Density' appears twice"},
       {"/attributes", json::object(), "attributes"},
@@ -220,14 +252,27 @@ TEST(Metadata, RefusesScalesThatAreNotAboveZero) {
 
 TEST(Metadata, RefusesRangesWhoseLengthIsInfinite) {
   json document = example_json();
-  document["cube"] = {{"origin", {1e308, 0, 0}}, {"edge", 1e308}};
-  EXPECT_FALSE(metadata_from_json(document.dump()));
+  for (const double bad : {1e61, -1e61, 1e308}) {
+    document["cube"]["origin"][1] = bad;
+    EXPECT_FALSE(metadata_from_json(document.dump()));
+  }
   document = example_json();
-  document["attributes"][0]["scale"] = 1;
-  document["attributes"][0]["min"] = -1.7e308;
-  EXPECT_TRUE(metadata_from_json(document.dump()));
-  document["attributes"][0]["max"] = 1.7e308;
+  for (const double edge : {1e-61, 1e-320, 1e61, 1e308}) {
+    document["cube"]["edge"] = edge;
+    EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("edge"));
+  }
+  document = example_json();
+  document["attributes"][0]["scale"] = 1e-20;  // stored values pass single precision
   EXPECT_FALSE(metadata_from_json(document.dump()));
+  for (const char* key : {"offset", "scale", "min", "max"})
+    for (const double bad : {1.1e102, -1.1e102, 1.7e308}) {
+      document = example_json();
+      document["attributes"][0][key] = bad;
+      EXPECT_FALSE(metadata_from_json(document.dump())) << key << bad;
+    }
+  document = example_json();
+  document["attributes"][0]["min"] = -1e60;
+  EXPECT_TRUE(metadata_from_json(document.dump()));
 }
 
 TEST(Metadata, RefusesTooManyResolutions) {

@@ -401,10 +401,10 @@ std::vector<format::PackedChunk> pack_row(const TestVolume& volume, const format
     if (column.kind == format::ColumnKind::octant)
       chunks.push_back(format::pack_octants(part(volume.depths[resolution]), part(volume.counts[resolution])));
     if (column.kind == format::ColumnKind::centroid)
-      chunks.push_back(
-          format::pack_positions(part(volume.centroids[resolution]), centroid_error(part(volume.shapes[resolution]))));
+      chunks.push_back(format::pack_centroids(part(volume.centroids[resolution]),
+                                              centroid_error(part(volume.shapes[resolution])), volume.info.cube));
     if (column.kind == format::ColumnKind::moments)
-      chunks.push_back(format::pack_moments(part(volume.shapes[resolution])));
+      chunks.push_back(format::pack_moments(part(volume.shapes[resolution]), volume.info.cube.edge));
     if (column.kind == format::ColumnKind::gradient)
       chunks.push_back(format::pack_gradients(part(volume.gradients[a])));
     if (column.kind == format::ColumnKind::value_moments) {
@@ -491,6 +491,7 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   TestVolume volume;
   volume.position_error = options.position_error;
   volume.info = info_of(static_cast<int>(values.size()), options);
+  volume.info.position_error = options.position_error;
   for (const std::uint32_t i : order) {
     volume.positions.push_back(positions[i]);
     volume.point_paths.push_back(paths[i]);

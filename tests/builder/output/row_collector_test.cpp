@@ -48,6 +48,7 @@ test::WholePoints overlapping_points(std::size_t count) {
 format::VolumeInfo four_columns(std::size_t count) {
   format::VolumeInfo info;
   info.points_per_chunk = chunk_points;
+  info.cube = {dvec3(0), 10};
   format::Attribute& attribute = info.attributes.emplace_back();
   attribute.min = 0;
   attribute.max = static_cast<double>(count);
@@ -130,7 +131,7 @@ struct Rows {
     shapes.emplace_back(size);
     depths.emplace_back(size);
     counts.emplace_back(size);
-    EXPECT_TRUE(format::unpack_moments(moments.entry, moments.bytes, shapes.back(), "").has_value());
+    EXPECT_TRUE(format::unpack_moments(moments.entry, moments.bytes, shapes.back(), 10, "").has_value());
     EXPECT_TRUE(format::unpack_octants(octants.entry, octants.bytes, depths.back(), counts.back(), "").has_value());
     values.emplace_back(own ? size : 0);
     if (own) {

@@ -1,0 +1,298 @@
+// What a file keeps of the input's numbers: exactly, within the error that it states, or once for several names.
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <random>
+#include <tuple>
+
+#include "base/file.h"
+#include "builder/build.h"
+#include "builder/series_build.h"
+#include "format/volume.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+
+namespace splatvol {
+namespace {
+
+using format::ColumnKind;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+const auto silent = [](const char*, double) {};
+
+// Pieces with attributes of any names.
+class NamedSource final : public Source {
+ public:
+  NamedSource(std::vector<Piece> pieces, std::vector<std::string> names)
+      : pieces_(std::move(pieces)), names_(std::move(names)) {}
+  const std::vector<std::string>& attributes() const override { return names_; }
+  std::size_t piece_count() const override { return pieces_.size(); }
+  Result<std::unique_ptr<Piece>> next() override {
+    if (next_ == pieces_.size()) return nullptr;
+    return std::make_unique<Piece>(pieces_[next_++]);
+  }
+
+ private:
+  std::vector<Piece> pieces_;
+  std::vector<std::string> names_;
+  std::size_t next_ = 0;
+};
+
+class StoredValuesTest : public testing::Test {
+ protected:
+  StoredValuesTest() { static_cast<void>(::mkdtemp(folder_.data())); }
+  ~StoredValuesTest() override { std::filesystem::remove_all(folder_); }
+
+  std::shared_ptr<const format::Volume> build(std::vector<Piece> pieces, std::vector<std::string> names,
+                                              const BuildOptions& options = {}) {
+    NamedSource source(std::move(pieces), std::move(names));
+    const std::string path = folder_ + "/out.svol";
+    const auto report = build_volume(source, path, options, silent);
+    EXPECT_TRUE(report) << report.error().message;
+    if (!report) return nullptr;
+    report_ = *report;
+    auto volume = format::Volume::open(*open_file(path));
+    EXPECT_TRUE(volume) << volume.error().message;
+    const Status verified = (*volume)->verify([](double) {});
+    EXPECT_TRUE(verified) << verified.error().message;
+    return *volume;
+  }
+
+  std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-stored-XXXXXX").string();
+  BuildReport report_;
+};
+
+// A column of all points of a file, in its order.
+template <class T, class Unpack>
+std::vector<T> read_column(const format::Volume& volume, ColumnKind kind, int attribute, const Unpack& unpack) {
+  std::vector<T> all;
+  const format::RowLayout& rows = volume.rows();
+  for (std::uint64_t g = 0; g < rows.group_count(); ++g) {
+    const format::Group group = rows.group(g);
+    const std::uint64_t row = rows.row(group.segment, g);
+    const auto page = *volume.read_directory_page(volume.directory_page_of_row(row));
+    const auto& chunk = volume.find_chunk(page, row, volume.info().find_column(kind, attribute));
+    std::vector<T> part(group.count);
+    EXPECT_TRUE(unpack(chunk.entry, *volume.read_bytes(chunk.offset, chunk.entry.packed_bytes), std::span<T>(part)));
+    all.insert(all.end(), part.begin(), part.end());
+  }
+  return all;
+}
+
+std::vector<dvec3> positions_of(const format::Volume& volume) {
+  return read_column<dvec3>(volume, ColumnKind::position, -1, [&](const auto& entry, const auto& bytes, auto out) {
+    return format::unpack_positions(entry, bytes, out, volume.info().cube, "test");
+  });
+}
+
+std::vector<double> values_of(const format::Volume& volume, int attribute) {
+  const auto stored = read_column<float>(
+      volume, ColumnKind::value, attribute,
+      [](const auto& entry, const auto& bytes, auto out) { return format::unpack_values(entry, bytes, out, "test"); });
+  std::vector<double> values;
+  for (const float value : stored)
+    values.push_back(volume.info().attributes[static_cast<std::size_t>(attribute)].value(double{value}));
+  return values;
+}
+
+// Values of single precision: round 0, in a narrow range far from 0, small, large.
+Piece points_with_values() {
+  Piece piece = test::scattered(test::random_points(3000, 7, dvec3(100, -5, 1e-3)));
+  std::mt19937 random(1);
+  std::normal_distribution<float> normal;
+  piece.values.assign(4, {});
+  for (std::size_t i = 0; i < piece.points.size(); ++i) {
+    piece.values[0].push_back(i % 17 == 3 ? nan : double{normal(random)});
+    piece.values[1].push_back(double{101325.0F + 0.1F * normal(random)});
+    piece.values[2].push_back(double{1e-30F * normal(random)});
+    piece.values[3].push_back(double{1e37F * normal(random)});
+  }
+  return piece;
+}
+
+const std::vector<std::string> four_names = {"normal", "narrow", "small", "large"};
+
+// Indices of the input's points, in the file's order. Positions tell them apart.
+std::vector<std::size_t> order_of(const std::vector<dvec3>& stored, const Piece& piece) {
+  std::vector<std::size_t> order;
+  for (const dvec3& p : stored)
+    order.push_back(static_cast<std::size_t>(
+        std::ranges::min_element(piece.points, {}, [&](const dvec3& q) { return squared_length(p - q); }) -
+        piece.points.begin()));
+  return order;
+}
+
+TEST_F(StoredValuesTest, ExactNumbersComeBackBitByBit) {
+  const Piece piece = points_with_values();
+  BuildOptions options;
+  options.exact = {.positions = true, .values = true};
+  const auto volume = build({piece}, four_names, options);
+  ASSERT_TRUE(volume);
+  EXPECT_EQ(volume->info().position_error, 0);
+  const std::vector<dvec3> stored = positions_of(*volume);
+  ASSERT_EQ(stored.size(), piece.points.size());
+  const std::vector<std::size_t> order = order_of(stored, piece);
+  for (std::size_t i = 0; i < order.size(); ++i) ASSERT_EQ(stored[i], piece.points[order[i]]);
+  for (int a = 0; a < 4; ++a) {
+    EXPECT_EQ(volume->info().attributes[static_cast<std::size_t>(a)].error, 0);
+    const std::vector<double> values = values_of(*volume, a);
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const double expected = piece.values[static_cast<std::size_t>(a)][order[i]];
+      ASSERT_TRUE(std::isnan(expected)
+                      ? std::isnan(values[i])
+                      : std::bit_cast<std::uint64_t>(values[i]) == std::bit_cast<std::uint64_t>(expected))
+          << four_names[static_cast<std::size_t>(a)] << " " << values[i] << " " << expected;
+    }
+  }
+}
+
+TEST_F(StoredValuesTest, TheStatedErrorsAreKept) {
+  const Piece piece = points_with_values();
+  const auto volume = build({piece}, four_names);
+  ASSERT_TRUE(volume);
+  const std::vector<dvec3> stored = positions_of(*volume);
+  const std::vector<std::size_t> order = order_of(stored, piece);
+  EXPECT_GT(volume->info().position_error, 0);
+  for (std::size_t i = 0; i < order.size(); ++i)
+    for (int axis = 0; axis < 3; ++axis)
+      EXPECT_LE(std::abs(stored[i][axis] - piece.points[order[i]][axis]), volume->info().position_error);
+  for (int a = 0; a < 4; ++a) {
+    const format::Attribute& attribute = volume->info().attributes[static_cast<std::size_t>(a)];
+    EXPECT_GT(attribute.error, 0) << attribute.name;
+    EXPECT_LT(attribute.error, 0.1 * (attribute.max - attribute.min)) << attribute.name;
+    const std::vector<double> values = values_of(*volume, a);
+    double largest = 0;
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const double expected = piece.values[static_cast<std::size_t>(a)][order[i]];
+      if (!std::isnan(expected)) largest = std::max(largest, std::abs(values[i] - expected));
+    }
+    EXPECT_LE(largest, attribute.error) << attribute.name;
+    // In the narrow range, numbers of single precision happen to be on the grid.
+    if (attribute.name != "narrow") {
+      EXPECT_GT(largest, 0.1 * attribute.error) << attribute.name;
+    }
+  }
+}
+
+// A mesh in pieces with "p", the same again, and a third that differs in one bit of one value.
+std::vector<Piece> pieces_with_equal_attributes() {
+  const test::Mesh mesh = test::lattice(6, [](dvec3 p) { return dvec3(p.x * p.x, p.y, 0.3 * p.z); });
+  Piece whole = test::mesh_piece(mesh, [](dvec3 p) { return std::sin(6 * p.x) + p.y * p.z; });
+  whole.values[0][5] = nan;
+  whole.values.push_back(whole.values[0]);
+  whole.values.push_back(whole.values[0]);
+  whole.values[2][100] = std::nextafter(whole.values[2][100], 10.0);
+  return test::cut(whole, 3);
+}
+
+const std::vector<std::string> three_names = {"p", "p again", "q"};
+
+// Hashes of the chunks of the file's material.
+std::vector<std::uint64_t> material_of(const format::Volume& volume) {
+  std::vector<std::uint64_t> hashes;
+  for (std::uint64_t row = 0; row < volume.rows().row_count(); ++row) {
+    const auto page = *volume.read_directory_page(volume.directory_page_of_row(row));
+    for (const ColumnKind kind : {ColumnKind::centroid, ColumnKind::moments})
+      hashes.push_back(volume.find_chunk(page, row, volume.info().find_column(kind)).entry.hash);
+  }
+  return hashes;
+}
+
+TEST_F(StoredValuesTest, AttributesWithTheSameValuesAreStoredOnce) {
+  const auto volume = build(pieces_with_equal_attributes(), three_names);
+  ASSERT_TRUE(volume);
+  const format::VolumeInfo& info = volume->info();
+  ASSERT_EQ(info.attributes.size(), 2u);
+  EXPECT_EQ(info.attributes[0].name, "p");
+  EXPECT_EQ(info.attributes[1].name, "q");
+  EXPECT_EQ(info.aliases, (std::vector<format::Alias>{{"p again", 0}}));
+  EXPECT_EQ(info.find_attribute("p again"), 0);
+  EXPECT_EQ(info.find_attribute("q"), 1);
+  EXPECT_EQ(report_.aliases, (std::vector<std::pair<std::string, std::string>>{{"p again", "p"}}));
+
+  BuildOptions apart;
+  apart.join_attributes = false;
+  const auto twice = build(pieces_with_equal_attributes(), three_names, apart);
+  ASSERT_EQ(twice->info().attributes.size(), 3u);
+  EXPECT_TRUE(twice->info().aliases.empty());
+  EXPECT_TRUE(report_.aliases.empty());
+  const auto same = [](const std::vector<double>& a, const std::vector<double>& b) {
+    return std::ranges::equal(a, b, [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); });
+  };
+  EXPECT_TRUE(same(values_of(*volume, 0), values_of(*twice, 1)));
+  EXPECT_TRUE(same(values_of(*volume, 1), values_of(*twice, 2)));
+  EXPECT_EQ(material_of(*volume), material_of(*twice));  // with its boundaries
+}
+
+TEST_F(StoredValuesTest, AUnitOfItsOwnKeepsAnAttributeApart) {
+  BuildOptions options;
+  options.units = {{"p again", "Pa"}};
+  const auto volume = build(pieces_with_equal_attributes(), three_names, options);
+  ASSERT_TRUE(volume);
+  EXPECT_EQ(volume->info().attributes.size(), 3u);
+  EXPECT_TRUE(volume->info().aliases.empty());
+}
+
+TEST_F(StoredValuesTest, StepsShareNothingThatLaterStepsMayNotShare) {
+  const std::vector<Piece> pieces = pieces_with_equal_attributes();
+  std::vector<SeriesStep> steps;
+  for (int step = 0; step < 2; ++step)
+    steps.push_back({fmt::format("step {}", step), step, [pieces]() -> Result<std::unique_ptr<Source>> {
+                       return std::make_unique<NamedSource>(pieces, three_names);
+                     }});
+  const std::string path = folder_ + "/series.svol";
+  ASSERT_TRUE(build_series(std::move(steps), path, {}, silent));
+  const auto volume = format::Volume::open(*open_file(path));
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ((*volume)->info().attributes.size(), 3u);
+  EXPECT_TRUE((*volume)->info().aliases.empty());
+}
+
+// Material that is larger than the box round its points: the cube grows until it is within the bounds of a file.
+TEST_F(StoredValuesTest, TheCubeIsLargeEnoughForTheMaterialOfFewPoints) {
+  for (const std::size_t count : {1, 2, 5}) {
+    Piece piece;
+    PointMaterial material;
+    for (std::size_t i = 0; i < count; ++i) {
+      piece.points.push_back(dvec3(0, 0, 1e-3 * static_cast<double>(i)));
+      SpatialMoments moments;
+      moments.mass = 1e-3 * 100 * 100;
+      moments.covariance = {1e4 / 12, 1e4 / 12, 1e-6 / 12, 0, 0, 0};
+      material.moments.push_back(moments);
+    }
+    piece.values = {std::vector<double>(count, 1.0)};
+    material.value_moments = {std::vector<ValueMoments>(count)};
+    material.gradients = {std::vector<dvec3>(count, dvec3(0))};
+    piece.material = material;
+
+    class MaterialSource final : public Source {
+     public:
+      explicit MaterialSource(Piece piece) : piece_(std::move(piece)) {}
+      const std::vector<std::string>& attributes() const override { return names_; }
+      std::size_t piece_count() const override { return 1; }
+      bool brings_material() const override { return true; }
+      Result<std::unique_ptr<Piece>> next() override {
+        return std::exchange(done_, true) ? nullptr : std::make_unique<Piece>(piece_);
+      }
+
+     private:
+      Piece piece_;
+      std::vector<std::string> names_ = {"value"};
+      bool done_ = false;
+    } source(piece);
+    const std::string path = folder_ + "/large.svol";
+    ASSERT_TRUE(build_volume(source, path, {}, silent));
+    const auto volume = format::Volume::open(*open_file(path));
+    ASSERT_TRUE(volume) << volume.error().message;
+    const Status verified = (*volume)->verify([](double) {});
+    EXPECT_TRUE(verified) << verified.error().message;
+    EXPECT_GE((*volume)->info().cube.edge, 40);
+  }
+}
+
+}  // namespace
+}  // namespace splatvol

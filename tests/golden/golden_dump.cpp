@@ -1,0 +1,52 @@
+// golden_dump [--all] FILE.svol: prints what a reader sees, as the golden test compares it. golden_dump --make-pages
+// OUT.svol: writes a small file whose index and directory have several pages.
+#include <fmt/format.h>
+
+#include <random>
+#include <string>
+
+#include "base/file.h"
+#include "format/volume.h"
+#include "tests/support/test_volume.h"
+#include "tests/support/volume_dump.h"
+
+namespace splatvol {
+namespace {
+
+Status make_pages(const std::string& path) {
+  constexpr std::size_t points = 320;
+  std::mt19937 random(5);
+  std::vector<double> values(points);
+  for (double& value : values) value = static_cast<double>(random() % 1000) / 8;
+  test::TestVolumeOptions options;
+  options.position_error = 1e-3;
+  options.node_points = 1;
+  options.moments = options.gradients = false;
+  return test::write_test_volume(test::make_test_volume(test::random_points(points, 3), {values}, options), path);
+}
+
+Status print(const std::string& path, bool all) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(file)));
+  SPLATVOL_TRY(volume->verify([](double) {}));
+  SPLATVOL_TRY_ASSIGN(text, test::dump_volume(*volume, all));
+  fmt::print("{}", text);
+  return {};
+}
+
+}  // namespace
+}  // namespace splatvol
+
+int main(int argc, char** argv) {
+  const std::string option = argc > 1 ? argv[1] : "";
+  const bool has_option = option.starts_with("--");
+  if (argc != (has_option ? 3 : 2) || (has_option && option != "--all" && option != "--make-pages")) {
+    fmt::print(stderr, "usage: golden_dump [--all] FILE.svol | --make-pages OUT.svol\n");
+    return 2;
+  }
+  const std::string path = argv[argc - 1];
+  const splatvol::Status done =
+      option == "--make-pages" ? splatvol::make_pages(path) : splatvol::print(path, option == "--all");
+  if (!done) fmt::print(stderr, "golden_dump: {}\n", done.error().message);
+  return done ? 0 : 1;
+}

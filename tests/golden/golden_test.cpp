@@ -1,0 +1,110 @@
+// Files of version 1.0 as they were when the format was frozen: each is read as it was read then. A failure is a bug
+// of the reader, and no reason to write the files anew (CONTRIBUTING.md).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+
+#include "base/file.h"
+#include "format/volume.h"
+#include "tests/support/volume_dump.h"
+
+namespace splatvol {
+namespace {
+
+std::vector<std::filesystem::path> golden_files() {
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::directory_iterator(SPLATVOL_GOLDEN))
+    if (entry.path().extension() == ".svol") files.push_back(entry.path());
+  std::ranges::sort(files);
+  return files;
+}
+
+std::shared_ptr<const format::Volume> open(const std::filesystem::path& path) {
+  auto file = open_file(path);
+  if (!file) return nullptr;
+  auto volume = format::Volume::open(std::move(*file));
+  EXPECT_TRUE(volume) << volume.error().message;
+  return volume ? *volume : nullptr;
+}
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find('\n', begin), text.size());
+    lines.push_back(text.substr(begin, end - begin));
+    begin = end + 1;
+  }
+  return lines;
+}
+
+TEST(Golden, EachFileIsReadAsItWasWhenTheFormatWasFrozen) {
+  for (const std::filesystem::path& path : golden_files()) {
+    const auto volume = open(path);
+    ASSERT_TRUE(volume) << path;
+    const Status verified = volume->verify([](double) {});
+    EXPECT_TRUE(verified) << verified.error().message;
+    const auto dump = test::dump_volume(*volume);
+    ASSERT_TRUE(dump) << dump.error().message;
+    std::filesystem::path text = path;
+    const auto expected = read_text_file(text.replace_extension(".dump"));
+    ASSERT_TRUE(expected) << expected.error().message;
+    const std::vector<std::string> now = lines_of(*dump), then = lines_of(*expected);
+    EXPECT_EQ(now.size(), then.size()) << path;
+    for (std::size_t i = 0; i < std::min(now.size(), then.size()); ++i)
+      ASSERT_EQ(now[i], then[i]) << path << ", line " << i + 1;
+  }
+}
+
+TEST(Golden, EveryFeatureHasAFile) {
+  std::set<std::string> names;
+  for (const std::filesystem::path& path : golden_files()) names.insert(path.stem());
+  for (const char* name : {"mesh", "points", "octree", "kdtree", "mis", "gradients", "cells_own", "exact", "series",
+                           "large_values", "small_lengths", "aliases", "one_point", "pages"})
+    EXPECT_TRUE(names.contains(name)) << name;
+}
+
+TEST(Golden, ChunksAreRawAndCompressed) {
+  bool raw = false, compressed = false;
+  for (const std::filesystem::path& path : golden_files()) {
+    const auto volume = open(path);
+    ASSERT_TRUE(volume) << path;
+    for (std::uint64_t page = 0; page < volume->directory_page_count(); ++page) {
+      const auto directory = volume->read_directory_page(page);
+      ASSERT_TRUE(directory) << directory.error().message;
+      for (const format::ChunkLocation& chunk : directory->chunks)
+        (chunk.entry.packed_bytes == chunk.entry.unpacked_bytes ? raw : compressed) = true;
+    }
+  }
+  EXPECT_TRUE(raw);
+  EXPECT_TRUE(compressed);
+}
+
+TEST(Golden, ReductionsHaveSeveralResolutionsAndSeriesSeveralSteps) {
+  for (const std::filesystem::path& path : golden_files()) {
+    const auto volume = open(path);
+    ASSERT_TRUE(volume) << path;
+    if (path.stem() == "octree" || path.stem() == "kdtree" || path.stem() == "mis") {
+      EXPECT_EQ(volume->info().reduction_method, path.stem().string());
+      EXPECT_GE(volume->info().resolutions(), 2u) << path;
+    }
+    if (path.stem() == "series") {
+      ASSERT_TRUE(volume->series());
+      EXPECT_EQ(volume->series()->steps.size(), 3u);
+      EXPECT_EQ(volume->series()->entries.size(), 5u);  // with a dead part for each append
+    }
+  }
+}
+
+TEST(Golden, TheFilesAreSmall) {
+  std::uint64_t all = 0;
+  for (const std::filesystem::path& path : golden_files()) {
+    EXPECT_LE(std::filesystem::file_size(path), 24u << 10) << path;
+    all += std::filesystem::file_size(path);
+  }
+  EXPECT_LE(all, 300u << 10);
+}
+
+}  // namespace
+}  // namespace splatvol
