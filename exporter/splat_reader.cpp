@@ -3,7 +3,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -29,11 +28,12 @@ Result<ExportSelection> select(const format::Volume& volume, std::optional<std::
                 selection.resolution, info.resolutions() - 1);
   for (const std::string& name : attributes) {
     SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(info, name, volume.name()));
-    selection.attributes.push_back(static_cast<std::size_t>(attribute));
+    selection.add(static_cast<std::size_t>(attribute), name);
   }
   if (attributes.empty()) {
-    selection.attributes.resize(info.attributes.size());
-    std::iota(selection.attributes.begin(), selection.attributes.end(), std::size_t{0});
+    for (std::size_t a = 0; a < info.attributes.size(); ++a) selection.add(a, info.attributes[a].name);
+    for (const format::Alias& alias : info.aliases)
+      selection.add(static_cast<std::size_t>(alias.attribute), alias.name);
   }
   bool complete = info.find_column(ColumnKind::centroid) >= 0 && info.find_column(ColumnKind::moments) >= 0;
   for (const std::size_t a : selection.attributes)

@@ -21,11 +21,18 @@ namespace splatvol {
 struct ExportSelection {
   std::size_t resolution = 0;
   std::vector<std::size_t> attributes;  // indices into VolumeInfo::attributes
+  std::vector<std::string> names;       // [attribute of the selection]: its name in the output, which may be an alias
   Box box{dvec3(-std::numeric_limits<double>::infinity()), dvec3(std::numeric_limits<double>::infinity())};
+
+  void add(std::size_t attribute, std::string name) {
+    attributes.push_back(attribute);
+    names.push_back(std::move(name));
+  }
 };
 
-/// Makes a selection from a resolution (none: the finest) and names of attributes (none: all). Fails if the file does
-/// not have the resolution or an attribute (the message lists what it has), or lacks splat moments of an attribute.
+/// Makes a selection from a resolution (none: the finest) and names of attributes or aliases (none: all of both). Fails
+/// if the file does not have the resolution or an attribute (the message lists what it has), or lacks splat moments of
+/// an attribute.
 [[nodiscard]] Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
                                              const std::vector<std::string>& attributes, const Box& box);
 

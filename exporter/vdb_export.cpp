@@ -45,8 +45,7 @@ VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& 
 class GridBuilder {
  public:
   GridBuilder(const format::Volume& volume, const ExportSelection& selection, const VoxelFrame& frame)
-      : voxel_volume_(frame.voxel * frame.voxel * frame.voxel),
-        grids_(names_of(volume, selection), frame.origin, frame.voxel) {
+      : voxel_volume_(frame.voxel * frame.voxel * frame.voxel), grids_(names_of(selection), frame.origin, frame.voxel) {
     grids_.mark_share(0);
     for (const std::size_t a : selection.attributes) {
       attributes_.push_back(volume.info().attributes[a]);
@@ -78,9 +77,9 @@ class GridBuilder {
  private:
   static constexpr float missing = std::numeric_limits<float>::quiet_NaN();
 
-  static std::vector<std::string> names_of(const format::Volume& volume, const ExportSelection& selection) {
+  static std::vector<std::string> names_of(const ExportSelection& selection) {
     std::vector<std::string> names = {fraction_name};
-    for (const std::size_t a : selection.attributes) names.push_back(volume.info().attributes[a].name);
+    names.insert(names.end(), selection.names.begin(), selection.names.end());
     return names;
   }
 
@@ -111,11 +110,10 @@ Status check_range(const format::Volume& volume, const format::Attribute& attrib
 Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path, const ExportSelection& selection,
                              double voxel, std::uint64_t memory, const std::function<void(double)>& progress) {
   const format::VolumeInfo& info = volume.info();
-  for (const std::size_t a : selection.attributes)
-    if (info.attributes[a].name == fraction_name)
-      return fail(ErrorCode::invalid_argument,
-                  "{}: an attribute is called \"{}\" as the grid of the material: leave it out (--attribute)",
-                  volume.name(), fraction_name);
+  if (std::ranges::find(selection.names, fraction_name) != selection.names.end())
+    return fail(ErrorCode::invalid_argument,
+                "{}: an attribute is called \"{}\" as the grid of the material: leave it out (--attribute)",
+                volume.name(), fraction_name);
   for (const std::size_t a : selection.attributes) SPLATVOL_TRY(check_range(volume, info.attributes[a]));
   const VoxelFrame frame{info.cube.origin, voxel};
   if (!(info.cube.edge / voxel < most_voxels) || !(voxel * voxel * voxel > 0) || !std::isfinite(voxel * voxel * voxel))

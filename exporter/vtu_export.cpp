@@ -80,20 +80,22 @@ class VtuFile {
   VtuFile(const format::Volume& volume, const ExportSelection& selection) : selection_(selection) {
     arrays_.push_back({.name = "Points", .components = 3});
     const format::VolumeInfo& info = volume.info();
-    for (const std::size_t a : selection.attributes) {
-      attributes_.push_back(info.attributes[a]);
-      arrays_.push_back({.name = info.attributes[a].name, .unit = info.attributes[a].unit});
+    for (std::size_t i = 0; i < selection.attributes.size(); ++i) {
+      attributes_.push_back(info.attributes[selection.attributes[i]]);
+      attributes_.back().name = selection.names[i];
+      arrays_.push_back({.name = attributes_.back().name, .unit = attributes_.back().unit});
     }
     arrays_.push_back({.name = "mass"});
     arrays_.push_back({.name = "centroid", .components = 3});
     arrays_.push_back({.name = "covariance", .components = 6});
-    for (const std::size_t a : selection.attributes) {
-      const format::Attribute& attribute = info.attributes[a];
+    for (std::size_t i = 0; i < attributes_.size(); ++i) {
+      const format::Attribute& attribute = attributes_[i];
       arrays_.push_back({.name = attribute.name + " mean", .unit = attribute.unit});
       arrays_.push_back({.name = attribute.name + " deviation", .unit = attribute.unit});
       arrays_.push_back({.name = attribute.name + " covariance", .components = 3});
       arrays_.push_back({.name = attribute.name + " gradient", .components = 3});
-      has_direction_.push_back(info.find_column(format::ColumnKind::gradient, static_cast<int>(a)) >= 0);
+      const auto index = static_cast<int>(selection.attributes[i]);
+      has_direction_.push_back(info.find_column(format::ColumnKind::gradient, index) >= 0);
       if (has_direction_.back()) arrays_.push_back({.name = attribute.name + " gradient direction", .components = 3});
     }
     data_arrays_ = arrays_.size();

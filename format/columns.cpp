@@ -242,21 +242,21 @@ Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed,
   SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), cube.edge, what));
   auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
   std::vector<std::uint64_t> codes(out.size());
+  // A cube that is small beside its distance from 0 has no exact other end. So distances are compared.
+  const double least = -margin * cube.edge - header.error, most = (1 + margin) * cube.edge + header.error;
+  bool inside = true;
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t width = header.form == form_grid ? header.width[axis] : sizeof(double);
     read_planes<std::uint64_t>(planes, codes, width);
     planes = planes.subspan(width * out.size());
-    for (std::size_t i = 0; i < out.size(); ++i)
-      out[i][axis] = header.form == form_grid
-                         ? header.origin[axis] + header.quantisation_step * static_cast<double>(codes[i])
-                         : std::bit_cast<double>(codes[i]);
-  }
-  // A cube that is small beside its distance from 0 has no exact other end. So distances are compared.
-  const double least = -margin * cube.edge - header.error, most = (1 + margin) * cube.edge + header.error;
-  bool inside = true;
-  for (const dvec3& p : out) {
-    const dvec3 from_origin = p - cube.origin;
-    for (int axis = 0; axis < 3; ++axis) inside = inside && from_origin[axis] >= least && from_origin[axis] <= most;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      const double x = header.form == form_grid
+                           ? header.origin[axis] + header.quantisation_step * static_cast<double>(codes[i])
+                           : std::bit_cast<double>(codes[i]);
+      const double from_origin = x - cube.origin[axis];
+      inside = inside && from_origin >= least && from_origin <= most;
+      out[i][axis] = x;
+    }
   }
   if (!inside) return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube [R17]", what);
   return {};
@@ -291,7 +291,10 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
     read_values_on_grid(header, planes, out);
   else
     read_planes<float>(planes, out);
-  if (std::ranges::any_of(out, [&](float value) { return value < entry.min || value > entry.max; }))
+  std::uint32_t outside = 0;  // an integer, so that compilers make vectors of the loop
+  for (const float value : out)
+    outside |= static_cast<std::uint32_t>(value < entry.min) | static_cast<std::uint32_t>(value > entry.max);
+  if (outside != 0)
     return fail(ErrorCode::invalid_data, "{}: a value is out of the range that its chunk states [R17]", what);
   return {};
 }

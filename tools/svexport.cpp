@@ -57,8 +57,8 @@ Result<json> export_points(const format::Volume& volume, const ExportSelection& 
   SPLATVOL_TRY_ASSIGN(report,
                       export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
   json errors = json::object();
-  for (const std::size_t a : selection.attributes)
-    errors[volume.info().attributes[a].name] = volume.info().attributes[a].error;
+  for (std::size_t i = 0; i < selection.attributes.size(); ++i)
+    errors[selection.names[i]] = volume.info().attributes[selection.attributes[i]].error;
   return json{{"output", options.output},
               {"points", report.points},
               {"mass", report.mass},
@@ -130,7 +130,8 @@ void add_file_options(CLI::App& app, Options& options) {
 }
 
 void add_selection_options(CLI::App& app, Options& options) {
-  app.add_option("--attribute", options.attributes, "An attribute to export; repeatable (default: all)")
+  app.add_option("--attribute", options.attributes,
+                 "An attribute to export; repeatable (default: all, by all their names)")
       ->check(check_not_empty)
       ->type_name("NAME")
       ->allow_extra_args(false);

@@ -237,6 +237,27 @@ TEST_F(StoredValuesTest, AUnitOfItsOwnKeepsAnAttributeApart) {
   EXPECT_TRUE(volume->info().aliases.empty());
 }
 
+TEST_F(StoredValuesTest, StepsOfAnExactSeriesAreExact) {
+  const auto step = [](int number) {
+    const std::vector<Piece> pieces = pieces_with_equal_attributes();
+    return std::vector<SeriesStep>{
+        {fmt::format("step {}", number), number,
+         [pieces]() -> Result<std::unique_ptr<Source>> { return std::make_unique<NamedSource>(pieces, three_names); }}};
+  };
+  for (const bool exact : {false, true}) {
+    const std::string path = folder_ + "/series.svol";
+    BuildOptions options;
+    options.exact = {.positions = exact, .values = exact};
+    ASSERT_TRUE(build_series(step(0), path, options, silent));
+    ASSERT_TRUE(append_to_series(step(1), path, {}, silent));
+    const auto volume = *format::Volume::open(*open_file(path));
+    const Status verified = volume->verify([](double) {});
+    EXPECT_TRUE(verified) << verified.error().message;
+    EXPECT_EQ(volume->info().position_error == 0, exact);
+    for (const format::Attribute& attribute : volume->info().attributes) EXPECT_EQ(attribute.error == 0, exact);
+  }
+}
+
 TEST_F(StoredValuesTest, StepsShareNothingThatLaterStepsMayNotShare) {
   const std::vector<Piece> pieces = pieces_with_equal_attributes();
   std::vector<SeriesStep> steps;

@@ -23,14 +23,14 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
   ASSERT_TRUE(::mkdtemp(folder.data()));
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
-  std::string table = "x,y,z,p,T\n";
+  std::string table = "x,y,z,p,T,p again\n";
   std::map<std::tuple<double, double, double>, std::pair<double, double>> points;
   for (int i = 0; i < 500; ++i) {
     const dvec3 position(normal(random), 1e6 + normal(random), 1e-9 * normal(random));
     const double p = double{static_cast<float>(101325 + normal(random))};
     const double t = i % 9 == 4 ? std::nan("") : double{static_cast<float>(1e20 * normal(random))};
     points[{position.x, position.y, position.z}] = {p, t};
-    table += fmt::format("{},{},{},{},{}\n", position.x, position.y, position.z, p, t);
+    table += fmt::format("{},{},{},{},{},{}\n", position.x, position.y, position.z, p, t, p);
   }
   ASSERT_TRUE(write_text_file(folder + "/in.csv", table));
 
@@ -41,11 +41,13 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
   const auto built = build_volume(**source, folder + "/out.svol", options, [](const char*, double) {});
   ASSERT_TRUE(built) << built.error().message;
   const auto volume = format::Volume::open(open_file(folder + "/out.svol").value()).value();
+  EXPECT_EQ(volume->info().attributes.size(), 2u);
+  EXPECT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
   const ExportSelection selection = select(*volume, std::nullopt, {}, ExportSelection().box).value();
   ASSERT_TRUE(export_vtu(*volume, folder + "/out.vtu", selection, [](double) {}));
 
   SourceOptions selected;
-  selected.selection = {"p", "T"};
+  selected.selection = {"p", "T", "p again"};
   const auto exported = open_source({folder + "/out.vtu"}, selected);
   ASSERT_TRUE(exported) << exported.error().message;
   const auto piece = (*exported)->next();
@@ -56,6 +58,7 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
     const auto found = points.find({at.x, at.y, at.z});
     ASSERT_NE(found, points.end()) << at.x << " " << at.y << " " << at.z;
     EXPECT_EQ((*piece)->values[0][i], found->second.first);
+    EXPECT_EQ((*piece)->values[2][i], found->second.first);
     const double t = (*piece)->values[1][i];
     EXPECT_TRUE(t == found->second.second || (std::isnan(t) && std::isnan(found->second.second)));
   }

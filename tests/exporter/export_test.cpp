@@ -248,7 +248,8 @@ TEST_F(Export, NamesThatClashAreRefused) {
   volume.info.attributes[0].name = "volume_fraction";
   ASSERT_TRUE(test::write_test_volume(volume, path("fraction.svol")));
   const auto fraction = open("fraction.svol");
-  EXPECT_THAT(export_vdb(*fraction, path("out.vdb"), selection, 0.1, enough, no_progress).error().message,
+  const auto other = select(*fraction, std::nullopt, {}, ExportSelection().box).value();
+  EXPECT_THAT(export_vdb(*fraction, path("out.vdb"), other, 0.1, enough, no_progress).error().message,
               HasSubstr("\"volume_fraction\""));
 }
 
