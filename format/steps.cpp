@@ -10,11 +10,18 @@ namespace {
 
 constexpr std::uint64_t most_index_bytes = 16u << 20;
 
+// The query of an address, with its question mark, such as a token that all files there need; empty for a path.
+std::string query_of(const std::string& path) {
+  const std::size_t query =
+      path.starts_with("http") && path.find("://") != std::string::npos ? path.find('?') : path.npos;
+  return query == path.npos ? std::string() : path.substr(query);
+}
+
 }  // namespace
 
 Result<Steps> Steps::open(const std::string& path, OpenFile open) {
   Steps steps(path, std::move(open));
-  if (is_series_index(path)) {
+  if (is_series_index(std::string_view(path).substr(0, path.size() - query_of(path).size()))) {
     SPLATVOL_TRY(steps.open_index());
     return steps;
   }
@@ -28,22 +35,26 @@ Result<Steps> Steps::open(const std::string& path, OpenFile open) {
     for (const StepEntry& step : volume->series()->steps) steps.times_.push_back(step.time);
     steps.ranges_ = volume->series()->ranges;
   }
+  steps.name_ = volume->name();
   steps.volume_ = std::move(volume);
   return steps;
 }
 
 Status Steps::open_index() {
   SPLATVOL_TRY_ASSIGN(source, open_(path_));
+  name_ = source->name();
   if (source->size() > most_index_bytes)
-    return fail(ErrorCode::invalid_data, "{}: {} bytes are no index of a time series", path_, source->size());
+    return fail(ErrorCode::invalid_data, "{}: {} bytes are no index of a time series", name_, source->size());
   std::string text(source->size(), '\0');
   SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
   const auto index = series_index_from_json(text);
-  if (!index) return fail_in(path_, index.error());
-  const std::string folder = path_.substr(0, path_.find_last_of('/') + 1);  // also of an address; empty without '/'
+  if (!index) return fail_in(name_, index.error());
+  const std::string query = query_of(path_);
+  const std::string plain = path_.substr(0, path_.size() - query.size());
+  const std::string folder = plain.substr(0, plain.find_last_of('/') + 1);  // also of an address; empty without '/'
   for (const SeriesIndex::Step& step : index->steps) {
     times_.push_back(step.time);
-    files_.push_back(folder + step.file);
+    files_.push_back(folder + step.file + query);
   }
   for (const SeriesIndex::Attribute& attribute : index->attributes) {
     names_.push_back(attribute.name);
@@ -56,17 +67,18 @@ Status Steps::open_index() {
 Status Steps::check_attributes(const Volume& volume) const {
   for (const std::string& name : names_)
     if (volume.info().find_attribute(name) < 0)
-      return fail(ErrorCode::invalid_data, "{}: lacks the attribute '{}' that {} lists", volume.name(), name, path_);
+      return fail(ErrorCode::invalid_data, "{}: lacks the attribute '{}' that {} lists", volume.name(), name, name_);
   return {};
 }
 
 Result<std::shared_ptr<const Volume>> Steps::volume(std::size_t step) const {
   if (volume_) return !volume_->series() || volume_->step() == step ? volume_ : volume_->at_step(step);
-  if (step >= files_.size()) return fail(ErrorCode::invalid_argument, "{}: no step {}", path_, step);
+  if (step >= files_.size()) return fail(ErrorCode::invalid_argument, "{}: no step {}", name_, step);
   SPLATVOL_TRY_ASSIGN(source, open_(files_[step]));
   SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
   if (volume->series())
-    return fail(ErrorCode::invalid_data, "{}: a time series, where {} names a file for one step", files_[step], path_);
+    return fail(ErrorCode::invalid_data, "{}: a time series, where {} names a file for one step", volume->name(),
+                name_);
   SPLATVOL_TRY(check_attributes(*volume));
   return volume;
 }

@@ -24,6 +24,9 @@ class Steps {
   /// file is damaged, or the index is none.
   [[nodiscard]] static Result<Steps> open(const std::string& path, OpenFile open);
 
+  /// Of the file or the index, for messages.
+  [[nodiscard]] const std::string& name() const { return name_; }
+
   /// The times of the steps, which rise; none if the file is no time series.
   [[nodiscard]] const std::vector<double>& times() const { return times_; }
 
@@ -49,7 +52,7 @@ class Steps {
   [[nodiscard]] Status open_index();
   [[nodiscard]] Status check_attributes(const Volume& volume) const;
 
-  std::string path_;
+  std::string path_, name_;
   OpenFile open_;
   std::vector<double> times_;
   std::vector<std::string> files_;        // of an index

@@ -49,12 +49,13 @@ void add_step_options(CLI::App& app, StepChoice& choice) {
 
 Result<format::Steps> open_steps(const std::string& path) { return format::Steps::open(path, open_file_or_url); }
 
-Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice, const std::string& path) {
+Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice) {
   const std::vector<double>& times = steps.times();
   if (times.empty() && !choice.time && !choice.step) return std::size_t{0};
-  if (times.empty()) return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", path);
+  if (times.empty()) return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", steps.name());
   if (choice.step && *choice.step >= times.size())
-    return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", path, *choice.step, steps.last());
+    return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", steps.name(), *choice.step,
+                steps.last());
   if (choice.step) return *choice.step;
   if (!choice.time) return steps.last();
   const auto nearest = std::ranges::min_element(times, {}, [&](double time) { return std::abs(time - *choice.time); });
@@ -63,7 +64,7 @@ Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choi
 
 Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(path));
-  SPLATVOL_TRY_ASSIGN(step, find_step(steps, choice, path));
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, choice));
   return steps.volume(step);
 }
 

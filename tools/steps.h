@@ -37,9 +37,8 @@ void add_step_options(CLI::App& app, StepChoice& choice);
 [[nodiscard]] Result<format::Steps> open_steps(const std::string& path);
 
 /// Returns the number of the chosen step; 0 without a choice if the file is no time series. Fails if there is no such
-/// step. `path`: for messages.
-[[nodiscard]] Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice,
-                                            const std::string& path);
+/// step.
+[[nodiscard]] Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choice);
 
 /// Opens the chosen step of a file or an index.
 [[nodiscard]] Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path,

@@ -326,7 +326,7 @@ Status verify(const format::Steps& steps, const Volume& shown) {
 
 Status show(const Options& options) {
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.file));
-  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step, options.file));
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   Survey survey;
   if (options.verify) {

@@ -219,8 +219,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   SPLATVOL_TRY_ASSIGN(steps, open_steps(options.volume));
   if (!options.steps.empty() && steps.times().empty())
-    return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", options.volume);
-  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step, options.volume));
+    return fail(ErrorCode::invalid_argument, "{}: no time series, so it has no steps", steps.name());
+  SPLATVOL_TRY_ASSIGN(step, find_step(steps, options.step));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   drawing.steps = std::move(steps);
   SPLATVOL_TRY_ASSIGN(streamer,

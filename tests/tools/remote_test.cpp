@@ -75,5 +75,17 @@ TEST_F(ProgramsOnUrl, SayWhatIsInIt) {
             fmt::format("svinfo: {}: the server answers 404: not found\n", nginx_->url("missing.svol")));
 }
 
+// The files of a series lie beside its index. What the address of the index has for its server, theirs have too.
+TEST_F(ProgramsOnUrl, PlaySeriesOfFiles) {
+  ASSERT_TRUE(write_text_file(path("f.svols"), R"({"steps": [{"time": 2.5, "file": "v.svol"}],
+    "attributes": [{"name": "a0", "unit": "", "min": 0, "max": 1}]})"));
+  std::string secret = nginx_->url("f.svols?token=abc");
+  secret.replace(0, 7, "http://user:pass@");
+  ASSERT_TRUE(run(fmt::format("svinfo '{}' --time 2", secret))) << content("err.txt");
+  EXPECT_THAT(content("out.txt"), HasSubstr(nginx_->url("v.svol")));
+  EXPECT_FALSE(run(fmt::format("svinfo '{}' --step 1", secret)));
+  EXPECT_EQ(content("err.txt"), fmt::format("svinfo: {}: no step 1; the last is 0\n", nginx_->url("f.svols")));
+}
+
 }  // namespace
 }  // namespace splatvol
