@@ -24,9 +24,6 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 // Memory for each own point of a subdomain while the subdomain is triangulated with its halo.
 constexpr std::uint64_t point_bytes = 3500;
 
-// Most points in a subdomain and its halo.
-constexpr std::size_t most_points = std::size_t{1} << 18;
-
 // A halo begins with the points within this many spacings, so that few points remain to be added round by round.
 constexpr double first_halo = 3;
 
@@ -71,11 +68,13 @@ std::span<const std::uint32_t> corners_of(const GrowingDelaunay::Cell& cell) {
 // One subdomain with its halo.
 class Subdomain {
  public:
-  Subdomain(const StoredPoints& points, const Cube& cube, std::size_t first_bucket, std::size_t end_bucket)
+  Subdomain(const StoredPoints& points, const Cube& cube, std::size_t first_bucket, std::size_t end_bucket,
+            std::size_t most_points)
       : points_(points),
         cube_(cube),
         first_bucket_(first_bucket),
         end_bucket_(end_bucket),
+        most_points_(most_points),
         inside_(points.nodes().size()) {}
 
   Status run(PointBatch& result);
@@ -127,6 +126,7 @@ class Subdomain {
   const StoredPoints& points_;
   const Cube& cube_;
   std::size_t first_bucket_, end_bucket_;
+  std::size_t most_points_;  // the halo's included
   bool uncertain_ = false;
 
   std::vector<std::uint8_t> inside_;  // [node]: all of it has been added
@@ -340,7 +340,7 @@ Status Subdomain::surround() {
     if (32 * coming_points_ < positions_.size()) find_conflicts(infinity);
     if (coming_.empty()) again = trim();
     again = again || !coming_.empty();
-    if (positions_.size() + coming_points_ > most_points) {
+    if (positions_.size() + coming_points_ > most_points_) {
       uncertain_ = true;
       again = false;
       trim();
@@ -423,16 +423,21 @@ void append(std::vector<T>& to, std::vector<T>& from) {
 }  // namespace
 
 DelaunaySubdomains::DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points,
-                                       std::size_t at_once)
-    : points_(std::move(points)), cube_(cube), at_once_(at_once), cuts_(points_.cut(subdomain_points)) {}
+                                       std::size_t most_points, std::size_t at_once)
+    : points_(std::move(points)),
+      cube_(cube),
+      most_points_(most_points),
+      at_once_(at_once),
+      cuts_(points_.cut(subdomain_points)) {}
 
 Result<DelaunaySubdomains> DelaunaySubdomains::create(PointStream& stream, std::uint64_t memory,
-                                                      const std::string& folder, std::size_t subdomain_points) {
+                                                      const std::string& folder, std::size_t subdomain_points,
+                                                      std::size_t most_points) {
   SPLATVOL_TRY_ASSIGN(points, StoredPoints::create(stream, folder));
   const std::uint64_t room = memory / (subdomain_points * point_bytes);
   const auto threads = static_cast<std::uint64_t>(tbb::info::default_concurrency());
   const std::size_t at_once = std::clamp<std::uint64_t>(room, 1, threads);
-  return DelaunaySubdomains(std::move(points), stream.summary().cube, subdomain_points, at_once);
+  return DelaunaySubdomains(std::move(points), stream.summary().cube, subdomain_points, most_points, at_once);
 }
 
 Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
@@ -446,7 +451,7 @@ Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
     };
     std::vector<Outcome> outcomes(count);
     tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-      Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1]);
+      Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1], most_points_);
       outcomes[i].status = subdomain.run(outcomes[i].points);
       outcomes[i].uncertain = subdomain.uncertain();
     });

@@ -19,14 +19,16 @@ namespace splatvol {
 /// tetrahedra without any exchange.
 class DelaunaySubdomains {
  public:
-  /// Most points in a subdomain. With its halo it may have four times as many.
+  /// Most points in a subdomain, and with its halo.
   static constexpr std::size_t default_subdomain_points = std::size_t{1} << 16;
+  static constexpr std::size_t default_most_points = std::size_t{1} << 18;
 
   /// Stores all points of `stream`, which must have no material, in `folder`. `memory`: bytes for the subdomains that
   /// are triangulated at the same time, at least one. The points that next() returns do not depend on `memory`.
   [[nodiscard]] static Result<DelaunaySubdomains> create(PointStream& stream, std::uint64_t memory,
                                                          const std::string& folder,
-                                                         std::size_t subdomain_points = default_subdomain_points);
+                                                         std::size_t subdomain_points = default_subdomain_points,
+                                                         std::size_t most_points = default_most_points);
 
   /// As PointStream::next(), one subdomain at a time, with material and planes.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
@@ -37,10 +39,12 @@ class DelaunaySubdomains {
   [[nodiscard]] std::uint64_t uncertain() const { return uncertain_; }
 
  private:
-  DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points, std::size_t at_once);
+  DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points, std::size_t most_points,
+                     std::size_t at_once);
 
   StoredPoints points_;
   Cube cube_;
+  std::size_t most_points_;
   std::size_t at_once_;
   std::vector<std::size_t> cuts_;  // buckets at which subdomains begin, and the end
   std::size_t next_ = 0;           // subdomain

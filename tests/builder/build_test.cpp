@@ -21,6 +21,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/packed_tree.h"
+#include "tests/support/sanitizers.h"
 #include "tests/support/whole_material.h"
 #include "tests/support/whole_points.h"
 #include "tests/support/whole_reduction.h"
@@ -281,8 +282,9 @@ TEST(Build, VerticesThatPiecesShareAreMergedScatteredPointsAreNot) {
 
 TEST(Build, BytesDoNotDependOnMemoryAndThreads) {
   const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
-  const Piece mesh = mesh_piece(graded_mesh(20), wave);
-  for (const auto& pieces : {std::vector{scattered(random_points(30'000))}, test::cut(mesh, 7)})
+  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 12 : 20), wave);
+  const std::size_t points = test::is_sanitized ? 8'000 : 30'000;
+  for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)})
     for (const std::uint32_t leaf_points : {8u, 20u}) {
       BuildOptions options;
       options.leaf_points = leaf_points;
@@ -955,9 +957,10 @@ TEST(BuildReductions, HardDistributionsWork) {
 
 TEST(BuildReductions, BytesDoNotDependOnMemoryAndThreads) {
   const std::string first = temporary_path("first.svol"), other = temporary_path("other.svol");
-  const Piece mesh = mesh_piece(graded_mesh(20), wave);
+  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 12 : 20), wave);
+  const std::size_t points = test::is_sanitized ? 8'000 : 30'000;
   for (const Reduction method : {Reduction::mis, Reduction::kdtree})
-    for (const auto& pieces : {std::vector{scattered(random_points(30'000))}, test::cut(mesh, 7)}) {
+    for (const auto& pieces : {std::vector{scattered(random_points(points))}, test::cut(mesh, 7)}) {
       BuildOptions options = reduced_by(method);
       options.memory = std::uint64_t{8} << 30;
       ASSERT_TRUE(build(pieces, first, options));

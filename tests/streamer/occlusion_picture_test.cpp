@@ -106,6 +106,12 @@ class RendererTestOcclusion : public testing::Test {
   }
   static View view(const Camera& camera) { return make_view(camera, 200, 160).value(); }
 
+  void from_outside() const;
+  void of_points_without_a_value_hides_nothing() const;
+  void with_the_eye_inside() const;
+  void with_a_clip_box() const;
+  void in_parallel_projection() const;
+
   void SetUp() override { ASSERT_TRUE(context_) << context_.error().message; }
 
   Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
@@ -113,17 +119,17 @@ class RendererTestOcclusion : public testing::Test {
   static inline std::string mesh_;  // the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
 };
 
-TEST_F(RendererTestOcclusion, FromOutside) {
+void RendererTestOcclusion::from_outside() const {
   EXPECT_LT(check(view(camera({2, 1.6, 3})), "a"), 0.8);
   for (const double extinction : {15, 30, 300})
     EXPECT_LT(check(view(camera({5, 4, 8})), "value", extinction), 0.9) << extinction;
 }
 
-TEST_F(RendererTestOcclusion, OfPointsWithoutAValueHidesNothing) {
+void RendererTestOcclusion::of_points_without_a_value_hides_nothing() const {
   EXPECT_EQ(check(view(camera({2, 1.6, 3})), "b"), 1);
 }
 
-TEST_F(RendererTestOcclusion, WithTheEyeInside) {
+void RendererTestOcclusion::with_the_eye_inside() const {
   Camera inside = camera({1.8, 0.2, 0.1});
   inside.focal_point = {-2, 0, 0};
   for (const double extinction : {30, 300}) EXPECT_LT(check(view(inside), "value", extinction), 0.9) << extinction;
@@ -131,7 +137,7 @@ TEST_F(RendererTestOcclusion, WithTheEyeInside) {
   for (const char* attribute : {"a", "b"}) check(view(inside), attribute);
 }
 
-TEST_F(RendererTestOcclusion, WithAClipBox) {
+void RendererTestOcclusion::with_a_clip_box() const {
   View clipped = view(camera({5, 4, 8}));
   clipped.clip_box = Box{{-1.9, -1.8, -1}, {1.7, 1.9, 0.8}};
   EXPECT_LT(check(clipped, "value"), 1);
@@ -139,7 +145,7 @@ TEST_F(RendererTestOcclusion, WithAClipBox) {
   EXPECT_EQ(check(clipped, "value", 60), 1) << "a slab that is seen through";
 }
 
-TEST_F(RendererTestOcclusion, InParallelProjection) {
+void RendererTestOcclusion::in_parallel_projection() const {
   Camera parallel = camera({2, 1.6, 3});
   parallel.projection = Camera::Projection::orthographic;
   parallel.parallel_height = 1.5;
@@ -148,6 +154,15 @@ TEST_F(RendererTestOcclusion, InParallelProjection) {
   parallel.projection = Camera::Projection::orthographic;
   parallel.parallel_height = 3;
   for (const double extinction : {15, 300}) EXPECT_LT(check(view(parallel), "value", extinction), 0.9) << extinction;
+}
+
+// One test, so that the two files are made once.
+TEST_F(RendererTestOcclusion, LeavesThePictureAsItIs) {
+  from_outside();
+  of_points_without_a_value_hides_nothing();
+  with_the_eye_inside();
+  with_a_clip_box();
+  in_parallel_projection();
 }
 
 }  // namespace

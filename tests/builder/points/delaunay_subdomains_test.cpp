@@ -59,9 +59,10 @@ struct InSubdomains {
   std::uint64_t uncertain;
 };
 
-InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::uint64_t bytes = memory) {
+InSubdomains in_subdomains(Source& source, std::size_t subdomain_points, std::uint64_t bytes = memory,
+                           std::size_t most_points = DelaunaySubdomains::default_most_points) {
   PointStream stream = stream_of(source);
-  auto subdomains = DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points);
+  auto subdomains = DelaunaySubdomains::create(stream, bytes, folder(), subdomain_points, most_points);
   EXPECT_TRUE(subdomains) << subdomains.error().message;
   PointBatch all = empty_batch();
   for (;;) {
@@ -218,7 +219,9 @@ TEST(DelaunaySubdomains, DoNotDependOnMemory) {
 
 // A subdomain on a line looks for a point beside the line among all other points.
 TEST(DelaunaySubdomains, SayWhereTheirHaloWouldBecomeTooLarge) {
-  EXPECT_GT(in_subdomains(*generated(Distribution::line, 300'000)(), 1 << 16).uncertain, 0u);
+  const auto line = generated(Distribution::line, 40'000);
+  EXPECT_GT(in_subdomains(*line(), 1 << 13, memory, 1 << 15).uncertain, 0u);
+  EXPECT_EQ(in_subdomains(*line(), 1 << 13, memory, 1 << 17).uncertain, 0u);
 }
 
 }  // namespace

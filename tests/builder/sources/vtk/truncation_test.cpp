@@ -1,4 +1,4 @@
-// Files of VTK's own formats, cut off at many places: none is read as if it were whole.
+// Files of VTK's own formats, cut off or damaged at many places: none is read as if it were whole.
 #include <gmock/gmock.h>
 #include <vtkCellArray.h>
 #include <vtkDataSetWriter.h>
@@ -210,6 +210,83 @@ TEST_F(TruncationTest, LegacySections) {
     EXPECT_THAT(test::error_of({write("cut.vtk", whole.substr(0, whole.size() - 2))}), HasSubstr("add a line end"));
     EXPECT_EQ(test::error_of({write("cut.vtk", whole.substr(0, whole.size() - 1))}), "(no error)");
   }
+}
+
+// Damage: a byte of a small file is another. VTK's reader must not see what would end the program.
+
+TEST_F(TruncationTest, DamagedLegacyFilesAreSurvived) {
+  for (const Sample& sample : samples())
+    for (const bool binary : {false, true})
+      for (const int version :
+           {vtkDataWriter::VTK_LEGACY_READER_VERSION_4_2, vtkDataWriter::VTK_LEGACY_READER_VERSION_5_1}) {
+        const vtkNew<vtkDataSetWriter> writer;
+        writer->SetFileName(path("whole.vtk").c_str());
+        writer->SetInputData(sample.data);
+        binary ? writer->SetFileTypeToBinary() : writer->SetFileTypeToASCII();
+        writer->SetFileVersion(version);
+        ASSERT_TRUE(writer->Write());
+        const std::string whole = read_text_file(path("whole.vtk")).value();
+        for (int i = 0; i < 24; ++i) {
+          std::string damaged = whole;
+          damaged[random_() % whole.size()] ^= static_cast<char>(1 << random_() % 8);
+          const std::string error = test::error_of({write("damaged.vtk", damaged)});
+          EXPECT_THAT(error, AnyOf(StartsWith(path("damaged.vtk") + ": "), "(no error)"));
+        }
+      }
+}
+
+TEST_F(TruncationTest, LegacyCellsMustFitTogether) {
+  const std::string head = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET UNSTRUCTURED_GRID\n";
+  const std::string points = "POINTS 6 float\n1 0 0\n-1 0 0\n0 1 0\n0 -1 0\n0 0 1\n0 0 -1\n";
+  const std::string data = "POINT_DATA 6\nSCALARS s float 1\nLOOKUP_TABLE default\n0 1 2 3 4 5\n";
+  // An octahedron has more faces than points.
+  const std::string octahedron =
+      "CELLS 1 34\n33 8 3 0 2 4 3 2 1 4 3 1 3 4 3 3 0 4 3 2 0 5 3 1 2 5 3 3 1 5 3 0 3 5\nCELL_TYPES 1\n42\n";
+  const std::string tetrahedron = "CELLS 1 5\n4 0 2 4 1\nCELL_TYPES 1\n10\n";
+  const auto error_with = [&](const std::string& from, const std::string& to) {
+    std::string text = head + points + tetrahedron + data;
+    text.replace(text.find(from), from.size(), to);
+    return test::error_of({write("a.vtk", text)});
+  };
+  EXPECT_EQ(error_with("title", "any"), "(no error)");
+  EXPECT_EQ(test::error_of({write("a.vtk", head + points + octahedron + data)}), "(no error)");
+  EXPECT_THAT(error_with("4 0 2 4 1", "4 0 2 4 6"), HasSubstr("a cell that names a point which is not there"));
+  EXPECT_THAT(error_with("4 0 2 4 1", "5 0 2 4 1"), HasSubstr("cells that are longer than the section"));
+  EXPECT_THAT(error_with("4 0 2 4 1", "3 0 2 4 1"), HasSubstr("cells that are shorter than the section"));
+  EXPECT_THAT(error_with("CELLS 1 5", "CELLS -1 5"), HasSubstr("a negative count"));
+  EXPECT_THAT(error_with("CELL_TYPES 1", "CELL_TYPES 2"), HasSubstr("2 types for 1 cells"));
+  EXPECT_THAT(error_with("\n10\n", "\n42\n"), HasSubstr("a polyhedron whose faces are damaged"));
+  EXPECT_THAT(error_with("\n10\n", "\n300\n"), HasSubstr("a cell of type 300"));
+  EXPECT_THAT(error_with("CELL_TYPES", "CELL_TIPS"), HasSubstr("an unknown section"));
+  EXPECT_THAT(error_with("0 1 2 3", "0 x 2 3"), HasSubstr("a word instead of a number"));
+  EXPECT_THAT(error_with("6 float", "6 floot"), HasSubstr("numbers of an unknown type"));
+}
+
+TEST_F(TruncationTest, XmlArraysMustFitTheirPiece) {
+  const auto all = samples();
+  const auto error_with = [&](const Sample& sample, const std::string& from, const std::string& to) {
+    const std::string name = path("a." + sample.extension);
+    const vtkNew<vtkXMLDataSetWriter> writer;
+    writer->SetFileName(name.c_str());
+    writer->SetInputData(sample.data);
+    EXPECT_TRUE(writer->Write());
+    std::string text = read_text_file(name).value();
+    const std::size_t at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    if (at != std::string::npos) text.replace(at, from.size(), to);
+    return test::error_of({write("a." + sample.extension, text)});
+  };
+  EXPECT_EQ(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"27\""), "(no error)");
+  EXPECT_THAT(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"22\""),
+              HasSubstr("has 27 numbers instead of 22"));
+  EXPECT_THAT(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"-7\""),
+              HasSubstr("a number of points or cells that is wrong"));
+  EXPECT_THAT(error_with(all[3], "NumberOfPoints=\"64\"", "NumberOfPoints=\"34\""),
+              HasSubstr("has 64 numbers instead of 34"));
+  EXPECT_THAT(error_with(all[3], "NumberOfComponents", "NumberOfIngredients"),
+              HasSubstr("has 192 numbers instead of 64"));
+  EXPECT_THAT(error_with(all[0], "WholeExtent=\"0 3", "WholeExtent=\"0 7"),
+              HasSubstr("its pieces have 27 cells, and its WholeExtent 63"));
 }
 
 }  // namespace
