@@ -31,7 +31,7 @@ class Reducer {
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_);
-    RowCollector rows(info_, fits_, &packer);
+    RowCollector rows(info_.attributes.size(), options_.points_per_chunk, fits_, &packer);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
     IndexLeafSpool leaves(std::move(leaf_file));
     const ReductionSettings settings = reduction_settings(packer);
@@ -56,7 +56,7 @@ class Reducer {
             .wants_splats = fits_,
             .attributes = input().attributes,
             .packer = fits_ ? nullptr : &packer,
-            .points_per_chunk = options_.points_per_chunk,
+            .points_per_chunk = options_.points_per_chunk.of(0),
             .method = options_.reduction};
   }
 
@@ -75,6 +75,7 @@ class Reducer {
   BuildReport finish_description(const ReductionPass& pass) {
     const std::vector<std::uint64_t> counts = pass.counts();
     info_.resolution_counts.assign(counts.rbegin(), counts.rend());
+    info_.points_per_chunk = options_.points_per_chunk.coarsest_first(counts.size());
     BuildReport report{.resolution_counts = info_.resolution_counts,
                        .connectivity = connection_.used,
                        .points = input().census,
@@ -106,6 +107,8 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
+  if (options.points_per_chunk.points.empty())
+    return fail(ErrorCode::invalid_argument, "no number of points for a chunk");
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,
                                                   [&](double fraction) { progress("reading", fraction); }));

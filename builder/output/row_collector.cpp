@@ -15,7 +15,7 @@ std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
 }
 
 bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || !row.chunks.empty() || row.splats->size() == points_per_chunk_;
+  return !row.splats || !row.chunks.empty() || row.splats->size() == points_per_chunk_.of(row.segment);
 }
 
 // The row that the next splat belongs to.
@@ -32,7 +32,7 @@ SplatColumns& RowCollector::open_row(std::size_t segment, std::size_t level) {
 void RowCollector::add_finest(const SplatColumns& splats) {
   for (std::size_t begin = 0; begin < splats.size();) {
     SplatColumns& row = open_row(0, 0);
-    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_ - row.size());
+    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_.of(0) - row.size());
     row.append(splats, begin, end);
     begin = end;
   }

@@ -4,13 +4,14 @@
 #include <cstddef>
 #include <deque>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "builder/output/density.h"
+#include "builder/output/group_sizes.h"
 #include "builder/output/member.h"
 #include "builder/output/row_packer.h"
 #include "builder/output/splat_columns.h"
-#include "format/volume_info.h"
 
 namespace splatvol {
 
@@ -19,10 +20,10 @@ namespace splatvol {
 /// density 1: a fit holds for one resolution, and most pictures mix resolutions (docs/accuracy.md).
 class RowCollector {
  public:
-  /// `info`: attributes and points_per_chunk. `fits`: whether the densities of level 0 are to be fitted. `packer`:
-  /// packs most of the rows that wait for their densities, so that they take less memory; may be null.
-  RowCollector(const format::VolumeInfo& info, bool fits, const RowPacker* packer = nullptr)
-      : attributes_(info.attributes.size()), points_per_chunk_(info.points_per_chunk), fits_(fits), packer_(packer) {}
+  /// `fits`: whether the densities of level 0 are to be fitted. `packer`: packs most of the rows that wait for their
+  /// densities, so that they take less memory; may be null.
+  RowCollector(std::size_t attributes, GroupSizes points_per_chunk, bool fits, const RowPacker* packer = nullptr)
+      : attributes_(attributes), points_per_chunk_(std::move(points_per_chunk)), fits_(fits), packer_(packer) {}
   RowCollector(const RowCollector&) = delete;
   RowCollector& operator=(const RowCollector&) = delete;
 
@@ -58,7 +59,7 @@ class RowCollector {
   void fit();
 
   std::size_t attributes_;
-  std::size_t points_per_chunk_;
+  GroupSizes points_per_chunk_;
   bool fits_;
   const RowPacker* packer_;
   std::vector<std::vector<Queue>> queues_;            // [segment][level]
