@@ -107,8 +107,9 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
-  if (options.points_per_chunk.points.empty())
-    return fail(ErrorCode::invalid_argument, "no number of points for a chunk");
+  const std::vector<std::uint32_t>& chunks = options.points_per_chunk.points;
+  if (chunks.empty() || std::ranges::min(chunks) < 64 || std::ranges::max(chunks) > 65536)
+    return fail(ErrorCode::invalid_argument, "a chunk must be allowed 64 to 65536 points");
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, use_cells, options.memory / 2, folder,
                                                   [&](double fraction) { progress("reading", fraction); }));
