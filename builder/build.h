@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/output/group_sizes.h"
 #include "builder/output/row_packer.h"
 #include "builder/points/input_summary.h"
 #include "builder/reduction/clusters.h"
@@ -19,7 +20,7 @@ namespace splatvol {
 struct BuildOptions {
   Reduction reduction = Reduction::octree;              // how coarser resolutions are chosen
   std::uint32_t leaf_points = 8;                        // N of the octree or k-d tree; at least 8 (see build_volume)
-  std::uint32_t points_per_chunk = 1024;                // 64 to 65536; with more, a coarse view reads more in vain
+  GroupSizes points_per_chunk = {};                     // of each segment; with more, a coarse view reads more in vain
   std::uint64_t index_leaf_points = 512;                // the index splits nodes with more points; at least 255
   std::uint64_t memory = std::uint64_t{1} << 30;        // bytes to hold, beside a piece of the input as it is read
   std::uint64_t held_points = std::uint64_t{1} << 20;   // most scattered points that are joined all at once

@@ -25,7 +25,6 @@ format::VolumeInfo describe_volume(const BuildOptions& options, const Cube& cube
   using format::ColumnScope;
   format::VolumeInfo info;
   info.cube = cube;
-  info.points_per_chunk = options.points_per_chunk;
   info.reduction_method = reduction_name(options.reduction);
   info.leaf_points = options.leaf_points;
   info.up = options.up;

@@ -33,7 +33,7 @@ class Reducer {
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_, options_.exact);
-    RowCollector rows(info_, fits_, &packer, plan_.rows, folder_);
+    RowCollector rows(info_, options_.points_per_chunk, fits_, &packer, plan_.rows, folder_);
     if (fits_) rows.expect_splats(connection_.points);
     SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
     IndexLeafSpool leaves(std::move(leaf_file));
@@ -75,7 +75,7 @@ class Reducer {
             .wants_splats = fits_,
             .attributes = input().attributes,
             .packer = fits_ ? nullptr : &packer,
-            .points_per_chunk = options_.points_per_chunk,
+            .points_per_chunk = options_.points_per_chunk.of(0),
             .method = options_.reduction};
   }
 
@@ -96,6 +96,7 @@ class Reducer {
     info_.aliases = input().aliases;
     const std::vector<std::uint64_t> counts = pass.counts();
     info_.resolution_counts.assign(counts.rbegin(), counts.rend());
+    info_.points_per_chunk = options_.points_per_chunk.coarsest_first(counts.size());
     BuildReport report{.resolution_counts = info_.resolution_counts,
                        .connectivity = connection_.used,
                        .points = input().census,
@@ -132,6 +133,9 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
+  const std::vector<std::uint32_t>& chunks = options.points_per_chunk.points;
+  if (chunks.empty() || std::ranges::min(chunks) < 64 || std::ranges::max(chunks) > 65536)
+    return fail(ErrorCode::invalid_argument, "a chunk must be allowed 64 to 65536 points");
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   JoinedAttributes joined{.join = options.join_attributes};
   for (const auto& [name, unit] : options.units) joined.apart.push_back(name);

@@ -309,7 +309,7 @@ Result<SeriesReport> append_to_series(std::vector<SeriesStep> steps, const std::
   for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
     if (info.reduction_method == reduction_name(reduction)) options.reduction = reduction;
   options.leaf_points = info.leaf_points;
-  options.points_per_chunk = info.points_per_chunk;
+  options.points_per_chunk.points.assign(info.points_per_chunk.rbegin(), info.points_per_chunk.rend());
   options.exact.positions = info.position_error == 0;
   const auto is_exact = [](const format::Attribute& attribute) { return attribute.error == 0; };
   options.exact.values =

@@ -17,6 +17,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
+constexpr std::uint64_t min_points_per_chunk = 64, max_points_per_chunk = 65536;
 constexpr int max_nesting = 32;
 
 constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{
@@ -210,6 +211,16 @@ std::vector<std::uint64_t> read_counts(const json& nodes) {
   return counts;
 }
 
+std::vector<std::uint32_t> read_points_per_chunk(const json& nodes, std::size_t segments) {
+  require(nodes.size() == segments,
+          fmt::format("'points_per_chunk' has {} entries for {} segments", nodes.size(), segments));
+  std::vector<std::uint32_t> points;
+  for (const json& node : nodes)
+    points.push_back(
+        static_cast<std::uint32_t>(whole(node, "points_per_chunk", min_points_per_chunk, max_points_per_chunk)));
+  return points;
+}
+
 int read_axis(const std::string& name) {
   require(name == "x" || name == "y" || name == "z", "'up' is none of x, y, z");
   return name[0] - 'x';
@@ -219,7 +230,7 @@ VolumeInfo read_info(const json& root) {
   VolumeInfo info;
   info.cube = read_cube(member(root, "cube"));
   info.resolution_counts = read_counts(list(root, "resolution_counts"));
-  info.points_per_chunk = static_cast<std::uint32_t>(whole_member(root, "points_per_chunk", 64, 65536));
+  info.points_per_chunk = read_points_per_chunk(list(root, "points_per_chunk"), info.resolutions());
   info.rows_per_directory_page = static_cast<std::uint32_t>(whole_member(root, "rows_per_directory_page", 1, 1u << 24));
   const json& reduction = member(root, "reduction");
   info.reduction_method = text(reduction, "method");
@@ -363,6 +374,13 @@ int VolumeInfo::find_attribute(const std::string& name) const {
   return alias == aliases.end() ? -1 : alias->attribute;
 }
 
+std::uint64_t VolumeInfo::largest_group() const {
+  std::uint64_t largest = 0, begin = 0;
+  for (std::size_t s = 0; s < resolutions(); begin = resolution_counts[s++])
+    largest = std::max(largest, std::min<std::uint64_t>(points_per_chunk[s], resolution_counts[s] - begin));
+  return largest;
+}
+
 Result<int> find_attribute(const VolumeInfo& info, const std::string& name, const std::string& file_name) {
   const int index = info.find_attribute(name);
   if (index >= 0) return index;
@@ -430,10 +448,11 @@ RowLayout::RowLayout(const VolumeInfo& info)
       first_group_{0},
       first_row_{0} {
   std::uint64_t begin = 0;
-  for (const std::uint64_t end : counts_) {
-    first_group_.push_back(first_group_.back() + (end - begin + points_per_chunk_ - 1) / points_per_chunk_);
+  for (std::size_t s = 0; s < counts_.size(); ++s) {
+    const std::uint64_t points = points_per_chunk_[s];
+    first_group_.push_back(first_group_.back() + (counts_[s] - begin + points - 1) / points);
     first_row_.push_back(first_row_.back() + first_group_.back());
-    begin = end;
+    begin = counts_[s];
   }
   for (int c = 0; c < static_cast<int>(info.columns.size()); ++c) {
     all_columns_.push_back(c);
@@ -445,9 +464,9 @@ Group RowLayout::group(std::uint64_t index) const {
   const auto next = std::ranges::upper_bound(first_group_, index);
   const auto segment = static_cast<std::size_t>(next - first_group_.begin()) - 1;
   const std::uint64_t segment_begin = segment == 0 ? 0 : counts_[segment - 1];
-  const std::uint64_t begin = segment_begin + (index - first_group_[segment]) * points_per_chunk_;
+  const std::uint64_t begin = segment_begin + (index - first_group_[segment]) * points_per_chunk_[segment];
   return {segment, begin,
-          static_cast<std::uint32_t>(std::min<std::uint64_t>(points_per_chunk_, counts_[segment] - begin))};
+          static_cast<std::uint32_t>(std::min<std::uint64_t>(points_per_chunk_[segment], counts_[segment] - begin))};
 }
 
 std::size_t RowLayout::resolution_of_row(std::uint64_t row) const {

@@ -80,7 +80,7 @@ struct Column {
 struct VolumeInfo {
   Cube cube;
   std::vector<std::uint64_t> resolution_counts;  // n_0 < ... < n_R
-  std::uint32_t points_per_chunk = 1024;
+  std::vector<std::uint32_t> points_per_chunk;   // [segment]: most points of its groups
   std::uint32_t rows_per_directory_page = 256;
   std::string reduction_method = "octree";
   std::uint32_t leaf_points = 8;
@@ -98,6 +98,9 @@ struct VolumeInfo {
 
   [[nodiscard]] std::size_t resolutions() const { return resolution_counts.size(); }
   [[nodiscard]] std::uint64_t point_count() const { return resolution_counts.back(); }
+
+  /// Returns the most points that a group has.
+  [[nodiscard]] std::uint64_t largest_group() const;
 
   /// Returns the index of a column, -1 if the file does not have it.
   [[nodiscard]] int find_column(ColumnKind kind, int attribute = -1) const;
@@ -155,7 +158,7 @@ class RowLayout {
 
   /// Returns the group of point `index` of a segment.
   [[nodiscard]] std::uint64_t group_at(std::size_t segment, std::uint64_t index) const {
-    return first_group_[segment] + index / points_per_chunk_;
+    return first_group_[segment] + index / points_per_chunk_[segment];
   }
 
   /// Returns the number of row (resolution, group). Requires that the group's segment <= resolution.
@@ -182,7 +185,7 @@ class RowLayout {
 
  private:
   std::vector<std::uint64_t> counts_;
-  std::uint32_t points_per_chunk_ = 1;
+  std::vector<std::uint32_t> points_per_chunk_;  // [segment]
   std::uint32_t rows_per_page_ = 1;
   std::vector<std::uint64_t> first_group_;  // [segment], and the total
   std::vector<std::uint64_t> first_row_;    // [resolution], and the total

@@ -177,7 +177,7 @@ Result<GatherPlan> Gatherer::plan(const Cut& cut, const ValueVisibility& visibil
 
 std::uint64_t Gatherer::working_bytes() const {
   const format::VolumeInfo& info = volume_->volume().info();
-  const std::uint64_t points = std::min<std::uint64_t>(info.points_per_chunk, info.point_count());
+  const std::uint64_t points = info.largest_group();
   std::uint64_t bytes = 0;
   for (const int index : columns_) {
     const ColumnKind kind = column(index).kind;

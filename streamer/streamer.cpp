@@ -39,8 +39,11 @@ double next_tolerance(double refused) {
 // Returns a bound on the bytes of a frame: the cut, its plan, and the splats.
 std::uint64_t frame_bytes(const Cut& cut, const format::VolumeInfo& info, KernelKind kernel) {
   std::uint64_t jobs = 0;
-  for (const PointRange& range : cut.ranges)
-    if (range.count > 0) jobs += range.count / info.points_per_chunk + 2;
+  for (const CutItem& item : cut.items) {
+    const auto ranges = cut.ranges_of(item);
+    for (std::size_t s = 0; s < ranges.size(); ++s)
+      if (ranges[s].count > 0) jobs += ranges[s].count / info.points_per_chunk[s] + 2;
+  }
   return cut.memory_bytes() + cut.splats * splat_bytes(kernel) + cut.items.size() * item_bytes + jobs * sizeof(CopyJob);
 }
 
@@ -190,7 +193,7 @@ void Streamer::prefetch_step(std::size_t step) {
   if (!frame_ || !volume_->series() || step >= volume_->series()->steps.size()) return;
   if (step == volume_->step() || (prefetch_ && prefetch_->step() == step)) return;
   prefetch_.reset();
-  const std::uint64_t points = std::min<std::uint64_t>(info().points_per_chunk, info().point_count());
+  const std::uint64_t points = info().largest_group();
   const std::uint64_t payload = largest_payload(format::ColumnKind::value_moments, points);
   auto working = cache_.reserve_spare(format::max_preamble_bytes + StepPrefetch::run_bytes + payload +
                                       decoding_bytes(format::ColumnKind::value_moments, points, payload));

@@ -277,7 +277,8 @@ void add_reduction_options(CLI::App& app, Options& options) {
   app.add_option("--reduction", options.reduction,
                  "How coarser resolutions are chosen: octree (a point of each leaf, about a third), mis (an "
                  "independent set of the points' Delaunay triangulations, about a sixth; slow), kdtree (a point of "
-                 "each bucket of a k-d tree, about a sixth)")
+                 "each bucket of a k-d tree, about a sixth: files are smaller by 8 to 18 %, but pictures of scattered "
+                 "points are rougher for equally many splats)")
       ->check(CLI::IsMember({"octree", "mis", "kdtree"}))
       ->capture_default_str();
   app.add_option("--leaf", options.leaf, "Most points in a leaf of the reduction's octree or k-d tree, at least 8")

@@ -205,7 +205,7 @@ def large(paper):
 def chunk_bytes(file, info):
     """Returns the packed bytes of chunks, [column, resolution, segment], from the directory (spec, section 5)."""
     counts = info["resolution_counts"]
-    groups = [-(-(n - before) // info["points_per_chunk"]) for before, n in zip([0, *counts], counts)]
+    groups = [-(-(n - before) // most) for before, n, most in zip([0, *counts], counts, info["points_per_chunk"])]
     root = next(section["offset"] for section in info["sections"] if section["kind"] == "directory_root")
     sizes = []
     with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as data:

@@ -19,10 +19,10 @@ bool has_gradients(const format::VolumeInfo& info) {
 
 }  // namespace
 
-RowCollector::RowCollector(const format::VolumeInfo& info, bool fits, const RowPacker* packer, std::size_t memory,
-                           std::string folder)
+RowCollector::RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, bool fits,
+                           const RowPacker* packer, std::size_t memory, std::string folder)
     : attributes_(info.attributes.size()),
-      points_per_chunk_(info.points_per_chunk),
+      points_per_chunk_(std::move(points_per_chunk)),
       fits_(fits),
       packer_(packer),
       memory_(memory),
@@ -35,7 +35,7 @@ std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
 }
 
 bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || !row.chunks.empty() || size_of(row) == points_per_chunk_;
+  return !row.splats || !row.chunks.empty() || size_of(row) == points_per_chunk_.of(row.segment);
 }
 
 // The row that the next splat belongs to.
@@ -52,7 +52,7 @@ PendingRow& RowCollector::open_row(std::size_t segment, std::size_t level) {
 void RowCollector::add_finest(const SplatColumns& splats) {
   for (std::size_t begin = 0; begin < splats.size();) {
     PendingRow& row = open_row(0, 0);
-    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_ - size_of(row));
+    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_.of(0) - size_of(row));
     row.splats->append(splats, begin, end);
     begin = end;
   }

@@ -7,15 +7,16 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
 #include "base/temp_file.h"
 #include "builder/output/density.h"
+#include "builder/output/group_sizes.h"
 #include "builder/output/member.h"
 #include "builder/output/row_packer.h"
 #include "builder/output/splat_columns.h"
-#include "format/volume_info.h"
 
 namespace splatvol {
 
@@ -26,12 +27,13 @@ namespace splatvol {
 /// Rows that are not complete, and packed rows that wait, are written out if they take too much memory.
 class RowCollector {
  public:
-  /// `info`: attributes and points_per_chunk. `fits`: whether the densities of level 0 are to be fitted. `packer`:
-  /// packs most of the rows that wait for their densities, so that they take less memory; may be null. `memory`: bytes
-  /// of rows to hold; rows that are being packed, and splats whose densities are fitted, come on top. `folder`: for the
-  /// rest. The rows do not depend on memory.
-  RowCollector(const format::VolumeInfo& info, bool fits, const RowPacker* packer = nullptr,
-               std::size_t memory = std::numeric_limits<std::size_t>::max(), std::string folder = {});
+  /// `info`: attributes and columns. `fits`: whether the densities of level 0 are to be fitted. `packer`: packs most of
+  /// the rows that wait for their densities, so that they take less memory; may be null. `memory`: bytes of rows to
+  /// hold; rows that are being packed, and splats whose densities are fitted, come on top. `folder`: for the rest. The
+  /// rows do not depend on memory.
+  RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, bool fits,
+               const RowPacker* packer = nullptr, std::size_t memory = std::numeric_limits<std::size_t>::max(),
+               std::string folder = {});
   RowCollector(const RowCollector&) = delete;
   RowCollector& operator=(const RowCollector&) = delete;
 
@@ -78,11 +80,11 @@ class RowCollector {
   [[nodiscard]] Status read_back(PendingRow& row);
   [[nodiscard]] Status open_spool();
   [[nodiscard]] std::size_t spare_memory() const { return memory_ / 8; }
-  [[nodiscard]] std::size_t row_bytes() const { return points_per_chunk_ * splat_bytes_; }
+  [[nodiscard]] std::size_t row_bytes() const { return points_per_chunk_.largest() * splat_bytes_; }
   void fit();
 
   std::size_t attributes_;
-  std::size_t points_per_chunk_;
+  GroupSizes points_per_chunk_;
   bool fits_;
   const RowPacker* packer_;
   std::size_t memory_;

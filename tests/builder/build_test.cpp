@@ -213,6 +213,37 @@ TEST(Build, RefusesInputsWithoutPoints) {
   EXPECT_FALSE(std::filesystem::exists(path));
 }
 
+TEST(Build, CoarserSegmentsMayHaveSmallerGroups) {
+  const std::string path = temporary_path("groups.svol");
+  BuildOptions options;
+  ASSERT_TRUE(build({scattered(random_points(20'000))}, path, options));
+  Contents contents = read_all(path);
+  const std::size_t resolutions = contents.volume->info().resolutions();
+  ASSERT_GE(resolutions, 4u);
+  std::vector<std::uint32_t> expected(resolutions, 512);
+  expected.back() = 1024;
+  EXPECT_EQ(contents.volume->info().points_per_chunk, expected);
+  const std::vector<dvec3> positions = contents.positions;
+
+  options.points_per_chunk.points = {100, 2000, 64};
+  ASSERT_TRUE(build({scattered(random_points(20'000))}, path, options));
+  contents = read_all(path);
+  expected.assign(resolutions, 64);
+  expected[resolutions - 2] = 2000;
+  expected.back() = 100;
+  EXPECT_EQ(contents.volume->info().points_per_chunk, expected);
+  EXPECT_TRUE(contents.volume->verify([](double) {}));
+  ASSERT_EQ(contents.positions.size(), positions.size());
+  for (std::size_t i = 0; i < positions.size(); ++i)
+    ASSERT_LT(glm::length(contents.positions[i] - positions[i]), 0.005) << i;
+
+  for (const auto& points : {std::vector<std::uint32_t>{}, {0}, {63}, {1024, 63}, {65537}}) {
+    options.points_per_chunk.points = points;
+    EXPECT_FALSE(build({scattered(random_points(100))}, temporary_path("none.svol"), options));
+  }
+  EXPECT_FALSE(std::filesystem::exists(temporary_path("none.svol")));
+}
+
 TEST(Build, MissingValuesAndPointsAreCounted) {
   const std::string path = temporary_path("missing.svol");
   Piece piece = scattered(random_points(1000));

@@ -327,7 +327,7 @@ TEST_F(HostileSmallFile, CannotClaimManyPoints) {
                             [&](Bytes& bytes) {
                               json document = metadata_of(bytes);
                               document["resolution_counts"] = {points};
-                              document["points_per_chunk"] = chunk;
+                              document["points_per_chunk"] = {chunk};
                               document["rows_per_directory_page"] = page;
                               set_text(bytes, document.dump());
                             }),

@@ -7,10 +7,11 @@
 namespace splatvol::format {
 namespace {
 
-VolumeInfo info_of(std::vector<std::uint64_t> counts, std::uint32_t points_per_chunk, std::vector<ColumnScope> scopes) {
+VolumeInfo info_of(std::vector<std::uint64_t> counts, std::vector<std::uint32_t> points_per_chunk,
+                   std::vector<ColumnScope> scopes) {
   VolumeInfo info;
   info.resolution_counts = std::move(counts);
-  info.points_per_chunk = points_per_chunk;
+  info.points_per_chunk = std::move(points_per_chunk);
   for (const ColumnScope scope : scopes) info.columns.push_back({ColumnKind::unknown, scope, -1});
   return info;
 }
@@ -31,7 +32,7 @@ struct Enumerated {
       for (; begin < info.resolution_counts[s]; begin += groups.back().count)
         groups.push_back({s, begin,
                           static_cast<std::uint32_t>(
-                              std::min<std::uint64_t>(info.points_per_chunk, info.resolution_counts[s] - begin))});
+                              std::min<std::uint64_t>(info.points_per_chunk[s], info.resolution_counts[s] - begin))});
     }
     for (std::size_t r = 0; r < info.resolutions(); ++r)
       for (std::uint64_t g = 0; g < groups.size() && groups[g].segment <= r; ++g) {
@@ -78,24 +79,29 @@ TEST(RowLayout, AgreesWithEnumeration) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<std::uint64_t> counts;
     std::uint64_t count = 0;
-    for (std::size_t r = 1 + random() % 6; r > 0; --r) counts.push_back(count += 1 + random() % 300);
+    std::vector<std::uint32_t> points_per_chunk;
+    for (std::size_t r = 1 + random() % 6; r > 0; --r) {
+      counts.push_back(count += 1 + random() % 300);
+      points_per_chunk.push_back(64 + random() % 64);
+    }
     std::vector<ColumnScope> scopes = {segment};
     for (std::size_t c = random() % 5; c > 0; --c) scopes.push_back(random() % 2 == 0 ? segment : resolution);
-    expect_agrees(info_of(counts, 64 + random() % 3, scopes));
+    expect_agrees(info_of(counts, points_per_chunk, scopes));
   }
 }
 
 TEST(RowLayout, TakesTheSmallestAndFullGroups) {
-  expect_agrees(info_of({1}, 64, {segment}));
-  expect_agrees(info_of({1, 2}, 64, {segment, resolution}));
-  expect_agrees(info_of({64, 128, 192}, 64, {segment, resolution, segment}));
-  expect_agrees(info_of({64, 65, 130}, 64, {resolution, segment}));
+  expect_agrees(info_of({1}, {64}, {segment}));
+  expect_agrees(info_of({1, 2}, {64, 65}, {segment, resolution}));
+  expect_agrees(info_of({64, 128, 192}, {64, 64, 64}, {segment, resolution, segment}));
+  expect_agrees(info_of({64, 65, 130}, {64, 64, 64}, {resolution, segment}));
+  expect_agrees(info_of({65, 165, 1190}, {64, 100, 1024}, {resolution, segment}));
 }
 
 TEST(RowLayout, CountsWithoutOverflowUpToTheLargestFile) {
   std::vector<std::uint64_t> counts;
   for (std::uint64_t r = 0; r < 64; ++r) counts.push_back((std::uint64_t{1} << 48) - 64 + r);
-  const RowLayout layout(info_of(counts, 64, {segment, resolution}));
+  const RowLayout layout(info_of(counts, std::vector<std::uint32_t>(64, 64), {segment, resolution}));
   EXPECT_EQ(layout.group_count(), (std::uint64_t{1} << 42) - 1 + 63);
   // Resolution r has the groups of segment 0 and one for each segment after it.
   const std::uint64_t first = (std::uint64_t{1} << 42) - 1;

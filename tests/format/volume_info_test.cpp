@@ -18,7 +18,7 @@ VolumeInfo example() {
   VolumeInfo info;
   info.cube = {{-1.5, 1e7, 0.1}, 3.25};
   info.resolution_counts = {10, 31, 100, (std::uint64_t{1} << 48) - 1};
-  info.points_per_chunk = 64;
+  info.points_per_chunk = {64, 128, 65536, 1000};
   info.rows_per_directory_page = 3;
   info.reduction_method = "mis";
   info.leaf_points = 12;
@@ -187,9 +187,20 @@ std::vector<Broken> values_out_of_range() {
       {"/resolution_counts", {5, "6"}, "resolution_counts"},
       {"/resolution_counts", {5, std::uint64_t{1} << 48}, "resolution_counts"},
       {"/resolution_counts", {5, ~std::uint64_t{0}}, "resolution_counts"},
-      {"/points_per_chunk", 63, "points_per_chunk"},
-      {"/points_per_chunk", 65537, "points_per_chunk"},
-      {"/points_per_chunk", (std::uint64_t{1} << 32) + 64, "points_per_chunk"},
+      {"/points_per_chunk", 64, "points_per_chunk"},
+      {"/points_per_chunk", json::array(), "'points_per_chunk' has 0 entries for 4 segments"},
+      {"/points_per_chunk", {64, 64, 64}, "'points_per_chunk' has 3 entries for 4 segments"},
+      {"/points_per_chunk", {64, 64, 64, 64, 64}, "'points_per_chunk' has 5 entries for 4 segments"},
+      {"/points_per_chunk/0", 63, "points_per_chunk"},
+      {"/points_per_chunk/3", 63, "points_per_chunk"},
+      {"/points_per_chunk/1", 0, "points_per_chunk"},
+      {"/points_per_chunk/1", -64, "points_per_chunk"},
+      {"/points_per_chunk/1", 65537, "points_per_chunk"},
+      {"/points_per_chunk/2", (std::uint64_t{1} << 32) + 64, "points_per_chunk"},
+      {"/points_per_chunk/2", 64.5, "points_per_chunk"},
+      {"/points_per_chunk/2", nullptr, "points_per_chunk"},
+      {"/points_per_chunk/2", "64", "points_per_chunk"},
+      {"/points_per_chunk/2", {64}, "points_per_chunk"},
       {"/rows_per_directory_page", 0, "rows_per_directory_page"},
       {"/rows_per_directory_page", (1 << 24) + 1, "rows_per_directory_page"},
       {"/reduction/leaf_points", 0, "leaf_points"},
@@ -280,9 +291,11 @@ TEST(Metadata, RefusesTooManyResolutions) {
   std::vector<std::uint64_t> counts(64);
   for (std::size_t i = 0; i < 64; ++i) counts[i] = 1000 + i;
   document["resolution_counts"] = counts;
+  document["points_per_chunk"] = std::vector<int>(64, 64);
   EXPECT_TRUE(metadata_from_json(document.dump()));
   counts.push_back(5000);
   document["resolution_counts"] = counts;
+  document["points_per_chunk"] = std::vector<int>(65, 64);
   EXPECT_FALSE(metadata_from_json(document.dump()));
 }
 
@@ -374,7 +387,8 @@ TEST(Metadata, WritesNothingThatCannotBeRead) {
   EXPECT_TRUE(refused([](VolumeInfo& info) { info.resolution_counts.clear(); }));
   EXPECT_TRUE(refused([](VolumeInfo& info) { info.columns[0].kind = ColumnKind::unknown; }));
   EXPECT_TRUE(refused([](VolumeInfo& info) { info.columns.clear(); }));
-  EXPECT_TRUE(refused([](VolumeInfo& info) { info.points_per_chunk = 0; }));
+  EXPECT_TRUE(refused([](VolumeInfo& info) { info.points_per_chunk[1] = 0; }));
+  EXPECT_TRUE(refused([](VolumeInfo& info) { info.points_per_chunk.pop_back(); }));
   EXPECT_TRUE(refused([](VolumeInfo& info) { info.attributes[0].max = std::numeric_limits<double>::infinity(); }));
   EXPECT_TRUE(refused([](VolumeInfo& info) { info.attributes[1].name = info.attributes[0].name; }));
 }

@@ -402,7 +402,7 @@ TEST(Writer, ABillionPointsOfManyAttributesFit) {
   const Folder folder;
   for (const std::size_t attributes : {1, 20, 200}) {
     TestVolume volume = small_volume(300, attributes);
-    volume.info.points_per_chunk = 4096;
+    volume.info.points_per_chunk.assign(volume.info.resolutions(), 4096);
     std::uint64_t points = 1'000'000'000;
     for (std::size_t r = volume.info.resolutions(); r-- > 0; points /= 3) volume.info.resolution_counts[r] = points;
     const auto writer = create_writer(volume, folder.file("large.svol"));
@@ -451,7 +451,8 @@ TEST(Writer, RefusesWhatDoesNotFit) {
     return !writer && writer.error().code == ErrorCode::invalid_argument;
   };
   EXPECT_FALSE(refuses([](TestVolume&) {}));
-  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.points_per_chunk = 0; }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.points_per_chunk[0] = 0; }));
+  EXPECT_TRUE(refuses([](TestVolume& v) { v.info.points_per_chunk.pop_back(); }));
   EXPECT_TRUE(refuses([](TestVolume& v) { v.info.columns.clear(); }));
   EXPECT_TRUE(refuses([](TestVolume& v) { v.info.resolution_counts.pop_back(); }));
   EXPECT_TRUE(refuses([](TestVolume& v) { v.info.size_bounds.clear(); }));
@@ -493,7 +494,7 @@ TEST(Writer, RowsThatWerePackedBeforeAreTakenAsTheyAre) {
 TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
   const Folder folder;
   VolumeInfo info;
-  info.points_per_chunk = 64;
+  info.points_per_chunk = {64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
   info.cube = {dvec3(0), 1};
   constexpr std::size_t chunk_bytes = 4097, row_bytes = 2 * chunk_bytes, first_rows = 3;
@@ -540,7 +541,7 @@ TEST(Writer, TheLastRowsMayBeInTheFileBefore) {
 TEST(Writer, HoldsLittleHoweverManyRowsThereAre) {
   const Folder folder;
   VolumeInfo info;
-  info.points_per_chunk = 64;
+  info.points_per_chunk = {64};
   info.resolution_counts = {300'000 * 64};
   info.columns = {{ColumnKind::position, ColumnScope::segment, -1}, {ColumnKind::octant, ColumnScope::resolution, -1}};
   info.cube = {dvec3(0), 1};

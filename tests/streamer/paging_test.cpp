@@ -135,7 +135,7 @@ format::Bytes build_mesh(const std::string& input, std::uint32_t points_per_chun
       (std::filesystem::temp_directory_path() / fmt::format("splatvol_paging_{}.svol", ::getpid())).string();
   const auto source = open_source({input}, {});
   BuildOptions options;
-  options.points_per_chunk = points_per_chunk;
+  options.points_per_chunk.points = {points_per_chunk};
   options.index_leaf_points = 255;
   const auto report = build_volume(**source, path, options, [](const char*, double) {});
   if (!report) throw std::runtime_error(report.error().message);

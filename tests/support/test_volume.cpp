@@ -359,7 +359,6 @@ void add_node(const NodePath& path, const Indices& points, std::size_t most, Tes
 format::VolumeInfo info_of(int attributes, const TestVolumeOptions& options) {
   format::VolumeInfo info;
   info.cube = options.cube;
-  info.points_per_chunk = options.points_per_chunk;
   info.leaf_points = options.leaf_points;
   info.columns.push_back({format::ColumnKind::position, format::ColumnScope::segment, -1});
   info.columns.push_back({format::ColumnKind::octant, format::ColumnScope::resolution, -1});
@@ -498,6 +497,7 @@ TestVolume make_test_volume(const std::vector<dvec3>& positions, const std::vect
   }
   for (const Level& level : levels) {
     volume.info.resolution_counts.push_back(level.points.size());
+    volume.info.points_per_chunk.push_back(options.points_per_chunk);
     auto& representatives = volume.representatives.emplace_back();
     for (const std::uint32_t i : order) representatives.push_back(index_of[level.representatives[i]]);
     auto& depths = volume.depths.emplace_back();

@@ -23,7 +23,8 @@ namespace {
 using format::ColumnKind;
 using format::ColumnScope;
 
-constexpr std::uint32_t chunk_points = 64, leaf_points = 8;
+constexpr std::uint32_t leaf_points = 8;
+const GroupSizes group_sizes = {{96, 64, 72}};  // [segment]
 
 void run(PointBatch points, std::uint64_t index_leaf_points, ReductionPass& pass, RowCollector& rows,
          const RowPacker& packer, RowFiles& files) {
@@ -47,7 +48,6 @@ test::WholePoints overlapping_points(std::size_t count) {
 
 format::VolumeInfo four_columns(std::size_t count) {
   format::VolumeInfo info;
-  info.points_per_chunk = chunk_points;
   info.cube = {dvec3(0), 10};
   format::Attribute& attribute = info.attributes.emplace_back();
   attribute.min = 0;
@@ -80,7 +80,7 @@ struct Rows {
     AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
     const RowPacker packer(info);
     RowFiles files(testing::TempDir(), finest);
-    RowCollector rows(info, fits);
+    RowCollector rows(info, group_sizes, fits);
     const ReductionSettings settings{cube, leaf_points, true, true, info.attributes};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
     run(points, 100, pass, rows, packer, files);
@@ -146,7 +146,8 @@ struct Rows {
       begin_ = 0;
       if (++segment_ > resolution_) ++resolution_, segment_ = 0;
     }
-    const std::size_t size = std::min<std::size_t>(chunk_points, segment_points() - begin_);
+    const std::size_t most = group_sizes.of(resolutions.size() - 1 - segment_);
+    const std::size_t size = std::min(most, segment_points() - begin_);
     begin_ += size;
     return size;
   }
@@ -253,7 +254,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   AtomicFile finest = *AtomicFile::create(testing::TempDir() + "finest");
   const RowPacker packer(info);
   RowFiles files(testing::TempDir(), finest);
-  RowCollector rows(info, false);
+  RowCollector rows(info, {}, false);
   const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes};
   IndexLeafSpool spool(*TempFile::create(testing::TempDir()));
   ReductionPass pass(
