@@ -18,9 +18,8 @@ constexpr std::size_t usual_batches = 8, usual_batch_points = 4096, least_batch_
 // with its splats at two levels.
 std::size_t bytes_of_reduced_point(const BuildShape& shape) {
   const std::size_t gradient = shape.gradients ? sizeof(vec3) : 0;
-  const std::size_t member =
-      sizeof(Member) + 2 * sizeof(StoredSplat) +
-      shape.attributes * (sizeof(MemberValue) + 2 * sizeof(StoredValue) + gradient);
+  const std::size_t member = sizeof(Member) + 2 * sizeof(StoredSplat) +
+                             shape.attributes * (sizeof(MemberValue) + 2 * sizeof(StoredValue) + gradient);
   return bytes_of_batch_point(shape.attributes, shape.gradients) +
          SplatColumns::bytes_of_splat(shape.attributes, shape.gradients) + member / 2;
 }
@@ -54,8 +53,8 @@ std::size_t bytes_of_batch_point(std::size_t attributes, bool gradients) {
 }
 
 MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
-  const std::size_t node_points = std::max<std::size_t>(shape.estimates ? estimate_node_points : 0,
-                                                        shape.index_leaf_points);
+  const std::size_t node_points =
+      std::max<std::size_t>(shape.estimates ? estimate_node_points : 0, shape.index_leaf_points);
   const std::uint64_t fitting = shape.fitted_points * sizeof(FittedSplat);
   const std::uint64_t rest = memory - std::min(memory, fitting);
   const auto fits = [&](std::size_t points, std::size_t count) {
@@ -77,8 +76,9 @@ MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   plan.most_open_leaves = std::clamp<std::uint64_t>(rest / 16 / bytes_of_leaf(shape), 256, std::uint64_t{1} << 14);
 
   const std::uint64_t least_in_work = bytes_in_work(shape, {least_batch_points, node_points}, 2);
-  plan.least = std::max(fitting + least_in_work + least_in_work / 2,
-                        shape.fitted_points * bytes_of_fit + fitting);
+  // The allocator keeps about as much again of what was held before the fit.
+  plan.least =
+      std::max(fitting + least_in_work + least_in_work / 2, 2 * shape.fitted_points * bytes_of_fit + least_in_work);
   return plan;
 }
 

@@ -1,6 +1,7 @@
 #include "builder/reduce_source.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "builder/connect.h"
@@ -20,10 +21,12 @@ constexpr std::uint64_t most_fitted_points = std::uint64_t{1} << 19;
 // Reduces points that are joined. Called once.
 class Reducer {
  public:
-  Reducer(const BuildOptions& options, const PointStream& points, Connection connection, std::string folder,
+  // `points`: those of the connection; forgotten once all have been reduced.
+  Reducer(const BuildOptions& options, std::optional<PointStream>& points, Connection connection, std::string folder,
           const BuildProgress& progress)
       : options_(options),
         points_(points),
+        input_(points->summary()),
         connection_(std::move(connection)),
         folder_(std::move(folder)),
         progress_(progress),
@@ -43,6 +46,8 @@ class Reducer {
     SPLATVOL_TRY(reduce(pass, rows, packer, files));
     progress_("fitting densities", 0);
     connection_.next = {};  // and what it holds
+    input_.census = points_->summary().census;
+    points_.reset();
     SPLATVOL_TRY_ASSIGN(rest, rows.extract_rest());
     SPLATVOL_TRY(write_rows(rest, packer, files));
     progress_("indexing", 0);
@@ -53,7 +58,7 @@ class Reducer {
   }
 
  private:
-  [[nodiscard]] const InputSummary& input() const { return points_.summary(); }
+  [[nodiscard]] const InputSummary& input() const { return input_; }
 
   // Most points in an index leaf.
   [[nodiscard]] std::uint64_t index_leaf_points() const {
@@ -85,7 +90,7 @@ class Reducer {
     MaterialEstimator estimator(input().box, input().cube, options_.gradients);
     const ReductionStages stages{batches, connection_.needs_estimate ? &estimator : nullptr, pass, rows, packer, files};
     const auto progress = [&](std::uint64_t done) {
-      progress_("reducing", static_cast<double>(done) / static_cast<double>(points_.count()));
+      progress_("reducing", static_cast<double>(done) / static_cast<double>(points_->count()));
     };
     return run_reduction(stages, attributes, progress, plan_.most_batches);
   }
@@ -116,7 +121,8 @@ class Reducer {
   }
 
   const BuildOptions& options_;
-  const PointStream& points_;
+  std::optional<PointStream>& points_;
+  InputSummary input_;
   Connection connection_;
   std::string folder_;
   const BuildProgress& progress_;
@@ -141,9 +147,10 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
   for (const auto& [name, unit] : options.units) joined.apart.push_back(name);
   const auto read = [&](double fraction) { progress("reading", fraction); };
   SPLATVOL_TRY_ASSIGN(
-      points, PointStream::create(source, use_cells, options.memory / 2, folder, read, options.gradients, joined));
+      created, PointStream::create(source, use_cells, options.memory / 2, folder, read, options.gradients, joined));
   progress("connecting", 0);
-  SPLATVOL_TRY_ASSIGN(connection, connect(options, points, folder));
+  std::optional<PointStream> points(std::move(created));
+  SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder));
   return Reducer(options, points, std::move(connection), folder, progress).run(files, write);
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "builder/describe.h"
+#include "builder/memory_plan.h"
 #include "builder/reduce_source.h"
 #include "format/series_writer.h"
 #include "format/volume.h"
@@ -133,7 +134,15 @@ class SeriesBuild {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     const std::uint64_t points = piece ? piece->points.size() : 1;
     const std::uint64_t bytes = std::max<std::uint64_t>(points * source->attributes().size() * value_bytes, 1);
-    return std::clamp<std::size_t>(options_.memory / bytes, 1, most_steps_together);
+    std::size_t steps = std::clamp<std::size_t>(options_.memory / bytes, 1, most_steps_together);
+    const auto least_memory = [&](std::size_t count) {
+      return plan_memory(options_.memory, {.attributes = count * source->attributes().size(),
+                                           .gradients = options_.gradients,
+                                           .index_leaf_points = options_.index_leaf_points})
+          .least;
+    };
+    while (steps > 1 && least_memory(steps) > options_.memory) --steps;
+    return steps;
   }
 
   struct BuiltGroup {

@@ -66,7 +66,11 @@ class StageBar {
  public:
   explicit StageBar(std::uint64_t points) : points_(points) {}
   void update(const char* stage, double fraction) {
-    if (stage_ != stage) bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
+    if (stage_ != stage) {
+      bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
+      scalable_allocation_command(TBBMALLOC_CLEAN_ALL_BUFFERS,
+                                  nullptr);  // the last stage's memory is of no use to this
+    }
     bar_->update(fraction);
   }
   void clear() { bar_.reset(); }
@@ -177,9 +181,10 @@ Result<BuildOptions> build_options_of(const Options& options) {
   return build_options;
 }
 
-// The allocator keeps freed memory for later. Above this limit it gives the memory back to the system.
+// The allocator keeps freed memory for later: some of what may be held. Above this limit it gives the memory back to
+// the system.
 void limit_allocator(std::uint64_t memory) {
-  scalable_allocation_mode(TBBMALLOC_SET_SOFT_HEAP_LIMIT, static_cast<std::intptr_t>(memory / 2));
+  scalable_allocation_mode(TBBMALLOC_SET_SOFT_HEAP_LIMIT, static_cast<std::intptr_t>(memory / 8));
   scalable_allocation_mode(TBBMALLOC_USE_HUGE_PAGES, 1);  // where the system has them: a twentieth faster
 }
 

@@ -17,7 +17,7 @@ struct FittedSplat {
 };
 
 /// Bytes that fit_densities() takes for a splat: its ellipsoid, and those that it sees.
-inline constexpr std::uint64_t bytes_of_fit = 420;
+inline constexpr std::uint64_t bytes_of_fit = 520;
 
 /// Fits the shapes' densities, factors on what the kernel `moments` draws. Ellipsoids that overlap do not add up to the
 /// same density everywhere: they ripple, most where large cells meet small ones. The material has density 1, because a

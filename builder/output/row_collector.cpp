@@ -159,7 +159,7 @@ Status RowCollector::write_out_chunks(PendingRow& row) {
   row.chunks_at = spool_->size();
   for (format::PackedChunk& chunk : row.chunks) {
     SPLATVOL_TRY(spool_->append(chunk.bytes));
-    chunk.bytes = {};
+    format::Bytes().swap(chunk.bytes);  // gives its memory back
   }
   return {};
 }
