@@ -120,7 +120,9 @@ class SeriesBuild {
       const auto at = [&](std::size_t i) { return steps.begin() + static_cast<std::ptrdiff_t>(i); };
       group_.assign(std::make_move_iterator(at(begin)), std::make_move_iterator(at(end)));
       SPLATVOL_TRY_ASSIGN(built, run_group());
+      const std::uint64_t unlike = std::max(report.build.points.unlike, built.report.points.unlike);
       if (begin == 0) report.build = std::move(built.report);
+      report.build.points.unlike = unlike;
       if (begin == 0) report.conversions = std::move(built.conversions);
     }
     for (const auto& step : target_.steps) report.times.push_back(step->step().time);

@@ -12,7 +12,7 @@
 namespace splatvol {
 
 struct SeriesReport {
-  BuildReport build;                          // of the first steps; the file's size is that of all
+  BuildReport build;                          // of the first steps; the file's size, and points.unlike, are of all
   std::vector<double> times;                  // of the steps that were written
   std::vector<std::string> conversions = {};  // Source::conversions() of the first steps
 };

@@ -98,7 +98,9 @@ Counts census_lines(const BuildReport& report) {
   lines.emplace_back("points with a coordinate that is not finite, a fill value, or far beyond all others (dropped)",
                      report.points.not_finite);
   lines.emplace_back("cells with such a corner (left out)", report.cells.non_finite);
-  lines.emplace_back("points merged (same position and values, in cells)", report.points.merged);
+  lines.emplace_back("points merged (same position and values, in cells)", report.points.merged - report.points.unlike);
+  lines.emplace_back("points of several pieces merged though their values differ (the first one's kept)",
+                     report.points.unlike);
   lines.emplace_back("points coincident with another (kept)", report.points.coincident);
   lines.emplace_back("points in no cell (kept)", report.points.in_no_cell);
   lines.emplace_back("points in no cell, outside of the box round all cells (dropped)", report.points.left_out);

@@ -15,7 +15,8 @@ namespace splatvol {
 struct PointCensus {
   std::uint64_t read = 0;
   std::uint64_t not_finite = 0;  // dropped: a coordinate is not usable (is_usable_position)
-  std::uint64_t merged = 0;      // vertices of cells that repeat the position and values of an earlier one
+  std::uint64_t merged = 0;      // copies of an earlier vertex of cells
+  std::uint64_t unlike = 0;      // of the merged, with other values: in a series (VertexCopies::same_place)
   std::uint64_t coincident = 0;  // kept, though an earlier point has the same position
   std::uint64_t in_no_cell = 0;  // kept, though the input has cells and none uses them
   std::uint64_t left_out = 0;    // dropped: no cell uses them, and they lie outside of the box round all cells

@@ -100,6 +100,7 @@ std::vector<std::size_t> SampleMerger::find_kept(const std::byte* records, const
     if (coincident && is_in_cell(present) && is_in_cell(next) && is_same_sample(present, next)) {
       kept[next] = present;
       ++census.merged;
+      if (!std::ranges::equal(values_of(layout_, record(present)), values_of(layout_, record(next)))) ++census.unlike;
       continue;
     }
     if (coincident) ++census.coincident;

@@ -209,6 +209,7 @@ TEST_F(Series, PointsMergeAtAllStepsOrAtNone) {
     build_or_fail(block_steps(0, 1, averages), path("grown.svol"));
     const auto appended = append_to_series(block_steps(1, 4, averages), path("grown.svol"), {}, silent);
     ASSERT_TRUE(appended) << appended.error().message;
+    EXPECT_EQ(appended->build.points.unlike, averages ? 0U : 9U * 9);
     const Status verified = verify(path("grown.svol"));
     ASSERT_TRUE(verified) << verified.error().message;
     for (std::size_t step = 0; step < 4; ++step)
