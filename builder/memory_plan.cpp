@@ -76,9 +76,9 @@ MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   plan.most_open_leaves = std::clamp<std::uint64_t>(rest / 16 / bytes_of_leaf(shape), 256, std::uint64_t{1} << 14);
 
   const std::uint64_t least_in_work = bytes_in_work(shape, {least_batch_points, node_points}, 2);
-  // The allocator keeps about as much again of what was held before the fit.
-  plan.least =
-      std::max(fitting + least_in_work + least_in_work / 2, 2 * shape.fitted_points * bytes_of_fit + least_in_work);
+  // The allocator keeps about as much again, at most 1.2 times as much, of what was held before the fit.
+  plan.least = std::max(fitting + least_in_work + least_in_work / 2,
+                        shape.fitted_points * bytes_of_fit / 5 * 11 + least_in_work);
   return plan;
 }
 

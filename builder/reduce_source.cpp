@@ -107,7 +107,7 @@ class Reducer {
                        .points = input().census,
                        .cells = input().cells,
                        .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
-                       .least_memory = std::max(plan_.least, connection_.least_memory)};
+                       .least_memory = std::max({plan_.least, connection_.least_memory, input().bytes_to_read})};
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       info_.attributes[a].missing = stored.values[a].missing;
       info_.attributes[a].error = stored.values[a].error * info_.attributes[a].scale;

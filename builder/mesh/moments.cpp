@@ -175,8 +175,8 @@ inline void add_moments(LaneSums& sums, const MeasuredQuarter& measured, const L
     add(sums.covariance[k], weight * common_square * total * measured.sum[k]);
   }
   Lanes low{}, high{};
-  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, third * (rise[0] + rise[1]), third * (rise[1] + rise[2]),
-                              third * (rise[2] + rise[0]), total / 4}) {
+  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, third * (rise[0] + rise[1]),
+                              third * (rise[1] + rise[2]), third * (rise[2] + rise[0]), total / 4}) {
     low = corner < low ? corner : low;
     high = corner > high ? corner : high;
   }

@@ -39,6 +39,7 @@ struct InputSummary {
   CellCensus cells;
   PointCensus census;  // PointStream::next() counts merged and coincident points
   bool has_material = false;
+  std::uint64_t bytes_to_read = 0;  // held at most while the input was read, besides the source's own copy of a piece
 };
 
 }  // namespace splatvol

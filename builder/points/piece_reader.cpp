@@ -43,6 +43,23 @@ void include_value(double value, std::size_t attribute, PointRanges& ranges) {
   if (value > ranges.high[attribute]) ranges.high[attribute] = value;
 }
 
+// Bytes of a piece, and of what finds the material and the outer faces of its tetrahedra.
+std::uint64_t bytes_to_read(const Piece& piece) {
+  constexpr std::uint64_t of_incidence = 4 * sizeof(std::uint32_t) + sizeof(double);  // of a tetrahedron
+  const std::size_t points = piece.points.size();
+  std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(std::uint64_t)) + (piece.lent ? piece.lent->bytes() : 0);
+  for (const std::vector<double>& values : piece.values) bytes += values.size() * sizeof(double);
+  bytes += piece.tetrahedra.size() * (sizeof(Tetrahedron) + of_incidence);
+  if (piece.cells)
+    bytes += points * sizeof(SpatialMoments) + piece.cells->corners.size() * sizeof(dvec3) +
+             piece.cells->tetrahedra.size() * (sizeof(Tetrahedron) + sizeof(std::uint32_t) + of_incidence);
+  if (piece.material) {
+    const std::uint64_t of_attribute = sizeof(ValueMoments) + sizeof(dvec3);
+    bytes += points * (sizeof(SpatialMoments) + sizeof(BoundaryPlane) + piece.values.size() * of_attribute);
+  }
+  return bytes;
+}
+
 }  // namespace
 
 Status PieceReader::run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
@@ -59,6 +76,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
   }
   for (std::size_t pieces = 0; piece; ++pieces) {
     progress(static_cast<double>(pieces) / static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
+    most_piece_bytes_ = std::max(most_piece_bytes_, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
     SPLATVOL_TRY(read(*piece, visit));
     piece = std::move(second);
     if (piece || ended) continue;
@@ -125,6 +143,7 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   summary.cells = cells_;
   summary.census = census_;
   summary.has_material = has_material_;
+  summary.bytes_to_read = most_piece_bytes_;
   if (cells_.tetrahedra == 0) summary.census.in_no_cell = 0;
   return summary;
 }
@@ -233,8 +252,7 @@ void PieceReader::load_values(const Piece& piece, const PieceMaterial& material,
   }
 }
 
-void PieceReader::make_block(const Piece& piece, const PieceMaterial& material, Block& block,
-                             std::byte* record) const {
+void PieceReader::make_block(const Piece& piece, const PieceMaterial& material, Block& block, std::byte* record) const {
   if (layout_.has_material()) std::memset(record, 0, block.points.size() * layout_.bytes());
   block.found.resize(layout_.attributes());
   for (std::size_t number = 0; number < block.points.size(); ++number) {

@@ -114,6 +114,7 @@ class PieceReader {
   CellCensus cells_;
   PointCensus census_;
   bool has_material_ = false;
+  std::uint64_t most_piece_bytes_ = 0;
   double deviation_ = 0;  // the largest of material that points bring along
 };
 

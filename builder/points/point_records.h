@@ -18,7 +18,11 @@ namespace splatvol {
 class PointRecords {
  public:
   PointRecords(std::size_t attributes, bool single_precision, bool material, bool planes = false, bool gradients = true)
-      : attributes_(attributes), single_(single_precision), material_(material), planes_(planes), gradients_(gradients) {}
+      : attributes_(attributes),
+        single_(single_precision),
+        material_(material),
+        planes_(planes),
+        gradients_(gradients) {}
 
   /// The same layout, for records of which others are copies of one vertex.
   [[nodiscard]] PointRecords with_copies(VertexCopies copies) const {

@@ -116,19 +116,19 @@ PointStream::PointStream(const PointRecords& layout, InputSummary summary, Exter
                          std::optional<BoundaryCorners> corners)
     : layout_(layout),
       stored_layout_(summary.attributes.size(), layout.is_single_precision(), layout.has_material(),
-                     layout.has_planes()),
+                     layout.has_planes(), layout.has_gradients()),
       summary_(std::move(summary)),
       points_(std::move(points)),
       corners_(std::move(corners)),
       merger_(layout, summary_.has_material, summary_.stored) {}
 
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
-                                         const std::function<void(double)>& progress, bool gradients,
-                                         const JoinedAttributes& joined) {
-  const PointRecords layout = PointRecords(source.attributes().size(), source.single_precision(),
-                                           use_cells && source.may_have_cells(), use_cells && source.brings_material(),
-                                           gradients)
-                                  .with_copies(source.copies());
+                                        const std::function<void(double)>& progress, bool gradients,
+                                        const JoinedAttributes& joined) {
+  const PointRecords layout =
+      PointRecords(source.attributes().size(), source.single_precision(), use_cells && source.may_have_cells(),
+                   use_cells && source.brings_material(), gradients)
+          .with_copies(source.copies());
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
   PieceReader reader(source, layout, faces, memory / 16);
@@ -137,6 +137,7 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));
   InputSummary summary = reader.summary(joined);
   summary.cube = sorted.cube;
+  summary.bytes_to_read += std::min<std::uint64_t>(memory, summary.census.read * layout.bytes());
   return PointStream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
 }
 

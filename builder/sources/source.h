@@ -48,6 +48,9 @@ class LentValues {
 
   /// Gets an attribute's values at some points of the piece, one for each; NaN: missing. Thread-safe.
   virtual void get(std::size_t attribute, std::span<const std::uint32_t> points, std::span<double> values) const = 0;
+
+  /// Bytes held besides the reader's own arrays.
+  [[nodiscard]] virtual std::uint64_t bytes() const { return 0; }
 };
 
 /// A part of the input that is small enough to hold in memory.

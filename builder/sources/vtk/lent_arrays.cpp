@@ -24,6 +24,12 @@ void LentArrays::add(vtkDataArray& array, int component) {
   count_fills(columns_.back());
 }
 
+std::uint64_t LentArrays::bytes() const {
+  std::uint64_t bytes = kept_.size() * sizeof(std::uint32_t);
+  for (const Column& column : columns_) bytes += column.made.size() * sizeof(double);
+  return bytes;
+}
+
 void LentArrays::count_fills(const Column& column) {
   const bool all = column.component == VtkAttribute::magnitude;
   const int first = all ? 0 : column.component, end = all ? column.array->GetNumberOfComponents() : first + 1;

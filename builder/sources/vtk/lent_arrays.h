@@ -31,6 +31,7 @@ class LentArrays final : public LentValues {
   [[nodiscard]] std::uint64_t fills() const { return fills_; }
 
   void get(std::size_t attribute, std::span<const std::uint32_t> points, std::span<double> values) const override;
+  [[nodiscard]] std::uint64_t bytes() const override;
 
  private:
   struct Column {

@@ -468,7 +468,7 @@ class PieceMaker {
   bool own_cells_;
   const MissingValues& missing_;
   const ChangeMeans& change_means_;
-  bool lends_;  // values
+  bool lends_;                           // values
   vtkUnstructuredGrid* grid_ = nullptr;  // data_, if it is one
   vtkUnsignedCharArray* cell_ghosts_ = nullptr;
   vtkUnsignedCharArray* point_ghosts_ = nullptr;
@@ -492,8 +492,7 @@ class PieceMaker {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                           std::span<const VtkAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing, const ChangeMeans& change_means,
-                                          bool lend) {
+                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
   Result<std::unique_ptr<Piece>> piece;
   const auto make = [&] { piece = PieceMaker(path, data, attributes, cells, missing, change_means, lend).make(); };
   SPLATVOL_TRY(run_vtk(path, make));
@@ -502,8 +501,8 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
 
 Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data) {
   std::optional<Result<CellAverages>> averages;
-  SPLATVOL_TRY(
-      run_vtk(path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}, {}, false).make_averages(); }));
+  SPLATVOL_TRY(run_vtk(
+      path, [&] { averages = PieceMaker(path, data, {}, CellValues::averaged, {}, {}, false).make_averages(); }));
   return std::move(*averages);
 }
 

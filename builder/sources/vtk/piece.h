@@ -20,8 +20,8 @@ using ChangeMeans = std::function<void(const std::string& array, int component, 
 
 /// Returns the points, the values of `attributes`, and the cells as tetrahedra, as open_source promises. With cells of
 /// their own the points are these cells, without those of no volume. Calls `change_means` on the means of cells at the
-/// points, if it is not empty. With `lend`, the piece lends its values (LentValues). Fails if cells are damaged or not supported, or if an attribute is not there; `path`
-/// begins the message. Safe on untrusted data sets.
+/// points, if it is not empty. With `lend`, the piece lends its values (LentValues). Fails if cells are damaged or not
+/// supported, or if an attribute is not there; `path` begins the message. Safe on untrusted data sets.
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
                                                         std::span<const VtkAttribute> attributes, CellValues cells,
                                                         const MissingValues& missing,

@@ -97,11 +97,12 @@ class VtkSource final : public Source {
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(data_sets_->path(), *data, attributes_, cells_, missing_,
-                                          [&](const std::string& array, int component, std::span<double> means) {
-                                            data_sets_->share_means(*data, array, component, means);
-                                          },
-                                          lends_));
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(
+                                   data_sets_->path(), *data, attributes_, cells_, missing_,
+                                   [&](const std::string& array, int component, std::span<double> means) {
+                                     data_sets_->share_means(*data, array, component, means);
+                                   },
+                                   lends_));
     SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_conversions(*data);
