@@ -45,14 +45,15 @@ void include_value(double value, std::size_t attribute, PointRanges& ranges) {
 
 // Bytes of a piece, and of what finds the material and the outer faces of its tetrahedra.
 std::uint64_t bytes_to_read(const Piece& piece) {
-  constexpr std::uint64_t of_incidence = 4 * sizeof(std::uint32_t) + sizeof(double);  // of a tetrahedron
-  const std::size_t points = piece.points.size();
-  std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(std::uint64_t)) + (piece.lent ? piece.lent->bytes() : 0);
+  const std::size_t points = piece.points.size(), tetrahedra = piece.tetrahedra.size();
+  std::uint64_t bytes = points * (sizeof(dvec3) + sizeof(std::uint32_t)) + tetrahedra * sizeof(Tetrahedron) +
+                        VertexMaterial::bytes(points, tetrahedra) + (piece.lent ? piece.lent->bytes() : 0);
   for (const std::vector<double>& values : piece.values) bytes += values.size() * sizeof(double);
-  bytes += piece.tetrahedra.size() * (sizeof(Tetrahedron) + of_incidence);
-  if (piece.cells)
-    bytes += points * sizeof(SpatialMoments) + piece.cells->corners.size() * sizeof(dvec3) +
-             piece.cells->tetrahedra.size() * (sizeof(Tetrahedron) + sizeof(std::uint32_t) + of_incidence);
+  if (piece.cells) {
+    const std::size_t corners = piece.cells->corners.size(), parts = piece.cells->tetrahedra.size();
+    bytes += points * sizeof(SpatialMoments) + corners * sizeof(dvec3) +
+             parts * (sizeof(Tetrahedron) + sizeof(std::uint32_t)) + VertexMaterial::bytes(corners, parts);
+  }
   if (piece.material) {
     const std::uint64_t of_attribute = sizeof(ValueMoments) + sizeof(dvec3);
     bytes += points * (sizeof(SpatialMoments) + sizeof(BoundaryPlane) + piece.values.size() * of_attribute);

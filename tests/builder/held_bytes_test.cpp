@@ -13,6 +13,7 @@
 
 #include "builder/build.h"
 #include "builder/memory_plan.h"
+#include "builder/points/point_stream.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/format/allocation_counter.h"
@@ -113,6 +114,20 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
         EXPECT_TRUE(read_all(path) == expected) << attributes << " attributes, " << memory << " bytes";
       }
     }
+}
+
+TEST(HeldBytes, OfAPieceAreCounted) {
+  const Piece mesh = test::mesh_piece(test::jittered(30, 0.2), [](const dvec3& p) { return p.x; });
+  for (const bool lends : {false, true}) {
+    ManyAttributes source({mesh}, 80, lends);
+    test::start_counting_allocations();
+    const auto points = PointStream::create(
+        source, true, std::size_t{8} << 20, testing::TempDir(), [](double) {}, false);
+    ASSERT_TRUE(points) << points.error().message;
+    const std::uint64_t values = lends ? 0 : 80 * mesh.points.size() * sizeof(double);
+    EXPECT_GE(points->summary().bytes_to_read, values);
+    EXPECT_LE(test::most_bytes_allocated(), points->summary().bytes_to_read + (std::size_t{2} << 20)) << lends;
+  }
 }
 
 // Lent values give the same file as values of the piece.
