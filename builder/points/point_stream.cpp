@@ -131,13 +131,14 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
           .with_copies(source.copies());
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
-  PieceReader reader(source, layout, faces, memory / 16);
+  const std::size_t slice_memory = memory / 16;
+  PieceReader reader(source, layout, faces, slice_memory);
   SPLATVOL_TRY_ASSIGN(sorted, InputSorter(source, layout, memory, folder).run(reader, progress));
   SPLATVOL_TRY(sorted.points.finish());
   SPLATVOL_TRY_ASSIGN(corners, faces.join(sorted.cube));
   InputSummary summary = reader.summary(joined);
   summary.cube = sorted.cube;
-  summary.bytes_to_read += std::min<std::uint64_t>(memory, summary.census.read * layout.bytes());
+  summary.bytes_to_read += slice_memory + std::min<std::uint64_t>(memory, summary.census.read * layout.bytes());
   return PointStream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
 }
 

@@ -34,6 +34,8 @@ class FieldValues final : public LentValues {
     for (std::size_t i = 0; i < points.size(); ++i) values[i] = field(points_[points[i]], attribute);
   }
 
+  std::uint64_t bytes() const override { return points_.size() * sizeof(dvec3); }
+
  private:
   std::vector<dvec3> points_;
 };
@@ -54,7 +56,7 @@ class ManyAttributes final : public Source {
     piece->values.clear();
     if (lends_) piece->lent = std::make_shared<FieldValues>(piece->points);
     for (std::size_t a = 0; a < attributes_.size() && !lends_; ++a) {
-      piece->values.emplace_back();
+      piece->values.emplace_back().reserve(piece->points.size());
       for (const dvec3& p : piece->points) piece->values.back().push_back(field(p, a));
     }
     return piece;

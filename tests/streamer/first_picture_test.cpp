@@ -92,6 +92,7 @@ class RendererTestFirstPicture : public testing::Test {
     LatticeSource source(cells, shape, std::move(fields));
     BuildOptions options;
     options.up = up;
+    options.join_attributes = false;
     const auto report = build_volume(source, file_, options, [](const char*, double) {});
     EXPECT_TRUE(report) << report.error().message;
     return scene_of(picture);

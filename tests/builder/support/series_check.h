@@ -47,7 +47,9 @@ inline void expect_series(const std::string& input, const std::string& folder, s
   for (std::size_t step = 0; step < steps; ++step) {
     const auto source = open_source({input}, {attributes, {}, built->times[step]});
     ASSERT_TRUE(source) << source.error().message;
-    ASSERT_TRUE(build_volume(**source, single_path, {}, silent));
+    BuildOptions apart;
+    apart.join_attributes = false;  // as in a series
+    ASSERT_TRUE(build_volume(**source, single_path, apart, silent));
     const auto single = format::Volume::open(open_file(single_path).value()).value();
     const auto at_step = series->at_step(step).value();
     EXPECT_EQ(at_step->time(), built->times[step]);
