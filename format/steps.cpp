@@ -1,5 +1,7 @@
 #include "format/steps.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <limits>
 
@@ -54,7 +56,7 @@ Status Steps::open_index() {
   const std::string folder = plain.substr(0, plain.find_last_of('/') + 1);  // also of an address; empty without '/'
   for (const SeriesIndex::Step& step : index->steps) {
     times_.push_back(step.time);
-    files_.push_back(folder + step.file + query);
+    files_.push_back(fmt::format("{}{}{}", folder, step.file, query));
   }
   for (const SeriesIndex::Attribute& attribute : index->attributes) {
     names_.push_back(attribute.name);
