@@ -100,7 +100,7 @@ TEST(Metadata, AnAliasIsAnotherNameOfAnAttribute) {
 TEST(Metadata, AFileWithoutAttributesHasNoAliases) {
   json document = example_json();
   document["attributes"] = json::array();
-  document["columns"] = {document["columns"][0]};
+  document["columns"] = json::array({document["columns"][0]});
   EXPECT_TRUE(metadata_from_json(document.dump()));
   document["aliases"] = {{{"name", "a"}, {"attribute", 0}}};
   EXPECT_THAT(metadata_from_json(document.dump()).error().message, HasSubstr("aliases"));
