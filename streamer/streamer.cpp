@@ -238,7 +238,7 @@ Status Streamer::set_step(std::shared_ptr<const format::Volume> volume) {
   filled_ = {};
   view_before_.reset();
   if (!volume->is_same_file(*volume_)) cache_.clear();
-  volume_ = std::move(volume);
+  const auto before = std::exchange(volume_, std::move(volume));  // paged_ and gatherer_ still refer to it
   paged_.set_step(*volume_, attribute);
   SPLATVOL_TRY_ASSIGN(gatherer, Gatherer::create(paged_, cache_, kernel_, gradients));
   gatherer_ = std::move(gatherer);
