@@ -69,6 +69,7 @@ class FilesBuild {
       return fail(ErrorCode::io, "{}: exists already: remove it, or choose another name for {}", path, output_);
     BuildOptions options = options_;
     options.inputs = {step.name};
+    options.join_attributes = false;  // what is the same in a step need not be the same in others
     SPLATVOL_TRY_ASSIGN(report, build_volume(*source, path, options, progress_));
     written_.push_back(path);
     SPLATVOL_TRY(add_ranges(path, step.name));

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "format/series_index.h"
 #include "format/volume.h"
 
 namespace splatvol::format {
@@ -278,10 +279,8 @@ Status Volume::verify(const std::function<void(double)>& progress) const {
     SPLATVOL_TRY_ASSIGN(volume, at_step(step));
     const std::function<void(double)> of_step = part(step + 1);
     SPLATVOL_TRY(Verifier(*volume, of_step).run_step());
-    for (std::size_t a = 0; a < ranges.size(); ++a) {
-      ranges[a].min = std::fmin(ranges[a].min, volume->info().attributes[a].min);
-      ranges[a].max = std::fmax(ranges[a].max, volume->info().attributes[a].max);
-    }
+    for (std::size_t a = 0; a < ranges.size(); ++a)
+      include(ranges[a], volume->info().attributes[a].min, volume->info().attributes[a].max);
   }
   const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
   for (std::size_t a = 0; a < ranges.size(); ++a)

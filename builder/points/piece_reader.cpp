@@ -72,7 +72,7 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     SPLATVOL_TRY_ASSIGN(next, source_.next());
     second = std::move(next);
     ended = !second;
-    const Box box = box_of(*piece);
+    const Box box = grown_for_material(box_of(*piece), deviation_of(*piece));
     if (ended && box.low.x <= box.high.x) SPLATVOL_TRY(only(box));
   }
   for (std::size_t pieces = 0; piece; ++pieces) {
@@ -99,7 +99,7 @@ Box PieceReader::box_of(const Piece& piece) const {
   else
     for (const auto& corners : piece.tetrahedra)
       for (const std::uint32_t corner : corners) include(piece.points[corner]);
-  return grown_for_material(box, deviation_of(piece));
+  return box;
 }
 
 // The largest deviation of material that the points of a piece bring along.

@@ -72,11 +72,10 @@ class PieceReader {
   // Some points of a piece, and the values that decide on their material. Values are never those of the whole piece.
   struct Block {
     std::span<const std::uint32_t> points;
-    VertexBlock vertices;                // of the mesh
-    std::vector<std::uint32_t> indices;  // of the points, and then of the other vertices
-    ValueTable values;                   // [indices]
-    std::vector<double> column;          // scratch: of an attribute
-    std::vector<VertexValue> found;      // scratch: of a point
+    VertexBlock vertices;            // of the mesh: the points, and then their neighbours
+    ValueTable values;               // [vertex of the block, or point]
+    std::vector<double> column;      // scratch: of an attribute
+    std::vector<VertexValue> found;  // scratch: of a point
   };
 
   [[nodiscard]] std::optional<std::size_t> find_same(std::size_t attribute, const InputSummary& summary,

@@ -104,6 +104,20 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
   expect_done("svinfo f.svols --step 0");
 }
 
+// Two attributes that agree at the first step only: each file has both by their own names.
+TEST_F(SeriesPrograms, AFirstStepOfEqualValuesHasAllAttributes) {
+  for (int step = 0; step < 2; ++step) {
+    std::string text = "x,y,z,a,b\n";
+    for (int i = 0; i < 27; ++i) text += fmt::format("{},{},{},{},{}\n", i % 3, i / 3 % 3, i / 9, i, i * (1 + step));
+    std::ofstream(path(fmt::format("points_{}.csv", step))) << text;
+  }
+  expect_done("svbuild --series-of-files points_0.csv points_1.csv -o f.svols");
+  const auto info = nlohmann::json::parse(run("svinfo f.svols --json --step 0").text);
+  EXPECT_EQ(info["attributes"].size(), 2U);
+  EXPECT_EQ(info["series"]["attributes"][1]["name"], "b");
+  EXPECT_EQ(info["series"]["attributes"][1]["max"], 52);
+}
+
 TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   write_grid("other.vtk", 8, 0);
   expect_refusal("svbuild --series grid_0.vtk other.vtk -o x.svol", "--series-of-files");
