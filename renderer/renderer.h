@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "renderer/gl_objects.h"
 #include "renderer/kernel.h"
+#include "renderer/rasterizer.h"
 #include "renderer/sort.h"
 #include "renderer/target.h"
 #include "renderer/upsampler.h"
@@ -19,21 +20,6 @@
 #include "streamer/splat.h"
 
 namespace splatvol {
-
-enum class SortMode {
-  none,   // as the splats were given
-  axis,   // back to front along the world's axis nearest to the line of sight; sorted once, whatever the views
-  exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
-};
-
-inline constexpr int max_sample_spacing = 64;
-
-/// The parts of a frame's time, in seconds. Each part is waited for.
-struct FrameTimes {
-  double sort = 0;    // keys and their sorting; 0 if the last order still holds
-  double upload = 0;  // data of the view and the order
-  double draw = 0;    // projection and rasterisation
-};
 
 /// Keeps splats on the GPU and draws them into its own framebuffer, in linear premultiplied RGBA, 32-bit float.
 ///

@@ -159,4 +159,80 @@ MaterialValue compact(const format::SplatValue& value) {
           static_cast<float>(value.coverage)};
 }
 
+Result<ShapeRow> decode_shapes(KernelKind kernel, const ChunkBytes& positions, const ChunkBytes& shapes,
+                               std::uint32_t points, const Cube& cube, std::string_view what) {
+  const double length = drawing_length(cube.edge);
+  std::vector<dvec3> centers(points);
+  std::vector<float> limits(points);
+  if (kernel == KernelKind::octant) {
+    SPLATVOL_TRY(format::unpack_positions(positions.entry, positions.packed, centers, cube, what));
+    std::vector<std::uint8_t> depths(points), counts(points);
+    SPLATVOL_TRY(format::unpack_octants(shapes.entry, shapes.packed, depths, counts, what));
+    for (std::size_t i = 0; i < points; ++i)
+      limits[i] = static_cast<float>(std::ldexp(cube.edge / length, -depths[i]) / std::cbrt(counts[i]));
+    BlockedPositions blocked = make_blocks(centers, limits, length);
+    std::vector<OctantShape> records(points);
+    for (std::size_t i = 0; i < points; ++i) records[i] = {blocked.positions[i], limits[i]};
+    return ShapeRow(std::move(records), std::move(blocked.blocks));
+  }
+  SPLATVOL_TRY(format::unpack_centroids(positions.entry, positions.packed, centers, cube, what));
+  std::vector<format::SplatShape> unpacked(points);
+  SPLATVOL_TRY(format::unpack_moments(shapes.entry, shapes.packed, unpacked, cube.edge, what));
+  double mass_scale = 0, deviation_scale = 0;
+  for (std::size_t i = 0; i < points; ++i) {
+    format::SplatShape& shape = unpacked[i];
+    shape.mass *= shape.density / length / length / length;
+    shape.deviations /= length;
+    mass_scale = std::max(mass_scale, shape.mass);
+    deviation_scale = std::max(deviation_scale, shape.deviations.x);
+    const dvec3& d = shape.deviations;
+    limits[i] = static_cast<float>(d.z > 0 ? d.z : d.y > 0 ? d.y : d.x);
+  }
+  BlockedPositions blocked = make_blocks(centers, limits, length);
+  std::vector<MomentsShape> records(points);
+  for (std::size_t i = 0; i < points; ++i) {
+    const format::SplatShape& shape = unpacked[i];
+    MomentsShape& record = records[i];
+    record = {blocked.positions[i],
+              PackedOrientation::pack(shape.orientation),
+              log_code(shape.mass, mass_scale),
+              {},
+              pack_boundary(shape.boundary)};
+    for (int k = 0; k < 3; ++k) record.deviations[k] = log_code(shape.deviations[k], deviation_scale);
+  }
+  return ShapeRow(std::move(records), std::move(blocked.blocks), mass_scale, deviation_scale);
+}
+
+Result<ValueRow> decode_values(KernelKind kernel, const ChunkBytes& values, const ChunkBytes* gradients,
+                               std::uint32_t points, std::string_view what) {
+  if (kernel == KernelKind::octant) {
+    std::vector<float> stored(points);
+    SPLATVOL_TRY(format::unpack_values(values.entry, values.packed, stored, what));
+    std::vector<vec3> directions(points, vec3(0));
+    if (gradients) SPLATVOL_TRY(format::unpack_gradients(gradients->entry, gradients->packed, directions, what));
+    std::vector<OctantValue> records(points);
+    for (std::size_t i = 0; i < points; ++i) records[i] = {stored[i], pack_direction(directions[i])};
+    return ValueRow(std::move(records));
+  }
+  std::vector<format::SplatValue> unpacked(points);
+  SPLATVOL_TRY(format::unpack_value_moments(values.entry, values.packed, unpacked, what));
+  double scale = 0;
+  for (const format::SplatValue& value : unpacked)
+    if (value.coverage > 0) scale = std::max(scale, value.deviation);
+  std::vector<MomentsValue> records(points);
+  for (std::size_t i = 0; i < points; ++i) {
+    const format::SplatValue& value = unpacked[i];
+    if (!(value.coverage > 0)) {
+      records[i] = {};
+      continue;
+    }
+    records[i] = {static_cast<float>(value.mean),
+                  log_code(value.deviation, scale),
+                  static_cast<std::uint8_t>(std::lround(255 * value.coverage)),
+                  {}};
+    for (int k = 0; k < 3; ++k) records[i].correlations[k] = signed_byte(value.correlation[k]);
+  }
+  return ValueRow(std::move(records), scale);
+}
+
 }  // namespace splatvol

@@ -1,0 +1,68 @@
+// What draws splats into pictures: one interface for OpenGL and for the processor.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "base/error.h"
+#include "scene/image.h"
+#include "scene/scene.h"
+#include "streamer/record.h"
+#include "streamer/splat.h"
+
+namespace splatvol {
+
+enum class SortMode {
+  none,   // in the order of the draw list
+  axis,   // back to front along the world's axis nearest to the line of sight
+  exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
+};
+
+inline constexpr int max_sample_spacing = 64;
+
+/// The parts of a frame's time, in seconds. Each part is waited for.
+struct FrameTimes {
+  double sort = 0;    // keys and their sorting; 0 if the last order still holds
+  double upload = 0;  // data of the view, and records that were not there
+  double draw = 0;    // projection and rasterisation
+};
+
+/// Draws the splats of a draw list, in linear premultiplied RGBA of single precision.
+class Rasterizer {
+ public:
+  virtual ~Rasterizer() = default;
+
+  /// Sets colour and extinction of the splats; `moments` averages them over each splat's values (transfer_table.h).
+  /// Call it before the first draw. `units`: of the splats that are drawn. Views, origins of blocks and the function
+  /// are in world units; only their relation to the splats is rounded to single precision. Fails if the function has
+  /// no control points or an empty domain.
+  [[nodiscard]] virtual Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) = 0;
+
+  /// Sets a light at the eye, or none: colours as they are.
+  virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;
+
+  /// Sets what is drawn from now on, back to front. Holds the rows until the next call. Only rows that were not in the
+  /// list before cost more than their range. Fails if the rows are of another kernel, and with ErrorCode::device if
+  /// the device cannot hold them; then nothing is drawn.
+  [[nodiscard]] virtual Status set_draw_list(const DrawList& list) = 0;
+
+  /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows.
+  /// A splat draws nothing if its value is NaN, or if its extinction or its weight is 0. A splat of `octant` draws
+  /// nothing either if its centre is not in front of the eye.
+  ///
+  /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
+  /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.
+  [[nodiscard]] virtual Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) = 0;
+
+  /// Returns the picture of the last draw. Fails before the first.
+  [[nodiscard]] virtual Result<Image> read_image() const = 0;
+
+  /// Returns bytes held on the device, besides the rows of the draw list if the device draws them where they lie.
+  [[nodiscard]] virtual std::uint64_t device_bytes() const = 0;
+
+  /// Returns the device in words.
+  [[nodiscard]] virtual std::string description() const = 0;
+};
+
+}  // namespace splatvol
