@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "renderer/sampling.h"
+#include "streamer/draw_list.h"
 #include "streamer/frame_pacer.h"
 #include "tools/movie.h"
 #include "tools/tool.h"
@@ -44,11 +45,12 @@ Status draw_frame(const RenderOptions& options, const Scene& scene, const View& 
   SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
   drawing.frame = frame;
   const double upload_start = seconds_now();
-  if (frame->serial != drawing.uploaded_serial)
-    SPLATVOL_TRY(drawing.renderer->set_splats(frame->data, frame->batches));
+  if (frame->serial != drawing.packed_serial)
+    drawing.list = pack_draw_list(frame->data, frame->batches, drawing.streamer->units());
   else
-    SPLATVOL_TRY(drawing.renderer->set_weights(frame->batches));
-  drawing.uploaded_serial = frame->serial;
+    set_weights(drawing.list, frame->batches);
+  drawing.packed_serial = frame->serial;
+  SPLATVOL_TRY(drawing.renderer->set_draw_list(drawing.list));
   const double draw_start = seconds_now();
   drawing.sample_spacing = sample_spacing(options, view, *frame);
   SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
@@ -228,7 +230,7 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   drawing.streamer = std::move(streamer);
   SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
   drawing.context = std::move(context);
-  SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(kernel));
+  SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(kernel));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
   if (options.max_error || options.splats || options.milliseconds)

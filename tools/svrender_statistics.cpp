@@ -55,7 +55,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
           {"file_bytes", drawing.streamer->volume().file_bytes()},
           {"bytes_read", statistics.bytes_read},
           {"bytes_resident_peak", statistics.bytes_resident_peak},
-          {"gpu_bytes", drawing.renderer->gpu_bytes()},
+          {"gpu_bytes", drawing.renderer->device_bytes()},
           {"complete", frame.progress.complete},
           {"missing_chunks", frame.progress.missing_chunks},
           {"missing_pages", frame.progress.missing_pages},

@@ -9,6 +9,7 @@
 #include "base/rotation.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
+#include "streamer/draw_list.h"
 #include "streamer/explain.h"
 
 namespace splatvol {
@@ -74,7 +75,7 @@ Status Session::open_streamer() {
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
-    SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(settings.kernel));
+    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel));
     renderer_ = std::move(renderer);
   }
   SPLATVOL_TRY(use_step());
@@ -87,7 +88,7 @@ Status Session::open_streamer() {
 
 // Takes over what depends on the step: units and histogram.
 Status Session::use_step() {
-  uploaded_serial_ = 0;
+  packed_serial_ = 0;
   settled_ = false;
   SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
   const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
@@ -254,11 +255,12 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  if (frame->serial != uploaded_serial_)
-    SPLATVOL_TRY(renderer_->set_splats(frame->data, frame->batches));
+  if (frame->serial != packed_serial_)
+    list_ = pack_draw_list(frame->data, frame->batches, streamer_->units());
   else
-    SPLATVOL_TRY(renderer_->set_weights(frame->batches));
-  uploaded_serial_ = frame->serial;
+    set_weights(list_, frame->batches);
+  packed_serial_ = frame->serial;
+  SPLATVOL_TRY(renderer_->set_draw_list(list_));
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));

@@ -9,35 +9,34 @@
 #include <vector>
 
 #include "base/error.h"
-#include "renderer/gl_objects.h"
-#include "renderer/kernel.h"
+#include "renderer/gl/gl_objects.h"
+#include "renderer/gl/kernel.h"
+#include "renderer/gl/target.h"
+#include "renderer/gl/upsampler.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
-#include "renderer/target.h"
-#include "renderer/upsampler.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/splat.h"
 
 namespace splatvol {
 
-/// Keeps splats on the GPU and draws them into its own framebuffer, in linear premultiplied RGBA, 32-bit float.
+/// Keeps splats on the GPU and draws them into its own framebuffer.
 ///
-/// Every call needs the context that was current at `create`, in the same thread. The renderer knows of no window: a
+/// Every call needs the context that was current at `create`, in the same thread. The rasterizer knows of no window: a
 /// window copies the framebuffer. It sets all the OpenGL state that it depends on, and leaves it changed.
-class Renderer {
+class GlRasterizer : public Rasterizer {
  public:
   /// Needs a current OpenGL 4.5 context. Fails with ErrorCode::device if there is an older one, or none.
-  [[nodiscard]] static Result<std::unique_ptr<Renderer>> create(KernelKind kind);
+  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(KernelKind kind);
 
-  /// Sets colour and extinction of the splats; `moments` averages them over each splat's values (transfer_table.h).
-  /// Call it before the first draw. `units`: of the splats that are set. Views, batches' origins and the function are
-  /// in world units; only their relation to the splats is rounded to single precision. Fails if the function has no
-  /// control points or an empty domain.
-  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units = {});
-
-  /// Sets a light at the eye, or none: colours as they are.
-  void set_lighting(const std::optional<Lighting>& lighting);
+  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
+  void set_lighting(const std::optional<Lighting>& lighting) override;
+  [[nodiscard]] Status set_draw_list(const DrawList& list) override;
+  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
+  [[nodiscard]] Result<Image> read_image() const override;
+  [[nodiscard]] std::uint64_t device_bytes() const override;
+  [[nodiscard]] std::string description() const override;
 
   /// Returns how many splats the device's shaders can see.
   [[nodiscard]] std::uint64_t max_splats() const;
@@ -46,38 +45,16 @@ class Renderer {
   /// drawing order. 0 if the picture alone takes more.
   [[nodiscard]] std::uint64_t max_splats(int width, int height, std::uint64_t gpu_bytes) const;
 
-  /// Replaces the splats by those of `batches`, which are parts of `splats`. SortMode::none draws them in this order,
-  /// so it needs them back to front. Copies the splats; they stay resident until the next call. Fails if the splats are
-  /// of another kernel or a batch reaches beyond them, and with ErrorCode::device if the GPU cannot hold them. There
-  /// are no splats after a failure.
-  [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
-
-  /// Replaces the weights of the last `set_splats` by those of `batches`, which are the same otherwise. Costs nothing.
-  /// Fails if there are more or fewer batches.
-  [[nodiscard]] Status set_weights(std::span<const SplatBatch> batches);
-
-  /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows.
-  /// A splat draws nothing if its value is NaN, or if its extinction or its batch's weight is 0. A splat of `octant`
-  /// draws nothing either if its centre is not in front of the eye.
-  ///
-  /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
-  /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.
-  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing = 1);
-
-  /// Reads the picture of the last draw. Fails before the first.
-  [[nodiscard]] Result<Image> read_image() const;
-
   /// Returns OpenGL's name of the picture's texture, lower left pixel first. 0 before the first draw.
   [[nodiscard]] unsigned texture() const { return picture_.texture(); }
 
   /// Returns how many splats are resident, drawn or not.
   [[nodiscard]] std::size_t splat_count() const { return splat_count_; }
 
-  /// Returns the bytes of GPU memory held.
-  [[nodiscard]] std::uint64_t gpu_bytes() const;
-
  private:
-  Renderer(Kernel kernel, Upsampler upsampler);
+  GlRasterizer(Kernel kernel, Upsampler upsampler);
+  [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
+  [[nodiscard]] Status set_weights(std::span<const DrawRange> ranges);
   [[nodiscard]] Status prepare_quads();
   [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
   [[nodiscard]] Status upload_frame(const View& view);
@@ -103,6 +80,7 @@ class Renderer {
   KeySorter sorter_;
 
   // Resident until replaced.
+  DrawList list_;
   std::size_t splat_count_ = 0;
   std::vector<dvec3> batch_origins_;
   std::vector<float> batch_weights_;

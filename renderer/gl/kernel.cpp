@@ -1,8 +1,8 @@
-#include "renderer/kernel.h"
+#include "renderer/gl/kernel.h"
 
 #include <array>
 
-#include "renderer/shaders.h"
+#include "renderer/gl/shaders.h"
 
 namespace splatvol {
 

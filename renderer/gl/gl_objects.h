@@ -46,6 +46,9 @@ using Framebuffer = GlObject<delete_framebuffer>;
 using VertexArray = GlObject<delete_vertex_array>;
 using Program = GlObject<delete_program>;
 
+/// Returns the device and version of the current context: "GL_RENDERER, OpenGL GL_VERSION".
+[[nodiscard]] std::string device_text();
+
 /// Returns the most bytes of one buffer that the device's shaders can see.
 [[nodiscard]] std::uint64_t largest_buffer();
 

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "renderer/gl_objects.h"
+#include "renderer/gl/gl_objects.h"
 #include "streamer/splat.h"
 
 namespace splatvol {

@@ -1,4 +1,4 @@
-#include "renderer/renderer.h"
+#include "renderer/gl/gl_rasterizer.h"
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -79,6 +79,26 @@ void write_records(std::span<const Splat> splats, std::span<const SplatBatch> ba
   });
 }
 
+MomentsSplat moments_splat(const RecordRow& row, std::uint32_t record) {
+  const Material m = unpack(row, record);
+  const double sign = m.orientation.w < 0 ? -1 : 1;
+  std::uint32_t correlations = 0, boundary = 0;
+  for (int k = 0; k < 3; ++k) {
+    correlations |= (static_cast<std::uint32_t>(std::lround(127 * m.correlations[k])) & 0xFFU) << 8 * k;
+    boundary |= (static_cast<std::uint32_t>(std::lround(128 * m.boundary[k])) & 0x3FFU) << 10 * k;
+  }
+  const double explained = glm::dot(m.correlations, m.correlations);
+  correlations |= static_cast<std::uint32_t>(std::lround(127 * std::sqrt(std::max(0.0, 1 - explained)))) << 24;
+  return {vec3(m.center),
+          static_cast<float>(m.mass),
+          vec3(m.deviations),
+          vec3(sign * m.orientation.x, sign * m.orientation.y, sign * m.orientation.z),
+          static_cast<float>(m.value),
+          static_cast<float>(m.value_deviation),
+          correlations,
+          boundary};
+}
+
 /// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
 float nearest_float(double number) {
   constexpr double largest = std::numeric_limits<float>::max();
@@ -87,22 +107,23 @@ float nearest_float(double number) {
 
 }  // namespace
 
-Result<std::unique_ptr<Renderer>> Renderer::create(KernelKind kind) {
+Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind) {
   if (epoxy_gl_version() < 45 || !epoxy_is_desktop_gl())
     return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
                 epoxy_gl_version() / 10, epoxy_gl_version() % 10);
   SPLATVOL_TRY_ASSIGN(kernel, make_kernel(kind));
   SPLATVOL_TRY_ASSIGN(upsampler, Upsampler::create());
-  std::unique_ptr<Renderer> renderer(new Renderer(std::move(kernel), std::move(upsampler)));
-  SPLATVOL_TRY(renderer->prepare_quads());
-  SPLATVOL_TRY(renderer->frame_.reserve(sizeof(FrameBlock)));
-  SPLATVOL_TRY(check_gl("setting up the renderer"));
-  return renderer;
+  std::unique_ptr<GlRasterizer> rasterizer(new GlRasterizer(std::move(kernel), std::move(upsampler)));
+  SPLATVOL_TRY(rasterizer->prepare_quads());
+  SPLATVOL_TRY(rasterizer->frame_.reserve(sizeof(FrameBlock)));
+  SPLATVOL_TRY(check_gl("setting up the rasterizer"));
+  return rasterizer;
 }
 
-Renderer::Renderer(Kernel kernel, Upsampler upsampler) : kernel_(std::move(kernel)), upsampler_(std::move(upsampler)) {}
+GlRasterizer::GlRasterizer(Kernel kernel, Upsampler upsampler)
+    : kernel_(std::move(kernel)), upsampler_(std::move(upsampler)) {}
 
-Status Renderer::prepare_quads() {
+Status GlRasterizer::prepare_quads() {
   // The same two triangles for every quad. With indices each corner is computed once. Instances would be slower: they
   // are too small here, for rasterisers in software and in hardware.
   std::vector<std::uint32_t> indices;
@@ -121,7 +142,7 @@ Status Renderer::prepare_quads() {
   return {};
 }
 
-Renderer::Axis Renderer::axis_of(const TransferFunction& function, const DrawingUnits& units) {
+GlRasterizer::Axis GlRasterizer::axis_of(const TransferFunction& function, const DrawingUnits& units) {
   Axis axis;
   axis.zero = nearest_float(-units.value_offset / units.value_scale);
   double low = (function.lo - units.value_offset) / units.value_scale;
@@ -141,7 +162,7 @@ Renderer::Axis Renderer::axis_of(const TransferFunction& function, const Drawing
   return axis;
 }
 
-Status Renderer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
+Status GlRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
   TransferFunction function = world_function;
   for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
   if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
@@ -175,14 +196,14 @@ Status Renderer::set_transfer_function(const TransferFunction& world_function, c
   return check_gl("setting the transfer function");
 }
 
-void Renderer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
+void GlRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
 
-std::uint64_t Renderer::max_splats() const {
+std::uint64_t GlRasterizer::max_splats() const {
   const std::uint64_t by_buffer = largest_buffer() / kernel_.record_bytes;
   return std::min<std::uint64_t>(by_buffer, std::numeric_limits<std::uint32_t>::max());
 }
 
-std::uint64_t Renderer::max_splats(int width, int height, std::uint64_t gpu_bytes) const {
+std::uint64_t GlRasterizer::max_splats(int width, int height, std::uint64_t gpu_bytes) const {
   // The picture; as much again for the samples and the rows between them, if samples are farther apart than pixels.
   const std::uint64_t picture = sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   const std::uint64_t table =
@@ -193,7 +214,7 @@ std::uint64_t Renderer::max_splats(int width, int height, std::uint64_t gpu_byte
   return gpu_bytes > fixed ? std::min(max_splats(), (gpu_bytes - fixed) / each) : 0;
 }
 
-Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batches) {
+Status GlRasterizer::set_splats(SplatSpan splats, std::span<const SplatBatch> batches) {
   splat_count_ = 0;
   ordered_view_.reset();
   axis_orders_ = {};
@@ -231,16 +252,47 @@ Status Renderer::set_splats(SplatSpan splats, std::span<const SplatBatch> batche
   return {};
 }
 
-Status Renderer::set_weights(std::span<const SplatBatch> batches) {
-  if (batches.size() != batch_weights_.size())
-    return fail(ErrorCode::invalid_argument, "weights of {} batches for {}", batches.size(), batch_weights_.size());
-  if (std::ranges::equal(batches, batch_weights_, {}, &SplatBatch::weight)) return {};
-  std::ranges::transform(batches, batch_weights_.begin(), &SplatBatch::weight);
+Status GlRasterizer::set_weights(std::span<const DrawRange> ranges) {
+  if (std::ranges::equal(ranges, batch_weights_, {}, &DrawRange::weight)) return {};
+  std::ranges::transform(ranges, batch_weights_.begin(), &DrawRange::weight);
   ordered_view_.reset();  // the order leaves out splats that are too faint to be drawn
   return {};
 }
 
-Result<FrameTimes> Renderer::draw(const View& view, SortMode sort, int sample_spacing) {
+Status GlRasterizer::set_draw_list(const DrawList& list) {
+  const bool same = std::ranges::equal(list.ranges, list_.ranges, [](const DrawRange& a, const DrawRange& b) {
+    return a.row == b.row && a.begin == b.begin && a.count == b.count;
+  });
+  if (same) {
+    list_ = list;
+    return set_weights(list.ranges);
+  }
+  list_ = {};
+  std::vector<OctantSplat> octants;
+  std::vector<MomentsSplat> moments;
+  std::vector<SplatBatch> batches;
+  const bool are_moments = kernel_.kind == KernelKind::moments;
+  for (const DrawRange& range : list.ranges) {
+    if (std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) != are_moments)
+      return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
+                  are_moments ? "octant" : "moments");
+    batches.push_back(
+        {range.row.shapes->blocks()[range.block].origin, moments.size() + octants.size(), range.count, range.weight});
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i)
+      if (are_moments)
+        moments.push_back(moments_splat(range.row, i));
+      else
+        octants.push_back(unpack_octant(range.row, i));
+  }
+  SPLATVOL_TRY(are_moments ? set_splats(std::span<const MomentsSplat>(moments), batches)
+                           : set_splats(std::span<const OctantSplat>(octants), batches));
+  list_ = list;
+  return {};
+}
+
+std::string GlRasterizer::description() const { return device_text(); }
+
+Result<FrameTimes> GlRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
   if (transfer_table_.name() == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
   if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
     return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
@@ -258,7 +310,7 @@ Result<FrameTimes> Renderer::draw(const View& view, SortMode sort, int sample_sp
   return times;
 }
 
-Result<FrameTimes> Renderer::draw_samples(const View& view, SortMode sort, const Target& target) {
+Result<FrameTimes> GlRasterizer::draw_samples(const View& view, SortMode sort, const Target& target) {
   target.clear();
   FrameTimes times;
   if (splat_count_ == 0) return times;
@@ -278,7 +330,7 @@ Result<FrameTimes> Renderer::draw_samples(const View& view, SortMode sort, const
   return times;
 }
 
-Status Renderer::upload_frame(const View& view) {
+Status GlRasterizer::upload_frame(const View& view) {
   const auto row = [](dvec3 axis) { return vec4(vec3(axis), 0.0F); };
   const FrameBlock block{.rotation = {row(view.right), row(view.up), row(view.forward)},
                          .image_width = static_cast<float>(view.width),
@@ -309,7 +361,7 @@ Status Renderer::upload_frame(const View& view) {
   return check_gl("uploading the view");
 }
 
-Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort, FrameTimes& times) {
+Result<GlRasterizer::Order> GlRasterizer::prepare_order(const View& view, SortMode sort, FrameTimes& times) {
   switch (sort) {
     case SortMode::none:
       return Order{nullptr, splat_count_};
@@ -333,7 +385,7 @@ Result<Renderer::Order> Renderer::prepare_order(const View& view, SortMode sort,
   return fail(ErrorCode::invalid_argument, "no such sorting");
 }
 
-Result<Renderer::Order> Renderer::order_along(int axis, const View& view, FrameTimes& times) {
+Result<GlRasterizer::Order> GlRasterizer::order_along(int axis, const View& view, FrameTimes& times) {
   std::optional<Buffer>& order = axis_orders_[axis];
   if (!order) {
     // The view of an eye in the middle of the batches.
@@ -350,7 +402,7 @@ Result<Renderer::Order> Renderer::order_along(int axis, const View& view, FrameT
   return Order{&*order, splat_count_};
 }
 
-Result<std::size_t> Renderer::sort_keys(bool by_depth, Buffer& order, FrameTimes& times) {
+Result<std::size_t> GlRasterizer::sort_keys(bool by_depth, Buffer& order, FrameTimes& times) {
   Stopwatch stopwatch;
   const std::size_t bytes = splat_count_ * sizeof(std::uint32_t);
   SPLATVOL_TRY(keys_.reserve(bytes));
@@ -372,7 +424,7 @@ Result<std::size_t> Renderer::sort_keys(bool by_depth, Buffer& order, FrameTimes
   return sorted.size();
 }
 
-Status Renderer::prepare_runs(std::size_t count) {
+Status GlRasterizer::prepare_runs(std::size_t count) {
   std::vector<Run> runs;
   for_each_run(count,
                [&](std::size_t, std::size_t run) { runs.push_back({DrawCommand{static_cast<GLuint>(6 * run)}}); });
@@ -381,7 +433,7 @@ Status Renderer::prepare_runs(std::size_t count) {
   return {};
 }
 
-void Renderer::draw_quads(const Order& order) const {
+void GlRasterizer::draw_quads(const Order& order) const {
   glEnable(GL_BLEND);
   glBlendEquation(GL_FUNC_ADD);
   glBlendFunc(GL_ONE, GL_ONE_MINUS_SRC_ALPHA);  // premultiplied over
@@ -409,7 +461,7 @@ void Renderer::draw_quads(const Order& order) const {
   });
 }
 
-Result<Image> Renderer::read_image() const {
+Result<Image> GlRasterizer::read_image() const {
   const int width = picture_.width(), height = picture_.height();
   if (width == 0) return fail(ErrorCode::invalid_argument, "no picture has been drawn");
   std::vector<vec4> rows(static_cast<std::size_t>(width) * height);
@@ -427,7 +479,7 @@ Result<Image> Renderer::read_image() const {
   return Image{width, height, std::move(rows)};
 }
 
-std::uint64_t Renderer::gpu_bytes() const {
+std::uint64_t GlRasterizer::device_bytes() const {
   std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes();
   if (transfer_table_.name() != 0)
     bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);

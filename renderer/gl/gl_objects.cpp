@@ -1,4 +1,4 @@
-#include "renderer/gl_objects.h"
+#include "renderer/gl/gl_objects.h"
 
 #include <algorithm>
 #include <vector>
@@ -52,6 +52,14 @@ Result<Shader> compile(std::string_view program, const ShaderStage& stage) {
 }
 
 }  // namespace
+
+std::string device_text() {
+  const auto text = [](GLenum name) {
+    const GLubyte* found = glGetString(name);
+    return found ? reinterpret_cast<const char*>(found) : "unknown";
+  };
+  return fmt::format("{}, OpenGL {}", text(GL_RENDERER), text(GL_VERSION));
+}
 
 std::uint64_t largest_buffer() {
   GLint64 limit = 0;
