@@ -4,6 +4,7 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "base/http_source.h"
 #include "base/rotation.h"
@@ -75,8 +76,9 @@ Status Session::open_streamer() {
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
-    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel));
+    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel, settings.gpu_memory));
     renderer_ = std::move(renderer);
+    most_splats_ = std::numeric_limits<std::uint64_t>::max();
   }
   SPLATVOL_TRY(use_step());
   renderer_->set_lighting(scene.lighting);
@@ -244,7 +246,7 @@ Status Session::draw(int width, int height, double seconds) {
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
-  detail.max_splats = std::max<std::uint64_t>(renderer_->max_splats(width, height, settings.gpu_memory), 1);
+  detail.max_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
   if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
@@ -260,7 +262,12 @@ Status Session::draw(int width, int height, double seconds) {
   else
     set_weights(list_, frame->batches);
   packed_serial_ = frame->serial;
-  SPLATVOL_TRY(renderer_->set_draw_list(list_));
+  const Status set = renderer_->set_draw_list(list_);
+  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
+    most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame->splats) / 8 * 7, 1);  // for the next call
+    return {};
+  }
+  SPLATVOL_TRY(set);
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));

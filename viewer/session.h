@@ -138,7 +138,8 @@ class Session {
   View view_;
   const FrameSplats* frame_ = nullptr;
   std::uint64_t packed_serial_ = 0;
-  DrawList list_;  // of the last draw
+  DrawList list_;                  // of the last draw
+  std::uint64_t most_splats_ = 0;  // that the device had room for, as far as is known
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{
