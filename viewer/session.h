@@ -106,7 +106,7 @@ class Session {
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
-  [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->device_bytes(); }
+  [[nodiscard]] std::uint64_t device_bytes() const { return renderer_->device_bytes(); }
   [[nodiscard]] DrawingUnits units() const { return streamer_->units(); }
 
   /// Returns the errors of parts that could not be read, the newest last.
