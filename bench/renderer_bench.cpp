@@ -5,8 +5,9 @@
 #include <random>
 #include <type_traits>
 
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
+#include "streamer/draw_list.h"
 
 namespace splatvol {
 namespace {
@@ -45,7 +46,7 @@ template <class Splat>
 void frame(benchmark::State& state) {
   static const std::unique_ptr<HeadlessContext> context = HeadlessContext::create().value();
   const auto renderer =
-      Renderer::create(std::is_same_v<Splat, OctantSplat> ? KernelKind::octant : KernelKind::moments).value();
+      GlRasterizer::create(std::is_same_v<Splat, OctantSplat> ? KernelKind::octant : KernelKind::moments).value();
   TransferFunction function;
   function.colors = {{0, {1, 0, 0}}, {1, {0, 0, 1}}};
   function.densities = {{0, 0.5}, {1, 5}};
@@ -53,16 +54,17 @@ void frame(benchmark::State& state) {
   const auto splats = random_splats<Splat>(static_cast<std::size_t>(state.range(0)),
                                            static_cast<float>(static_cast<double>(state.range(1)) * 0.1 * pixel));
   const SplatBatch batch{dvec3(0), 0, splats.size()};
-  if (!renderer->set_transfer_function(function) || !renderer->set_splats(std::span(splats), {&batch, 1}))
+  if (!renderer->set_transfer_function(function, {}) ||
+      !renderer->set_draw_list(pack_draw_list(std::span(splats), {&batch, 1}, {})))
     return state.SkipWithError("setup");
 
   const auto sort = static_cast<SortMode>(state.range(2));
   const bool moving = state.range(3) != 0;
   FrameTimes sum;
   double angle = 0;
-  if (!renderer->draw(orbit(angle), sort)) return state.SkipWithError("draw");
+  if (!renderer->draw(orbit(angle), sort, 1)) return state.SkipWithError("draw");
   for ([[maybe_unused]] auto iteration : state) {
-    const auto times = renderer->draw(orbit(moving ? angle += 0.01 : angle), sort);
+    const auto times = renderer->draw(orbit(moving ? angle += 0.01 : angle), sort, 1);
     if (!times) return state.SkipWithError("draw");
     sum.sort += times->sort;
     sum.upload += times->upload;

@@ -5,63 +5,14 @@
 #include <cstdlib>
 #include <ctime>
 
-#include "renderer/context.h"
 #include "renderer/cpu/tile_rasterizer.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
 namespace {
-
-/// The records of a list as OpenGL reads splats: both draw the same numbers.
-struct Unpacked {
-  std::vector<MomentsSplat> splats;
-  std::vector<SplatBatch> batches;
-};
-
-std::uint32_t code(double number, double scale, std::uint32_t mask) {
-  return static_cast<std::uint32_t>(std::lround(number * scale)) & mask;
-}
-
-MomentsSplat splat_of(const Material& m) {
-  glm::dquat q = m.orientation;
-  dvec3 correlations = m.correlations, boundary = m.boundary;
-  // The same axes in another order and direction, so that w is the largest component.
-  for (const int axis : {0, 1, 2}) {
-    glm::dquat turn(0, 0, 0, 0);
-    turn[axis] = 1;
-    const glm::dquat turned = m.orientation * turn;
-    if (std::abs(turned.w) <= std::abs(q.w)) continue;
-    q = turned;
-    correlations = -m.correlations;
-    boundary = -m.boundary;
-    correlations[axis] = m.correlations[axis];
-    boundary[axis] = m.boundary[axis];
-  }
-  if (q.w < 0) q = -q;
-  const double rest = std::sqrt(std::max(0.0, 1 - glm::dot(m.correlations, m.correlations)));
-  return {vec3(m.center),
-          static_cast<float>(m.mass),
-          vec3(m.deviations),
-          vec3(q.x, q.y, q.z),
-          static_cast<float>(m.value),
-          static_cast<float>(m.value_deviation),
-          code(correlations.x, 127, 255) | code(correlations.y, 127, 255) << 8 | code(correlations.z, 127, 255) << 16 |
-              code(rest, 127, 255) << 24,
-          code(boundary.x, 128, 1023) | code(boundary.y, 128, 1023) << 10 | code(boundary.z, 128, 1023) << 20};
-}
-
-Unpacked unpack(const DrawList& list) {
-  Unpacked result;
-  for (const DrawRange& range : list.ranges) {
-    result.batches.push_back(
-        {range.row.shapes->blocks()[range.block].origin, result.splats.size(), range.count, range.weight});
-    for (std::uint32_t i = 0; i < range.count; ++i)
-      result.splats.push_back(splat_of(unpack(range.row, range.begin + i)));
-  }
-  return result;
-}
 
 double median(std::vector<double> numbers) {
   std::ranges::sort(numbers);
@@ -96,15 +47,13 @@ int run(int argc, char** argv) {
   const FrameSplats& frame =
       *streamer->request(view, scene.transfer_function, {.tolerance_percent = 0, .max_splats = 100'000'000}).value();
   const DrawList list = pack_draw_list(frame.data, frame.batches, streamer->units());
-  const Unpacked same = unpack(list);
 
   const auto context = HeadlessContext::create().value();
-  const auto gl = Renderer::create(KernelKind::moments).value();
+  const auto gl = GlRasterizer::create(KernelKind::moments).value();
   TileRasterizer cpu(KernelKind::moments);
   gl->set_lighting(scene.lighting);
   cpu.set_lighting(scene.lighting);
-  if (!gl->set_transfer_function(scene.transfer_function, streamer->units()) ||
-      !gl->set_splats(std::span(same.splats), same.batches) ||
+  if (!gl->set_transfer_function(scene.transfer_function, streamer->units()) || !gl->set_draw_list(list) ||
       !cpu.set_transfer_function(scene.transfer_function, streamer->units()) || !cpu.set_draw_list(list))
     return 1;
 

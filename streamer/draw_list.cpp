@@ -45,4 +45,13 @@ DrawList pack_draw_list(SplatSpan splats, std::span<const SplatBatch> batches, c
   return list;
 }
 
+void set_weights(DrawList& list, std::span<const SplatBatch> batches) {
+  std::size_t range = 0;
+  for (const SplatBatch& batch : batches)
+    for (std::uint64_t count = 0; count < batch.count; ++range) {
+      list.ranges[range].weight = batch.weight;
+      count += list.ranges[range].count;
+    }
+}
+
 }  // namespace splatvol

@@ -5,10 +5,11 @@
 #include <optional>
 #include <vector>
 
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "streamer/record.h"
 #include "streamer/streamer.h"
 #include "tools/svrender_options.h"
 #include "tools/svrender_page.h"
@@ -52,11 +53,12 @@ struct Drawing {
   std::optional<format::Steps> steps;
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<HeadlessContext> context;
-  std::unique_ptr<Renderer> renderer;
+  std::unique_ptr<GlRasterizer> renderer;
   DetailOptions detail;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame
-  std::uint64_t uploaded_serial = 0;
+  std::uint64_t packed_serial = 0;
+  DrawList list;  // of the last frame
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.

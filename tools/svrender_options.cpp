@@ -2,7 +2,7 @@
 
 #include <cstdlib>
 
-#include "renderer/renderer.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "tools/movie.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"

@@ -55,7 +55,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
           {"file_bytes", drawing.streamer->volume().file_bytes()},
           {"bytes_read", statistics.bytes_read},
           {"bytes_resident_peak", statistics.bytes_resident_peak},
-          {"gpu_bytes", drawing.renderer->gpu_bytes()},
+          {"gpu_bytes", drawing.renderer->device_bytes()},
           {"complete", frame.progress.complete},
           {"missing_chunks", frame.progress.missing_chunks},
           {"missing_pages", frame.progress.missing_pages},
@@ -99,13 +99,10 @@ void add_detail(const RenderOptions& options, const FrameSplats& frame, const Ti
   }
 }
 
-// The limits of a picture's splats. More memory does not help against the device's own.
+// The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
-  const std::uint64_t most = drawing.detail.max_splats;
-  const bool by_device = most >= drawing.renderer->max_splats();
-  return fmt::format("--memory {} and the {} splats that {}", options.memory, most,
-                     by_device ? "the largest buffer of this device holds (no setting of memory raises them)"
-                               : "--gpu-memory " + options.gpu_memory + " holds");
+  return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory,
+                     drawing.detail.max_splats, options.gpu_memory);
 }
 
 // Says how near the picture comes to the goal.

@@ -6,8 +6,8 @@
 #include <tuple>
 
 #include "base/file.h"
-#include "renderer/context.h"
-#include "renderer/target.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
 #include "scene/image.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "base/error.h"
-#include "renderer/gl_objects.h"
+#include "renderer/gl/gl_objects.h"
 #include "viewer/events.h"
 
 struct ImDrawData;

@@ -3,7 +3,7 @@
 
 #include "base/error.h"
 #include "base/math.h"
-#include "renderer/gl_objects.h"
+#include "renderer/gl/gl_objects.h"
 #include "scene/image.h"
 
 namespace splatvol {

@@ -4,11 +4,13 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "base/http_source.h"
 #include "base/rotation.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
+#include "streamer/draw_list.h"
 #include "streamer/explain.h"
 
 namespace splatvol {
@@ -74,8 +76,9 @@ Status Session::open_streamer() {
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
-    SPLATVOL_TRY_ASSIGN(renderer, Renderer::create(settings.kernel));
+    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel, settings.gpu_memory));
     renderer_ = std::move(renderer);
+    most_splats_ = std::numeric_limits<std::uint64_t>::max();
   }
   SPLATVOL_TRY(use_step());
   renderer_->set_lighting(scene.lighting);
@@ -87,7 +90,7 @@ Status Session::open_streamer() {
 
 // Takes over what depends on the step: units and histogram.
 Status Session::use_step() {
-  uploaded_serial_ = 0;
+  packed_serial_ = 0;
   settled_ = false;
   SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
   const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
@@ -243,7 +246,7 @@ Status Session::draw(int width, int height, double seconds) {
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
-  detail.max_splats = std::max<std::uint64_t>(renderer_->max_splats(width, height, settings.gpu_memory), 1);
+  detail.max_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
   if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
@@ -254,11 +257,17 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  if (frame->serial != uploaded_serial_)
-    SPLATVOL_TRY(renderer_->set_splats(frame->data, frame->batches));
+  if (frame->serial != packed_serial_)
+    list_ = pack_draw_list(frame->data, frame->batches, streamer_->units());
   else
-    SPLATVOL_TRY(renderer_->set_weights(frame->batches));
-  uploaded_serial_ = frame->serial;
+    set_weights(list_, frame->batches);
+  packed_serial_ = frame->serial;
+  const Status set = renderer_->set_draw_list(list_);
+  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
+    most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame->splats) / 8 * 7, 1);  // for the next call
+    return {};
+  }
+  SPLATVOL_TRY(set);
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));

@@ -12,10 +12,11 @@
 #include "base/error.h"
 #include "format/steps.h"
 #include "format/volume.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "scene/page.h"
 #include "scene/scene.h"
 #include "streamer/frame_pacer.h"
+#include "streamer/record.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -95,7 +96,7 @@ class Session {
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
-  [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->gpu_bytes(); }
+  [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->device_bytes(); }
   [[nodiscard]] DrawingUnits units() const { return streamer_->units(); }
 
   /// Returns the errors of parts that could not be read, the newest last.
@@ -126,7 +127,7 @@ class Session {
   std::optional<Ahead> ahead_;  // of a series of files
   bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
-  std::unique_ptr<Renderer> renderer_;
+  std::unique_ptr<GlRasterizer> renderer_;
   std::array<std::uint64_t, 64> histogram_{};
   Box bounds_;
 
@@ -136,7 +137,9 @@ class Session {
 
   View view_;
   const FrameSplats* frame_ = nullptr;
-  std::uint64_t uploaded_serial_ = 0;
+  std::uint64_t packed_serial_ = 0;
+  DrawList list_;                  // of the last draw
+  std::uint64_t most_splats_ = 0;  // that the device had room for, as far as is known
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{

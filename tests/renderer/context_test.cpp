@@ -1,10 +1,10 @@
-#include "renderer/context.h"
+#include "renderer/gl/context.h"
 
 #include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "renderer/renderer.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "shared_context.h"
 
 namespace splatvol {

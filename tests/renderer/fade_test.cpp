@@ -9,8 +9,9 @@
 
 #include "builder/build.h"
 #include "builder/open_source.h"
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
+#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -30,11 +31,12 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
   constexpr int frames = 40;
   const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
   const auto streamer = Streamer::open(open_file(file).value(), {plenty, "value", KernelKind::moments}).value();
-  const auto renderer = Renderer::create(KernelKind::moments).value();
+  const auto renderer = GlRasterizer::create(KernelKind::moments).value();
   EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
   Path path;
   Image last;
   std::uint64_t serial = 0;
+  DrawList list;
   for (int i = 0; i < frames; ++i) {
     Camera camera;
     const double angle = 0.0005 * i, distance = 8 - 0.005 * i;
@@ -43,10 +45,13 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
     if (i == frames / 2) detail.tolerance_percent *= 3;
     const FrameSplats& frame = *streamer->advance(view, function, detail, long_enough, change).value();
     EXPECT_EQ(frame.progress.missing_chunks, 0u);
-    EXPECT_TRUE(frame.serial == serial ? renderer->set_weights(frame.batches)
-                                       : renderer->set_splats(frame.data, frame.batches));
+    if (frame.serial == serial)
+      set_weights(list, frame.batches);
+    else
+      list = pack_draw_list(frame.data, frame.batches, streamer->units());
+    EXPECT_TRUE(renderer->set_draw_list(list));
     serial = frame.serial;
-    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     Image image = renderer->read_image().value();
     if (i > 0) {
       const double jump = compare_images(last, image).value().rmse;

@@ -13,9 +13,10 @@
 #include "builder/build.h"
 #include "builder/sources/generator.h"
 #include "reference/reference.h"
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "streamer/default_scene.h"
+#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -102,12 +103,12 @@ class RendererTestScales : public testing::TestWithParam<Scales> {
                                                                    .kernel = kernel,
                                                                    .gradients = scene.lighting.has_value()})
                               .value();
-    const auto renderer = Renderer::create(kernel).value();
+    const auto renderer = GlRasterizer::create(kernel).value();
     renderer->set_lighting(scene.lighting);
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, detail).value();
-    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
-    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return renderer->read_image().value();
   }
 

@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "renderer/context.h"
+#include "renderer/gl/context.h"
 
 namespace splatvol {
 

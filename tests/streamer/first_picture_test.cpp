@@ -13,10 +13,11 @@
 
 #include "base/file.h"
 #include "builder/build.h"
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "scene/contrast.h"
 #include "streamer/default_scene.h"
+#include "streamer/draw_list.h"
 #include "streamer/first_attribute.h"
 #include "streamer/streamer.h"
 
@@ -107,12 +108,12 @@ class RendererTestFirstPicture : public testing::Test {
     StreamerOptions options;
     options.attribute = scene.attribute;
     const auto streamer = Streamer::open(open_file(file_).value(), options).value();
-    const auto renderer = Renderer::create(KernelKind::moments).value();
+    const auto renderer = GlRasterizer::create(KernelKind::moments).value();
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {}).value();
-    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
-    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return renderer->read_image().value();
   }
 

@@ -9,8 +9,9 @@
 
 #include "builder/build.h"
 #include "builder/open_source.h"
-#include "renderer/context.h"
-#include "renderer/renderer.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/gl_rasterizer.h"
+#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -80,11 +81,11 @@ class RendererTestOcclusion : public testing::Test {
     options.attribute = attribute;
     options.hide = hide;
     const auto streamer = Streamer::open(open_file(attribute == "value" ? mesh_ : file_).value(), options).value();
-    const auto renderer = Renderer::create(KernelKind::moments).value();
+    const auto renderer = GlRasterizer::create(KernelKind::moments).value();
     EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
-    EXPECT_TRUE(renderer->set_splats(frame.data, frame.batches));
-    EXPECT_TRUE(renderer->draw(view, SortMode::exact));
+    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return {renderer->read_image().value(), frame.splats};
   }
 

@@ -7,8 +7,8 @@
 
 #include "builder/series_build.h"
 #include "builder/series_files.h"
-#include "renderer/context.h"
-#include "renderer/target.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "viewer/session.h"

@@ -6,9 +6,10 @@
 #include <filesystem>
 #include <fstream>
 
-#include "renderer/context.h"
+#include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
 #include "renderer/sampling.h"
-#include "renderer/target.h"
+#include "streamer/draw_list.h"
 #include "tests/support/test_volume.h"
 #include "viewer/viewer.h"
 
@@ -102,11 +103,11 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   std::ofstream(path("scene.json")) << scene_to_json(scene());
   const Scene saved = load_scene(path("scene.json")).value();
   const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
-  const auto renderer = Renderer::create(KernelKind::moments).value();
+  const auto renderer = GlRasterizer::create(KernelKind::moments).value();
   ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->units()));
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {1.0, {}}).value();
-  ASSERT_TRUE(renderer->set_splats(splats->data, splats->batches));
+  ASSERT_TRUE(renderer->set_draw_list(pack_draw_list(splats->data, splats->batches, streamer->units())));
   ASSERT_TRUE(renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail)));
   const auto difference = compare_images(shown, renderer->read_image().value()).value();
   EXPECT_EQ(difference.max, 0);

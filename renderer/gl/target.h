@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "renderer/gl_objects.h"
+#include "renderer/gl/gl_objects.h"
 
 namespace splatvol {
 

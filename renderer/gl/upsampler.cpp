@@ -1,6 +1,6 @@
-#include "renderer/upsampler.h"
+#include "renderer/gl/upsampler.h"
 
-#include "renderer/shaders.h"
+#include "renderer/gl/shaders.h"
 
 namespace splatvol {
 

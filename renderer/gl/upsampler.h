@@ -1,8 +1,8 @@
 // Samples farther apart than pixels, and the picture between them. Internal to the renderer.
 #pragma once
 
-#include "renderer/gl_objects.h"
-#include "renderer/target.h"
+#include "renderer/gl/gl_objects.h"
+#include "renderer/gl/target.h"
 #include "scene/scene.h"
 
 namespace splatvol {

@@ -1,4 +1,4 @@
-#include "renderer/context.h"
+#include "renderer/gl/context.h"
 
 // Epoxy's headers go before any other of OpenGL or EGL.
 #include <epoxy/gl.h>
@@ -8,6 +8,8 @@
 #include <array>
 #include <utility>
 #include <vector>
+
+#include "renderer/gl/gl_objects.h"
 
 namespace splatvol {
 
@@ -98,11 +100,6 @@ tl::expected<EGLContext, std::string> make_context(EGLDisplay display) {
   return context;
 }
 
-std::string gl_text(GLenum name) {
-  const GLubyte* text = glGetString(name);
-  return text ? reinterpret_cast<const char*>(text) : "unknown";
-}
-
 }  // namespace
 
 Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
@@ -122,9 +119,7 @@ Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
 }
 
 HeadlessContext::HeadlessContext(void* display, void* context)
-    : display_(display),
-      context_(context),
-      description_(fmt::format("{}, OpenGL {}", gl_text(GL_RENDERER), gl_text(GL_VERSION))) {}
+    : display_(display), context_(context), description_(device_text()) {}
 
 HeadlessContext::~HeadlessContext() {
   // The display stays open: EGL shares it with the other contexts of the process.

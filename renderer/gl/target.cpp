@@ -1,4 +1,4 @@
-#include "renderer/target.h"
+#include "renderer/gl/target.h"
 
 #include <algorithm>
 #include <array>
