@@ -99,8 +99,8 @@ HWY_INLINE Float row_centres(const EllipseOutline& outline, const RowOutline& sh
   return fma(v, shape.shear, outline.x - static_cast<float>(area.left));
 }
 
-HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape, const TileArea& area, const Part& part,
-                         FarRows& rows) {
+HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape,
+                         const TileArea& area, const Part& part, FarRows& rows) {
   const auto& d = splat.depth;
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
