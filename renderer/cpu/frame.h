@@ -134,7 +134,7 @@ struct NearSplat {
   float inverse_slope;          // for the light; 0: no gradient
   std::array<float, 3> normal;  // of the boundary; 0: none
   float stretch;
-  std::array<float, 2> unused;
+  float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
 };
 static_assert(sizeof(NearSplat) == 160);
 

@@ -369,6 +369,11 @@ HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& 
   NearSample sample;
   sample.depth = ray * root * q * q * mass * (splat.strength * by_whole);
   sample.mean = fma(along * root * half_chord, clamp(mean_u, begin, end), dot(gradient, middle) + splat.mean);
+  if (splat.spread >= 0) {
+    sample.spread = splat.spread;
+    sample.light = splat.light;
+    return sample;
+  }
   const Float stretch = normal_along * splat.stretch;
   sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);

