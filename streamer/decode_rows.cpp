@@ -15,13 +15,6 @@ namespace {
 constexpr std::uint32_t bias = 1U << 20;                                 // of a packed position
 constexpr std::uint64_t most_steps = std::uint64_t{largest_offset} * 2;  // along an edge of a block
 
-// Gives back what is far larger than the chunks of ordinary files need.
-template <class T>
-void bound(std::vector<T>& scratch) {
-  constexpr std::size_t kept = std::size_t{1} << 16;  // points
-  if (scratch.capacity() > kept) std::vector<T>().swap(scratch);
-}
-
 // --- Positions.
 
 struct CodeRange {
@@ -78,8 +71,6 @@ BlockedPositions blocks_of(const format::PositionCodes& codes, double length, co
     limits[i] = limit_of(i);
   }
   BlockedPositions result = make_blocks(positions, limits, length);
-  bound(positions);
-  bound(limits);
   return result;
 }
 
