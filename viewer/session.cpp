@@ -233,6 +233,20 @@ Status Session::fit_camera(int width, int height) {
   return {};
 }
 
+// Gives the frame's splats to the renderer. False if the device has no room for them: the next call asks for fewer.
+Result<bool> Session::set_splats(const DetailOptions& detail) {
+  if (frame_->serial != packed_serial_)
+    list_ = pack_draw_list(frame_->data, frame_->batches, streamer_->units());
+  else
+    set_weights(list_, frame_->batches);
+  packed_serial_ = frame_->serial;
+  const Status set = renderer_->set_draw_list(list_);
+  if (set) return true;
+  if (set.error().code != ErrorCode::out_of_budget || most_splats_ <= 1) return tl::unexpected(set.error());
+  most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame_->splats) / 8 * 7, 1);
+  return false;
+}
+
 Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
@@ -262,17 +276,8 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  if (frame->serial != packed_serial_)
-    list_ = pack_draw_list(frame->data, frame->batches, streamer_->units());
-  else
-    set_weights(list_, frame->batches);
-  packed_serial_ = frame->serial;
-  const Status set = renderer_->set_draw_list(list_);
-  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
-    most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame->splats) / 8 * 7, 1);  // for the next call
-    return {};
-  }
-  SPLATVOL_TRY(set);
+  SPLATVOL_TRY_ASSIGN(fits, set_splats(detail));
+  if (!fits) return {};
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
