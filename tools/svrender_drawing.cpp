@@ -5,6 +5,7 @@
 #include <glm/gtc/quaternion.hpp>
 #include <limits>
 
+#include "renderer/device/device.h"
 #include "renderer/sampling.h"
 #include "streamer/draw_list.h"
 #include "streamer/frame_pacer.h"
@@ -239,10 +240,9 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(streamer,
                       Streamer::open(std::move(volume), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
   drawing.streamer = std::move(streamer);
-  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
-  drawing.context = std::move(context);
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
-  SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(kernel, gpu_memory));
+  SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
+  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
   if (options.max_error || options.splats || options.milliseconds)
@@ -301,7 +301,7 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
                            {"sort", options.sort},
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
-                           {"renderer", drawing.context->description()}};
+                           {"renderer", drawing.renderer->description()}};
   if (drawing.streamer->volume().series()) {
     provenance["step"] = fmt::format("{}", drawing.streamer->volume().step());
     provenance["time"] = fmt::format("{}", drawing.streamer->volume().time());

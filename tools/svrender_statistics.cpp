@@ -125,7 +125,7 @@ std::string statistics_text(const RenderOptions& options, const Scene& scene, co
   document["repeat"] = options.repeat;
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
-  document["renderer"] = drawing.context->description();
+  document["renderer"] = drawing.renderer->description();
   add_frames(timings, document);
   add_detail(options, *drawing.frame, timings, document);
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";

@@ -8,6 +8,8 @@
 
 #include "base/http_source.h"
 #include "base/rotation.h"
+#include "renderer/cpu/tile_rasterizer.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
 #include "streamer/draw_list.h"
@@ -76,7 +78,10 @@ Status Session::open_streamer() {
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
-    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel, settings.gpu_memory));
+    SPLATVOL_TRY_ASSIGN(renderer,
+                        make_rasterizer(settings.device, {.kernel = settings.kernel,
+                                                          .gpu_bytes = settings.gpu_memory,
+                                                          .in_current_context = settings.in_current_context}));
     renderer_ = std::move(renderer);
     most_splats_ = std::numeric_limits<std::uint64_t>::max();
   }
@@ -271,12 +276,22 @@ Status Session::draw(int width, int height, double seconds) {
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
+  texture_is_old_ = true;
   draw_seconds_ = seconds_since(start);
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
   settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
   if (settled_) read_ahead(step_ + 1);
   return {};
+}
+
+Result<ShownPicture> Session::shown_picture() {
+  if (const auto* gl = dynamic_cast<const GlRasterizer*>(renderer_.get())) return ShownPicture{gl->texture(), false};
+  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(renderer_.get()); tiles && texture_is_old_) {
+    SPLATVOL_TRY(texture_.upload(tiles->image()));
+    texture_is_old_ = false;
+  }
+  return ShownPicture{texture_.name(), true};
 }
 
 Result<Image> Session::page(const PageText& text, bool transparent) const {

@@ -14,15 +14,31 @@ namespace splatvol::tiles {
 inline constexpr int tile_size = 32;  // pixels along an edge
 inline constexpr int most_lanes = 16;
 
+inline constexpr int table_margin = 2 * most_lanes;
+
 /// The transfer function's table, one plane for each of r, g, b and extinction. The planes of a row are next to each
-/// other. Each ends with copies of its last entry, so that vectors may be read that begin at any column.
-struct TableView {
-  const float* entries = nullptr;
-  int columns = 0, rows = 0;
-  int plane = 0;                       // from one plane to the next, in entries
-  const float* row_spreads = nullptr;  // of each row, in units of the domain
-  [[nodiscard]] int row_stride() const { return 4 * plane; }
+/// other. Before and behind each plane are table_margin copies of its first and last entry, so that vectors may be read
+/// that begin at any column.
+struct TableLevel {
+  const float* entries = nullptr;  // the first column of the first row
+  int plane = 0;                   // from one plane to the next, in entries
 };
+
+/// Coarser levels of the table have every 2nd, 4th ... column, for splats that need many. They serve where the table
+/// between their columns is almost straight.
+struct TableView {
+  static constexpr int level_count = 5;
+  static constexpr int columns_per_block = 32;  // of level 0
+
+  int columns = 0, rows = 0;
+  std::array<TableLevel, level_count> levels;
+  const float* row_spreads = nullptr;  // of each row, in units of the domain
+  const float* errors = nullptr;       // [row][block][level]: the largest relative error within a block
+  int blocks = 0;                      // of a row
+};
+
+/// Largest relative error that a coarser level may have.
+inline constexpr float most_level_error = 1e-3F;
 
 /// The constants of a frame. View coordinates: x to the right, y up, z forwards, in drawing units, the eye at the
 /// origin. Pixels count from the lower left corner.

@@ -4,6 +4,7 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
+#define SPLATVOL_LANES 8
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
 #include "renderer/cpu/targets.h"
@@ -98,10 +99,9 @@ HWY_INLINE Float row_centres(const EllipseOutline& outline, const RowOutline& sh
   return fma(v, shape.shear, outline.x - static_cast<float>(area.left));
 }
 
-HWY_INLINE void set_rows(const FarSplat& splat, const RowOutline& shape, const TileArea& area, const Part& part,
+HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape, const TileArea& area, const Part& part,
                          FarRows& rows) {
   const auto& d = splat.depth;
-  const auto& c = splat.column;
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
     const Span span = span_of(splat.outline, shape, v);
@@ -109,14 +109,9 @@ HWY_INLINE void set_rows(const FarSplat& splat, const RowOutline& shape, const T
     store(fma(v * v, -shape.inverse_height2, 1.0F), rows.ellipse.data() + row);
     store(fma(v, fma(v, d[5], d[2]), d[0]), rows.depth.data() + row);
     store(fma(v, d[4], d[1]), rows.depth_slope.data() + row);
-    const Float constant = fma(v, fma(v, c[5], c[2]), c[0]), slope = fma(v, c[4], c[1]);
-    store(constant, rows.column.data() + row);
-    store(slope, rows.column_slope.data() + row);
+    store(fma(v, fma(v, c[5], c[2]), c[0]), rows.column.data() + row);
+    store(fma(v, c[4], c[1]), rows.column_slope.data() + row);
     store(fma(v, splat.cutting[2], splat.cutting[0]), rows.cutting.data() + row);
-    const Float half = max(abs(span.low), abs(span.high));
-    const Float away = fma(half, abs(slope), half * half * std::abs(c[3])) + std::abs(splat.along);
-    store(constant - away, rows.low_column.data() + row);
-    store(constant + away, rows.high_column.data() + row);
   }
 }
 
@@ -139,37 +134,172 @@ HWY_INLINE ChordPart part_of_chord(Float u) {
   return {max(odd + 0.5F, 0.0F), -(rest * rest * mean)};
 }
 
+/// Bounds of the columns of the table that a splat needs.
+struct ColumnRange {
+  float low, high;
+};
+
+HWY_INLINE ColumnRange column_range(const FarSplat& splat, const RowOutline& shape) {
+  const auto& c = splat.column;
+  const float height = std::sqrt(1 / shape.inverse_height2), width = std::sqrt(1 / shape.inverse_width2);
+  const float away = std::sqrt(c[1] * c[1] * width * width + c[2] * c[2] * height * height) +
+                     std::abs(c[3]) * width * width + std::abs(c[4]) * width * height * 0.5F +
+                     std::abs(c[5]) * height * height + std::abs(splat.along);
+  return {c[0] - away, c[0] + away};
+}
+
+/// The level of the table of which one window has all columns that a splat needs in a tile, and the window's first
+/// column there. -1: no level is exact enough.
+struct WindowChoice {
+  int level;
+  float scale;  // columns of the level for a column of level 0
+  float first;
+};
+
+HWY_INLINE WindowChoice choose_window(const TableView& table, int row, const ColumnRange& range) {
+  constexpr WindowChoice none{-1, 1, 0};
+  if (!(range.low >= static_cast<float>(1 - table_margin)) ||
+      !(range.high < static_cast<float>(table.columns + most_lanes)))
+    return none;
+  float scale = 1;
+  for (int level = 0; level < TableView::level_count; ++level, scale *= 0.5F) {
+    const float first = std::floor(range.low * scale);
+    if (range.high * scale >= first + static_cast<float>(lane_count())) continue;
+    if (level == 0) return {level, scale, first};
+    const auto block_of = [&](float column) {
+      return std::clamp(static_cast<int>(column) / TableView::columns_per_block, 0, table.blocks - 1);
+    };
+    const float* errors = table.errors + std::ptrdiff_t{row} * table.blocks * TableView::level_count;
+    for (int block = block_of(range.low); block <= block_of(range.high); ++block)
+      if (errors[block * TableView::level_count + level] > most_level_error) return none;
+    return {level, scale, first};
+  }
+  return none;
+}
+
+/// What the far form has for some pixels of a row.
+struct FarSample {
+  Float depth, column;
+  Mask inside;
+};
+
+template <bool bounded>
+HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float along, const RowOutline& shape,
+                                const FarRows& rows, int row, int x) {
+  const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.centre[row]);
+  const Float w = max(fma(t * t, -shape.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
+  FarSample sample;
+  sample.inside = lane_numbers() < Float(static_cast<float>(rows.end[row] - x));
+  sample.depth = fma(t, fma(t, splat.depth[3], rows.depth_slope[row]), rows.depth[row]) * (w * w);
+  sample.column = fma(t, fma(t, column_bend, rows.column_slope[row]), rows.column[row]);
+  if constexpr (bounded) {
+    const Float inverse_root = inverse_sqrt(w);
+    const ChordPart chord = part_of_chord(fma(t, splat.cutting[1], rows.cutting[row]) * inverse_root);
+    sample.depth = sample.depth * chord.share;
+    sample.column = fma(w * inverse_root * along, chord.mean, sample.column);
+  }
+  return sample;
+}
+
+HWY_INLINE void blend_sample(const FarSample& sample, Float light, const Material& material, int row, int x,
+                             TilePixels& pixels) {
+  const Float alpha = only(sample.inside, opacity(max(sample.depth * material.extinction, 0.0F)));
+  blend(alpha, light, material, pixels.values.data() + row * TilePixels::row_stride + x);
+}
+
+/// Returns the polynomial of columns, counted from the middle of the window's first two.
+HWY_INLINE std::array<float, 6> columns_of(const FarSplat& splat, const WindowChoice& choice) {
+  std::array<float, 6> columns = splat.column;
+  if (choice.level < 0) return columns;
+  for (float& c : columns) c *= choice.scale;
+  columns[0] -= choice.first + 0.5F;
+  return columns;
+}
+
+/// Blends a splat that no row of pixels has more of than a vector has lanes. Rows need no spans: outside of the ellipse
+/// nothing is drawn.
+template <bool bounded, bool cut_off, bool one_window>
+HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
+                            const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+  const EllipseOutline& outline = splat.outline;
+  const auto& d = splat.depth;
+  const std::array<float, 6> c = columns_of(splat, choice);
+  const float along = splat.along * choice.scale;
+  const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
+                           one_window ? static_cast<int>(choice.first) : 0);
+  const float by_width = 1 / outline.width, by_height = 1 / outline.height;
+  const Float x = lane_numbers() + (static_cast<float>(area.left + part.left) + 0.5F - outline.x);
+  const Mask in_part = lane_numbers() < Float(static_cast<float>(part.right - part.left));
+  float v = static_cast<float>(area.bottom + part.bottom) + 0.5F - outline.y;
+  for (int row = part.bottom; row < part.top; ++row, v += 1) {
+    const Float y(v), t = fma(y, -shape.shear, x);
+    const Float ellipse = fma(t * t, -shape.inverse_width2, fma(y * y, -shape.inverse_height2, 1.0F));
+    const Float w = max(ellipse, bounded ? 1e-12F : 0.0F);
+    FarSample sample;
+    sample.inside = in_part;
+    if constexpr (cut_off) {
+      const Float s_x = x * by_width, s_y = fma(s_x, -outline.skew, y) * by_height;
+      sample.inside = both(in_part, max(abs(s_x), abs(s_y)) <= Float(outline.reach));
+    }
+    const Float slope = fma(y, d[4], d[1]), column_slope = fma(y, c[4], c[1]);
+    sample.depth = fma(t, fma(t, d[3], slope), fma(y, fma(y, d[5], d[2]), d[0])) * (w * w);
+    sample.column = fma(t, fma(t, c[3], column_slope), fma(y, fma(y, c[5], c[2]), c[0]));
+    if constexpr (bounded) {
+      const Float inverse_root = inverse_sqrt(w);
+      const Float cutting = fma(t, splat.cutting[1], fma(y, splat.cutting[2], splat.cutting[0]));
+      const ChordPart chord = part_of_chord(cutting * inverse_root);
+      sample.depth = sample.depth * chord.share;
+      sample.column = fma(w * inverse_root * along, chord.mean, sample.column);
+    }
+    Material material;
+    if constexpr (one_window) {
+      const Float rounded = sample.column + rounding;
+      material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
+    } else {
+      material = look_up_row(frame.table, splat.row, sample.column, both(sample.inside, ellipse > Float(0.0F)));
+    }
+    blend_sample(sample, splat.light, material, row, part.left, pixels);
+  }
+}
+
+template <bool bounded, bool one_window>
+HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
+                           const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+  const int lanes = lane_count();
+  const std::array<float, 6> columns = columns_of(splat, choice);
+  FarRows rows;
+  set_rows(splat, columns, shape, area, part, rows);
+  const Float light(splat.light);
+  const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
+                           one_window ? static_cast<int>(choice.first) : 0);
+  for (int row = part.bottom; row < part.top; ++row)
+    for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
+      const FarSample sample = sample_far<bounded>(splat, columns[3], splat.along * choice.scale, shape, rows, row, x);
+      Material material;
+      if constexpr (one_window) {
+        const Float rounded = sample.column + rounding;
+        material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
+      } else {
+        material = look_up_row(frame.table, splat.row, sample.column, sample.inside);
+      }
+      blend_sample(sample, light, material, row, x, pixels);
+    }
+}
+
 template <bool bounded>
 HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                           TilePixels& pixels) {
-  const int lanes = lane_count();
   const RowOutline shape(splat.outline);
-  FarRows rows;
-  set_rows(splat, shape, area, part, rows);
-  const TableWindow table(frame.table, splat.row);
-  const Float light(splat.light);
-  for (int row = part.bottom; row < part.top; ++row) {
-    const int begin = rows.begin[row], end = rows.end[row];
-    if (begin >= end) continue;
-    const bool fits = table.fits(rows.low_column[row], rows.high_column[row]);
-    const TableWindow window = fits ? table.at(rows.low_column[row]) : table;
-    for (int x = begin; x < end; x += lanes) {
-      const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.centre[row]);
-      const Float w = max(fma(t * t, -shape.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
-      const Mask inside = lane_numbers() < Float(static_cast<float>(end - x));
-      Float depth = fma(t, fma(t, splat.depth[3], rows.depth_slope[row]), rows.depth[row]) * w * w;
-      Float column = fma(t, fma(t, splat.column[3], rows.column_slope[row]), rows.column[row]);
-      if constexpr (bounded) {
-        const Float inverse_root = inverse_sqrt(w);
-        const ChordPart chord = part_of_chord(fma(t, splat.cutting[1], rows.cutting[row]) * inverse_root);
-        depth = depth * chord.share;
-        column = fma(w * inverse_root * splat.along, chord.mean, column);
-      }
-      const Material material = fits ? window.look_up(column) : table.gather_at(column);
-      blend(only(inside, opacity(max(depth * material.extinction, 0.0F))), light, material,
-            pixels.values.data() + row * TilePixels::row_stride + x);
-    }
-  }
+  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat, shape));
+  const bool small = part.right - part.left <= lane_count(), one_window = choice.level >= 0;
+  if (small && one_window && splat.outline.reach < 1)
+    blend_small<bounded, true, true>(frame, splat, shape, area, part, choice, pixels);
+  else if (small && one_window)
+    blend_small<bounded, false, true>(frame, splat, shape, area, part, choice, pixels);
+  else if (one_window)
+    blend_rows<bounded, true>(frame, splat, shape, area, part, choice, pixels);
+  else
+    blend_rows<bounded, false>(frame, splat, shape, area, part, choice, pixels);
 }
 
 /// The rows of pixels of a splat in a tile.
@@ -267,8 +397,7 @@ HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, 
       const NearSample sample = sample_near(frame, splat, at - rows.centre[row], v, ray);
       const TableRow table = table_row(frame.table, sample.spread);
       const Float column = fma(sample.mean - 0.5F, table.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
-      const Material material =
-          gather_from(frame.table, max(table.row, Int(0)) * Int(frame.table.row_stride()), column);
+      const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
       const Float depth = sample.depth * material.extinction;
       const Mask sound = both(inside, is_finite(depth));
       blend(only(sound, opacity(max(depth, 0.0F))), select(sound, sample.light, 0.0F), material,
@@ -277,12 +406,20 @@ HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, 
   }
 }
 
+/// Splats of a tile are far apart in memory.
+HWY_INLINE void prefetch(const ScreenSplats& screen, std::uint32_t slot) {
+  hwy::Prefetch(&screen.bounds[slot]);
+  hwy::Prefetch(&screen.far[slot]);
+  hwy::Prefetch(&screen.far[slot].light);
+}
+
 bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
                const TileArea& area, TilePixels& pixels) {
-  constexpr std::size_t splats_per_check = 64;
+  constexpr std::size_t splats_per_check = 64, ahead = 4;
   for (std::size_t i = 0; i < slots.size(); ++i) {
     if (i % splats_per_check == 0 && is_opaque(area, pixels)) return true;
     const std::uint32_t slot = slots[i];
+    if (i + ahead < slots.size()) prefetch(screen, slots[i + ahead]);
     const Part part = part_of(screen.bounds[slot], area);
     if (screen.forms[slot] == Form::near)
       blend_near(frame, screen.near[slot], area, part, pixels);

@@ -5,6 +5,7 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
+#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_project.cpp"
 #include "renderer/cpu/targets.h"
@@ -601,7 +602,7 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
   fields.add(select(bounded, cutting.constant * inverse_size, 1e18F));
   fields.add(only(bounded, fma(slope.x, m.x_t, slope.y * m.y_t)));
   fields.add(only(bounded, fma(slope.x, m.x_v, slope.y * m.y_v)));
-  fields.add(bits_as_float(row.row * Int(frame.table.row_stride())));
+  fields.add(bits_as_float(row.row));
 }
 
 HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const ToPixels& m, NearFields& fields) {

@@ -5,6 +5,7 @@
 
 #include "renderer/cpu/octant_kernel.h"
 
+#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/octant.cpp"
 #include "renderer/cpu/targets.h"
@@ -104,7 +105,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const Distance distance = distance_to_eye(frame, records, centre);
   const Float size = records.number(2);
   const Material material = gather_from(
-      frame.table, Int(0),
+      frame.table,
       clamp(axis_position(frame, records.number(3)), 0.0F, 1.0F) * static_cast<float>(frame.table.columns - 1));
   Float alpha = opacity(min(max(material.extinction * size, 0.0F), 1e30F));
 

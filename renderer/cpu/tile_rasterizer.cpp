@@ -168,20 +168,11 @@ Status TileRasterizer::set_transfer_function(const TransferFunction& world_funct
 void TileRasterizer::set_tables(const TransferFunction& function) {
   const bool octant = kernel_ == KernelKind::octant;
   const TransferTable table = make_transfer_table(function, octant ? 4097 : 513, octant ? 1 : 64);
-  const std::size_t plane = table.columns + 2 * most_lanes - 1;
-  table_.resize(4 * plane * table.rows);
-  for (std::size_t row = 0; row < table.rows; ++row)
-    for (std::size_t i = 0; i < 4 * plane; ++i) {
-      const std::size_t column = std::min(i % plane, table.columns - 1);
-      table_[4 * plane * row + i] = table.entries[row * table.columns + column][static_cast<int>(i / plane)];
-    }
-  row_spreads_.clear();
-  for (std::size_t row = 0; row < table.rows; ++row) row_spreads_.push_back(static_cast<float>(table.spread(row)));
+  table_ = PackedTable(table);
+  frame_.table = table_.view();
   peaks_.clear();
   for (const std::vector<float>& level : make_peak_levels(function, peak_entries))
     peaks_.insert(peaks_.end(), level.begin(), level.end());
-  frame_.table = {table_.data(), static_cast<int>(table.columns), static_cast<int>(table.rows), static_cast<int>(plane),
-                  row_spreads_.data()};
   frame_.peaks = peaks_.data();
 }
 
@@ -220,12 +211,12 @@ Status TileRasterizer::set_draw_list(const DrawList& list) {
 }
 
 Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
-  if (table_.empty()) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
+  if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
   if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
     return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
                 max_sample_spacing);
   if (view.width < 1 || view.height < 1 || view.width > largest_tiled_side || view.height > largest_tiled_side)
-    return fail(ErrorCode::device, "a picture of {} x {} pixels: 1 to {} on each side are possible", view.width,
+    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible", view.width,
                 view.height, largest_tiled_side);
   FrameTimes times;
   resize(picture_, view.width, view.height);
@@ -385,7 +376,7 @@ Result<Image> TileRasterizer::read_image() const {
 }
 
 std::uint64_t TileRasterizer::device_bytes() const {
-  std::uint64_t bytes = bytes_of(table_) + bytes_of(peaks_) + bytes_of(ranges_) + bytes_of(first_ranges_) +
+  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(ranges_) + bytes_of(first_ranges_) +
                         bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
                         bytes_of(forms_) + bytes_of(far_) + bytes_of(near_) + bytes_of(gaussians_) +
                         bins_.memory_bytes() + bytes_of(closed_);

@@ -10,6 +10,7 @@
 
 #include "renderer/cpu/bins.h"
 #include "renderer/cpu/frame.h"
+#include "renderer/cpu/packed_table.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
 
@@ -64,7 +65,8 @@ class TileRasterizer final : public Rasterizer {
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;
-  std::vector<float> table_, row_spreads_, peaks_;
+  tiles::PackedTable table_;
+  std::vector<float> peaks_;
 
   // Of the draw list.
   DrawList list_;

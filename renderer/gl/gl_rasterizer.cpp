@@ -97,6 +97,13 @@ Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind, std:
   return rasterizer;
 }
 
+Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(std::unique_ptr<HeadlessContext> context, KernelKind kind,
+                                                           std::uint64_t most_bytes) {
+  SPLATVOL_TRY_ASSIGN(rasterizer, create(kind, most_bytes));
+  rasterizer->context_ = std::move(context);
+  return rasterizer;
+}
+
 GlRasterizer::GlRasterizer(Kernel kernel, Upsampler upsampler, std::uint64_t most_bytes, std::uint64_t page_bytes)
     : kernel_(std::move(kernel)),
       upsampler_(std::move(upsampler)),

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "renderer/gl/context.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/kernel.h"
 #include "renderer/gl/record_pages.h"
@@ -33,6 +34,11 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(KernelKind kind,
                                                                     std::uint64_t most_bytes = default_bytes,
                                                                     std::uint64_t page_bytes = default_page_bytes);
+
+  /// The same in a context that is current, and that the rasterizer keeps.
+  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(std::unique_ptr<HeadlessContext> context,
+                                                                    KernelKind kind,
+                                                                    std::uint64_t most_bytes = default_bytes);
 
   static constexpr std::uint64_t default_bytes = std::uint64_t{1} << 30;
   static constexpr std::uint64_t default_page_bytes = std::uint64_t{1} << 29;
@@ -106,6 +112,7 @@ class GlRasterizer : public Rasterizer {
   void draw_run(const Sequence& sequence, std::size_t first, std::size_t count) const;
   void draw_quads(const Sequence& sequence) const;
 
+  std::unique_ptr<HeadlessContext> context_;  // null: another's; the last to go
   Kernel kernel_;
   Upsampler upsampler_;
   KeySorter sorter_;

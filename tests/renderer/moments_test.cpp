@@ -11,8 +11,9 @@
 #include <random>
 
 #include "base/splat_kernel.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/device/device.h"
 #include "shared_context.h"
+#include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 #include "tests/support/random.h"
 
@@ -328,11 +329,11 @@ std::vector<Cluster> cloud(int count) {
 
 struct Case;
 
-class MomentsTest : public ::testing::Test {
+class MomentsTest : public ::testing::TestWithParam<Device> {
  protected:
   void SetUp() override {
     ASSERT_TRUE(shared_context());
-    auto made = GlRasterizer::create(KernelKind::moments);
+    auto made = make_rasterizer(GetParam(), {.kernel = KernelKind::moments, .in_current_context = true});
     ASSERT_TRUE(made) << made.error().message;
     renderer_ = std::move(*made);
   }
@@ -359,10 +360,10 @@ class MomentsTest : public ::testing::Test {
 
   void expect_agreement(const Case& c);
 
-  std::unique_ptr<GlRasterizer> renderer_;
+  std::unique_ptr<Rasterizer> renderer_;
 };
 
-TEST_F(MomentsTest, RoundSplatHasItsClosedForm) {
+TEST_P(MomentsTest, RoundSplatHasItsClosedForm) {
   // Orthographic, with a pixel for a world unit: depth = K m 3 / (pi a^2) (1 - r^2 / a^2)^2.
   const double deviation = 7;
   const double a = 0.95 * std::sqrt(12.0) * std::sqrt(deviation * deviation + 0.1);
@@ -464,15 +465,15 @@ void MomentsTest::expect_agreement(const Case& c) {
   }
 }
 
-TEST_F(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
+TEST_P(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
   for (const Case& c : unbounded_cases()) expect_agreement(c);
 }
 
-TEST_F(MomentsTest, BoundedSplatsAgreeWithTheirDefinition) {
+TEST_P(MomentsTest, BoundedSplatsAgreeWithTheirDefinition) {
   for (const Case& c : bounded_cases()) expect_agreement(c);
 }
 
-TEST_F(MomentsTest, ValuesVaryWithinASplat) {
+TEST_P(MomentsTest, ValuesVaryWithinASplat) {
   const Cluster base{.deviations = {0.5, 0.3, 0.2},
                      .orientation = oblique,
                      .value = 0.45,
@@ -499,7 +500,7 @@ TEST_F(MomentsTest, ValuesVaryWithinASplat) {
   }
 }
 
-TEST_F(MomentsTest, CubesMakeASlab) {
+TEST_P(MomentsTest, CubesMakeASlab) {
   // 33 x 33 x 5 cubes; rays through the middle cross five layers. A lattice has its largest ripple along its rows: a
   // seventh of the depth. It averages out.
   const double extinction = 0.3;
@@ -513,7 +514,7 @@ TEST_F(MomentsTest, CubesMakeASlab) {
   }
 }
 
-TEST_F(MomentsTest, CubesMakeABall) {
+TEST_P(MomentsTest, CubesMakeABall) {
   const double radius = 12;
   const double extinction = 0.1;
   const std::vector<Cluster> ball = cubes(1, 12, [&](dvec3 p) { return glm::length(p) <= radius; });
@@ -539,7 +540,7 @@ TEST_F(MomentsTest, CubesMakeABall) {
   EXPECT_LT(std::sqrt(squares / (101 * 101)), 0.03);
 }
 
-TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
+TEST_P(MomentsTest, ValuesMakeAGaussianBlob) {
   // Extinction falls as a Gaussian of standard deviation 5 cubes; so does the line integral.
   const double sigma = 5;
   const double extinction = 0.15;
@@ -562,7 +563,7 @@ TEST_F(MomentsTest, ValuesMakeAGaussianBlob) {
   }
 }
 
-TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
+TEST_P(MomentsTest, SubPixelSplatsKeepTheirLight) {
   // Faint points at random positions, some with a boundary. The sum of alpha is extinction times mass times the pixels
   // of a world area.
   std::mt19937 generator(8);
@@ -587,7 +588,7 @@ TEST_F(MomentsTest, SubPixelSplatsKeepTheirLight) {
   }
 }
 
-TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
+TEST_P(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
   // Material on the left, seen from the front: a sharp edge through the middle of the picture, and as much light.
   const View view = orthographic_view(65);
   const Cluster half{.position = {-6, 0, -100}, .mass = 1000, .deviations = dvec3(8), .boundary = {0.75, 0, 0}};
@@ -613,7 +614,7 @@ TEST_F(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
   EXPECT_NEAR(total_alpha(picture({facing}, view, uniform(1e-3))), 1, 0.01);
 }
 
-TEST_F(MomentsTest, OrderChangesColoursOnly) {
+TEST_P(MomentsTest, OrderChangesColoursOnly) {
   std::vector<Cluster> clusters = cloud(300);
   const View view = perspective_view(64, 64, {0, 0, 4});
   const Image sorted = picture(clusters, view, lively(3), SortMode::exact);
@@ -624,7 +625,7 @@ TEST_F(MomentsTest, OrderChangesColoursOnly) {
   for (std::size_t i = 0; i < sorted.pixels.size(); ++i) ASSERT_NEAR(sorted.pixels[i].a, shuffled.pixels[i].a, 1e-4);
 }
 
-TEST_F(MomentsTest, NoSortingKeepsTheGivenOrder) {
+TEST_P(MomentsTest, NoSortingKeepsTheGivenOrder) {
   const Cluster far{.position = {0, 0, -9}, .mass = 50, .deviations = dvec3(1), .value = 0};
   const Cluster near{.position = {0, 0, -4}, .mass = 50, .deviations = dvec3(1), .value = 1};
   TransferFunction function = uniform(1);
@@ -637,7 +638,7 @@ TEST_F(MomentsTest, NoSortingKeepsTheGivenOrder) {
   EXPECT_GT(exact.at(32, 32).b, 0.8);
 }
 
-TEST_F(MomentsTest, AxisOrderIsExactAlongTheAxis) {
+TEST_P(MomentsTest, AxisOrderIsExactAlongTheAxis) {
   // Splats behind each other along each axis, in two batches, seen from both ends.
   std::vector<int> positions(40);
   std::iota(positions.begin(), positions.end(), -20);
@@ -668,12 +669,12 @@ TEST_F(MomentsTest, AxisOrderIsExactAlongTheAxis) {
       EXPECT_GT(rmse(redraw(view, SortMode::none), exact), 1e-3) << axis << " " << side;
 
       // The splats were sorted only once.
-      EXPECT_EQ(renderer_->draw(view, SortMode::axis, 1)->sort, 0);
+      EXPECT_LT(renderer_->draw(view, SortMode::axis, 1)->sort, 1e-6);
     }
   }
 }
 
-TEST_F(MomentsTest, PictureMovesWithTheScene) {
+TEST_P(MomentsTest, PictureMovesWithTheScene) {
   const std::vector<Cluster> clusters = cloud(300);
   Camera camera;
   camera.position = {0.5, 0.3, 2.5};
@@ -702,7 +703,7 @@ TEST_F(MomentsTest, PictureMovesWithTheScene) {
   for (const double scale : {1e-6, 1e6}) EXPECT_LE(rmse(moved(turn, dvec3(0), scale), expected), 1e-3) << scale;
 }
 
-TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
+TEST_P(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
   // The eye moves through a flat oblique splat, near its centre, from 3 before it to 1 behind: other forms take over.
   const Cluster cluster{.deviations = {0.5, 0.3, 0.1},
                         .orientation = oblique,
@@ -721,7 +722,7 @@ TEST_F(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
   EXPECT_EQ(total_alpha(last), 0);
 }
 
-TEST_F(MomentsTest, LightFollowsTheGradient) {
+TEST_P(MomentsTest, LightFollowsTheGradient) {
   // The gradient turns in a plane that contains the line of sight.
   const View view = orthographic_view(9, 9, 9);
   const TransferFunction function = uniform(10);
@@ -747,7 +748,7 @@ TEST_F(MomentsTest, LightFollowsTheGradient) {
   }
 }
 
-TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
+TEST_P(MomentsTest, NarrowDomainsAndWideSpreads) {
   // Half of the values lie below the domain, where the extinction is 0, half above.
   TransferFunction function;
   function.lo = 1000;
@@ -765,7 +766,7 @@ TEST_F(MomentsTest, NarrowDomainsAndWideSpreads) {
 }
 
 // A bent axis draws what a linear one draws of the moments that the splat has on the bent axis.
-TEST_F(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
+TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
   const auto drawn = [&](const TransferFunction& function, const Cluster& cluster, const DrawingUnits& units) {
     EXPECT_TRUE(renderer_->set_transfer_function(function, units));
     EXPECT_TRUE(renderer_->set_draw_list(test::make_list(materials_of({cluster}), {{dvec3(0), 0, 1}})));
@@ -828,7 +829,7 @@ std::vector<Cluster> hard_cases() {
   return clusters;
 }
 
-TEST_F(MomentsTest, HardCasesStaySane) {
+TEST_P(MomentsTest, HardCasesStaySane) {
   const std::vector<Cluster> clusters = hard_cases();
   for (const double extinction : {1e-30, 1.0, 1e30}) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
@@ -847,7 +848,7 @@ TEST_F(MomentsTest, HardCasesStaySane) {
   }
 }
 
-TEST_F(MomentsTest, WhatDrawsNothing) {
+TEST_P(MomentsTest, WhatDrawsNothing) {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<Cluster> nothing{
       {.position = {0, 0, -5}, .mass = 0},
@@ -866,7 +867,7 @@ TEST_F(MomentsTest, WhatDrawsNothing) {
   }
 }
 
-TEST_F(MomentsTest, AWeightIsAFactorOnTheMass) {
+TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
   const std::vector<Material> splats = materials_of(cloud(200));
   for (const View& view :
        {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
@@ -886,13 +887,15 @@ TEST_F(MomentsTest, AWeightIsAFactorOnTheMass) {
   }
 }
 
-TEST_F(MomentsTest, RefusesSplatsOfTheOtherKernel) {
+TEST_P(MomentsTest, RefusesSplatsOfTheOtherKernel) {
   const DrawList octant = test::make_list(std::vector<OctantSplat>(1), {{dvec3(0), 0, 1}});
   const DrawList moments = test::make_list(std::vector<Material>(3), {{dvec3(0), 0, 3}});
   EXPECT_THAT(renderer_->set_draw_list(octant).error().message, HasSubstr("octant"));
-  const auto other = GlRasterizer::create(KernelKind::octant).value();
+  const auto other = make_rasterizer(GetParam(), {.kernel = KernelKind::octant, .in_current_context = true}).value();
   EXPECT_THAT(other->set_draw_list(moments).error().message, HasSubstr("moments"));
 }
+
+INSTANTIATE_TEST_SUITE_P(Devices, MomentsTest, testing::Values(Device::gl, Device::cpu), test::device_name);
 
 }  // namespace
 }  // namespace splatvol

@@ -1,5 +1,3 @@
-#include "renderer/gl/gl_rasterizer.h"
-
 #include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,7 +9,9 @@
 #include <numeric>
 #include <random>
 
+#include "renderer/device/device.h"
 #include "shared_context.h"
+#include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
 
 namespace splatvol {
@@ -112,11 +112,17 @@ Image composite(std::vector<Splat> splats, dvec3 origin, const View& view, const
   return image;
 }
 
-class RendererTest : public ::testing::Test {
+DrawList list_of(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
+  std::vector<OctantSplat> converted;
+  for (const Splat& splat : splats) converted.push_back({splat.position, splat.value, splat.size, splat.gradient});
+  return test::make_list(converted, parts);
+}
+
+class RendererTest : public ::testing::TestWithParam<Device> {
  protected:
   void SetUp() override {
     ASSERT_TRUE(shared_context());
-    auto made = GlRasterizer::create(KernelKind::octant);
+    auto made = make_rasterizer(GetParam(), {.kernel = KernelKind::octant, .in_current_context = true});
     ASSERT_TRUE(made) << made.error().message;
     renderer_ = std::move(*made);
   }
@@ -127,12 +133,6 @@ class RendererTest : public ::testing::Test {
     EXPECT_TRUE(renderer_->set_transfer_function(function, {}));
     EXPECT_TRUE(set_splats(splats, {{origin, 0, splats.size()}}));
     return redraw(view, sort);
-  }
-
-  static DrawList list_of(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
-    std::vector<OctantSplat> converted;
-    for (const Splat& splat : splats) converted.push_back({splat.position, splat.value, splat.size, splat.gradient});
-    return test::make_list(converted, parts);
   }
 
   Status set_splats(const std::vector<Splat>& splats, const std::vector<DrawPart>& parts) {
@@ -148,16 +148,16 @@ class RendererTest : public ::testing::Test {
     return std::move(*image);
   }
 
-  std::unique_ptr<GlRasterizer> renderer_;
+  std::unique_ptr<Rasterizer> renderer_;
 };
 
-TEST_F(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
+TEST_P(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
   const double size = 21;
   for (const double extinction : {1.01e-6, 1e-4, 0.05, 0.5}) {
     const Image image =
         picture({{{0, 0, -10}, 3, static_cast<float>(size)}}, orthographic_view(65, 65), four_colors(extinction));
     const double opacity = -std::expm1(-extinction * size);
-    EXPECT_NEAR(image.at(32, 32).a / opacity, 1, 1e-4);
+    EXPECT_NEAR(image.at(32, 32).a / opacity, 1, GetParam() == Device::gl ? 1e-4 : 5e-4);
     const double sigma = 0.4 * size;
     for (int x = 0; x < 65; ++x) {
       const double offset = std::abs(x - 32);
@@ -168,13 +168,13 @@ TEST_F(RendererTest, SplatIsAGaussianAsOpaqueAsItsSlab) {
   }
 }
 
-TEST_F(RendererTest, NothingBeyondTheCut) {
+TEST_P(RendererTest, NothingBeyondTheCut) {
   const Image image = picture({{{0, 0, -10}, 3, 20}}, orthographic_view(65, 65), four_colors(0.5));
   EXPECT_GT(image.at(32 + 23, 32).a, 0.005);
   EXPECT_EQ(image.at(32 + 25, 32).a, 0);
 }
 
-TEST_F(RendererTest, SizeInPerspectiveFallsWithDepth) {
+TEST_P(RendererTest, SizeInPerspectiveFallsWithDepth) {
   const View view = perspective_view(129, 129);
   for (const float depth : {2.0F, 4.0F, 1000.0F}) {
     const float size = depth / 20;
@@ -186,13 +186,13 @@ TEST_F(RendererTest, SizeInPerspectiveFallsWithDepth) {
   }
 }
 
-TEST_F(RendererTest, UpRightAppearsUpRight) {
+TEST_P(RendererTest, UpRightAppearsUpRight) {
   const Image image = picture({{{10, 20, -10}, 3, 2}}, orthographic_view(65, 65), four_colors(1));
   EXPECT_NEAR(image.at(32 + 10, 32 - 20).a, 1 - std::exp(-2.0), 1e-5);
   EXPECT_NEAR(total_alpha(image), image.at(42, 12).a * 2 * std::numbers::pi * 0.64, 0.02);
 }
 
-TEST_F(RendererTest, ControlPointsKeepTheirColors) {
+TEST_P(RendererTest, ControlPointsKeepTheirColors) {
   const View view = orthographic_view(9, 9);
   const auto color = [&](float value) {
     return vec3(picture({{{0, 0, -1}, value, 1e4F}}, view, four_colors(1)).at(4, 4));
@@ -211,7 +211,7 @@ TEST_F(RendererTest, ControlPointsKeepTheirColors) {
   EXPECT_EQ(color(-infinity), vec3(0));
 }
 
-TEST_F(RendererTest, NearOverFarWhateverTheArrayOrder) {
+TEST_P(RendererTest, NearOverFarWhateverTheArrayOrder) {
   const Splat near_red{{0, 0, -5}, 0, 10};
   const Splat far_blue{{0, 0, -9}, 2, 10};
   const TransferFunction function = four_colors(0.1);
@@ -228,7 +228,7 @@ TEST_F(RendererTest, NearOverFarWhateverTheArrayOrder) {
             1e-3);
 }
 
-TEST_F(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
+TEST_P(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
   const std::vector<Splat> splats{{{0, 0, -10}, 0, 40}, {{8, 0, -9}, 2, 40}};
   const TransferFunction function = four_colors(0.05);
   const auto check = [&](const View& view) {
@@ -238,7 +238,7 @@ TEST_F(RendererTest, PerspectiveSortsByDistanceAndOrthographicByDepth) {
   check(orthographic_view(64, 64));
 }
 
-TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
+TEST_P(RendererTest, ManySplatsAgreeWithTheirDefinition) {
   std::mt19937 generator(3);
   std::uniform_real_distribution<float> coordinate(-1, 1);
   std::vector<Splat> splats(400);
@@ -260,7 +260,7 @@ TEST_F(RendererTest, ManySplatsAgreeWithTheirDefinition) {
   }
 }
 
-TEST_F(RendererTest, BatchesShareOneOrder) {
+TEST_P(RendererTest, BatchesShareOneOrder) {
   // Splats behind each other, in batches with origins of their own.
   std::vector<Splat> all;
   std::array<std::vector<Splat>, 3> parts;
@@ -282,7 +282,7 @@ TEST_F(RendererTest, BatchesShareOneOrder) {
   EXPECT_LT(rmse(redraw(view), expected), 1e-5);
 }
 
-TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
+TEST_P(RendererTest, OrderFollowsViewSplatsAndColors) {
   const std::vector<Splat> splats{{{0, 0, -5}, 0, 10}, {{0, 0, 5}, 2, 10}};
   const TransferFunction function = four_colors(0.1);
   View front = orthographic_view(65, 65, {0, 0, 20});
@@ -308,17 +308,17 @@ TEST_F(RendererTest, OrderFollowsViewSplatsAndColors) {
   EXPECT_GT(redraw(front).at(32, 32).r, 0.6);
 }
 
-TEST_F(RendererTest, AStillViewIsSortedOnce) {
+TEST_P(RendererTest, AStillViewIsSortedOnce) {
   const std::vector<Splat> splats(1000, {{0, 0, -5}, 0, 1});
   const View view = orthographic_view(16, 16);
   picture(splats, view, four_colors(1));
   const auto again = renderer_->draw(view, SortMode::exact, 1);
   ASSERT_TRUE(again);
-  EXPECT_EQ(again->sort, 0);
+  EXPECT_LT(again->sort, 1e-6);
   EXPECT_GT(again->draw, 0);
 }
 
-TEST_F(RendererTest, WhatDrawsNothing) {
+TEST_P(RendererTest, WhatDrawsNothing) {
   const View view = perspective_view(32, 32);
   const std::vector<Splat> nothing{
       {{0, 0, -5}, nan_value, 1},  // missing
@@ -344,7 +344,7 @@ TEST_F(RendererTest, WhatDrawsNothing) {
   }
 }
 
-TEST_F(RendererTest, MissingValuesDrawNothingWhateverTheColors) {
+TEST_P(RendererTest, MissingValuesDrawNothingWhateverTheColors) {
   TransferFunction everywhere;
   everywhere.colors = {{0, {1, 1, 1}}};
   everywhere.densities = {{0, 1}};
@@ -353,7 +353,7 @@ TEST_F(RendererTest, MissingValuesDrawNothingWhateverTheColors) {
   EXPECT_GT(total_alpha(picture({{{0, 0, -5}, 0.5F, 4}}, view, everywhere)), 1);
 }
 
-TEST_F(RendererTest, SplatAtTheEyeCoversThePicture) {
+TEST_P(RendererTest, SplatAtTheEyeCoversThePicture) {
   const View view = perspective_view(32, 32);
   const float opacity = 1 - std::exp(-1.0F);
   for (const float depth : {1e-3F, 1e-10F, 1e-30F, 1e-37F}) {
@@ -368,7 +368,7 @@ TEST_F(RendererTest, SplatAtTheEyeCoversThePicture) {
   }
 }
 
-TEST_F(RendererTest, ExtremeSizesStaySane) {
+TEST_P(RendererTest, ExtremeSizesStaySane) {
   std::vector<Splat> splats;
   for (const float size : {1e-30F, 1e-10F, 1e-3F, 1.0F, 1e5F, 1e18F, 3e38F, infinity})
     for (const float depth : {1e-30F, 1e-10F, 1.0F, 1e10F, 1e18F, 3e38F})
@@ -379,7 +379,7 @@ TEST_F(RendererTest, ExtremeSizesStaySane) {
   }
 }
 
-TEST_F(RendererTest, DetailSurvivesFarFromTheOrigin) {
+TEST_P(RendererTest, DetailSurvivesFarFromTheOrigin) {
   std::mt19937 generator(5);
   std::uniform_real_distribution<float> coordinate(-1, 1);
   std::vector<Splat> splats(300);
@@ -396,7 +396,7 @@ TEST_F(RendererTest, DetailSurvivesFarFromTheOrigin) {
   EXPECT_LE(rmse(at_origin, far_away), 1e-3);
 }
 
-TEST_F(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
+TEST_P(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
   std::mt19937 generator(6);
   std::uniform_real_distribution<float> coordinate(-1, 1);
   std::vector<Splat> splats(300);
@@ -416,7 +416,7 @@ TEST_F(RendererTest, ThePictureDoesNotDependOnTheUnitOfLength) {
   }
 }
 
-TEST_F(RendererTest, SmallSplatsKeepTheirLight) {
+TEST_P(RendererTest, SmallSplatsKeepTheirLight) {
   std::mt19937 generator(8);
   std::uniform_real_distribution<double> fraction(0, 1);
   for (const double sigma : {0.01, 0.1, 0.3, 0.5, 0.8, 2.0}) {
@@ -433,7 +433,7 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLight) {
   }
 }
 
-TEST_F(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
+TEST_P(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
   const View view = perspective_view(64, 64);
   std::mt19937 generator(9);
   std::uniform_real_distribution<float> coordinate(-2, 2);
@@ -447,7 +447,7 @@ TEST_F(RendererTest, SmallSplatsKeepTheirLightInPerspective) {
   EXPECT_NEAR(total_alpha(picture(splats, view, four_colors(10))) / expected, 1, 0.04);
 }
 
-TEST_F(RendererTest, ThinSplatsAddUp) {
+TEST_P(RendererTest, ThinSplatsAddUp) {
   // A thousand layers of optical depth 1/1000: 8 bits would show nothing, and an alpha cut at 0.001 neither.
   std::vector<Splat> splats;
   for (int i = 0; i < 1000; ++i) splats.push_back({{0, 0, -10.0F - static_cast<float>(i)}, 3, 20});
@@ -461,7 +461,7 @@ TEST_F(RendererTest, ThinSplatsAddUp) {
   EXPECT_NEAR(sum / expected, 1, 0.02);
 }
 
-TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
+TEST_P(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
   // Values near 101325 that single precision could not tell apart.
   TransferFunction function = four_colors(1);
   const double offset = 101325;
@@ -477,7 +477,7 @@ TEST_F(RendererTest, NarrowRangesFarFromZeroKeepTheirColours) {
   EXPECT_LE(compare_images(near_zero, redraw(view))->max, 1e-4);
 }
 
-TEST_F(RendererTest, LightFollowsTheGradient) {
+TEST_P(RendererTest, LightFollowsTheGradient) {
   // Gradients at angles to the line of sight, which is the direction of the light.
   const auto packed = [](double angle) {
     const auto x = static_cast<std::uint32_t>(std::lround(127 * std::sin(angle))) & 0xffU;
@@ -498,7 +498,7 @@ TEST_F(RendererTest, LightFollowsTheGradient) {
   }
 }
 
-TEST_F(RendererTest, AxisOrderIsExactAlongTheAxis) {
+TEST_P(RendererTest, AxisOrderIsExactAlongTheAxis) {
   std::vector<Splat> splats;
   for (int i = 0; i < 60; ++i) splats.push_back({{0, 0, -10 - (i * 37) % 60}, static_cast<float>(i % 4), 15});
   View view = orthographic_view(64, 64);
@@ -514,7 +514,7 @@ TEST_F(RendererTest, AxisOrderIsExactAlongTheAxis) {
   EXPECT_LT(rmse(redraw(view, SortMode::axis), back), 1e-6);
 }
 
-TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
+TEST_P(RendererTest, NoSplatsGiveTransparentBlack) {
   ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1), {}));
   for (const SortMode sort : {SortMode::none, SortMode::exact}) {
     for (const vec4& pixel : redraw(orthographic_view(20, 10), sort).pixels) ASSERT_EQ(pixel, vec4(0));
@@ -528,7 +528,7 @@ TEST_F(RendererTest, NoSplatsGiveTransparentBlack) {
   EXPECT_EQ(total_alpha(redraw(orthographic_view(20, 10))), 0);
 }
 
-TEST_F(RendererTest, AMillionSplats) {
+TEST_P(RendererTest, AMillionSplats) {
   std::mt19937 generator(10);
   std::uniform_real_distribution<float> coordinate(-1, 1);
   std::vector<Splat> splats(1'000'000);
@@ -546,7 +546,7 @@ TEST_F(RendererTest, AMillionSplats) {
   EXPECT_LT(rmse(picture(splats, view, four_colors(5), SortMode::none), exact), 1e-4);
 }
 
-TEST_F(RendererTest, SizesChangeBetweenDraws) {
+TEST_P(RendererTest, SizesChangeBetweenDraws) {
   const std::vector<Splat> splats{{{3, 2, -5}, 0, 4}};
   const Image first = picture(splats, orthographic_view(64, 64), four_colors(1));
   const Image wide = redraw(orthographic_view(128, 32));
@@ -558,7 +558,7 @@ TEST_F(RendererTest, SizesChangeBetweenDraws) {
 }
 
 // A Gaussian whose deviation is 5 samples is smooth between samples, except for the jump of 1/90 at its cut.
-TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
+TEST_P(RendererTest, WideSamplesKeepLargeSplats) {
   for (const int spacing : {2, 3, 4, 8}) {
     const auto size = static_cast<float>(12.5 * spacing);
     for (const View& view : {orthographic_view(256, 177), perspective_view(129, 256, dvec3(0, 0, 90))}) {
@@ -578,14 +578,14 @@ TEST_F(RendererTest, WideSamplesKeepLargeSplats) {
   }
 }
 
-TEST_F(RendererTest, SamplesOfNothing) {
+TEST_P(RendererTest, SamplesOfNothing) {
   (void)picture({}, orthographic_view(64, 64), four_colors(1));
   glBindVertexArray(0);  // as before the very first splat
   const Image image = redraw(orthographic_view(64, 64), SortMode::exact, 4);
   for (const vec4& pixel : image.pixels) ASSERT_EQ(pixel, vec4(0));
 }
 
-TEST_F(RendererTest, SamplesHaveTheMiddleOfThePicture) {
+TEST_P(RendererTest, SamplesHaveTheMiddleOfThePicture) {
   for (const auto& [width, height, spacing] :
        {std::tuple{64, 64, 4}, {65, 63, 4}, {33, 50, 7}, {7, 3, 5}, {1, 1, 64}}) {
     const View view = orthographic_view(width, height);
@@ -598,7 +598,7 @@ TEST_F(RendererTest, SamplesHaveTheMiddleOfThePicture) {
   }
 }
 
-TEST_F(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
+TEST_P(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
   // From faint to almost opaque, one over the other.
   std::vector<Splat> splats;
   for (int i = 0; i < 12; ++i)
@@ -623,7 +623,7 @@ TEST_F(RendererTest, WeightsShareOutTheOpticalDepthOfEachPixel) {
     ASSERT_NEAR(part.pixels[i].a, -std::expm1(0.3 * std::log1p(-static_cast<double>(one.pixels[i].a))), 1e-6);
 }
 
-TEST_F(RendererTest, WeightsChangeWhileSplatsStay) {
+TEST_P(RendererTest, WeightsChangeWhileSplatsStay) {
   const std::vector<Splat> splats = {{{-8, 0, -5}, 0, 10}, {{8, 0, -9}, 1, 10}};
   const View view = orthographic_view(48, 32);
   const Image whole = picture(splats, view, four_colors(1));
@@ -647,7 +647,7 @@ TEST_F(RendererTest, WeightsChangeWhileSplatsStay) {
   EXPECT_EQ(rmse(redraw(view), whole), 0);
 }
 
-TEST_F(RendererTest, RefusesWhatItCannotDraw) {
+TEST_P(RendererTest, RefusesWhatItCannotDraw) {
   const View view = orthographic_view(8, 8);
   EXPECT_THAT(renderer_->draw(view, SortMode::none, 1).error().message, HasSubstr("transfer function"));
   EXPECT_THAT(renderer_->read_image().error().message, HasSubstr("no picture"));
@@ -666,163 +666,7 @@ TEST_F(RendererTest, RefusesWhatItCannotDraw) {
   EXPECT_TRUE(renderer_->draw(view, SortMode::none, 1));
 }
 
-// Draws splats of random positions in parts of 500, with pages that hold few of them.
-class RendererTestPages : public RendererTest {
- protected:
-  static constexpr std::uint64_t page_bytes = 16 << 10;
-
-  static std::vector<Splat> random_splats(std::size_t count) {
-    std::mt19937 generator(12);
-    std::uniform_real_distribution<float> coordinate(-1, 1);
-    std::vector<Splat> splats(count);
-    for (Splat& splat : splats)
-      splat = {
-          {coordinate(generator), coordinate(generator), coordinate(generator)}, 1 + 2 * coordinate(generator), 0.1F};
-    return splats;
-  }
-
-  static DrawList random_list(std::size_t count) {
-    std::vector<DrawPart> parts;
-    for (std::size_t first = 0; first < count; first += 500) parts.push_back({dvec3(0), first, 500});
-    return list_of(random_splats(count), parts);
-  }
-
-  Image draw(GlRasterizer& rasterizer, SortMode sort = SortMode::exact) const {
-    const View view = perspective_view(64, 48, {0.3, 0.2, 4});
-    EXPECT_TRUE(rasterizer.set_transfer_function(four_colors(2), {}));
-    EXPECT_TRUE(rasterizer.draw(view, sort, 1));
-    return rasterizer.read_image().value();
-  }
-};
-
-TEST_F(RendererTestPages, DoNotChangeThePicture) {
-  const DrawList list = random_list(20'000);
-  const auto paged = GlRasterizer::create(KernelKind::octant, GlRasterizer::default_bytes, page_bytes).value();
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  ASSERT_TRUE(paged->set_draw_list(list));
-  for (const SortMode sort : {SortMode::none, SortMode::axis, SortMode::exact}) {
-    const Image expected = draw(*renderer_, sort);
-    ASSERT_GT(total_alpha(expected), 100);
-    EXPECT_EQ(rmse(draw(*paged, sort), expected), 0);
-  }
-}
-
-TEST_F(RendererTestPages, OnlyNewRecordsGoUp) {
-  DrawList list = random_list(5'000);
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  const std::uint64_t all = renderer_->uploaded_bytes();
-  EXPECT_EQ(all, 5'000 * record_bytes(KernelKind::octant));
-  const Image expected = draw(*renderer_);
-
-  // Another view of the same rows: some are left out, one comes in part, another has another weight.
-  DrawList part = list;
-  part.ranges.erase(part.ranges.begin() + 3);
-  part.ranges[5].begin += 17;
-  part.ranges[5].count -= 17;
-  part.ranges[0].weight = 0.5F;
-  ASSERT_TRUE(renderer_->set_draw_list(part));
-  EXPECT_GT(rmse(draw(*renderer_), expected), 1e-4);
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  EXPECT_EQ(rmse(draw(*renderer_), expected), 0);
-  EXPECT_EQ(renderer_->uploaded_bytes(), all);
-}
-
-TEST_F(RendererTestPages, RowsLeaveWhenOthersNeedTheirSlots) {
-  const DrawList whole = random_list(40'000);
-  DrawList first = whole, second = whole;
-  first.ranges.resize(whole.ranges.size() / 2);
-  second.ranges.erase(second.ranges.begin(), second.ranges.begin() + static_cast<std::ptrdiff_t>(first.ranges.size()));
-  first.splats = second.splats = 20'000;
-
-  // Room for about half of them.
-  const auto small = GlRasterizer::create(KernelKind::octant, 1200 << 10, page_bytes).value();
-  ASSERT_GT(small->plan_picture(64, 48), 10'000U);
-  for (const DrawList* list : {&first, &second, &first, &second}) {
-    ASSERT_TRUE(renderer_->set_draw_list(*list));
-    ASSERT_TRUE(small->set_draw_list(*list));
-    EXPECT_EQ(rmse(draw(*small), draw(*renderer_)), 0);
-    EXPECT_LE(small->device_bytes(), 1200U << 10);
-  }
-  EXPECT_GT(small->uploaded_bytes(), 40'000 * record_bytes(KernelKind::octant));
-  EXPECT_EQ(renderer_->uploaded_bytes(), 40'000 * record_bytes(KernelKind::octant));
-
-  const Status status = small->set_draw_list(whole);
-  ASSERT_FALSE(status);
-  EXPECT_EQ(status.error().code, ErrorCode::out_of_budget);
-  EXPECT_EQ(total_alpha(draw(*small)), 0);
-  ASSERT_TRUE(small->set_draw_list(first));
-  ASSERT_TRUE(renderer_->set_draw_list(first));
-  EXPECT_EQ(rmse(draw(*small), draw(*renderer_)), 0);
-}
-
-// Rows that nothing else holds are no reason for more memory.
-TEST_F(RendererTestPages, DroppedRowsMakeRoom) {
-  ASSERT_TRUE(renderer_->set_draw_list(random_list(50'000)));
-  draw(*renderer_);
-  const std::uint64_t bytes = renderer_->device_bytes();
-  for (int i = 0; i < 5; ++i) {
-    ASSERT_TRUE(renderer_->set_draw_list(random_list(50'000)));
-    draw(*renderer_);
-  }
-  EXPECT_LE(renderer_->device_bytes(), 3 * bytes);
-}
-
-// More splats than one buffer of software OpenGL holds.
-TEST_F(RendererTestPages, MoreSplatsThanABufferHolds) {
-  GLint64 limit = 0;
-  glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);
-  if (limit > (1 << 28)) GTEST_SKIP() << "this device's limit of " << limit << " bytes is too far to reach in a test";
-  const auto count = static_cast<std::size_t>(limit) / sizeof(OctantShape) + 1000;
-  std::vector<OctantSplat> splats(50'000, {vec3(0, 0, -1), nan_value, 1, 0});
-  const RecordRow missing = pack_row(splats, dvec3(0), 1);
-  DrawList list;
-  while (list.splats < count) {
-    // The same splats as other rows, which go up again.
-    const auto blocks = missing.shapes->blocks();
-    const RecordRow row{
-        std::make_shared<ShapeRow>(missing.shapes->records(), std::vector<RecordBlock>(blocks.begin(), blocks.end())),
-        missing.values};
-    append(list, row, 0, static_cast<std::uint32_t>(splats.size()), 1);
-  }
-  splats.back().value = 0;
-  append(list, pack_row(splats, dvec3(0), 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
-  ASSERT_TRUE(renderer_->set_draw_list(list));
-  EXPECT_GT(renderer_->device_bytes(), static_cast<std::uint64_t>(limit));
-  ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1), {}));
-  // The deviation of .4 pixels is widened to .5.
-  EXPECT_NEAR(redraw(orthographic_view(1, 1)).at(0, 0).a, 0.64 * (1 - std::exp(-1.0)), 1e-3);
-}
-
-TEST_F(RendererTest, AsManySplatsAsFitTakeNoMore) {
-  for (const std::uint64_t budget : {std::uint64_t{8} << 20, std::uint64_t{40} << 20}) {
-    const auto rasterizer = GlRasterizer::create(KernelKind::octant, budget).value();
-    const std::uint64_t most = rasterizer->plan_picture(100, 50);
-    ASSERT_GT(most, 1000U);
-    ASSERT_LT(most, budget / record_bytes(KernelKind::octant));
-    ASSERT_TRUE(
-        rasterizer->set_draw_list(list_of(std::vector<Splat>(most, {{0, 0, -1}, 0, 0.01F}), {{dvec3(0), 0, most}})));
-    ASSERT_TRUE(rasterizer->set_transfer_function(four_colors(1), {}));
-    for (const int spacing : {1, 4}) {
-      ASSERT_TRUE(rasterizer->draw(orthographic_view(100, 50), SortMode::exact, spacing));
-      EXPECT_LE(rasterizer->device_bytes(), budget);
-    }
-    EXPECT_GT(rasterizer->device_bytes(), budget / 2);
-  }
-  EXPECT_EQ(GlRasterizer::create(KernelKind::octant, 1 << 20).value()->plan_picture(4000, 4000), 0U);
-}
-
-TEST_F(RendererTest, CountsItsMemoryAndKeepsIt) {
-  const std::uint64_t empty = renderer_->device_bytes();
-  const std::vector<Splat> splats(1000, {{0, 0, -1}, 0, 1});
-  ASSERT_TRUE(renderer_->set_transfer_function(four_colors(1), {}));
-  ASSERT_TRUE(set_splats(splats, {{dvec3(0), 0, 1000}}));
-  redraw(orthographic_view(100, 50));
-  const std::uint64_t filled = renderer_->device_bytes();
-  EXPECT_GE(filled - empty, 1000 * record_bytes(KernelKind::octant) + 100 * 50 * sizeof(vec4));
-
-  for (int i = 0; i < 3; ++i) picture(splats, orthographic_view(100, 50), four_colors(1));
-  EXPECT_EQ(renderer_->device_bytes(), filled);
-}
+INSTANTIATE_TEST_SUITE_P(Devices, RendererTest, testing::Values(Device::gl, Device::cpu), test::device_name);
 
 }  // namespace
 }  // namespace splatvol
