@@ -69,7 +69,8 @@ struct ChunkBytes {
 };
 
 /// Decodes the shapes of a row's records from its chunks: `centroid` and `moments`, or `position` and `octant`.
-/// `cube`: of the file. Errors begin with `what`. Safe on untrusted bytes. Thread-safe.
+/// Positions stay on the grid of their chunk if it fits into one block; else make_blocks splits them. `cube`: of the
+/// file. Errors begin with `what`. Safe on untrusted bytes. Thread-safe.
 [[nodiscard]] Result<ShapeRow> decode_shapes(KernelKind kernel, const ChunkBytes& positions, const ChunkBytes& shapes,
                                              std::uint32_t points, const Cube& cube, std::string_view what);
 
