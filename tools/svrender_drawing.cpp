@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "renderer/sampling.h"
-#include "streamer/draw_list.h"
 #include "streamer/frame_pacer.h"
 #include "tools/movie.h"
 #include "tools/tool.h"
@@ -45,12 +44,7 @@ Status draw_frame(const RenderOptions& options, const Scene& scene, const View& 
   SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
   drawing.frame = frame;
   const double upload_start = seconds_now();
-  if (frame->serial != drawing.packed_serial)
-    drawing.list = pack_draw_list(frame->data, frame->batches, drawing.streamer->units());
-  else
-    set_weights(drawing.list, frame->batches);
-  drawing.packed_serial = frame->serial;
-  SPLATVOL_TRY(drawing.renderer->set_draw_list(drawing.list));
+  SPLATVOL_TRY(drawing.renderer->set_draw_list(frame->list));
   const double draw_start = seconds_now();
   drawing.sample_spacing = sample_spacing(options, view, *frame);
   SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
@@ -113,8 +107,8 @@ Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Com
     timings.progress.push_back({seconds_now() - start, statistics.cut_seconds + statistics.fetch_seconds,
                                 drawing.frame->splats, statistics.bytes_read, progress.missing_bytes});
     SPLATVOL_TRY(write_frame(options, composition, view, drawing, path, std::move(image)));
-    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
-               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_chunks,
+    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} parts of rows and {} pages missing\n", path,
+               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_rows,
                progress.missing_pages);
     for (const Error& error : progress.errors) {
       fmt::print(stderr, "svrender: {}: drawn coarser\n", error.message);
@@ -237,8 +231,9 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
     drawing.detail.goal =
         ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
-  drawing.detail.max_splats = drawing.renderer->max_splats(scene.width, scene.height, gpu_memory);
-  if (drawing.detail.max_splats == 0)
+  drawing.detail.device_bytes =
+      drawing.renderer->max_splats(scene.width, scene.height, gpu_memory) * record_bytes(kernel);
+  if (drawing.detail.device_bytes == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);

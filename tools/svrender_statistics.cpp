@@ -57,7 +57,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
           {"bytes_resident_peak", statistics.bytes_resident_peak},
           {"gpu_bytes", drawing.renderer->device_bytes()},
           {"complete", frame.progress.complete},
-          {"missing_chunks", frame.progress.missing_chunks},
+          {"missing_rows", frame.progress.missing_rows},
           {"missing_pages", frame.progress.missing_pages},
           {"missing_bytes", frame.progress.missing_bytes}};
 }
@@ -101,7 +101,7 @@ void add_detail(const RenderOptions& options, const FrameSplats& frame, const Ti
 
 // The limits of a picture's splats. More memory does not help against the device's own.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
-  const std::uint64_t most = drawing.detail.max_splats;
+  const std::uint64_t most = drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel());
   const bool by_device = most >= drawing.renderer->max_splats();
   return fmt::format("--memory {} and the {} splats that {}", options.memory, most,
                      by_device ? "the largest buffer of this device holds (no setting of memory raises them)"

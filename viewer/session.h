@@ -137,8 +137,6 @@ class Session {
 
   View view_;
   const FrameSplats* frame_ = nullptr;
-  std::uint64_t packed_serial_ = 0;
-  DrawList list_;  // of the last draw
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{

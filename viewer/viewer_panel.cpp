@@ -261,7 +261,7 @@ void Viewer::draw_hud() {
   text += fmt::format("{} of {} in use, {} on the GPU\n", bytes(statistics.bytes_resident),
                       bytes(session_->settings.memory), bytes(session_->gpu_bytes()));
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
-  text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
+  text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));
   const std::vector<double>& times = session_->times();
   if (times.size() > 1)
