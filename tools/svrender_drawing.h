@@ -5,8 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/rasterizer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/record.h"
@@ -52,8 +51,7 @@ struct Timings {
 struct Drawing {
   std::optional<format::Steps> steps;
   std::unique_ptr<Streamer> streamer;
-  std::unique_ptr<HeadlessContext> context;
-  std::unique_ptr<GlRasterizer> renderer;
+  std::unique_ptr<Rasterizer> renderer;
   DetailOptions detail;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame

@@ -109,7 +109,8 @@ int byte_of(std::uint32_t packed, int index) { return static_cast<std::int8_t>(p
 void expect_octants(const FrameSplats& frame, const TestVolume& volume, std::size_t resolution, bool gradients) {
   const std::uint64_t count = volume.info.resolution_counts[resolution];
   ASSERT_EQ(frame.splats, count);
-  const auto splats = match(placed_splats(frame), {volume.positions.begin(), volume.positions.begin() + count}, 1e-7);
+  // A step of the records' positions is at most 2^-21 of the unit cube.
+  const auto splats = match(placed_splats(frame), {volume.positions.begin(), volume.positions.begin() + count}, 5e-7);
   for (std::size_t i = 0; i < splats.size(); ++i) {
     const OctantSplat& splat = splats[i].octant;
     const float value = volume.stored[0][i];
@@ -549,7 +550,7 @@ TEST_P(StreamerOf, LosesDetailAndNeverCoverageForItsBudget) {
   const TestVolume volume = test::sample_volume(20000, 12);
   const std::uint64_t least = least_memory(volume);
   std::uint64_t last = 0;
-  for (const std::uint64_t memory : {least, least + 10000, least + 50000, least + 200000, least + 2000000}) {
+  for (const std::uint64_t memory : {least, least + 10000, least + 50000, least + 200000, least + 6000000}) {
     const auto streamer = open(volume, "a1", memory).value();
     const auto frame = streamer->request(front_view(), test::opaque(), percent(0));
     ASSERT_TRUE(frame) << memory << ": " << frame.error().message;
