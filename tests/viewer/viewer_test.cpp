@@ -10,7 +10,6 @@
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "renderer/sampling.h"
-#include "streamer/draw_list.h"
 #include "tests/support/test_volume.h"
 #include "viewer/viewer.h"
 
@@ -108,7 +107,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->units()));
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {1.0, {}}).value();
-  ASSERT_TRUE(renderer->set_draw_list(pack_draw_list(splats->data, splats->batches, streamer->units())));
+  ASSERT_TRUE(renderer->set_draw_list(splats->list));
   ASSERT_TRUE(renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail)));
   const auto difference = compare_images(shown, renderer->read_image().value()).value();
   EXPECT_EQ(difference.max, 0);
