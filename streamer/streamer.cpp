@@ -416,6 +416,8 @@ Status Streamer::assemble(FadingCut fading, const ValueVisibility& visibility, R
   splats.data = array.splats();
   splats.serial = next_serial_++;
   splats.expected_error = std::sqrt(cut.squared_error);
+  splats.goal_error = std::sqrt(cut.squared_goal_error);
+  splats.finest = cut.finest;
   splats.splats = plan.splats;
   splats.nodes_by_resolution.resize(info().resolutions());
   splats.splats_by_resolution.resize(info().resolutions());

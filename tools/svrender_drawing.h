@@ -9,6 +9,7 @@
 #include "renderer/gl/gl_rasterizer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "streamer/error_control.h"
 #include "streamer/record.h"
 #include "streamer/streamer.h"
 #include "tools/svrender_options.h"
@@ -55,6 +56,9 @@ struct Drawing {
   std::unique_ptr<HeadlessContext> context;
   std::unique_ptr<GlRasterizer> renderer;
   DetailOptions detail;
+  std::optional<ErrorControl::Estimate> estimate;  // of --max-error, for the view that it was measured at
+  std::vector<ErrorControl::Tried> tried;          // cuts on the way to it
+  int pictures_for_error = 0;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame
   std::uint64_t packed_serial = 0;
