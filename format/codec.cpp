@@ -66,15 +66,56 @@ Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std:
   return frame_or_raw(packed, out.pos, raw);
 }
 
-Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
-  if (packed.size() == unpacked_bytes) return Bytes(packed.begin(), packed.end());
+namespace {
+
+Status check_ratio(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
   if (unpacked_bytes < packed.size() || unpacked_bytes > max_ratio * packed.size() + ratio_slack)
     return fail(ErrorCode::invalid_data, "{}: {} bytes cannot hold {} [R7]", what, packed.size(), unpacked_bytes);
-  Bytes raw(unpacked_bytes);
+  return {};
+}
+
+Status decompress(std::span<const std::byte> packed, std::span<std::byte> raw, std::string_view what) {
   const std::size_t size = ZSTD_decompressDCtx(decompressor(), raw.data(), raw.size(), packed.data(), packed.size());
-  if (ZSTD_isError(size) || size != unpacked_bytes)
+  if (ZSTD_isError(size) || size != raw.size())
     return fail(ErrorCode::invalid_data, "{}: damaged zstd frame [R7]", what);
+  return {};
+}
+
+// Memory that a thread keeps, up to the largest chunks of ordinary files.
+class Scratch {
+ public:
+  std::span<std::byte> get(std::size_t size) {
+    constexpr std::size_t kept = std::size_t{4} << 20;
+    if (size > size_ || size_ > kept) {
+      bytes_ = std::make_unique_for_overwrite<std::byte[]>(size);
+      size_ = size;
+    }
+    return {bytes_.get(), size};
+  }
+
+ private:
+  std::unique_ptr<std::byte[]> bytes_;
+  std::size_t size_ = 0;
+};
+
+}  // namespace
+
+Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
+  if (packed.size() == unpacked_bytes) return Bytes(packed.begin(), packed.end());
+  SPLATVOL_TRY(check_ratio(packed, unpacked_bytes, what));
+  Bytes raw(unpacked_bytes);
+  SPLATVOL_TRY(decompress(packed, raw, what));
   return raw;
+}
+
+Result<std::span<const std::byte>> unpack_here(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,
+                                               std::string_view what) {
+  if (packed.size() == unpacked_bytes) return packed;
+  SPLATVOL_TRY(check_ratio(packed, unpacked_bytes, what));
+  thread_local Scratch scratch;
+  const std::span<std::byte> raw = scratch.get(unpacked_bytes);
+  SPLATVOL_TRY(decompress(packed, raw, what));
+  return std::span<const std::byte>(raw);
 }
 
 }  // namespace splatvol::format

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <span>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -45,6 +47,11 @@ class PartsHash {
 /// allocates at most about 1024 times the packed size. Thread-safe.
 [[nodiscard]] Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes,
                                    std::string_view what);
+
+/// As `unpack`, but the bytes are `packed` itself or lie in memory of the calling thread, which its next call writes
+/// anew.
+[[nodiscard]] Result<std::span<const std::byte>> unpack_here(std::span<const std::byte> packed,
+                                                             std::uint64_t unpacked_bytes, std::string_view what);
 
 /// Checks length and hash of the packed bytes that `entry` describes (a section, a chunk or an index page part), then
 /// unpacks them. Otherwise as `unpack`.
@@ -86,16 +93,39 @@ void append_planes(Bytes& bytes, std::span<const T> numbers, std::size_t width =
   }
 }
 
-/// Reads `width` planes into numbers; bytes above are zero. Requires planes.size() >= numbers.size() * width.
+namespace detail {
+
+template <std::size_t bytes>
+using Unsigned = std::conditional_t<
+    bytes == 1, std::uint8_t,
+    std::conditional_t<bytes == 2, std::uint16_t, std::conditional_t<bytes == 4, std::uint32_t, std::uint64_t>>>;
+
+// The width is a constant, so that compilers make vectors of the loop.
+template <std::size_t width, class T>
+void read_planes_of(const std::byte* __restrict planes, std::span<T> numbers) {
+  using Number = Unsigned<sizeof(T)>;
+  static_assert(sizeof(Number) == sizeof(T));
+  const std::size_t count = numbers.size();
+  T* __restrict out = numbers.data();
+  for (std::size_t i = 0; i < count; ++i) {
+    Number number = 0;
+    for (std::size_t k = 0; k < width; ++k)
+      number = static_cast<Number>(number | static_cast<Number>(planes[k * count + i]) << 8 * k);
+    out[i] = std::bit_cast<T>(number);
+  }
+}
+
+}  // namespace detail
+
+/// Reads `width` planes into numbers; bytes above are zero. Requires planes.size() >= numbers.size() * width and
+/// width <= sizeof(T).
 template <class T>
 requires std::is_trivially_copyable_v<T>
 void read_planes(std::span<const std::byte> planes, std::span<T> numbers, std::size_t width = sizeof(T)) {
-  if (width < sizeof(T)) std::ranges::fill(std::as_writable_bytes(numbers), std::byte{0});
-  for (std::size_t plane = 0; plane < width; ++plane) {
-    const std::byte* in = planes.data() + plane * numbers.size();
-    auto* out = reinterpret_cast<std::byte*>(numbers.data()) + plane;
-    for (std::size_t i = 0; i < numbers.size(); ++i) out[i * sizeof(T)] = in[i];
+  [&]<std::size_t... widths>(std::index_sequence<widths...>) {
+    ((width == widths ? detail::read_planes_of<widths>(planes.data(), numbers) : void()), ...);
   }
+  (std::make_index_sequence<sizeof(T) + 1>());
 }
 
 }  // namespace splatvol::format

@@ -4,8 +4,10 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
+#include "format/codes.h"
 #include "format/payload.h"
 
 namespace splatvol::format {
@@ -113,8 +115,8 @@ StoredValues describe(std::span<const float> values, const ValueBins& bins, cons
 }
 
 void read_values_on_grid(const ValueHeader& header, std::span<const std::byte> planes, std::span<float> out) {
-  std::vector<std::uint32_t> codes(out.size());
-  read_planes<std::uint32_t>(planes, codes, header.width);
+  thread_local std::vector<std::uint32_t> codes;
+  take_planes(planes, codes, out.size(), header.width);
   std::int64_t last = 0;
   for (std::size_t i = 0; i < out.size(); ++i) {
     if (codes[i] == 0) {
@@ -124,6 +126,16 @@ void read_values_on_grid(const ValueHeader& header, std::span<const std::byte> p
     last += unzigzag(codes[i] - 1);
     out[i] = value_on_grid(header, last);
   }
+}
+
+// Returns the largest number and 0 if there are no codes.
+std::pair<std::uint64_t, std::uint64_t> least_and_largest(std::span<const std::uint64_t> codes) {
+  std::int64_t least = std::numeric_limits<std::int64_t>::max(), largest = 0;  // codes have at most 7 bytes
+  for (const std::uint64_t code : codes) {
+    least = std::min(least, static_cast<std::int64_t>(code));
+    largest = std::max(largest, static_cast<std::int64_t>(code));
+  }
+  return {static_cast<std::uint64_t>(least), static_cast<std::uint64_t>(largest)};
 }
 
 // Checks the form of a header. The error of positions is at most the edge of the cube.
@@ -145,6 +157,13 @@ Result<PositionHeader> check_position_header(std::span<const std::byte> payload,
 }
 
 }  // namespace
+
+Result<std::span<const std::byte>> unpack_payload(const ChunkEntry& entry, std::span<const std::byte> packed,
+                                                  std::string_view what) {
+  if (packed.size() != entry.packed_bytes || hash_bytes(packed) != entry.hash)
+    return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
+  return unpack_here(packed, entry.unpacked_bytes, what);
+}
 
 PackedChunk pack_payload(const Bytes& payload, std::size_t points) {
   const std::size_t header = points > 0 ? payload.size() % points : payload.size();
@@ -235,30 +254,54 @@ PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const s
 
 namespace {
 
-// Unpacks points that lie within `margin` edges of the cube, and their stated error.
-Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out, const Cube& cube,
-                     double margin, std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
-  SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, out.size(), cube.edge, what));
-  auto planes = std::span<const std::byte>(payload).subspan(sizeof(PositionHeader));
-  std::vector<std::uint64_t> codes(out.size());
-  // A cube that is small beside its distance from 0 has no exact other end. So distances are compared.
-  const double least = -margin * cube.edge - header.error, most = (1 + margin) * cube.edge + header.error;
+// Returns the coordinate of a code. It rises with the code on a grid.
+double coordinate_of(const PositionCodes& codes, int axis, std::uint64_t code) {
+  return codes.exact ? std::bit_cast<double>(code)
+                     : codes.origin[axis] + codes.quantisation_step * static_cast<double>(code);
+}
+
+// Whether the points lie within `margin` edges of the cube, and the stated error. A cube that is small beside its
+// distance from 0 has no exact other end. So distances are compared.
+bool are_inside(const PositionCodes& codes, const Cube& cube, double margin, double error) {
+  const double least = -margin * cube.edge - error, most = (1 + margin) * cube.edge + error;
   bool inside = true;
   for (int axis = 0; axis < 3; ++axis) {
-    const std::size_t width = header.form == form_grid ? header.width[axis] : sizeof(double);
-    read_planes<std::uint64_t>(planes, codes, width);
-    planes = planes.subspan(width * out.size());
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      const double x = header.form == form_grid
-                           ? header.origin[axis] + header.quantisation_step * static_cast<double>(codes[i])
-                           : std::bit_cast<double>(codes[i]);
-      const double from_origin = x - cube.origin[axis];
+    const std::vector<std::uint64_t>& of_axis = codes.axes[static_cast<std::size_t>(axis)];
+    const auto include = [&](std::uint64_t code) {
+      const double from_origin = coordinate_of(codes, axis, code) - cube.origin[axis];
       inside = inside && from_origin >= least && from_origin <= most;
-      out[i][axis] = x;
-    }
+    };
+    if (codes.exact)
+      std::ranges::for_each(of_axis, include);
+    else if (const auto [low, high] = least_and_largest(of_axis); low <= high)
+      include(low), include(high);
   }
-  if (!inside) return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube [R17]", what);
+  return inside;
+}
+
+// Unpacks points that lie within `margin` edges of the cube, and their stated error.
+Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points, const Cube& cube,
+                     double margin, std::string_view what, PositionCodes& out) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(header, check_position_header(payload, points, cube.edge, what));
+  auto planes = payload.subspan(sizeof(PositionHeader));
+  out.exact = header.form == form_exact;
+  out.origin = {header.origin[0], header.origin[1], header.origin[2]};
+  out.quantisation_step = header.quantisation_step;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    planes = take_planes(planes, out.axes[axis], points, out.exact ? sizeof(double) : header.width[axis]);
+  if (!are_inside(out, cube, margin, header.error))
+    return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube [R17]", what);
+  return {};
+}
+
+Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out, const Cube& cube,
+                     double margin, std::string_view what) {
+  PositionCodes codes;
+  SPLATVOL_TRY(unpack_points(entry, packed, out.size(), cube, margin, what, codes));
+  for (int axis = 0; axis < 3; ++axis)
+    for (std::size_t i = 0; i < out.size(); ++i)
+      out[i][axis] = coordinate_of(codes, axis, codes.axes[static_cast<std::size_t>(axis)][i]);
   return {};
 }
 
@@ -274,9 +317,19 @@ Status unpack_centroids(const ChunkEntry& entry, std::span<const std::byte> pack
   return unpack_points(entry, packed, out, cube, centroid_margin, what);
 }
 
+Status unpack_position_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points,
+                             const Cube& cube, std::string_view what, PositionCodes& out) {
+  return unpack_points(entry, packed, points, cube, 0, what, out);
+}
+
+Status unpack_centroid_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points,
+                             const Cube& cube, std::string_view what, PositionCodes& out) {
+  return unpack_points(entry, packed, points, cube, centroid_margin, what, out);
+}
+
 Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                      std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
   const auto header = read_record<ValueHeader>(payload, 0);
   const bool grid = header.form == form_grid;
@@ -286,7 +339,7 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
                      std::isfinite(header.quantisation_step);
   if (!valid || payload.size() != sizeof(ValueHeader) + out.size() * header.width)
     return fail(ErrorCode::invalid_data, "{}: bad header of values [R17]", what);
-  const auto planes = std::span<const std::byte>(payload).subspan(sizeof(ValueHeader));
+  const auto planes = payload.subspan(sizeof(ValueHeader));
   if (grid)
     read_values_on_grid(header, planes, out);
   else
@@ -301,24 +354,24 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
 
 Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint8_t> depths,
                       std::span<std::uint8_t> counts, std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   if (payload.size() != depths.size() + counts.size())
     return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
   read_planes(payload, depths);
-  read_planes(std::span<const std::byte>(payload).subspan(depths.size()), counts);
+  read_planes(payload.subspan(depths.size()), counts);
   if (std::ranges::max(depths) > max_octant_depth || std::ranges::min(counts) == 0)
     return fail(ErrorCode::invalid_data, "{}: octant depth or count out of range [R17]", what);
   return {};
 }
 
 Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, "position"));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "position"));
   if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
   return read_record<PositionHeader>(payload, 0).error;
 }
 
 Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, "value"));
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "value"));
   if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
   return error_of(read_record<ValueHeader>(payload, 0));
 }

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <vector>
 
+#include "format/codes.h"
 #include "format/payload.h"
 
 namespace splatvol::format {
@@ -234,7 +235,7 @@ class ValueDeviations {
  public:
   static constexpr unsigned largest_code = 65535;
 
-  explicit ValueDeviations(double scale) : scale_(scale) {}
+  explicit ValueDeviations(double scale) : scale_(scale), shares_(scaled(scale)) {}
 
   [[nodiscard]] unsigned encode(double deviation) const {
     if (!(deviation > 0)) return 0;
@@ -244,9 +245,11 @@ class ValueDeviations {
   }
   [[nodiscard]] double operator()(unsigned code) const {
     if (code == 0) return 0;
-    const unsigned below = code - 1;
-    return std::ldexp(scale_ * shares_[below % codes_per_octave_of_value],
-                      -static_cast<int>(below / codes_per_octave_of_value));
+    constexpr unsigned exponent_bias = 1023, mantissa_bits = 52;
+    const unsigned below = code - 1, octaves = below / codes_per_octave_of_value;
+    const double share = shares_[below % codes_per_octave_of_value];
+    if (octaves >= exponent_bias) return std::ldexp(share, -static_cast<int>(octaves));
+    return share * std::bit_cast<double>(std::uint64_t{exponent_bias - octaves} << mantissa_bits);
   }
 
  private:
@@ -256,13 +259,15 @@ class ValueDeviations {
     for (int k = 0; k < codes_per_octave_of_value; ++k) shares[k] = std::exp2(-k / double{codes_per_octave_of_value});
     return shares;
   }
-  static const Shares& shares() {
+  static Shares scaled(double scale) {
     static const Shares shares = make_shares();
-    return shares;
+    Shares result;
+    for (int k = 0; k < codes_per_octave_of_value; ++k) result[k] = scale * shares[k];
+    return result;
   }
 
-  const Shares& shares_ = shares();
   double scale_;
+  Shares shares_;
 };
 
 double step_of(const ValueMomentsHeader& header, double deviation) {
@@ -335,32 +340,6 @@ class PlanesOf {
  private:
   std::size_t count_;
   std::vector<Code> codes_;
-};
-
-// Numbers that are stored as planes of bytes.
-class Planes {
- public:
-  /// Requires that `payload` has the planes from `begin` on.
-  Planes(std::span<const std::byte> payload, std::size_t begin, std::size_t count)
-      : bytes_(payload.data() + begin), count_(count) {}
-
-  /// Returns the number whose bytes are in `width` planes from plane `first` on.
-  [[nodiscard]] std::uint64_t number(std::size_t i, std::size_t first, std::size_t width) const {
-    std::uint64_t number = 0;
-    for (std::size_t k = 0; k < width; ++k)
-      number |= std::to_integer<std::uint64_t>(bytes_[(first + k) * count_ + i]) << 8 * k;
-    return number;
-  }
-  [[nodiscard]] unsigned log_code(std::size_t i, std::size_t first) const {
-    return static_cast<unsigned>(number(i, first, 2));
-  }
-  [[nodiscard]] int signed_code(std::size_t i, std::size_t plane) const {
-    return static_cast<std::int8_t>(bytes_[plane * count_ + i]);
-  }
-
- private:
-  const std::byte* bytes_;
-  std::size_t count_;
 };
 
 template <class Header>
@@ -517,54 +496,100 @@ PackedChunk pack_gradients(std::span<const vec3> directions) {
 
 namespace {
 
+// The feet of boundaries, in deviations along the principal axes.
+dvec3 foot_of(const MomentCodes& codes, std::size_t i) {
+  return dvec3(codes.boundaries[0][i], codes.boundaries[1][i], codes.boundaries[2][i]) / boundary_scale;
+}
+
+// Returns the largest magnitude of the codes of boundaries.
+int farthest_of(const MomentCodes& codes) {
+  int least = 0, largest = 0;
+  for (const std::vector<std::int16_t>& axis : codes.boundaries)
+    for (const std::int16_t code : axis) {
+      least = std::min<int>(least, code);
+      largest = std::max<int>(largest, code);
+    }
+  return std::max(-least, largest);
+}
+
+bool do_descend(const MomentCodes& codes) {
+  const auto& [first, second, third] = codes.deviations;
+  unsigned ascending = 0;  // an integer, so that compilers make vectors of the loop
+  for (std::size_t i = 0; i < first.size(); ++i)
+    ascending |= static_cast<unsigned>(first[i] < second[i]) | static_cast<unsigned>(second[i] < third[i]);
+  return ascending == 0;
+}
+
+// Whether no boundary is farther away than an edge.
+bool are_near(const MomentCodes& codes, int farthest, double edge) {
+  const LogCodes deviation(codes.deviation_scale);
+  unsigned widest = 0;
+  for (const std::uint16_t code : codes.deviations[0]) widest = std::max<unsigned>(widest, code);
+  const double largest = deviation(widest);
+  constexpr double safe = 0.5;  // of an edge: no point comes near it in most chunks
+  if (std::numbers::sqrt3 * largest * farthest / boundary_scale <= safe * edge) return true;
+  for (std::size_t i = 0; i < codes.masses.size(); ++i) {
+    const dvec3 foot = foot_of(codes, i);
+    if (foot == dvec3(0)) continue;
+    const auto& d = codes.deviations;
+    const dvec3 deviations(deviation(d[0][i]), deviation(d[1][i]), deviation(d[2][i]));
+    if (!(squared_length(deviations * (foot / edge)) <= 1)) return false;
+  }
+  return true;
+}
+
 // Checks the bounds that the specification sets for the shapes of a file.
-Status check_bounds(const MomentsHeader& header, std::span<const SplatShape> shapes, double edge,
-                    std::string_view what) {
-  if (header.deviation_scale > edge || header.mass_scale > largest_mass * edge * edge * edge)
+Status check_shapes(const MomentCodes& codes, double edge, std::string_view what) {
+  if (!do_descend(codes)) return fail(ErrorCode::invalid_data, "{}: deviations do not descend [R17]", what);
+  const int farthest = farthest_of(codes);
+  if (farthest > largest_boundary_code)
+    return fail(ErrorCode::invalid_data, "{}: a boundary is out of range [R17]", what);
+  if (codes.deviation_scale > edge || codes.mass_scale > largest_mass * edge * edge * edge)
     return fail(ErrorCode::invalid_data, "{}: material larger than the cube [R17]", what);
-  const auto is_beyond = [&](const SplatShape& shape) {
-    return shape.boundary != dvec3(0) && !(squared_length(shape.deviations * (shape.boundary / edge)) <= 1);
-  };
-  if (std::ranges::any_of(shapes, is_beyond))
+  if (!are_near(codes, farthest, edge))
     return fail(ErrorCode::invalid_data, "{}: a boundary is farther away than an edge of the cube [R17]", what);
   return {};
 }
 
 }  // namespace
 
-Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
-                      double edge, std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
+Status unpack_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points, double edge,
+                           std::string_view what, MomentCodes& out) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   SPLATVOL_TRY_ASSIGN(header, read_header<MomentsHeader>(payload, what));
   const std::size_t width = header.orientation_width;
   if (!is_scale(header.mass_scale) || !is_scale(header.deviation_scale) || width < min_orientation_width ||
       width > max_orientation_width || !all_zero(header.zero) ||
-      payload.size() != sizeof(MomentsHeader) + out.size() * (15 + width))
+      payload.size() != sizeof(MomentsHeader) + points * (15 + width))
     return fail(ErrorCode::invalid_data, "{}: bad header of moments [R17]", what);
 
-  const int bits = bits_of_component(header.orientation_width);
-  const Planes planes(payload, sizeof(MomentsHeader), out.size());
-  const LogCodes mass(header.mass_scale), deviation(header.deviation_scale);
-  static const std::array<double, 256> densities = make_densities();
-  bool descending = true;
-  int farthest = 0;
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const unsigned d[3] = {planes.log_code(i, 2), planes.log_code(i, 4), planes.log_code(i, 6)};
-    descending = descending && d[0] >= d[1] && d[1] >= d[2];
-    out[i].mass = mass((planes.log_code(i, 0) + d[0] + d[1] + d[2]) % (largest_log_code + 1));
-    out[i].deviations = {deviation(d[0]), deviation(d[1]), deviation(d[2])};
-    out[i].orientation = orientation_of(planes.number(i, 8, width), bits);
-    for (int k = 0; k < 3; ++k) {
-      const int code = static_cast<std::int16_t>(planes.number(i, 8 + width + 2 * static_cast<std::size_t>(k), 2));
-      farthest = std::max(farthest, std::abs(code));
-      out[i].boundary[k] = code / boundary_scale;
-    }
-    out[i].density = densities[planes.number(i, 14 + width, 1)];
+  out.mass_scale = header.mass_scale;
+  out.deviation_scale = header.deviation_scale;
+  out.component_bits = bits_of_component(header.orientation_width);
+  auto planes = take_planes(payload.subspan(sizeof(MomentsHeader)), out.masses, points);
+  for (std::vector<std::uint16_t>& deviations : out.deviations) {
+    planes = take_planes(planes, deviations, points);
+    for (std::size_t i = 0; i < points; ++i) out.masses[i] = static_cast<std::uint16_t>(out.masses[i] + deviations[i]);
   }
-  if (!descending) return fail(ErrorCode::invalid_data, "{}: deviations do not descend [R17]", what);
-  if (farthest > largest_boundary_code)
-    return fail(ErrorCode::invalid_data, "{}: a boundary is out of range [R17]", what);
-  return check_bounds(header, out, edge, what);
+  planes = take_planes(planes, out.orientations, points, width);
+  for (std::vector<std::int16_t>& boundary : out.boundaries) planes = take_planes(planes, boundary, points);
+  take_planes(planes, out.densities, points);
+  return check_shapes(out, edge, what);
+}
+
+Status unpack_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatShape> out,
+                      double edge, std::string_view what) {
+  MomentCodes codes;
+  SPLATVOL_TRY(unpack_moment_codes(entry, packed, out.size(), edge, what, codes));
+  const LogCodes mass(codes.mass_scale), deviation(codes.deviation_scale);
+  static const std::array<double, 256> densities = make_densities();
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const auto& d = codes.deviations;
+    out[i] = {mass(codes.masses[i]), dvec3(deviation(d[0][i]), deviation(d[1][i]), deviation(d[2][i])),
+              orientation_of(codes.orientations[i], codes.component_bits), foot_of(codes, i),
+              densities[codes.densities[i]]};
+  }
+  return {};
 }
 
 namespace {
@@ -580,70 +605,91 @@ bool is_valid(const ValueMomentsHeader& header, const ChunkEntry& entry, std::si
          payload_bytes == sizeof(ValueMomentsHeader) + points * (header.width + header.deviation_width + 4U);
 }
 
-// The means of a chunk, one after the other.
-class Means {
- public:
-  explicit Means(const ValueMomentsHeader& header) : header_(header), last_(header.origin) {}
+// Whether a mean lies in [low, high], but for the error of its form.
+bool is_bounded(double mean, double low, double high, double error) {
+  return std::isfinite(mean) && low - mean <= error && mean - high <= error;
+}
 
-  /// Returns the mean of this code.
-  double next(std::uint32_t code, double deviation) {
-    if (header_.form == form_exact) return double{std::bit_cast<float>(code)};
-    return last_ += step_of(header_, deviation) * static_cast<double>(unzigzag(code));
+// Decodes the means, one after the other. Returns whether they are within [min, max] of the chunk.
+bool decode_means(const ValueMomentsHeader& header, const ChunkEntry& entry, std::span<const std::uint32_t> codes,
+                  ValueMomentCodes& out) {
+  const auto low = static_cast<double>(entry.min), high = static_cast<double>(entry.max);
+  const ValueDeviations deviation(header.deviation_scale);
+  double last = header.origin;
+  bool valid = true;
+  for (std::size_t i = 0; i < codes.size(); ++i) {
+    double error = 0;
+    if (header.form == form_exact) {
+      last = double{std::bit_cast<float>(codes[i])};
+    } else {
+      const double step = step_of(header, deviation(out.deviations[i]));
+      last += step * static_cast<double>(unzigzag(codes[i]));
+      error = rounding_error * step;
+    }
+    out.means[i] = last;
+    valid = valid && std::isfinite(last) && (out.coverages[i] == 0 || is_bounded(last, low, high, error));
   }
-  /// Returns by how far a mean may differ from that of the writer.
-  [[nodiscard]] double error(double deviation) const {
-    return header_.form == form_exact ? 0 : rounding_error * step_of(header_, deviation);
-  }
+  return valid;
+}
 
- private:
-  const ValueMomentsHeader& header_;
-  double last_;
-};
+bool are_correlations(const ValueMomentCodes& codes) {
+  int largest = 0;
+  for (const std::vector<std::int8_t>& axis : codes.correlations)
+    for (const std::int8_t code : axis) largest = std::max(largest, std::abs(int{code}));
+  return largest <= static_cast<int>(correlation_scale);
+}
 
 }  // namespace
 
+Status unpack_value_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points,
+                                 std::string_view what, ValueMomentCodes& out) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
+  if (!is_valid(header, entry, payload.size(), points))
+    return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
+  out.deviation_scale = header.deviation_scale;
+  thread_local std::vector<std::uint32_t> means;
+  auto planes = take_planes(payload.subspan(sizeof(ValueMomentsHeader)), means, points, header.width);
+  planes = take_planes(planes, out.deviations, points, header.deviation_width);
+  for (std::vector<std::int8_t>& correlations : out.correlations) planes = take_planes(planes, correlations, points);
+  take_planes(planes, out.coverages, points);
+  out.means.resize(points);
+  if (!decode_means(header, entry, means, out) || !are_correlations(out))
+    return fail(ErrorCode::invalid_data, "{}: a mean or a correlation is out of range [R17]", what);
+  return {};
+}
+
 Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<SplatValue> out,
                             std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
-  SPLATVOL_TRY_ASSIGN(header, read_header<ValueMomentsHeader>(payload, what));
-  if (!is_valid(header, entry, payload.size(), out.size()))
-    return fail(ErrorCode::invalid_data, "{}: bad header of value moments [R17]", what);
-
-  const std::size_t width = header.width, correlations = width + header.deviation_width;
-  const Planes planes(payload, sizeof(ValueMomentsHeader), out.size());
-  const ValueDeviations deviation(header.deviation_scale);
-  Means means(header);
-  const auto low = static_cast<double>(entry.min), high = static_cast<double>(entry.max);
-  bool valid = true;
+  ValueMomentCodes codes;
+  SPLATVOL_TRY(unpack_value_moment_codes(entry, packed, out.size(), what, codes));
+  const ValueDeviations deviation(codes.deviation_scale);
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const int c[3] = {planes.signed_code(i, correlations), planes.signed_code(i, correlations + 1),
-                      planes.signed_code(i, correlations + 2)};
-    out[i].deviation = deviation(static_cast<unsigned>(planes.number(i, width, header.deviation_width)));
-    out[i].mean = means.next(static_cast<std::uint32_t>(planes.number(i, 0, width)), out[i].deviation);
-    out[i].correlation = dvec3(c[0], c[1], c[2]) / correlation_scale;
-    out[i].residual = std::sqrt(std::max(0.0, 1 - squared_length(out[i].correlation)));
-    out[i].coverage = static_cast<double>(planes.number(i, correlations + 3, 1)) / 255;
-    const double error = means.error(out[i].deviation);
-    const bool bounded = low - out[i].mean <= error && out[i].mean - high <= error;
-    valid = valid && std::isfinite(out[i].mean) && (bounded || out[i].coverage == 0) &&
-            std::max({std::abs(c[0]), std::abs(c[1]), std::abs(c[2])}) <= static_cast<int>(correlation_scale);
+    const auto& c = codes.correlations;
+    const dvec3 correlation = dvec3(c[0][i], c[1][i], c[2][i]) / correlation_scale;
+    out[i] = {codes.means[i], deviation(codes.deviations[i]), correlation,
+              std::sqrt(std::max(0.0, 1 - squared_length(correlation))), static_cast<double>(codes.coverages[i]) / 255};
   }
-  if (!valid) return fail(ErrorCode::invalid_data, "{}: a mean or a correlation is out of range [R17]", what);
+  return {};
+}
+
+Status unpack_gradient_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint32_t> out,
+                             std::string_view what) {
+  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
+  if (payload.size() != 3 * out.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
+  if (std::ranges::find(payload, std::byte{0x80}) != payload.end())  // -128
+    return fail(ErrorCode::invalid_data, "{}: a gradient is out of range [R17]", what);
+  read_planes<std::uint32_t>(payload, out, 3);
   return {};
 }
 
 Status unpack_gradients(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<vec3> out,
                         std::string_view what) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_checked(entry, packed, what));
-  if (payload.size() != 3 * out.size()) return fail(ErrorCode::invalid_data, "{}: wrong payload size [R17]", what);
-  const Planes planes(payload, 0, out.size());
-  int lowest = 0;
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const int c[3] = {planes.signed_code(i, 0), planes.signed_code(i, 1), planes.signed_code(i, 2)};
-    out[i] = vec3(c[0], c[1], c[2]) / 127.0F;
-    lowest = std::min({lowest, c[0], c[1], c[2]});
-  }
-  if (lowest < -127) return fail(ErrorCode::invalid_data, "{}: a gradient is out of range [R17]", what);
+  std::vector<std::uint32_t> codes(out.size());
+  SPLATVOL_TRY(unpack_gradient_codes(entry, packed, codes, what));
+  const auto component = [](std::uint32_t code, int k) { return static_cast<std::int8_t>(code >> 8 * k); };
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = vec3(component(codes[i], 0), component(codes[i], 1), component(codes[i], 2)) / 127.0F;
   return {};
 }
 

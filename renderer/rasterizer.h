@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -60,6 +61,12 @@ class Rasterizer {
 
   /// Returns bytes held on the device, besides the rows of the draw list if the device draws them where they lie.
   [[nodiscard]] virtual std::uint64_t device_bytes() const = 0;
+
+  /// Prepares for pictures of this size. Returns how many splats the device can hold beside one.
+  virtual std::uint64_t plan_picture(int width, int height) {
+    static_cast<void>(width), static_cast<void>(height);
+    return std::numeric_limits<std::uint32_t>::max();
+  }
 
   /// Returns the device in words.
   [[nodiscard]] virtual std::string description() const = 0;

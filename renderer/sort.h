@@ -17,6 +17,10 @@ class KeySorter {
   /// keys. Works in parallel for many keys; the result does not depend on threads.
   [[nodiscard]] std::span<const std::uint32_t> sort(std::span<const std::uint32_t> keys);
 
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return sizeof(Item) * (front_.capacity() + back_.capacity()) + sizeof(std::uint32_t) * order_.capacity();
+  }
+
  private:
   struct Item {
     std::uint32_t key;

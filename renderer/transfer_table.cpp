@@ -5,7 +5,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
+#include <limits>
+#include <mutex>
 #include <numbers>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
 
 namespace splatvol {
 
@@ -16,6 +24,119 @@ using glm::dvec4;
 /// Colour times extinction, and extinction, as a polynomial of t.
 struct Polynomial {
   dvec4 constant, linear, square;
+};
+
+// One number for each of several means.
+constexpr std::size_t lanes = 4;
+using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
+
+/// The normal distribution between -9 and 9: nodes, and a Taylor series from the nearest.
+class NormalDistribution {
+ public:
+  static constexpr double end = 9;
+
+  struct At {
+    Lanes below, density;  // the integral up to z, and its derivative
+  };
+
+  /// Requires -9 <= z <= 9; 0 or 1 at the ends. Exact to 1e-15.
+  [[nodiscard]] At operator()(const Lanes& z) const {
+    Lanes below_node, density_node, z_node;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const auto node = static_cast<std::size_t>((z[l] + end) * nodes_per_unit + 0.5);
+      below_node[l] = below_[node];
+      density_node[l] = density_[node];
+      z_node[l] = static_cast<double>(node) * (1 / nodes_per_unit) - end;
+    }
+    // density(z + d) = density(z) (g_0 + g_1 + ...), with g_0 = 1 and n g_n = -z d g_(n-1) - d^2 g_(n-2).
+    const Lanes d = z - z_node;
+    Lanes before{}, term = Lanes{} + 1, density = term, below = term;
+    for (int n = 1; n <= 8; ++n) {
+      const Lanes next = -d * (z_node * term + d * before) * (1.0 / n);
+      before = term;
+      term = next;
+      density += term;
+      below += term * (1.0 / (n + 1));
+    }
+    return {below_node + density_node * d * below, density_node * density};
+  }
+
+  static const NormalDistribution& get() {
+    static const NormalDistribution distribution;
+    return distribution;
+  }
+
+ private:
+  static constexpr double nodes_per_unit = 64;
+  static constexpr std::size_t nodes = 2 * static_cast<std::size_t>(end * nodes_per_unit) + 1;
+
+  NormalDistribution() {
+    for (std::size_t k = 1; k + 1 < nodes; ++k) {
+      const double z = static_cast<double>(k) / nodes_per_unit - end;
+      below_[k] = 0.5 * std::erfc(-z / std::numbers::sqrt2);
+      density_[k] = std::exp(-0.5 * z * z) * (std::numbers::inv_sqrtpi / std::numbers::sqrt2);
+    }
+    below_[nodes - 1] = 1;
+  }
+
+  std::array<double, nodes> below_{}, density_{};
+};
+
+struct Range {
+  std::size_t begin, end;
+};
+
+/// The normal distributions round several means, at an edge of a piece. A vector for each number, so that compilers
+/// make vectors of the loops.
+struct Edges {
+  std::vector<double> below, density, slope;  // the integral below the edge, the density there, and z times the density
+
+  Edges(std::size_t means, double all_below) : below(means, all_below), density(means), slope(means) {}
+
+  /// `range`: of the means that have the edge in their distribution.
+  void set(double edge, double spread, std::span<const double> means, Range range) {
+    std::fill(below.begin(), below.begin() + static_cast<std::ptrdiff_t>(range.begin), 1.0);
+    std::fill(below.begin() + static_cast<std::ptrdiff_t>(range.end), below.end(), 0.0);
+    std::ranges::fill(density, 0.0);
+    std::ranges::fill(slope, 0.0);
+    const NormalDistribution& normal = NormalDistribution::get();
+    for (std::size_t k = range.begin; k < range.end; k += lanes) {
+      const std::size_t count = std::min(lanes, range.end - k);
+      Lanes z{};
+      for (std::size_t l = 0; l < count; ++l)
+        z[l] = std::clamp((edge - means[k + l]) / spread, -NormalDistribution::end, NormalDistribution::end);
+      const auto [at_below, at_density] = normal(z);
+      for (std::size_t l = 0; l < count; ++l) {
+        below[k + l] = at_below[l];
+        density[k + l] = at_density[l];
+        slope[k + l] = z[l] * at_density[l];
+      }
+    }
+  }
+};
+
+/// Averages round several means, as sums over pieces.
+struct Sums {
+  std::vector<double> means;
+  std::array<std::vector<double>, 4> channels;
+
+  explicit Sums(std::size_t count) : means(count) { channels.fill(means); }
+
+  /// Adds the part of a piece, for the means of a range.
+  void add(const Polynomial& p, double spread, const Edges& below, const Edges& above, Range range) {
+    for (int channel = 0; channel < 4; ++channel) {
+      const double constant = p.constant[channel], linear = p.linear[channel], square = p.square[channel];
+      double* __restrict sums = channels[static_cast<std::size_t>(channel)].data();
+      for (std::size_t k = range.begin; k < range.end; ++k) {
+        // Moments about the mean of the part of the distribution between the edges.
+        const double whole = above.below[k] - below.below[k], mean = means[k];
+        const double first = spread * (below.density[k] - above.density[k]);
+        const double second = spread * spread * (whole + below.slope[k] - above.slope[k]);
+        sums[k] += whole * (constant + mean * (linear + mean * square)) + first * (linear + 2 * mean * square) +
+                   second * square;
+      }
+    }
+  }
 };
 
 class Averager {
@@ -33,24 +154,34 @@ class Averager {
     polynomials_.push_back(product({0, 1, last.at_end, last.at_end}));
   }
 
-  /// Returns the average over values of this mean and spread, in t.
-  [[nodiscard]] vec4 operator()(double mean, double spread) const {
-    dvec4 sum(0);
-    Edge below{};
+  /// Averages over values of this spread, in t, round means in an arithmetic progression.
+  void operator()(double first_mean, double mean_step, double spread, std::span<vec4> out) const {
+    Sums sums(out.size());
+    for (std::size_t k = 0; k < out.size(); ++k) sums.means[k] = first_mean + mean_step * static_cast<double>(k);
+    // The means that have a part of their distributions between two values.
+    const auto range_between = [&](double low, double high) {
+      const double reach = NormalDistribution::end * spread;
+      const auto number_of = [&](double mean) {
+        return static_cast<std::size_t>(
+            std::clamp((mean - first_mean) / mean_step, 0.0, static_cast<double>(out.size() - 1)));
+      };
+      return Range{number_of(low - reach), number_of(high + reach) + 1};
+    };
+    constexpr double far = std::numeric_limits<double>::infinity();
+    Edges below(out.size(), 0), above(out.size(), 1);
+    double low = -far;
     for (std::size_t i = 0; i < polynomials_.size(); ++i) {
-      const Edge above = i < pieces_.size() + 1 ? edge(pieces_, i, mean, spread) : Edge{1, 0, 0};
-      const double whole = above.below - below.below;
-      if (whole > 0) {
-        // Moments about the mean of the part of the distribution between the edges.
-        const double first = spread * (below.density - above.density);
-        const double second = spread * spread * (whole + below.slope - above.slope);
-        const Polynomial& p = polynomials_[i];
-        sum += whole * (p.constant + mean * (p.linear + mean * p.square)) + first * (p.linear + 2 * mean * p.square) +
-               second * p.square;
-      }
-      below = above;
+      const double high = i < pieces_.size() ? pieces_[i].begin : i == pieces_.size() ? pieces_.back().end : far;
+      if (high < far)
+        above.set(high, spread, sums.means, range_between(high, high));
+      else
+        above = Edges(out.size(), 1);
+      sums.add(polynomials_[i], spread, below, above, range_between(low, high));
+      low = high;
+      std::swap(below, above);
     }
-    return finish(sum);
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] = finish({sums.channels[0][k], sums.channels[1][k], sums.channels[2][k], sums.channels[3][k]});
   }
 
   [[nodiscard]] vec4 operator()(double t) const {
@@ -62,19 +193,6 @@ class Averager {
   }
 
  private:
-  /// The normal distribution at z: its integral below z, its density, and z times the density.
-  struct Edge {
-    double below, density, slope;
-  };
-
-  static Edge edge(const std::vector<LinearPiece>& pieces, std::size_t i, double mean, double spread) {
-    const double z = ((i < pieces.size() ? pieces[i].begin : pieces.back().end) - mean) / spread;
-    if (z < -9) return {0, 0, 0};
-    if (z > 9) return {1, 0, 0};
-    const double density = std::exp(-0.5 * z * z) * (std::numbers::inv_sqrtpi / std::numbers::sqrt2);
-    return {0.5 * std::erfc(-z / std::numbers::sqrt2), density, z * density};
-  }
-
   [[nodiscard]] Polynomial product(const LinearPiece& piece) const {
     const dvec4 slope = (piece.at_end - piece.at_begin) / (piece.end - piece.begin);
     const dvec4 start = piece.at_begin - slope * piece.begin;
@@ -103,17 +221,60 @@ double TransferTable::mean(std::size_t row, std::size_t column) const {
   return 0.5 + (1 + 8 * spread(row)) * (static_cast<double>(column) / static_cast<double>(columns - 1) - 0.5);
 }
 
-TransferTable make_transfer_table(const TransferFunction& function, std::size_t columns, std::size_t rows) {
+namespace {
+
+TransferTable average(const TransferFunction& function, std::size_t columns, std::size_t rows) {
   const Averager average(function);
   TransferTable table{columns, rows, std::vector<vec4>(columns * rows)};
-  tbb::parallel_for(std::size_t{0}, rows, [&](std::size_t row) {
-    const double spread = table.spread(row);
-    for (std::size_t column = 0; column < columns; ++column) {
-      const double mean = table.mean(row, column);
-      table.entries[row * columns + column] = row == 0 ? average(mean) : average(mean, spread);
-    }
+  for (std::size_t column = 0; column < columns; ++column) table.entries[column] = average(table.mean(0, column));
+  tbb::parallel_for(std::size_t{1}, rows, [&](std::size_t row) {
+    const double first = table.mean(row, 0);
+    const double step = (table.mean(row, columns - 1) - first) / static_cast<double>(columns - 1);
+    average(first, step, table.spread(row), std::span(table.entries).subspan(row * columns, columns));
   });
   return table;
+}
+
+// The tables that were asked for last.
+class RecentTables {
+ public:
+  TransferTable get(const TransferFunction& function, std::size_t columns, std::size_t rows) {
+    if (auto table = find(function, columns, rows)) return *std::move(table);
+    TransferTable table = average(function, columns, rows);  // without the lock: other tasks may run meanwhile
+    const std::scoped_lock lock(mutex_);
+    if (entries_.size() == most) entries_.pop_back();
+    entries_.insert(entries_.begin(), {function.colors, function.densities, table});
+    return table;
+  }
+
+ private:
+  static constexpr std::size_t most = 4;
+  struct Entry {
+    std::vector<TransferFunction::Color> colors;
+    std::vector<TransferFunction::Density> densities;
+    TransferTable table;
+  };
+
+  std::optional<TransferTable> find(const TransferFunction& function, std::size_t columns, std::size_t rows) {
+    const std::scoped_lock lock(mutex_);
+    const auto found = std::ranges::find_if(entries_, [&](const Entry& entry) {
+      return entry.table.columns == columns && entry.table.rows == rows && entry.colors == function.colors &&
+             entry.densities == function.densities;
+    });
+    if (found == entries_.end()) return std::nullopt;
+    std::rotate(entries_.begin(), found, std::next(found));
+    return entries_.front().table;
+  }
+
+  std::mutex mutex_;
+  std::vector<Entry> entries_;  // the last one first
+};
+
+}  // namespace
+
+TransferTable make_transfer_table(const TransferFunction& function, std::size_t columns, std::size_t rows) {
+  static RecentTables tables;
+  return tables.get(function, columns, rows);
 }
 
 std::vector<std::vector<float>> make_peak_levels(const TransferFunction& function, std::size_t entries) {

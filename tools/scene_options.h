@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "renderer/device/device.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "tools/tool.h"
@@ -12,6 +13,15 @@ namespace splatvol {
 /// For CLI11: refuses the path of a picture that write_image could not write.
 [[nodiscard]] inline std::string check_image_path(const std::string& path) {
   return is_image_path(path) ? "" : "'" + path + "' ends in neither .exr nor .png";
+}
+
+/// Adds --device. Parsing writes a name that parse_device takes into `device`.
+inline void add_device_option(CLI::App& app, std::string& device) {
+  app.add_option("--device", device,
+                 "What draws: cpu: the processor; gl: OpenGL; auto: OpenGL if it runs on a graphics card, else the "
+                 "processor")
+      ->check([](const std::string& name) { return parse_device(name) ? "" : parse_device(name).error().message; })
+      ->capture_default_str();
 }
 
 /// Reads a scene file. `size`, such as "640x480", replaces the scene's own size unless it is empty.

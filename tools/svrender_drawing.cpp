@@ -5,6 +5,7 @@
 #include <glm/gtc/quaternion.hpp>
 #include <limits>
 
+#include "renderer/device/device.h"
 #include "renderer/sampling.h"
 #include "streamer/draw_list.h"
 #include "streamer/frame_pacer.h"
@@ -38,21 +39,32 @@ Result<const FrameSplats*> next_splats(const RenderOptions& options, const Scene
   return drawing.streamer->advance(view, scene.transfer_function, drawing.detail, wait_seconds, 1.0 / options.fade);
 }
 
-// Gets the view's splats, uploads them unless the GPU has them, and draws.
+// Gives the splats of the next frame to the renderer. While the device has no room for them, asks for fewer. Returns
+// the seconds that the renderer took.
+Result<double> set_splats(const RenderOptions& options, const Scene& scene, const View& view, Drawing& drawing) {
+  for (std::uint64_t before = std::numeric_limits<std::uint64_t>::max();;) {
+    SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
+    drawing.frame = frame;
+    const double start = seconds_now();
+    if (frame->serial != drawing.packed_serial)
+      drawing.list = pack_draw_list(frame->data, frame->batches, drawing.streamer->units());
+    else
+      set_weights(drawing.list, frame->batches);
+    drawing.packed_serial = frame->serial;
+    const Status set = drawing.renderer->set_draw_list(drawing.list);
+    if (set) return seconds_now() - start;
+    if (set.error().code != ErrorCode::out_of_budget || frame->splats >= before) return tl::unexpected(set.error());
+    before = frame->splats;
+    drawing.detail.max_splats = std::min(drawing.detail.max_splats, frame->splats) / 8 * 7;
+  }
+}
+
+// Gets the view's splats, uploads what the device does not have, and draws.
 Status draw_frame(const RenderOptions& options, const Scene& scene, const View& view, Drawing& drawing,
                   Timings& timings) {
   const double start = seconds_now();
-  SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
-  drawing.frame = frame;
-  const double upload_start = seconds_now();
-  if (frame->serial != drawing.packed_serial)
-    drawing.list = pack_draw_list(frame->data, frame->batches, drawing.streamer->units());
-  else
-    set_weights(drawing.list, frame->batches);
-  drawing.packed_serial = frame->serial;
-  SPLATVOL_TRY(drawing.renderer->set_draw_list(drawing.list));
-  const double draw_start = seconds_now();
-  drawing.sample_spacing = sample_spacing(options, view, *frame);
+  SPLATVOL_TRY_ASSIGN(upload_seconds, set_splats(options, scene, view, drawing));
+  drawing.sample_spacing = sample_spacing(options, view, *drawing.frame);
   SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
 
   timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
@@ -61,7 +73,7 @@ Status draw_frame(const RenderOptions& options, const Scene& scene, const View& 
   timings.frame.push_back(seconds_now() - start);
   if (timings.first_image > 0) return {};
   timings.fetch = drawing.streamer->statistics().fetch_seconds;
-  timings.upload = draw_start - upload_start + times.upload;
+  timings.upload = upload_seconds + times.upload;
   return {};
 }
 
@@ -264,16 +276,15 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(streamer,
                       Streamer::open(std::move(volume), {memory, scene.attribute, kernel, scene.lighting.has_value()}));
   drawing.streamer = std::move(streamer);
-  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
-  drawing.context = std::move(context);
-  SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(kernel));
+  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
+  SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
+  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
   if (options.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
         ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
-  SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
-  drawing.detail.max_splats = drawing.renderer->max_splats(scene.width, scene.height, gpu_memory);
+  drawing.detail.max_splats = drawing.renderer->plan_picture(scene.width, scene.height);
   if (drawing.detail.max_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
@@ -330,7 +341,7 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
                            {"sort", options.sort},
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
-                           {"renderer", drawing.context->description()}};
+                           {"renderer", drawing.renderer->description()}};
   if (drawing.streamer->volume().series()) {
     provenance["step"] = fmt::format("{}", drawing.streamer->volume().step());
     provenance["time"] = fmt::format("{}", drawing.streamer->volume().time());

@@ -5,8 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/rasterizer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/error_control.h"
@@ -53,8 +52,7 @@ struct Timings {
 struct Drawing {
   std::optional<format::Steps> steps;
   std::unique_ptr<Streamer> streamer;
-  std::unique_ptr<HeadlessContext> context;
-  std::unique_ptr<GlRasterizer> renderer;
+  std::unique_ptr<Rasterizer> renderer;
   DetailOptions detail;
   std::optional<ErrorControl::Estimate> estimate;  // of --max-error, for the view that it was measured at
   std::vector<ErrorControl::Tried> tried;          // cuts on the way to it

@@ -2,7 +2,7 @@
 
 #include <cstdlib>
 
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/rasterizer.h"
 #include "tools/movie.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"
@@ -106,13 +106,14 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
 }
 
 void add_budget_options(CLI::App& app, RenderOptions& options) {
+  add_device_option(app, options.device);
   app.add_option("--memory", options.memory,
                  "Bytes that the streamer may hold, such as 512M; a picture that would need more is drawn coarser")
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();
   app.add_option("--gpu-memory", options.gpu_memory,
-                 "Bytes that the renderer may hold on the graphics card, with the same effect")
+                 "Bytes that OpenGL may hold on the graphics card, with the same effect")
       ->type_name("SIZE")
       ->check(check_bytes)
       ->capture_default_str();

@@ -33,6 +33,7 @@ struct RenderOptions {
   int fade = 1;  // frames that a change of resolution takes
   std::string memory = "512M";
   std::string gpu_memory = "1G";
+  std::string device = "auto";
   std::string sort = "exact";
   std::string kernel = "moments";
   std::string sampling = "auto";

@@ -107,13 +107,10 @@ void add_detail(const RenderOptions& options, const Drawing& drawing, const Timi
   }
 }
 
-// The limits of a picture's splats. More memory does not help against the device's own.
+// The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
-  const std::uint64_t most = drawing.detail.max_splats;
-  const bool by_device = most >= drawing.renderer->max_splats();
-  return fmt::format("--memory {} and the {} splats that {}", options.memory, most,
-                     by_device ? "the largest buffer of this device holds (no setting of memory raises them)"
-                               : "--gpu-memory " + options.gpu_memory + " holds");
+  return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory,
+                     drawing.detail.max_splats, options.gpu_memory);
 }
 
 // Says what error was measured, and why it is more than the wanted one.
@@ -147,7 +144,7 @@ std::string statistics_text(const RenderOptions& options, const Scene& scene, co
   document["repeat"] = options.repeat;
   document["seconds"] = seconds_of(timings);
   document["first_image_seconds"] = timings.first_image;
-  document["renderer"] = drawing.context->description();
+  document["renderer"] = drawing.renderer->description();
   add_frames(timings, document);
   add_detail(options, drawing, timings, document);
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";

@@ -24,6 +24,7 @@ struct Options {
   std::string size = "1200x800";
   std::string memory = "512M";
   std::string gpu_memory = "1G";
+  std::string device = "auto";
   std::string kernel = "moments";
   double tolerance = 1;
   std::string record;      // file; empty: none
@@ -41,10 +42,14 @@ constexpr double frame_seconds = 1.0 / 60;
 Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
-  return ViewerOptions{options.volume,
-                       options.scene,
-                       {memory, gpu_memory, options.kernel == "octant" ? KernelKind::octant : KernelKind::moments,
-                        options.tolerance, SortMode::exact}};
+  SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
+  ViewerOptions setup{options.volume, options.scene, {}};
+  setup.settings.memory = memory;
+  setup.settings.gpu_memory = gpu_memory;
+  setup.settings.device = device;
+  setup.settings.kernel = options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+  setup.settings.tolerance = options.tolerance;
+  return setup;
 }
 
 Result<WindowResized> window_size(const Options& options) {
@@ -203,7 +208,7 @@ Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, parse_image_size(options.size));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
-  SPLATVOL_TRY_ASSIGN(context, HeadlessContext::create());
+  setup.settings.in_current_context = false;
   SPLATVOL_TRY_ASSIGN(session, Session::open(setup.volume, setup.scene, setup.settings));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
   ProgressBar bar("draw");
@@ -243,6 +248,7 @@ void add_view_options(CLI::App& app, Options& options) {
   app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
+  add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
 }
 

@@ -10,10 +10,12 @@ namespace {
 constexpr std::string_view version = "#version 450 core\n";
 
 constexpr std::string_view vertex_source = R"(
+layout(location = 1) uniform float top_first;  // 1 or 0
 out vec2 at;
 void main() {
   at = vec2(2 * (gl_VertexID & 1), gl_VertexID & 2);
   gl_Position = vec4(2 * at - 1, 0, 1);
+  at.y = mix(at.y, 1 - at.y, top_first);
 }
 )";
 
@@ -41,7 +43,23 @@ Result<Screen> Screen::create() {
   return screen;
 }
 
-Status Screen::show(GLuint texture, dvec3 background, int left, int width, int height) const {
+Status PictureTexture::upload(const Image& image) {
+  if (image.width != width_ || image.height != height_) {
+    texture_ = {};
+    GLuint name = 0;
+    glCreateTextures(GL_TEXTURE_2D, 1, &name);
+    texture_ = Texture(name);
+    glTextureStorage2D(name, 1, GL_RGBA32F, image.width, image.height);
+    width_ = image.width, height_ = image.height;
+  }
+  glBindBuffer(GL_PIXEL_UNPACK_BUFFER, 0);
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glTextureSubImage2D(texture_.name(), 0, 0, 0, image.width, image.height, GL_RGBA, GL_FLOAT, image.pixels.data());
+  return check_gl("showing a picture of the processor");
+}
+
+Status Screen::show(const ShownPicture& picture, dvec3 background, int left, int width, int height) const {
   glViewport(left, 0, width, height);
   glDisable(GL_BLEND);
   glDisable(GL_DEPTH_TEST);
@@ -49,7 +67,8 @@ Status Screen::show(GLuint texture, dvec3 background, int left, int width, int h
   glDisable(GL_SCISSOR_TEST);
   glUseProgram(program_.name());
   glUniform3f(0, static_cast<float>(background.r), static_cast<float>(background.g), static_cast<float>(background.b));
-  glBindTextureUnit(0, texture);
+  glUniform1f(1, picture.top_first ? 1.0F : 0.0F);
+  glBindTextureUnit(0, picture.texture);
   glBindVertexArray(vertex_array_.name());
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glBindVertexArray(0);

@@ -8,6 +8,25 @@
 
 namespace splatvol {
 
+/// A picture in a texture of OpenGL.
+struct ShownPicture {
+  GLuint texture = 0;      // 0: nothing
+  bool top_first = false;  // the texture's first row is the picture's highest, not its lowest
+};
+
+/// A texture for pictures that were drawn without OpenGL. The context of the first upload must be current in each call.
+class PictureTexture {
+ public:
+  /// Replaces the picture. The texture's first row is the picture's highest.
+  [[nodiscard]] Status upload(const Image& image);
+
+  [[nodiscard]] GLuint name() const { return texture_.name(); }
+
+ private:
+  Texture texture_;
+  int width_ = 0, height_ = 0;
+};
+
 /// Draws a picture into the window's framebuffer. Needs the context that was current at `create`.
 class Screen {
  public:
@@ -15,7 +34,7 @@ class Screen {
 
   /// Fills width x height pixels of the framebuffer that is bound, from pixel (left, 0) on, with a picture in linear
   /// premultiplied RGBA. Stretches a picture of another size. The result looks like a PNG file of the picture.
-  [[nodiscard]] Status show(GLuint texture, dvec3 background, int left, int width, int height) const;
+  [[nodiscard]] Status show(const ShownPicture& picture, dvec3 background, int left, int width, int height) const;
 
  private:
   Program program_;

@@ -4,9 +4,12 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "base/http_source.h"
 #include "base/rotation.h"
+#include "renderer/cpu/tile_rasterizer.h"
+#include "renderer/gl/gl_rasterizer.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
 #include "streamer/draw_list.h"
@@ -75,8 +78,12 @@ Status Session::open_streamer() {
                                                                    scene.lighting.has_value()}));
   streamer_ = std::move(streamer);
   if (!renderer_ || used_settings_.kernel != settings.kernel) {
-    SPLATVOL_TRY_ASSIGN(renderer, GlRasterizer::create(settings.kernel));
+    SPLATVOL_TRY_ASSIGN(renderer,
+                        make_rasterizer(settings.device, {.kernel = settings.kernel,
+                                                          .gpu_bytes = settings.gpu_memory,
+                                                          .in_current_context = settings.in_current_context}));
     renderer_ = std::move(renderer);
+    most_splats_ = std::numeric_limits<std::uint64_t>::max();
   }
   SPLATVOL_TRY(use_step());
   renderer_->set_lighting(scene.lighting);
@@ -244,7 +251,7 @@ Status Session::draw(int width, int height, double seconds) {
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
-  detail.max_splats = std::max<std::uint64_t>(renderer_->max_splats(width, height, settings.gpu_memory), 1);
+  detail.max_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
   if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
@@ -260,16 +267,31 @@ Status Session::draw(int width, int height, double seconds) {
   else
     set_weights(list_, frame->batches);
   packed_serial_ = frame->serial;
-  SPLATVOL_TRY(renderer_->set_draw_list(list_));
+  const Status set = renderer_->set_draw_list(list_);
+  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
+    most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame->splats) / 8 * 7, 1);  // for the next call
+    return {};
+  }
+  SPLATVOL_TRY(set);
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
+  texture_is_old_ = true;
   draw_seconds_ = seconds_since(start);
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
   settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
   if (settled_) read_ahead(step_ + 1);
   return {};
+}
+
+Result<ShownPicture> Session::shown_picture() {
+  if (const auto* gl = dynamic_cast<const GlRasterizer*>(renderer_.get())) return ShownPicture{gl->texture(), false};
+  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(renderer_.get()); tiles && texture_is_old_) {
+    SPLATVOL_TRY(texture_.upload(tiles->image()));
+    texture_is_old_ = false;
+  }
+  return ShownPicture{texture_.name(), true};
 }
 
 Result<Image> Session::page(const PageText& text, bool transparent) const {

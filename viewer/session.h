@@ -12,12 +12,13 @@
 #include "base/error.h"
 #include "format/steps.h"
 #include "format/volume.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/device/device.h"
 #include "scene/page.h"
 #include "scene/scene.h"
 #include "streamer/frame_pacer.h"
 #include "streamer/record.h"
 #include "streamer/streamer.h"
+#include "viewer/screen.h"
 
 namespace splatvol {
 
@@ -25,12 +26,15 @@ namespace splatvol {
 struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
   std::uint64_t gpu_memory = std::uint64_t{1} << 30;
+  Device device = Device::automatic;
+  bool in_current_context = true;  // of OpenGL; else the renderer makes a context of its own if it needs one
   KernelKind kernel = KernelKind::moments;
   double tolerance = 1;  // percent, at rest
   SortMode sort = SortMode::exact;
 };
 
-/// Draws one file. Draws only after a change. Needs the context that was current at `open`.
+/// Draws one file. Draws only after a change. Needs the context that was current at `open`, if
+/// `settings` say so.
 class Session {
  public:
   /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
@@ -87,7 +91,13 @@ class Session {
   [[nodiscard]] const FrameSplats* frame() const { return frame_; }
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const { return streamer_->drawn_nodes(); }
   [[nodiscard]] const View& view() const { return view_; }
-  [[nodiscard]] unsigned texture() const { return renderer_->texture(); }
+
+  /// Returns the picture of the last draw for Screen::show. Needs a current context of OpenGL.
+  [[nodiscard]] Result<ShownPicture> shown_picture();
+
+  /// Returns the device that draws, in words.
+  [[nodiscard]] std::string device_text() const { return renderer_->description(); }
+
   [[nodiscard]] Result<Image> image() const { return renderer_->read_image(); }
 
   /// Returns the last picture with its outline, if the scene has one, and with words round it.
@@ -96,7 +106,7 @@ class Session {
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
   [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
-  [[nodiscard]] std::uint64_t gpu_bytes() const { return renderer_->device_bytes(); }
+  [[nodiscard]] std::uint64_t device_bytes() const { return renderer_->device_bytes(); }
   [[nodiscard]] DrawingUnits units() const { return streamer_->units(); }
 
   /// Returns the errors of parts that could not be read, the newest last.
@@ -127,7 +137,9 @@ class Session {
   std::optional<Ahead> ahead_;  // of a series of files
   bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
-  std::unique_ptr<GlRasterizer> renderer_;
+  std::unique_ptr<Rasterizer> renderer_;
+  PictureTexture texture_;  // of a picture that the processor drew
+  bool texture_is_old_ = true;
   std::array<std::uint64_t, 64> histogram_{};
   Box bounds_;
 
@@ -138,7 +150,8 @@ class Session {
   View view_;
   const FrameSplats* frame_ = nullptr;
   std::uint64_t packed_serial_ = 0;
-  DrawList list_;  // of the last draw
+  DrawList list_;                  // of the last draw
+  std::uint64_t most_splats_ = 0;  // that the device had room for, as far as is known
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{

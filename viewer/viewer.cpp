@@ -263,11 +263,12 @@ Status Viewer::draw_picture(double seconds) {
   glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &target);
   const int left = static_cast<int>(picture_area().left / picture_area().unit_x);
   const int width = std::max(1, window_.pixel_width - left);
-  GLuint picture = 0;
+  ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
     if (const Status drawn = session_->draw(width, window_.pixel_height, seconds)) {
-      picture = session_->texture();
+      SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
+      picture = shown;
       background = session_->scene.background;
     } else {
       message_ = drawn.error().message;

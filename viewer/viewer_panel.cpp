@@ -251,15 +251,16 @@ void Viewer::draw_hud() {
   const double asked = session_->tolerance_shown(), drawn = frame->detail.tolerance_percent;
   std::string detail = "coarse while it moves";
   if (!frame->detail.goal) detail = fmt::format("tolerance {:.3g} %", asked);
-  if (!frame->detail.goal && drawn > asked)
-    detail += fmt::format(" (memory, or the device's largest buffer, allows {:.3g} %)", drawn);
+  if (!frame->detail.goal && drawn > asked) detail += fmt::format(" (memory allows {:.3g} %)", drawn);
   const FrameProgress& progress = frame->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
                                  1000 * session_->draw_seconds());
   text += fmt::format("{} points as {} splats\n{}", session_->info().point_count(), frame->splats, resolutions);
   text += fmt::format("{}, an error of about {:.1g}\n", detail, frame->expected_error);
-  text += fmt::format("{} of {} in use, {} on the GPU\n", bytes(statistics.bytes_resident),
-                      bytes(session_->settings.memory), bytes(session_->gpu_bytes()));
+  text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
+                      bytes(session_->settings.memory), bytes(session_->device_bytes()));
+  const std::string device = session_->device_text();
+  text += fmt::format("drawn by {}\n", device.substr(0, device.find(',')));
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
   text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
                       bytes(progress.missing_bytes));

@@ -5,7 +5,9 @@
 
 #include <epoxy/egl.h>
 
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <utility>
 #include <vector>
 
@@ -61,9 +63,10 @@ void add_hardware(std::vector<Candidate>& candidates) {
 }
 
 /// Returns the displays to try, best first: a graphics card comes before Mesa's software.
-std::vector<Candidate> candidate_displays() {
+std::vector<Candidate> candidate_displays(ContextKind kind) {
   std::vector<Candidate> candidates;
   add_hardware(candidates);
+  if (kind == ContextKind::hardware) return candidates;
 
   // The EXT entry point: through epoxy, the core one aborts if the client library is EGL 1.4.
   if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless"))
@@ -102,18 +105,28 @@ tl::expected<EGLContext, std::string> make_context(EGLDisplay display) {
 
 }  // namespace
 
-Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create() {
-  std::string reasons;
-  for (const Candidate& candidate : candidate_displays()) {
+bool is_software_renderer(std::string_view description) {
+  std::string lower(description);
+  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  constexpr std::array<std::string_view, 6> names{"llvmpipe", "softpipe", "swrast", "swr ", "software", "swiftshader"};
+  return std::ranges::any_of(names, [&](std::string_view name) { return lower.find(name) != std::string::npos; });
+}
+
+Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create(ContextKind kind) {
+  std::string reasons = kind == ContextKind::hardware ? "no graphics card" : "";
+  for (const Candidate& candidate : candidate_displays(kind)) {
     if (!reasons.empty()) reasons += "; ";
     if (candidate.display == EGL_NO_DISPLAY || !eglInitialize(candidate.display, nullptr, nullptr)) {
       reasons += candidate.name + ": " + egl_error();
       continue;
     }
-    if (auto context = make_context(candidate.display))
-      return std::unique_ptr<HeadlessContext>(new HeadlessContext(candidate.display, *context));
-    else
+    if (auto context = make_context(candidate.display)) {
+      std::unique_ptr<HeadlessContext> made(new HeadlessContext(candidate.display, *context));
+      if (kind == ContextKind::any || !is_software_renderer(made->description())) return made;
+      reasons += candidate.name + ": draws in software";
+    } else {
       reasons += candidate.name + ": " + context.error();
+    }
   }
   return fail(ErrorCode::device, "no OpenGL 4.5 without a window here ({})", reasons);
 }

@@ -3,10 +3,19 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/error.h"
 
 namespace splatvol {
+
+enum class ContextKind {
+  any,
+  hardware,  // on a graphics card
+};
+
+/// Returns whether the device that OpenGL names is the processor: Mesa's llvmpipe and the like.
+[[nodiscard]] bool is_software_renderer(std::string_view description);
 
 /// An OpenGL 4.5 core context that draws into its own framebuffers only.
 ///
@@ -16,7 +25,7 @@ class HeadlessContext {
  public:
   /// Creates a context and makes it current. Fails with ErrorCode::device if no platform gives one; the message holds
   /// the answer of each.
-  [[nodiscard]] static Result<std::unique_ptr<HeadlessContext>> create();
+  [[nodiscard]] static Result<std::unique_ptr<HeadlessContext>> create(ContextKind kind = ContextKind::any);
   HeadlessContext(const HeadlessContext&) = delete;
   HeadlessContext& operator=(const HeadlessContext&) = delete;
   ~HeadlessContext();

@@ -80,20 +80,15 @@ Status Buffer::reserve(std::size_t bytes) {
   GLuint object = 0;
   glCreateBuffers(1, &object);
   object_ = GlObject<delete_buffer>(object);
-  glNamedBufferStorage(object, static_cast<GLsizeiptr>(bytes), nullptr,
-                       GL_DYNAMIC_STORAGE_BIT | GL_MAP_READ_BIT | GL_MAP_WRITE_BIT);
+  glNamedBufferStorage(object, static_cast<GLsizeiptr>(bytes), nullptr, GL_DYNAMIC_STORAGE_BIT | GL_MAP_READ_BIT);
   SPLATVOL_TRY(check_gl(name_));
   bytes_ = bytes;
   return {};
 }
 
-void Buffer::write(const void* data, std::size_t bytes) {
-  if (bytes > 0) glNamedBufferSubData(object_.name(), 0, static_cast<GLsizeiptr>(bytes), data);
-}
-
-void* Buffer::map_to_write(std::size_t bytes) {
-  return glMapNamedBufferRange(object_.name(), 0, static_cast<GLsizeiptr>(bytes),
-                               GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+void Buffer::write_at(std::size_t offset, const void* data, std::size_t bytes) {
+  if (bytes > 0)
+    glNamedBufferSubData(object_.name(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes), data);
 }
 
 const void* Buffer::map_to_read(std::size_t bytes) {

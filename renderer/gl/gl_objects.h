@@ -63,15 +63,17 @@ class Buffer {
   [[nodiscard]] Status reserve(std::size_t bytes);
 
   /// Replaces the first `bytes` bytes. Requires reserve(bytes) before.
-  void write(const void* data, std::size_t bytes);
+  void write(const void* data, std::size_t bytes) { write_at(0, data, bytes); }
 
-  /// Lets the CPU write, or read, the first `bytes` > 0 bytes until unmap. `map_to_write` returns undefined bytes:
-  /// write each of them. Null if the device refuses.
-  [[nodiscard]] void* map_to_write(std::size_t bytes);
+  /// Replaces `bytes` bytes from an offset on. Requires reserve(offset + bytes) before.
+  void write_at(std::size_t offset, const void* data, std::size_t bytes);
+
+  /// Lets the CPU read the first `bytes` > 0 bytes until unmap. Null if the device refuses.
   [[nodiscard]] const void* map_to_read(std::size_t bytes);
   void unmap();
 
   void bind(GLenum target, GLuint binding) const { glBindBufferBase(target, binding, object_.name()); }
+  [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] GLuint object() const { return object_.name(); }
   [[nodiscard]] std::size_t bytes() const { return bytes_; }
 

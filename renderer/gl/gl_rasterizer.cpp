@@ -16,7 +16,12 @@ namespace splatvol {
 namespace {
 
 constexpr std::size_t peak_entries = 1024;
-constexpr std::size_t quads_per_run = std::size_t{1} << 12;  // projected and drawn at a time
+constexpr std::size_t quads_per_run = std::size_t{1} << 12;         // projected and drawn at a time
+constexpr std::size_t indices_per_part = std::size_t{1} << 22;      // of an order; whole runs
+constexpr std::size_t entries_per_dispatch = std::size_t{1} << 16;  // OpenGL grants 65535 work groups
+constexpr std::size_t records_of_entry = RecordPages::slot_records;
+constexpr std::uint64_t most_splats = std::numeric_limits<std::uint32_t>::max();
+constexpr unsigned page_shift = 6;  // of Entry::count_and_page
 
 /// FrameBlock of frame.glsl, laid out by std140.
 struct alignas(16) FrameBlock {
@@ -69,36 +74,6 @@ void for_each_run(std::size_t count, const Visit& visit) {
     visit(first, std::min(quads_per_run, count - first));
 }
 
-template <class Splat>
-void write_records(std::span<const Splat> splats, std::span<const SplatBatch> batches,
-                   std::span<const std::size_t> first_of_batch, void* records) {
-  tbb::parallel_for(std::size_t{0}, batches.size(), [&](std::size_t batch) {
-    auto* record = static_cast<Record<Splat>*>(records) + first_of_batch[batch];
-    for (const Splat& splat : splats.subspan(batches[batch].first, batches[batch].count))
-      *record++ = {splat, static_cast<std::uint32_t>(batch)};
-  });
-}
-
-MomentsSplat moments_splat(const RecordRow& row, std::uint32_t record) {
-  const Material m = unpack(row, record);
-  const double sign = m.orientation.w < 0 ? -1 : 1;
-  std::uint32_t correlations = 0, boundary = 0;
-  for (int k = 0; k < 3; ++k) {
-    correlations |= (static_cast<std::uint32_t>(std::lround(127 * m.correlations[k])) & 0xFFU) << 8 * k;
-    boundary |= (static_cast<std::uint32_t>(std::lround(128 * m.boundary[k])) & 0x3FFU) << 10 * k;
-  }
-  const double explained = glm::dot(m.correlations, m.correlations);
-  correlations |= static_cast<std::uint32_t>(std::lround(127 * std::sqrt(std::max(0.0, 1 - explained)))) << 24;
-  return {vec3(m.center),
-          static_cast<float>(m.mass),
-          vec3(m.deviations),
-          vec3(sign * m.orientation.x, sign * m.orientation.y, sign * m.orientation.z),
-          static_cast<float>(m.value),
-          static_cast<float>(m.value_deviation),
-          correlations,
-          boundary};
-}
-
 /// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
 float nearest_float(double number) {
   constexpr double largest = std::numeric_limits<float>::max();
@@ -107,21 +82,33 @@ float nearest_float(double number) {
 
 }  // namespace
 
-Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind) {
+Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind, std::uint64_t most_bytes,
+                                                           std::uint64_t page_bytes) {
   if (epoxy_gl_version() < 45 || !epoxy_is_desktop_gl())
     return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
                 epoxy_gl_version() / 10, epoxy_gl_version() % 10);
   SPLATVOL_TRY_ASSIGN(kernel, make_kernel(kind));
   SPLATVOL_TRY_ASSIGN(upsampler, Upsampler::create());
-  std::unique_ptr<GlRasterizer> rasterizer(new GlRasterizer(std::move(kernel), std::move(upsampler)));
+  std::unique_ptr<GlRasterizer> rasterizer(
+      new GlRasterizer(std::move(kernel), std::move(upsampler), most_bytes, page_bytes));
   SPLATVOL_TRY(rasterizer->prepare_quads());
   SPLATVOL_TRY(rasterizer->frame_.reserve(sizeof(FrameBlock)));
   SPLATVOL_TRY(check_gl("setting up the rasterizer"));
   return rasterizer;
 }
 
-GlRasterizer::GlRasterizer(Kernel kernel, Upsampler upsampler)
-    : kernel_(std::move(kernel)), upsampler_(std::move(upsampler)) {}
+Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(std::unique_ptr<HeadlessContext> context, KernelKind kind,
+                                                           std::uint64_t most_bytes) {
+  SPLATVOL_TRY_ASSIGN(rasterizer, create(kind, most_bytes));
+  rasterizer->context_ = std::move(context);
+  return rasterizer;
+}
+
+GlRasterizer::GlRasterizer(Kernel kernel, Upsampler upsampler, std::uint64_t most_bytes, std::uint64_t page_bytes)
+    : kernel_(std::move(kernel)),
+      upsampler_(std::move(upsampler)),
+      most_bytes_(most_bytes),
+      pages_(kernel_.kind, page_bytes) {}
 
 Status GlRasterizer::prepare_quads() {
   // The same two triangles for every quad. With indices each corner is computed once. Instances would be slower: they
@@ -198,96 +185,113 @@ Status GlRasterizer::set_transfer_function(const TransferFunction& world_functio
 
 void GlRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
 
-std::uint64_t GlRasterizer::max_splats() const {
-  const std::uint64_t by_buffer = largest_buffer() / kernel_.record_bytes;
-  return std::min<std::uint64_t>(by_buffer, std::numeric_limits<std::uint32_t>::max());
-}
-
-std::uint64_t GlRasterizer::max_splats(int width, int height, std::uint64_t gpu_bytes) const {
-  // The picture; as much again for the samples and the rows between them, if samples are farther apart than pixels.
-  const std::uint64_t picture = sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+std::uint64_t GlRasterizer::fixed_bytes() const {
   const std::uint64_t table =
       kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
-  const std::uint64_t fixed = 2 * picture + table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes();
-  // Its record, its key and its index in the order; at worst an origin of its own. And a share of a run of quads.
-  const std::uint64_t each = kernel_.record_bytes + 2 * sizeof(std::uint32_t) + sizeof(vec4) + 1;
-  return gpu_bytes > fixed ? std::min(max_splats(), (gpu_bytes - fixed) / each) : 0;
+  return table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes() + picture_bytes_;
 }
 
-Status GlRasterizer::set_splats(SplatSpan splats, std::span<const SplatBatch> batches) {
-  splat_count_ = 0;
-  ordered_view_.reset();
+// Returns the bytes of a list besides its records: entries, keys, one order and runs of quads.
+std::uint64_t GlRasterizer::list_bytes(std::uint64_t splats, std::uint64_t ranges) const {
+  const std::uint64_t entries = splats / records_of_entry + 2 * ranges;
+  return ranges * sizeof(Range) + entries * (sizeof(Entry) + sizeof(std::uint32_t)) +
+         std::min<std::uint64_t>(entries, entries_per_dispatch) * records_of_entry * sizeof(std::uint32_t) +
+         splats * sizeof(std::uint32_t) + (splats / quads_per_run + 1) * sizeof(Run);
+}
+
+std::uint64_t GlRasterizer::plan_picture(int width, int height) {
+  // The picture; as much again for the samples and the rows between them, if samples are farther apart than pixels.
+  picture_bytes_ = 2 * sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  const std::uint64_t fixed = fixed_bytes();
+  // Slots that are not full take a quarter more, for ranges of some 60 splats. set_draw_list counts what is needed.
+  const std::uint64_t each = record_bytes(kernel_.kind) * 5 / 4 + 2 * sizeof(std::uint32_t) + 4;
+  return most_bytes_ > fixed ? std::min<std::uint64_t>((most_bytes_ - fixed) / each, most_splats) : 0;
+}
+
+GlRasterizer::RangeKey GlRasterizer::key_of(const DrawRange& range) {
+  return {range.row.shapes->id(), range.row.values->id(), range.block, range.begin, range.count};
+}
+
+Status GlRasterizer::check_kernel(const DrawList& list) const {
+  const bool moments = kernel_.kind == KernelKind::moments;
+  for (const DrawRange& range : list.ranges)
+    if (std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) != moments ||
+        std::holds_alternative<std::vector<MomentsValue>>(range.row.values->records()) != moments)
+      return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
+                  moments ? "octant" : "moments");
+  return {};
+}
+
+void GlRasterizer::forget_list() {
+  range_keys_.clear();
+  range_origins_.clear();
+  ranges_.clear();
+  entries_.clear();
+  entries_of_pages_.clear();
+  page_ends_.clear();
   axis_orders_ = {};
-  batch_origins_.clear();
-  batch_weights_.clear();
-
-  const bool moments = std::holds_alternative<std::span<const MomentsSplat>>(splats);
-  if (moments != (kernel_.kind == KernelKind::moments))
-    return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
-                moments ? "moments" : "octant");
-  const std::size_t available = std::visit([](auto span) { return span.size(); }, splats);
-  std::vector<std::size_t> first_of_batch;
-  std::size_t count = 0;
-  for (const SplatBatch& batch : batches) {
-    if (batch.first > available || batch.count > available - batch.first)
-      return fail(ErrorCode::invalid_argument, "a batch reaches beyond the {} splats", available);
-    first_of_batch.push_back(count);
-    batch_origins_.push_back(batch.origin);
-    batch_weights_.push_back(batch.weight);
-    count += batch.count;
-  }
-  if (count > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::device, "{} splats: more than 32-bit indices reach", count);
-  if (count == 0) return {};
-
-  const std::size_t bytes = count * kernel_.record_bytes;
-  SPLATVOL_TRY(splats_.reserve(bytes));
-  SPLATVOL_TRY(origins_.reserve(batches.size() * sizeof(vec4)));
-  void* records = splats_.map_to_write(bytes);
-  if (!records) return fail(ErrorCode::device, "splats: {} bytes of the GPU's memory cannot be mapped", bytes);
-  std::visit([&](auto span) { write_records(span, batches, first_of_batch, records); }, splats);
-  splats_.unmap();
-  SPLATVOL_TRY(check_gl("uploading splats"));
-  splat_count_ = count;
-  return {};
-}
-
-Status GlRasterizer::set_weights(std::span<const DrawRange> ranges) {
-  if (std::ranges::equal(ranges, batch_weights_, {}, &DrawRange::weight)) return {};
-  std::ranges::transform(ranges, batch_weights_.begin(), &DrawRange::weight);
-  ordered_view_.reset();  // the order leaves out splats that are too faint to be drawn
-  return {};
+  ordered_view_.reset();
 }
 
 Status GlRasterizer::set_draw_list(const DrawList& list) {
-  const bool same = std::ranges::equal(list.ranges, list_.ranges, [](const DrawRange& a, const DrawRange& b) {
-    return a.row == b.row && a.begin == b.begin && a.count == b.count;
-  });
-  if (same) {
-    list_ = list;
-    return set_weights(list.ranges);
+  if (std::ranges::equal(list.ranges, range_keys_, {}, key_of)) {
+    set_weights(list);
+    return {};
   }
-  list_ = {};
-  std::vector<OctantSplat> octants;
-  std::vector<MomentsSplat> moments;
-  std::vector<SplatBatch> batches;
-  const bool are_moments = kernel_.kind == KernelKind::moments;
+  forget_list();
+  SPLATVOL_TRY(check_kernel(list));
+  const std::uint64_t taken = fixed_bytes() + list_bytes(list.splats, list.ranges.size());
+  SPLATVOL_TRY(pages_.hold(list.ranges, most_bytes_ > taken ? most_bytes_ - taken : 0));
+  add_ranges(list);
+  if (entries_.size() * records_of_entry > most_splats) {
+    forget_list();
+    return fail(ErrorCode::device, "{} splats: more than 32-bit numbers reach", list.splats);
+  }
+  Status uploaded = upload_entries();
+  if (!uploaded) forget_list();
+  return uploaded;
+}
+
+void GlRasterizer::set_weights(const DrawList& list) {
+  for (std::size_t i = 0; i < ranges_.size(); ++i)
+    if (const float weight = list.ranges[i].weight; ranges_[i].origin.w != weight) {
+      ranges_[i].origin.w = weight;
+      ordered_view_.reset();  // the order leaves out splats that are too faint to be drawn
+    }
+}
+
+void GlRasterizer::add_ranges(const DrawList& list) {
+  std::vector<std::size_t> counts(pages_.page_count());
   for (const DrawRange& range : list.ranges) {
-    if (std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) != are_moments)
-      return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
-                  are_moments ? "octant" : "moments");
-    batches.push_back(
-        {range.row.shapes->blocks()[range.block].origin, moments.size() + octants.size(), range.count, range.weight});
-    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i)
-      if (are_moments)
-        moments.push_back(moments_splat(range.row, i));
-      else
-        octants.push_back(unpack_octant(range.row, i));
+    const ShapeRow& shapes = *range.row.shapes;
+    const RecordBlock& block = shapes.blocks()[range.block];
+    const auto number = static_cast<std::uint32_t>(ranges_.size());
+    range_keys_.push_back(key_of(range));
+    range_origins_.push_back(block.origin);
+    ranges_.push_back({vec4(0, 0, 0, range.weight), nearest_float(block.step), nearest_float(shapes.mass_scale()),
+                       nearest_float(shapes.deviation_scale()), nearest_float(range.row.values->deviation_scale())});
+    if (range.count > 0)
+      pages_.for_each_part(range, [&](std::uint32_t page, std::uint32_t first, std::uint32_t count) {
+        entries_.push_back({first, count | page << page_shift, number});
+        ++counts[page];
+      });
   }
-  SPLATVOL_TRY(are_moments ? set_splats(std::span<const MomentsSplat>(moments), batches)
-                           : set_splats(std::span<const OctantSplat>(octants), batches));
-  list_ = list;
-  return {};
+  std::size_t end = 0;
+  for (const std::size_t count : counts) page_ends_.push_back(end += count);
+  std::vector<std::size_t> next(counts.size());
+  for (std::size_t page = 1; page < next.size(); ++page) next[page] = page_ends_[page - 1];
+  entries_of_pages_.resize(entries_.size());
+  for (std::size_t i = 0; i < entries_.size(); ++i)
+    entries_of_pages_[next[entries_[i].count_and_page >> page_shift]++] = static_cast<std::uint32_t>(i);
+}
+
+Status GlRasterizer::upload_entries() {
+  SPLATVOL_TRY(entry_buffer_.reserve(entries_.size() * sizeof(Entry)));
+  SPLATVOL_TRY(page_buffer_.reserve(entries_.size() * sizeof(std::uint32_t)));
+  SPLATVOL_TRY(range_buffer_.reserve(ranges_.size() * sizeof(Range)));
+  entry_buffer_.write(entries_.data(), entries_.size() * sizeof(Entry));
+  page_buffer_.write(entries_of_pages_.data(), entries_of_pages_.size() * sizeof(std::uint32_t));
+  return check_gl("uploading the draw list");
 }
 
 std::string GlRasterizer::description() const { return device_text(); }
@@ -313,7 +317,7 @@ Result<FrameTimes> GlRasterizer::draw(const View& view, SortMode sort, int sampl
 Result<FrameTimes> GlRasterizer::draw_samples(const View& view, SortMode sort, const Target& target) {
   target.clear();
   FrameTimes times;
-  if (splat_count_ == 0) return times;
+  if (entries_.empty()) return times;
 
   Stopwatch stopwatch;
   SPLATVOL_TRY(upload_frame(view));
@@ -347,81 +351,101 @@ Status GlRasterizer::upload_frame(const View& view) {
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.
-  std::vector<vec4> origins;
-  origins.reserve(batch_origins_.size());
-  for (std::size_t i = 0; i < batch_origins_.size(); ++i)
-    origins.emplace_back(vec3(view.to_view(batch_origins_[i]) / units_.length), batch_weights_[i]);
-  origins_.write(origins.data(), origins.size() * sizeof(vec4));
+  for (std::size_t i = 0; i < ranges_.size(); ++i)
+    ranges_[i].origin = vec4(vec3(view.to_view(range_origins_[i]) / units_.length), ranges_[i].origin.w);
+  range_buffer_.write(ranges_.data(), ranges_.size() * sizeof(Range));
 
   frame_.bind(GL_UNIFORM_BUFFER, 0);
-  bind(splats_, Binding::splats);
-  bind(origins_, Binding::origins);
+  bind(range_buffer_, Binding::ranges);
+  bind(entry_buffer_, Binding::entries);
   glBindTextureUnit(0, transfer_table_.name());
   glBindTextureUnit(1, peak_table_.name());
   return check_gl("uploading the view");
 }
 
-Result<GlRasterizer::Order> GlRasterizer::prepare_order(const View& view, SortMode sort, FrameTimes& times) {
+Result<GlRasterizer::Sequence> GlRasterizer::prepare_order(const View& view, SortMode sort, FrameTimes& times) {
   switch (sort) {
     case SortMode::none:
-      return Order{nullptr, splat_count_};
+      return Sequence{nullptr, entries_.size() * records_of_entry};
     case SortMode::axis: {
       const dvec3 forward = view.forward;
       const dvec3 size = glm::abs(forward);
       const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-      SPLATVOL_TRY_ASSIGN(order, order_along(axis, view, times));
-      order.from_end = forward[axis] < 0;
-      return order;
+      SPLATVOL_TRY_ASSIGN(sequence, order_along(axis, view, times));
+      sequence.from_end = forward[axis] < 0;
+      return sequence;
     }
     case SortMode::exact:
       if (ordered_view_ != view) {
         ordered_view_.reset();
-        SPLATVOL_TRY_ASSIGN(count, sort_keys(false, order_, times));
-        ordered_count_ = count;
+        SPLATVOL_TRY(make_order(false, order_, times));
         ordered_view_ = view;
       }
-      return Order{&order_, ordered_count_};
+      return Sequence{&order_, order_.count};
   }
   return fail(ErrorCode::invalid_argument, "no such sorting");
 }
 
-Result<GlRasterizer::Order> GlRasterizer::order_along(int axis, const View& view, FrameTimes& times) {
-  std::optional<Buffer>& order = axis_orders_[axis];
+Result<GlRasterizer::Sequence> GlRasterizer::order_along(int axis, const View& view, FrameTimes& times) {
+  std::optional<Order>& order = axis_orders_[axis];
   if (!order) {
-    // The view of an eye in the middle of the batches.
+    // The view of an eye in the middle of the blocks.
     View along_axis{};
     along_axis.orthographic = true;
-    for (const dvec3& origin : batch_origins_) along_axis.eye += origin / static_cast<double>(batch_origins_.size());
+    for (const dvec3& origin : range_origins_) along_axis.eye += origin / static_cast<double>(range_origins_.size());
     along_axis.forward[axis] = 1;
     SPLATVOL_TRY(upload_frame(along_axis));
-    Buffer sorted("order along an axis");
-    SPLATVOL_TRY(sort_keys(true, sorted, times));
+    Order sorted;
+    SPLATVOL_TRY(make_order(true, sorted, times));
     order = std::move(sorted);
     SPLATVOL_TRY(upload_frame(view));
   }
-  return Order{&*order, splat_count_};
+  return Sequence{&*order, order->count};
 }
 
-Result<std::size_t> GlRasterizer::sort_keys(bool by_depth, Buffer& order, FrameTimes& times) {
+Status GlRasterizer::make_order(bool by_depth, Order& order, FrameTimes& times) {
   Stopwatch stopwatch;
-  const std::size_t bytes = splat_count_ * sizeof(std::uint32_t);
-  SPLATVOL_TRY(keys_.reserve(bytes));
-  SPLATVOL_TRY(order.reserve(bytes));
-
-  bind(keys_, Binding::keys);
-  glProgramUniform1i(kernel_.key.name(), location::by_depth, by_depth ? 1 : 0);
-  for_each_run(splat_count_, [&](std::size_t first, std::size_t count) { dispatch(kernel_.key, first, count); });
-  glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-  const auto* keys = static_cast<const std::uint32_t*>(keys_.map_to_read(bytes));
-  if (!keys) return fail(ErrorCode::device, "sort keys: {} bytes of the GPU's memory cannot be mapped", bytes);
-  const std::span<const std::uint32_t> sorted = sorter_.sort({keys, splat_count_});
-  keys_.unmap();
+  SPLATVOL_TRY(compute_keys(by_depth));
+  const std::span<const std::uint32_t> sorted = sorter_.sort(keys_);
   times.sort += stopwatch.lap();
 
-  order.write(sorted.data(), sorted.size_bytes());
+  order.count = sorted.size();
+  while (order.parts.size() * indices_per_part < sorted.size()) order.parts.emplace_back("drawing order");
+  for (std::size_t first = 0, part = 0; first < sorted.size(); first += indices_per_part, ++part) {
+    const auto indices = sorted.subspan(first, std::min(indices_per_part, sorted.size() - first));
+    SPLATVOL_TRY(order.parts[part].reserve(indices.size_bytes()));
+    order.parts[part].write(indices.data(), indices.size_bytes());
+  }
   SPLATVOL_TRY(check_gl("sorting"));
   times.upload += stopwatch.lap();
-  return sorted.size();
+  return {};
+}
+
+// Computes the keys of all splats by their numbers, page by page, as many at a time as a dispatch takes.
+Status GlRasterizer::compute_keys(bool by_depth) {
+  keys_.resize(entries_.size() * records_of_entry);
+  const std::size_t most = std::min(entries_.size(), entries_per_dispatch);
+  SPLATVOL_TRY(key_buffer_.reserve(most * records_of_entry * sizeof(std::uint32_t)));
+  bind(key_buffer_, Binding::keys);
+  bind(page_buffer_, Binding::entries_of_page);
+  glProgramUniform1i(kernel_.key.name(), location::by_depth, by_depth ? 1 : 0);
+  for (std::size_t page = 0, first = 0; page < page_ends_.size(); ++page) {
+    bind_page(page);
+    while (first < page_ends_[page]) {
+      const std::size_t count = std::min(page_ends_[page] - first, entries_per_dispatch);
+      dispatch(kernel_.key, first, count * records_of_entry);
+      glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+      const std::size_t bytes = count * records_of_entry * sizeof(std::uint32_t);
+      const auto* keys = static_cast<const std::uint32_t*>(key_buffer_.map_to_read(bytes));
+      if (!keys) return fail(ErrorCode::device, "sort keys: {} bytes of the GPU's memory cannot be mapped", bytes);
+      for (std::size_t i = 0; i < count; ++i)
+        std::copy_n(keys + i * records_of_entry, records_of_entry,
+                    keys_.begin() + static_cast<std::ptrdiff_t>(entries_of_pages_[first + i] * records_of_entry));
+      key_buffer_.unmap();
+      first += count;
+    }
+  }
+  return {};
 }
 
 Status GlRasterizer::prepare_runs(std::size_t count) {
@@ -433,32 +457,52 @@ Status GlRasterizer::prepare_runs(std::size_t count) {
   return {};
 }
 
-void GlRasterizer::draw_quads(const Order& order) const {
+void GlRasterizer::bind_page(std::size_t page) const {
+  bind(pages_.shapes(page), Binding::shapes);
+  bind(pages_.values(page), Binding::values);
+}
+
+// Draws elements [first, first + count) of a sequence's order, through the same small buffer of quads as all runs: it
+// stays in caches, and does not grow with the splats.
+void GlRasterizer::draw_run(const Sequence& sequence, std::size_t first, std::size_t count) const {
+  const std::size_t run = first / quads_per_run;
+  if (sequence.order) {
+    bind(sequence.order->parts[first / indices_per_part], Binding::order);
+    first %= indices_per_part;
+  }
+  const GLuint project = kernel_.project.name();
+  glProgramUniform1ui(project, location::run, static_cast<GLuint>(run));
+  for (std::size_t page = 0; page < page_ends_.size(); ++page) {
+    if (page_ends_[page] == (page == 0 ? 0 : page_ends_[page - 1])) continue;
+    if (page_ends_.size() > 1) bind_page(page);
+    glProgramUniform1ui(project, location::page, static_cast<GLuint>(page));
+    dispatch(kernel_.project, first, count);
+  }
+  glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_COMMAND_BARRIER_BIT);
+  for (std::size_t form = 0; form < kernel_.forms.size(); ++form) {
+    glUseProgram(kernel_.forms[form].name());
+    const std::size_t command = run * sizeof(Run) + form * sizeof(DrawCommand);
+    glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(command));
+  }
+  glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+}
+
+void GlRasterizer::draw_quads(const Sequence& sequence) const {
   glEnable(GL_BLEND);
   glBlendEquation(GL_FUNC_ADD);
   glBlendFunc(GL_ONE, GL_ONE_MINUS_SRC_ALPHA);  // premultiplied over
   glBindVertexArray(vertex_array_.name());
-  if (order.indices) bind(*order.indices, Binding::order);
   bind(quads_, Binding::quads);
   bind(runs_, Binding::runs);
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, runs_.object());
-  const GLuint project = kernel_.project.name();
-  glProgramUniform1i(project, location::ordering, !order.indices ? 0 : order.from_end ? -1 : 1);
-  glProgramUniform1ui(project, location::last, static_cast<GLuint>(order.count - 1));
+  bind_page(0);
+  glProgramUniform1i(kernel_.project.name(), location::ordering, !sequence.order ? 0 : sequence.from_end ? -1 : 1);
 
-  // Run by run through the same small buffer of quads: it stays in caches, and does not grow with the splats.
-  for_each_run(order.count, [&](std::size_t first, std::size_t count) {
-    const std::size_t run = first / quads_per_run;
-    glProgramUniform1ui(project, location::run, static_cast<GLuint>(run));
-    dispatch(kernel_.project, first, count);
-    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_COMMAND_BARRIER_BIT);
-    for (std::size_t form = 0; form < kernel_.forms.size(); ++form) {
-      glUseProgram(kernel_.forms[form].name());
-      const std::size_t command = run * sizeof(Run) + form * sizeof(DrawCommand);
-      glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(command));
-    }
-    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
-  });
+  const std::size_t runs = (sequence.count + quads_per_run - 1) / quads_per_run;
+  for (std::size_t i = 0; i < runs; ++i) {
+    const std::size_t first = (sequence.from_end ? runs - 1 - i : i) * quads_per_run;
+    draw_run(sequence, first, std::min(quads_per_run, sequence.count - first));
+  }
 }
 
 Result<Image> GlRasterizer::read_image() const {
@@ -480,12 +524,17 @@ Result<Image> GlRasterizer::read_image() const {
 }
 
 std::uint64_t GlRasterizer::device_bytes() const {
-  std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes();
+  std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes() + pages_.bytes();
   if (transfer_table_.name() != 0)
     bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
-  for (const std::optional<Buffer>& order : axis_orders_)
-    if (order) bytes += order->bytes();
-  for (const Buffer* buffer : {&splats_, &frame_, &origins_, &keys_, &order_, &runs_, &quads_, &quad_indices_})
+  const auto add = [&](const Order& order) {
+    for (const Buffer& part : order.parts) bytes += part.bytes();
+  };
+  for (const std::optional<Order>& order : axis_orders_)
+    if (order) add(*order);
+  add(order_);
+  for (const Buffer* buffer :
+       {&entry_buffer_, &page_buffer_, &range_buffer_, &frame_, &key_buffer_, &runs_, &quads_, &quad_indices_})
     bytes += buffer->bytes();
   return bytes;
 }

@@ -9,8 +9,10 @@
 #include <vector>
 
 #include "base/error.h"
+#include "renderer/gl/context.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/kernel.h"
+#include "renderer/gl/record_pages.h"
 #include "renderer/gl/target.h"
 #include "renderer/gl/upsampler.h"
 #include "renderer/rasterizer.h"
@@ -28,7 +30,18 @@ namespace splatvol {
 class GlRasterizer : public Rasterizer {
  public:
   /// Needs a current OpenGL 4.5 context. Fails with ErrorCode::device if there is an older one, or none.
-  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(KernelKind kind);
+  /// `most_bytes`: of the device, for pictures, splats and their order. `page_bytes`: of one buffer, at most.
+  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(KernelKind kind,
+                                                                    std::uint64_t most_bytes = default_bytes,
+                                                                    std::uint64_t page_bytes = default_page_bytes);
+
+  /// The same in a context that is current, and that the rasterizer keeps.
+  [[nodiscard]] static Result<std::unique_ptr<GlRasterizer>> create(std::unique_ptr<HeadlessContext> context,
+                                                                    KernelKind kind,
+                                                                    std::uint64_t most_bytes = default_bytes);
+
+  static constexpr std::uint64_t default_bytes = std::uint64_t{1} << 30;
+  static constexpr std::uint64_t default_page_bytes = std::uint64_t{1} << 29;
 
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
@@ -36,56 +49,88 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
+  [[nodiscard]] std::uint64_t plan_picture(int width, int height) override;
   [[nodiscard]] std::string description() const override;
-
-  /// Returns how many splats the device's shaders can see.
-  [[nodiscard]] std::uint64_t max_splats() const;
-
-  /// Returns how many splats also fit into `gpu_bytes` of the device's memory, with a picture of this size and one
-  /// drawing order. 0 if the picture alone takes more.
-  [[nodiscard]] std::uint64_t max_splats(int width, int height, std::uint64_t gpu_bytes) const;
 
   /// Returns OpenGL's name of the picture's texture, lower left pixel first. 0 before the first draw.
   [[nodiscard]] unsigned texture() const { return picture_.texture(); }
 
-  /// Returns how many splats are resident, drawn or not.
-  [[nodiscard]] std::size_t splat_count() const { return splat_count_; }
+  /// Returns the bytes of records that went up to the device so far.
+  [[nodiscard]] std::uint64_t uploaded_bytes() const { return pages_.uploaded_bytes(); }
 
  private:
-  GlRasterizer(Kernel kernel, Upsampler upsampler);
-  [[nodiscard]] Status set_splats(SplatSpan splats, std::span<const SplatBatch> batches);
-  [[nodiscard]] Status set_weights(std::span<const DrawRange> ranges);
+  GlRasterizer(Kernel kernel, Upsampler upsampler, std::uint64_t most_bytes, std::uint64_t page_bytes);
   [[nodiscard]] Status prepare_quads();
-  [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
-  [[nodiscard]] Status upload_frame(const View& view);
-  /// Indices of splats in their buffer, in drawing order from the beginning or from the end.
+
+  // Entry and Range of records.glsl.
+  struct Entry {
+    std::uint32_t first, count_and_page, range;
+  };
+  struct Range {
+    vec4 origin;
+    float step, mass_scale, deviation_scale, value_scale;
+  };
+  // A range of the list without its weight. Rows of other ids are other rows.
+  struct RangeKey {
+    std::uint64_t shapes, values;
+    std::uint32_t block, begin, count;
+    [[nodiscard]] bool operator==(const RangeKey&) const = default;
+  };
+  [[nodiscard]] static RangeKey key_of(const DrawRange& range);
+  [[nodiscard]] Status check_kernel(const DrawList& list) const;
+  void forget_list();
+  void set_weights(const DrawList& list);
+  void add_ranges(const DrawList& list);
+  [[nodiscard]] Status upload_entries();
+  [[nodiscard]] std::uint64_t fixed_bytes() const;
+  [[nodiscard]] std::uint64_t list_bytes(std::uint64_t splats, std::uint64_t ranges) const;
+
+  // Numbers of splats in drawing order, in buffers that shaders can see.
   struct Order {
-    Buffer* indices;  // null: as the splats lie
+    std::vector<Buffer> parts;
+    std::size_t count = 0;
+  };
+  // An order from its beginning or from its end.
+  struct Sequence {
+    const Order* order;  // null: as the splats lie
     std::size_t count;
     bool from_end = false;
   };
-  [[nodiscard]] Result<Order> prepare_order(const View& view, SortMode sort, FrameTimes& times);
   // The transfer function's axis for stored values, as frame.glsl has it.
   struct Axis {
     float kind = 0, low = 0, inverse_domain = 0, zero = 0, unit = 1;
   };
   [[nodiscard]] static Axis axis_of(const TransferFunction& function, const DrawingUnits& units);
-  [[nodiscard]] Result<Order> order_along(int axis, const View& view, FrameTimes& times);
-  [[nodiscard]] Result<std::size_t> sort_keys(bool by_depth, Buffer& order, FrameTimes& times);
+  [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
+  [[nodiscard]] Status upload_frame(const View& view);
+  [[nodiscard]] Result<Sequence> prepare_order(const View& view, SortMode sort, FrameTimes& times);
+  [[nodiscard]] Result<Sequence> order_along(int axis, const View& view, FrameTimes& times);
+  [[nodiscard]] Status make_order(bool by_depth, Order& order, FrameTimes& times);
+  [[nodiscard]] Status compute_keys(bool by_depth);
   [[nodiscard]] Status prepare_runs(std::size_t count);
-  void draw_quads(const Order& order) const;
+  void bind_page(std::size_t page) const;
+  void draw_run(const Sequence& sequence, std::size_t first, std::size_t count) const;
+  void draw_quads(const Sequence& sequence) const;
 
+  std::unique_ptr<HeadlessContext> context_;  // null: another's; the last to go
   Kernel kernel_;
   Upsampler upsampler_;
   KeySorter sorter_;
+  std::uint64_t most_bytes_;
+  std::uint64_t picture_bytes_ = 0;  // of the planned picture
 
-  // Resident until replaced.
-  DrawList list_;
-  std::size_t splat_count_ = 0;
-  std::vector<dvec3> batch_origins_;
-  std::vector<float> batch_weights_;
-  Buffer splats_{"splats"};
-  std::array<std::optional<Buffer>, 3> axis_orders_;  // made when first asked for
+  // Of the draw list.
+  RecordPages pages_;
+  std::vector<RangeKey> range_keys_;
+  std::vector<dvec3> range_origins_;  // world units
+  std::vector<Range> ranges_;
+  std::vector<Entry> entries_;
+  std::vector<std::uint32_t> entries_of_pages_;  // page by page
+  std::vector<std::size_t> page_ends_;           // in entries_of_pages_
+  Buffer entry_buffer_{"entries of the draw list"};
+  Buffer page_buffer_{"entries of pages"};
+  std::array<std::optional<Order>, 3> axis_orders_;  // made when first asked for
+
   Texture transfer_table_;
   Texture peak_table_;
   DrawingUnits units_;
@@ -94,10 +139,10 @@ class GlRasterizer : public Rasterizer {
 
   // Of the present frame.
   Buffer frame_{"frame"};
-  Buffer origins_{"origins of batches"};
-  Buffer keys_{"sort keys"};
-  Buffer order_{"drawing order"};
-  std::size_t ordered_count_ = 0;     // splats that the order holds
+  Buffer range_buffer_{"ranges of the draw list"};
+  Buffer key_buffer_{"sort keys"};
+  std::vector<std::uint32_t> keys_;
+  Order order_;
   std::optional<View> ordered_view_;  // of the order; none if splats or colours have changed since
   Buffer runs_{"runs of quads"};
   Buffer quads_{"quads"};

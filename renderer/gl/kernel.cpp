@@ -12,7 +12,7 @@ using namespace shaders;
 
 Result<Program> build_compute(std::string_view name, std::string_view common, std::string_view quad,
                               std::string_view project, std::string_view main) {
-  return build_program(name, {{GL_COMPUTE_SHADER, {frame_glsl, common, quad, project, main}}});
+  return build_program(name, {{GL_COMPUTE_SHADER, {frame_glsl, records_glsl, common, quad, project, main}}});
 }
 
 Result<Kernel> make_octant_kernel() {
@@ -31,7 +31,6 @@ Result<Kernel> make_octant_kernel() {
                 .key = std::move(key),
                 .project = std::move(project),
                 .forms = std::move(forms),
-                .record_bytes = sizeof(Record<OctantSplat>),
                 .quad_bytes = 48,
                 .table_columns = 4097,
                 .table_rows = 1};
@@ -62,7 +61,6 @@ Result<Kernel> make_moments_kernel() {
                 .key = std::move(key),
                 .project = std::move(project),
                 .forms = std::move(forms),
-                .record_bytes = sizeof(Record<MomentsSplat>),
                 .quad_bytes = 352,
                 .table_columns = 513,
                 .table_rows = 64};

@@ -18,7 +18,6 @@ struct Kernel {
   Program key;
   Program project;
   std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
-  std::size_t record_bytes;    // of a splat, in its buffer
   std::size_t quad_bytes;      // of Quad, as std430 lays it out
   std::size_t table_columns;   // of the transfer function
   std::size_t table_rows;
@@ -27,7 +26,17 @@ struct Kernel {
 inline constexpr std::size_t most_forms = 3;
 
 /// The binding points of the buffers, as in the shaders.
-enum class Binding : GLuint { splats = 0, origins = 1, order = 2, keys = 3, quads = 4, runs = 5 };
+enum class Binding : GLuint {
+  shapes = 0,
+  values = 1,
+  order = 2,            // of `project`
+  entries_of_page = 2,  // of `key`
+  keys = 3,
+  quads = 4,
+  runs = 5,
+  entries = 6,
+  ranges = 7
+};
 
 /// Locations of the uniforms of `key` and `project`.
 namespace location {
@@ -35,20 +44,12 @@ inline constexpr GLint first = 0;
 inline constexpr GLint count = 1;
 inline constexpr GLint ordering = 2;  // of `project`
 inline constexpr GLint by_depth = 2;  // of `key`
-inline constexpr GLint last = 3;
+inline constexpr GLint page = 3;
 inline constexpr GLint run = 4;
 }  // namespace location
 
 /// Invocations in a work group of `key` and `project`.
 inline constexpr std::size_t group_size = 64;
-
-/// A splat as the shaders read it.
-template <class Splat>
-struct Record {
-  Splat splat;
-  std::uint32_t batch_index;
-};
-static_assert(sizeof(Record<OctantSplat>) == 28 && sizeof(Record<MomentsSplat>) == 60);
 
 /// Compiles the programs. Needs a current context.
 [[nodiscard]] Result<Kernel> make_kernel(KernelKind kind);

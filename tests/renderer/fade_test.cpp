@@ -9,8 +9,7 @@
 
 #include "builder/build.h"
 #include "builder/open_source.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/device/device.h"
 #include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
@@ -31,7 +30,7 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
   constexpr int frames = 40;
   const TransferFunction function{-1, 1, {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0.5, 1)}}, {{0, 0.2}, {1, 2}}};
   const auto streamer = Streamer::open(open_file(file).value(), {plenty, "value", KernelKind::moments}).value();
-  const auto renderer = GlRasterizer::create(KernelKind::moments).value();
+  const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
   EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
   Path path;
   Image last;
@@ -66,8 +65,6 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
 
 // The bound is the one of docs/paging.md.
 TEST(Fade, StepsAreThoseOfAFixedResolution) {
-  const auto context = HeadlessContext::create();
-  ASSERT_TRUE(context) << context.error().message;
   const std::string file =
       (std::filesystem::temp_directory_path() / fmt::format("splatvol_fade_{}.svol", ::getpid())).string();
   const auto source = open_source({"gen:mesh:cells=4e4,pieces=1"}, {});

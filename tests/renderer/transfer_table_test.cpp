@@ -95,6 +95,19 @@ TEST(TransferTable, InvisibleFunctionsKeepTheirColours) {
   EXPECT_LT(glm::distance(vec3(table.entries[0]), vec3(1, 0, 0.5)), 1e-6);
 }
 
+TEST(TransferTable, RemembersTheLastFunctions) {
+  TransferFunction function = lively();
+  const TransferTable first = make_transfer_table(function, 65, 16);
+  for (int i = 1; i <= 6; ++i) {  // more than are remembered
+    function.densities[0].extinction = 2 + i;
+    const TransferTable other = make_transfer_table(function, 65, 16);
+    EXPECT_NEAR(other.entries[0].a, 2 + i, 1e-6) << "no other function's table";
+    EXPECT_EQ(make_transfer_table(function, 65, 16).entries, other.entries);
+    EXPECT_EQ(make_transfer_table(function, 33, 16).entries.size(), 33U * 16U);
+  }
+  EXPECT_EQ(make_transfer_table(lively(), 65, 16).entries, first.entries);
+}
+
 TEST(PeakLevels, BoundTheFunction) {
   const TransferFunction function = lively();
   const auto levels = make_peak_levels(function, 256);

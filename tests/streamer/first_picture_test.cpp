@@ -13,8 +13,7 @@
 
 #include "base/file.h"
 #include "builder/build.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/device/device.h"
 #include "scene/contrast.h"
 #include "streamer/default_scene.h"
 #include "streamer/draw_list.h"
@@ -84,7 +83,6 @@ double seven(const dvec3&) { return 7; }
 
 class RendererTestFirstPicture : public testing::Test {
  protected:
-  void SetUp() override { ASSERT_TRUE(context_) << context_.error().message; }
   void TearDown() override { std::filesystem::remove(file_); }
 
   // Builds a volume and makes its first scene.
@@ -108,7 +106,7 @@ class RendererTestFirstPicture : public testing::Test {
     StreamerOptions options;
     options.attribute = scene.attribute;
     const auto streamer = Streamer::open(open_file(file_).value(), options).value();
-    const auto renderer = GlRasterizer::create(KernelKind::moments).value();
+    const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {}).value();
@@ -119,7 +117,6 @@ class RendererTestFirstPicture : public testing::Test {
 
   const std::string file_ =
       (std::filesystem::temp_directory_path() / fmt::format("splatvol_first_{}.svol", ::getpid())).string();
-  const Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
 };
 
 // Opacities of the pixels that show material, ascending.

@@ -9,8 +9,7 @@
 
 #include "builder/build.h"
 #include "builder/open_source.h"
-#include "renderer/gl/context.h"
-#include "renderer/gl/gl_rasterizer.h"
+#include "renderer/device/device.h"
 #include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
@@ -81,7 +80,7 @@ class RendererTestOcclusion : public testing::Test {
     options.attribute = attribute;
     options.hide = hide;
     const auto streamer = Streamer::open(open_file(attribute == "value" ? mesh_ : file_).value(), options).value();
-    const auto renderer = GlRasterizer::create(KernelKind::moments).value();
+    const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
     EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
     EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
@@ -113,9 +112,6 @@ class RendererTestOcclusion : public testing::Test {
   void with_a_clip_box() const;
   void in_parallel_projection() const;
 
-  void SetUp() override { ASSERT_TRUE(context_) << context_.error().message; }
-
-  Result<std::unique_ptr<HeadlessContext>> context_ = HeadlessContext::create();
   static inline std::string points_, file_;
   static inline std::string mesh_;  // the box [-2, 2] x [-2, 2] x [-1, 1], attribute "value"
 };

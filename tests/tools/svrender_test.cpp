@@ -271,7 +271,7 @@ TEST_F(Svrender, SaysWhyAPictureIsEmpty) {
 
 TEST_F(Svrender, NamesTheMemoryThatLimitsTheSplats) {
   const auto draw = [&](int kibibytes) {
-    return run(fmt::format("v.svol --scene s.json -o out.png --tolerance 0 --gpu-memory {}K", kibibytes));
+    return run(fmt::format("v.svol --scene s.json -o out.png --tolerance 0 --device gl --gpu-memory {}K", kibibytes));
   };
   int too_little = 1, enough = 65536;  // the smallest memory that holds a picture
   while (enough - too_little > 8) {
@@ -279,6 +279,39 @@ TEST_F(Svrender, NamesTheMemoryThatLimitsTheSplats) {
     (draw(middle).code == 0 ? enough : too_little) = middle;
   }
   EXPECT_THAT(draw(enough).text, HasSubstr(fmt::format("splats that --gpu-memory {}K holds", enough)));
+}
+
+// EGL finds no driver: as on a machine without Mesa.
+TEST_F(Svrender, DrawsWithoutOpenGl) {
+  ASSERT_EQ(run("v.svol --scene s.json -o expected.exr --tolerance 0 --device cpu").code, 0);
+  const Image expected = read_exr(path("expected.exr")).value();
+  ::setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", 1);
+  for (const char* device : {"cpu", "auto"}) {
+    const Outcome outcome =
+        run(fmt::format("v.svol --scene s.json -o out.exr --tolerance 0 --device {} --stats stats.json", device));
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    EXPECT_EQ(compare_images(read_exr(path("out.exr")).value(), expected)->max, 0);
+    const auto stats = nlohmann::json::parse(std::ifstream(path("stats.json")));
+    EXPECT_THAT(stats.at("renderer").get<std::string>(), HasSubstr("processor"));
+    std::filesystem::remove(path("out.exr"));
+  }
+  expect_refusal("v.svol --scene s.json -o out.exr --device gl", "no OpenGL 4.5");
+  ::unsetenv("__EGL_VENDOR_LIBRARY_FILENAMES");
+  EXPECT_EQ(run("v.svol --scene s.json -o out.exr --device tpu").code, 2);
+}
+
+TEST_F(Svrender, DevicesDrawTheSamePicture) {
+  scene_["lighting"] = true;
+  write_scene();
+  for (const char* options : {"--tolerance 0", "--tolerance 9", "--kernel octant", "--sort axis --tolerance 2"}) {
+    ASSERT_EQ(run(fmt::format("v.svol --scene s.json -o cpu.exr --device cpu {}", options)).code, 0) << options;
+    const Outcome outcome = run(fmt::format("v.svol --scene s.json -o gl.exr --device gl {}", options));
+    ASSERT_EQ(outcome.code, 0) << outcome.text;
+    const ImageDifference difference =
+        compare_images(read_exr(path("cpu.exr")).value(), read_exr(path("gl.exr")).value()).value();
+    EXPECT_LT(difference.rmse, 1e-4) << options;
+    EXPECT_GT(difference.mean_a, 0.01) << options;
+  }
 }
 
 TEST_F(Svrender, AFileWithoutTheColumnsSaysWhatToDo) {

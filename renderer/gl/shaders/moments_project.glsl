@@ -4,20 +4,18 @@
 // |o' x d'|^2 / |d'|^2 and has the integral 3 pi / 8 (1 - b^2)^2 / |d'|.
 
 struct Splat {
-  float x, y, z;  // relative to the batch's origin, world units
-  float mass;
-  float deviations[3];
-  float orientation[3];
-  float value;
-  float value_deviation;
-  uint correlations;
-  int boundary;
-  uint batch_index;
+  vec3 position;     // view coordinates
+  float mass;        // times its weight
+  vec3 deviations;   // along the principal axes
+  vec4 orientation;  // unit quaternion
+  float value, value_deviation;
+  vec3 correlations;  // of the value with the position along each principal axis
+  vec3 boundary;      // foot of the perpendicular from the centroid, in deviations along the principal axes
 };
 
-layout(std430, binding = 0) restrict readonly buffer SplatBlock { Splat splats[]; };
-layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates;
-                                                                                       // w: their weight
+const uint shape_size = 7u;  // words
+const uint value_size = 3u;
+
 layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extinction of 2^k entries of level 0
 
 const float pi = 3.14159265;
@@ -73,25 +71,52 @@ bool is_finite(vec3 x) { return is_finite(x.x) && is_finite(x.y) && is_finite(x.
 
 bool is_orthographic() { return frame.orthographic != 0.0; }
 
-vec3 position_in_view(uint index) {
-  return origins[splats[index].batch_index].xyz +
-         rotate_to_view(vec3(splats[index].x, splats[index].y, splats[index].z));
+vec3 position_in_view(uint number) { return position_of(shape_size * record_of(number), range_of(number)); }
+
+// Unpacks a quaternion (PackedOrientation): three of its components, and the index of the largest.
+vec4 unpack_orientation(uint low, uint high) {
+  vec3 codes = vec3((low >> 2) & 0xfffffu, (low >> 22) | ((high & 0x3ffu) << 10), (high >> 10) & 0xfffffu);
+  vec3 three = (codes / 524287.0 - 1.0) * 0.707106781;
+  float largest = sqrt(max(1.0 - dot(three, three), 0.0));
+  uint index = low & 3u;
+  return index == 0u   ? vec4(largest, three)
+         : index == 1u ? vec4(three.x, largest, three.yz)
+         : index == 2u ? vec4(three.xy, largest, three.z)
+                       : vec4(three, largest);
+}
+
+Splat read_splat(uint number) {
+  uint record = record_of(number);
+  Range range = range_of(number);
+  uint shape = shape_size * record, value = value_size * record;
+  uint mass_word = shape_words[shape + 4u], deviation_word = shape_words[shape + 5u];
+  int foot = int(shape_words[shape + 6u]);
+  uint value_word = value_words[value + 1u];
+  int correlations = int(value_words[value + 2u]);
+
+  Splat splat;
+  splat.position = position_of(shape, range);
+  splat.mass = log_number(mass_word & 0xffffu, range.mass_scale) * range.origin.w;
+  splat.mass *= float((value_word >> 16) & 0xffu) / 255.0;
+  splat.deviations = vec3(log_number(mass_word >> 16, range.deviation_scale),
+                          log_number(deviation_word & 0xffffu, range.deviation_scale),
+                          log_number(deviation_word >> 16, range.deviation_scale));
+  splat.orientation = unpack_orientation(shape_words[shape + 2u], shape_words[shape + 3u]);
+  splat.boundary =
+      vec3(bitfieldExtract(foot, 0, 10), bitfieldExtract(foot, 10, 10), bitfieldExtract(foot, 20, 10)) / 128.0;
+  splat.value = uintBitsToFloat(value_words[value]);
+  splat.value_deviation = log_number(value_word & 0xffffu, range.value_scale);
+  splat.correlations =
+      vec3(int(value_word) >> 24, bitfieldExtract(correlations, 0, 8), bitfieldExtract(correlations, 8, 8)) / 127.0;
+  return splat;
 }
 
 // Returns the view's axes as columns, in coordinates along the principal axes.
 mat3 view_axes(Splat splat) {
-  vec3 q = vec3(splat.orientation[0], splat.orientation[1], splat.orientation[2]);
-  float w = sqrt(max(1.0 - dot(q, q), 0.0));
-  vec3 x = vec3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.z * w), 2.0 * (q.x * q.z - q.y * w));
-  vec3 y = vec3(2.0 * (q.x * q.y - q.z * w), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.x * w));
+  vec4 q = splat.orientation;
+  vec3 x = vec3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.z * q.w), 2.0 * (q.x * q.z - q.y * q.w));
+  vec3 y = vec3(2.0 * (q.x * q.y - q.z * q.w), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.x * q.w));
   return transpose(mat3(rotate_to_view(x), rotate_to_view(y), rotate_to_view(cross(x, y))));
-}
-
-// Returns the foot of the perpendicular from the centroid to the boundary, in deviations along the principal axes.
-vec3 boundary_foot(Splat splat) {
-  return vec3(bitfieldExtract(splat.boundary, 0, 10), bitfieldExtract(splat.boundary, 10, 10),
-              bitfieldExtract(splat.boundary, 20, 10)) /
-         128.0;
 }
 
 // Sets the boundary of a splat that has one, and moves `foot` from the centroid's perpendicular to the centre of the
@@ -126,10 +151,11 @@ void set_axes(mat3 axes, vec3 half_axes, float stretch, inout Body body) {
 }
 
 // Makes the ellipsoid and its values; false if no part of it is in front of the eye.
-bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
+bool make_body(Splat splat, out Body body, out Value value) {
   mat3 axes = view_axes(splat);
-  vec3 deviations = vec3(splat.deviations[0], splat.deviations[1], splat.deviations[2]);
-  vec3 foot = boundary_foot(splat);
+  vec3 centre = splat.position;
+  vec3 deviations = splat.deviations;
+  vec3 foot = splat.boundary;
   float reach_z = half_axis * length(axes[2] * deviations) * (1.0 + 1.1 * length(foot));
   if (!(centre.z + reach_z > 0.0)) return false;
   float middle_z = is_orthographic() ? 1.0 : max(centre.z, 0.5 * (centre.z + reach_z));
@@ -138,18 +164,18 @@ bool make_body(Splat splat, vec3 centre, out Body body, out Value value) {
   vec3 widened = sqrt(deviations * deviations + low_pass);
   vec3 kept = deviations / widened;
 
-  vec4 correlations = unpackSnorm4x8(splat.correlations);
+  vec3 correlations = splat.correlations;
+  float unexplained = max(1.0 - dot(correlations, correlations), 0.0);
   vec2 of_axis = axis_moments(splat.value, splat.value_deviation);
   float value_deviation = of_axis.y;
-  vec3 gradient = half_axis * value_deviation * correlations.xyz * kept;
-  vec3 smoothed = correlations.xyz * correlations.xyz * (1.0 - kept * kept);
-  value.residual =
-      value_deviation * value_deviation * (correlations.w * correlations.w + smoothed.x + smoothed.y + smoothed.z);
+  vec3 gradient = half_axis * value_deviation * correlations * kept;
+  vec3 smoothed = correlations * correlations * (1.0 - kept * kept);
+  value.residual = value_deviation * value_deviation * (unexplained + smoothed.x + smoothed.y + smoothed.z);
   value.slope = length(gradient / (half_axis * widened));
 
   body.normal = vec3(0.0);
   body.stretch = 0.0;
-  if (splat.boundary != 0) set_boundary(kept, foot, body);
+  if (foot != vec3(0.0)) set_boundary(kept, foot, body);
   float stretch = sqrt(1.0 + body.stretch * body.stretch);
   body.centre = centre / body.pixel_size + transpose(axes) * (widened * foot);
   value.mean = of_axis.x + dot(gradient, foot) / half_axis;
@@ -443,16 +469,15 @@ bool make_outline(vec2 half_image, inout Body body, out Outline outline) {
 }
 
 // Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
-bool project(uint index, out Quad quad, out float distance_to_eye) {
-  Splat splat = splats[index];
-  splat.mass *= origins[splat.batch_index].w;
-  vec3 centre = position_in_view(index);
+bool project(uint number, out Quad quad, out float distance_to_eye) {
+  Splat splat = read_splat(number);
+  vec3 centre = splat.position;
   distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
   if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(splat.value)) return false;
 
   Body body;
   Value value;
-  if (!make_body(splat, centre, body, value)) return false;
+  if (!make_body(splat, body, value)) return false;
   float extent = length(value.gradient) + 4.0 * sqrt(value.residual);
   float peak = peak_extinction(value.mean - extent, value.mean + extent);
   if (!(peak > 0.0)) return false;

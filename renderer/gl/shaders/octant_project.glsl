@@ -1,17 +1,8 @@
 // The paper's kernel, `octant`: a round Gaussian. Its centre is as opaque as a slab of the splat's thickness (Meredith
 // and Ma 2001, section 3.1).
 
-struct OctantSplat {
-  float x, y, z;  // relative to the batch's origin, world units
-  float value;
-  float size;
-  uint gradient;
-  uint batch_index;
-};
-
-layout(std430, binding = 0) restrict readonly buffer SplatBlock { OctantSplat splats[]; };
-layout(std430, binding = 1) restrict readonly buffer OriginBlock { vec4 origins[]; };  // of batches, view coordinates;
-                                                                                       // w: their weight
+const uint shape_size = 3u;  // words
+const uint value_size = 2u;
 
 const float sigma_per_size = 0.4;
 const float half_width_per_sigma = 1.17741002;  // sqrt(2 ln 2)
@@ -25,10 +16,7 @@ bool is_nan(float x) { return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u; 
 // Returns 1 - exp(-depth); by its series where the subtraction would cancel.
 float opacity(float depth) { return depth < 0.01 ? depth * (1.0 - depth * (0.5 - depth / 6.0)) : 1.0 - exp(-depth); }
 
-vec3 position_in_view(uint index) {
-  OctantSplat splat = splats[index];
-  return origins[splat.batch_index].xyz + rotate_to_view(vec3(splat.x, splat.y, splat.z));
-}
+vec3 position_in_view(uint number) { return position_of(shape_size * record_of(number), range_of(number)); }
 
 // Sets the rectangle to the pixels whose centres lie inside a square round `centre`, of half width `cut`; false if no
 // pixel does. `scale`: world units that a length of 1 in the quad stands for. Next to the eye the square's bounds are
@@ -58,29 +46,32 @@ float light_on(vec3 gradient, vec3 centre, float distance_to_eye) {
 }
 
 // Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
-bool project(uint index, out Quad quad, out float distance_to_eye) {
-  OctantSplat splat = splats[index];
-  float weight = origins[splat.batch_index].w;
-  if (is_nan(splat.value) || !(splat.size > 0.0) || !(weight > 0.0)) return false;
+bool project(uint number, out Quad quad, out float distance_to_eye) {
+  uint record = record_of(number);
+  float size = uintBitsToFloat(shape_words[shape_size * record + 2u]);
+  float value = uintBitsToFloat(value_words[value_size * record]);
+  uint gradient = value_words[value_size * record + 1u];
+  float weight = range_of(number).origin.w;
+  if (is_nan(value) || !(size > 0.0) || !(weight > 0.0)) return false;
 
-  vec3 centre = position_in_view(index);
+  vec3 centre = position_in_view(number);
   bool orthographic = frame.orthographic != 0.0;
   distance_to_eye = orthographic ? centre.z : max(length(centre), centre.z);  // the length may underflow
   if (!(centre.z > 0.0)) return false;
 
-  vec4 material = transfer(splat.value);
-  float alpha = opacity(material.a * splat.size);
+  vec4 material = transfer(value);
+  float alpha = opacity(material.a * size);
 
   // A splat too small for the raster spreads the same light over more of it.
   float pixel_size = max((orthographic ? 1.0 : centre.z) / frame.focal, smallest_float);
-  float true_sigma = sigma_per_size * splat.size;
+  float true_sigma = sigma_per_size * size;
   float sigma = max(true_sigma, smallest_sigma * pixel_size);
   alpha *= (true_sigma / sigma) * (true_sigma / sigma);
   if (!(alpha > faintest_alpha)) return false;
 
   float cut = sigma * min(largest_cut, sqrt(2.0 * log(alpha / faintest_alpha)));
   if (!set_rectangle(centre, cut, pixel_size, half_width_per_sigma * sigma, quad)) return false;
-  float light = light_on(rotate_to_view(unpackSnorm4x8(splat.gradient).xyz), centre, distance_to_eye);
+  float light = light_on(rotate_to_view(unpackSnorm4x8(gradient).xyz), centre, distance_to_eye);
   quad.color = vec4(material.rgb * (alpha * light), alpha);
   quad.weight = weight;
   return true;

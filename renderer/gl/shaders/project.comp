@@ -1,4 +1,4 @@
-// Projects a run of splats, in the order in which they are drawn.
+// Projects a run's splats of one page, in the order in which they are drawn.
 layout(local_size_x = 64) in;
 
 // The last form that one of a run's quads needs draws the whole run. So commands[f] gets a count if a quad needs form
@@ -12,20 +12,21 @@ struct Run {
 
 layout(std430, binding = 2) restrict readonly buffer OrderBlock { uint order[]; };
 layout(std430, binding = 5) restrict writeonly buffer RunBlock { Run runs[]; };
-layout(location = 0) uniform uint first;
+layout(location = 0) uniform uint first;  // in the order; the first number if there is none
 layout(location = 1) uniform uint count;
 layout(location = 2) uniform int ordering;  // 0: as the splats lie, 1: by `order`, -1: by `order` from its end
-layout(location = 3) uniform uint last;     // index in `order`
+layout(location = 3) uniform uint page;     // that is bound; splats of other pages are left to other calls
 layout(location = 4) uniform uint run;
 
 void main() {
   uint i = gl_GlobalInvocationID.x;
   if (i >= count) return;
-  uint index = first + i;
-  if (ordering != 0) index = order[ordering > 0 ? index : last - index];
+  uint number = first + (ordering < 0 ? count - 1u - i : i);
+  if (ordering != 0) number = order[number];
+  if (page_of(number) != page) return;
   Quad quad;
   float distance_to_eye;
-  if (!project(index, quad, distance_to_eye)) quad = empty_quad();
+  if (!is_in_entry(number) || !project(number, quad, distance_to_eye)) quad = empty_quad();
   quads[i] = quad;
 
   uint form = form_of(quad);

@@ -1,0 +1,186 @@
+// What a frame of tiles consists of: the view's constants, records in the view, and splats on the screen. Internal to
+// the tiles. Plain data, so that the code for each instruction set is the only one that computes with it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "streamer/record.h"
+
+namespace splatvol::tiles {
+
+inline constexpr int tile_size = 32;  // pixels along an edge
+inline constexpr int most_lanes = 16;
+
+inline constexpr int table_margin = 2 * most_lanes;
+
+/// The transfer function's table, one plane for each of r, g, b and extinction. The planes of a row are next to each
+/// other. Before and behind each plane are table_margin copies of its first and last entry, so that vectors may be read
+/// that begin at any column.
+struct TableLevel {
+  const float* entries = nullptr;  // the first column of the first row
+  int plane = 0;                   // from one plane to the next, in entries
+};
+
+/// Coarser levels of the table have every 2nd, 4th ... column, for splats that need many. They serve where the table
+/// between their columns is almost straight.
+struct TableView {
+  static constexpr int level_count = 5;
+  static constexpr int columns_per_block = 32;  // of level 0
+
+  int columns = 0, rows = 0;
+  std::array<TableLevel, level_count> levels;
+  const float* row_spreads = nullptr;  // of each row, in units of the domain
+  const float* errors = nullptr;       // [row][block][level]: the largest relative error within a block
+  int blocks = 0;                      // of a row
+};
+
+/// Largest relative error that a coarser level may have.
+inline constexpr float most_level_error = 1e-3F;
+
+/// The constants of a frame. View coordinates: x to the right, y up, z forwards, in drawing units, the eye at the
+/// origin. Pixels count from the lower left corner.
+struct FrameConstants {
+  std::array<float, 9> rotation{};  // rows: from world directions to view coordinates
+  float width = 0, height = 0;      // pixels
+  float focal = 1;                  // pixels (perspective), or pixels per drawing unit (orthographic)
+  bool orthographic = false;
+  float value_low = 0;             // the beginning of the transfer function's domain, on its axis, stored values
+  float inverse_domain = 1;        // 1 / (high - low), on the axis
+  float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
+  int value_axis = 0;  // 0: the stored value x itself; 1: log(x - value_zero); 2: asinh((x - value_zero) * value_unit)
+  float value_zero = 0;  // the stored value of 0
+  float value_unit = 1;
+  TableView table;
+  const float* peaks = nullptr;  // make_peak_levels, one level after another
+};
+
+inline constexpr int peak_entries = 1024;  // of level 0
+
+/// A range of the draw list in the view.
+struct RangeInView {
+  const MomentsShape* shapes = nullptr;  // of its first record; null if the kernel is octant
+  const MomentsValue* values = nullptr;
+  const OctantShape* octants = nullptr;
+  const OctantValue* octant_values = nullptr;
+  std::uint32_t first = 0;  // number of its first splat in the draw list
+  std::uint32_t count = 0;
+  float x = 0, y = 0, z = 0;  // origin of its block, view coordinates
+  float step = 0;
+  float weight = 1;
+  float mass_scale = 0;  // with the weight and the unit of coverage
+  float deviation_scale = 0;
+  float value_deviation_scale = 0;
+};
+
+inline constexpr unsigned splats_per_group = 64;
+
+/// The splats of a draw list by number. Every range has splats.
+struct SplatNumbers {
+  std::span<const RangeInView> ranges;
+  std::span<const std::uint32_t> first_ranges;  // [number / splats_per_group]: the range of the group's first splat
+
+  [[nodiscard]] const RangeInView& range_of(std::uint32_t number) const {
+    std::size_t i = first_ranges[number / splats_per_group];
+    while (number - ranges[i].first >= ranges[i].count) ++i;
+    return ranges[i];
+  }
+};
+
+/// Pixels [left, right) x [bottom, top) that a splat may touch; empty if left == right.
+struct PixelBounds {
+  std::uint16_t left = 0, bottom = 0, right = 0, top = 0;
+};
+
+/// Where a splat is drawn: pixel (x, y) + s.x (width, skew) + s.y (0, height), where s.x and s.y lie in [-reach, reach]
+/// and 1 - s^2 is positive. Polynomials have the variables v, the height over the centre, and t. In a row of pixels, t
+/// counts from the pixel with the smallest s^2.
+struct EllipseOutline {
+  float x, y;  // centre, pixels
+  float width, skew, height;
+  float reach;  // negative for a box: all pixels of the bounds are drawn, and t counts from the centre
+};
+
+/// A splat of the kernel moments that is far away (docs/design.md): polynomials of (t, v) with the coefficients of 1,
+/// t, v, t^2, t v, v^2.
+struct FarSplat {
+  EllipseOutline outline;
+  std::array<float, 6> depth;    // optical depth at an extinction and 1 - s^2 of 1
+  std::array<float, 6> column;   // of the table, in the middle of the chord
+  float light;                   // factor on the colours
+  float along;                   // columns from the middle to the end of the chord, at 1 - s^2 of 1; 0: no boundary
+  std::array<float, 3> cutting;  // linear: where the boundary cuts the chord, times sqrt(1 - s^2)
+  std::int32_t row;              // of the table: number of its first entry
+};
+static_assert(sizeof(FarSplat) == 96);
+
+/// A vector that is linear in (t, v).
+struct LinearVector {
+  std::array<float, 3> constant, by_t, by_v;
+};
+
+/// Any splat of the kernel moments, with the eye beside or inside it: rays o + k d in the coordinates in which the
+/// ellipsoid is the unit ball.
+struct NearSplat {
+  EllipseOutline outline;
+  LinearVector direction;      // d
+  std::array<float, 3> along;  // o . d: of 1, t, v
+  LinearVector moment;         // o x d
+  float strength;              // optical depth at an extinction, |d|, length of d and 1 - b^2 of 1
+  float mean, residual;        // of the value at the centre; variance that the linear field leaves
+  std::array<float, 3> gradient;
+  float inverse_slope;          // for the light; 0: no gradient
+  std::array<float, 3> normal;  // of the boundary; 0: none
+  float stretch;
+  std::array<float, 2> unused;
+};
+static_assert(sizeof(NearSplat) == 160);
+
+/// A splat of the kernel octant: a round Gaussian, whose alpha falls as 2^-(distance^2).
+struct GaussianSplat {
+  float x, y;     // centre, pixels
+  float scale;    // a pixel in half widths at half maximum
+  float weight;   // of the splat's optical depth, in each pixel
+  float r, g, b;  // premultiplied, at the centre
+  float alpha;
+};
+static_assert(sizeof(GaussianSplat) == 32);
+
+enum class Form : std::uint8_t { none, far, near, gaussian };
+
+/// Splats of a batch on the screen, by their slots. A slot has its data in the array of its form.
+struct ScreenSplats {
+  PixelBounds* bounds = nullptr;
+  Form* forms = nullptr;
+  FarSplat* far = nullptr;
+  NearSplat* near = nullptr;
+  GaussianSplat* gaussians = nullptr;
+
+  [[nodiscard]] ScreenSplats from(std::size_t slot) const {
+    return {bounds + slot, forms + slot, far ? far + slot : nullptr, near ? near + slot : nullptr,
+            gaussians ? gaussians + slot : nullptr};
+  }
+};
+
+/// The pixels of a tile while splats are blended, front to back. Rows are longer than tiles, so that vectors may begin
+/// at any pixel.
+struct TilePixels {
+  static constexpr int row_stride = tile_size + most_lanes;
+  static constexpr int plane = tile_size * row_stride;
+  static constexpr int transmittance = 3 * plane;  // the first three planes are r, g, b, premultiplied
+
+  alignas(64) std::array<float, 4 * plane> values;
+};
+
+/// What can no longer be seen behind a pixel: its transmittance ends the tile's loop.
+inline constexpr float least_transmittance = 1e-4F;
+
+/// Where a tile lies in the picture, in pixels.
+struct TileArea {
+  int left = 0, bottom = 0;
+  int width = tile_size, height = tile_size;
+};
+
+}  // namespace splatvol::tiles

@@ -1,0 +1,449 @@
+// Blends splats of the kernel moments into a tile: a pixel in each lane.
+#include <algorithm>
+#include <cmath>
+
+#include "renderer/cpu/moments_kernel.h"
+
+#define SPLATVOL_LANES 8
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
+#include "renderer/cpu/targets.h"
+// The order matters: this includes the file again, once for each instruction set.
+#include <hwy/foreach_target.h>
+
+#include "renderer/cpu/blend-inl.h"
+#include "renderer/cpu/vector-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatvol::tiles::HWY_NAMESPACE {
+namespace {
+
+constexpr float half_axis = 3.29089653F;  // moments_half_width
+
+/// The rows of pixels of a splat in a tile, with the far form's polynomials of t in each.
+struct FarRows {
+  using Row = std::array<float, tile_size + most_lanes>;
+  alignas(64) Row centre;   // pixels from the tile's left edge
+  alignas(64) Row ellipse;  // 1 - s^2 at t = 0
+  alignas(64) Row depth, depth_slope;
+  alignas(64) Row column, column_slope;
+  alignas(64) Row cutting;
+  alignas(64) Row low_column, high_column;                                  // bounds within the row
+  alignas(64) std::array<std::int32_t, tile_size + most_lanes> begin, end;  // pixels of the tile
+};
+
+/// A splat's part of a tile, in pixels of the tile.
+struct Part {
+  int left, bottom, right, top;
+};
+
+HWY_INLINE Part part_of(const PixelBounds& bounds, const TileArea& area) {
+  return {std::max(bounds.left - area.left, 0), std::max(bounds.bottom - area.bottom, 0),
+          std::min(bounds.right - area.left, area.width), std::min(bounds.top - area.bottom, area.height)};
+}
+
+/// An outline in rows of pixels.
+struct RowOutline {
+  float shear;            // where s^2 is smallest in a row, by v
+  float inverse_height2;  // of the ellipse's half height; 0: a box
+  float inverse_width2;   // of its half width in the row through the centre
+
+  HWY_INLINE explicit RowOutline(const EllipseOutline& outline) {
+    const float height2 = outline.skew * outline.skew + outline.height * outline.height;
+    inverse_height2 = 1 / height2;
+    shear = outline.width * outline.skew * inverse_height2;
+    const float by_width = 1 / (outline.width * outline.height);
+    inverse_width2 = height2 * by_width * by_width;
+    if (outline.reach < 0) inverse_height2 = inverse_width2 = 0;
+  }
+};
+
+/// An interval of t in each of some rows.
+struct Span {
+  Float low, high;
+};
+
+/// Cuts a span off where |constant + slope t| > reach.
+HWY_INLINE void cut(Float constant, float slope, float reach, Span& span) {
+  if (slope == 0) return;
+  const float inverse = 1 / slope, half = std::abs(reach * inverse);
+  const Float middle = constant * -inverse;
+  span.low = max(span.low, middle - half);
+  span.high = min(span.high, middle + half);
+}
+
+/// Returns where the splat is drawn in rows of pixels.
+HWY_INLINE Span span_of(const EllipseOutline& outline, const RowOutline& shape, Float v) {
+  if (outline.reach < 0) return {-1e9F, 1e9F};
+  const Float rest = max(fma(v * v, -shape.inverse_height2, 1.0F), 0.0F);
+  const Float half = sqrt(rest * (1.0F / shape.inverse_width2));
+  Span span{-half, half};
+  if (outline.reach < 1) {
+    const float by_width = 1 / outline.width, by_height = 1 / outline.height, turn = outline.skew * by_width;
+    cut(v * (shape.shear * by_width), by_width, outline.reach, span);
+    cut(v * ((1 - turn * shape.shear) * by_height), -turn * by_height, outline.reach, span);
+  }
+  return span;
+}
+
+/// Sets begin and end of the pixels in each row, and where t is 0 in it.
+template <class Rows>
+HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int row, Rows& rows) {
+  const Float left(static_cast<float>(part.left)), right(static_cast<float>(part.right));
+  store(centre, rows.centre.data() + row);
+  store(truncate(hn::Ceil(clamp(centre + span.low - 0.5F, left, right).v)), rows.begin.data() + row);
+  store(truncate(hn::Ceil(clamp(centre + span.high - 0.5F, left, right).v)), rows.end.data() + row);
+}
+
+HWY_INLINE Float row_centres(const EllipseOutline& outline, const RowOutline& shape, const TileArea& area, Float v) {
+  return fma(v, shape.shear, outline.x - static_cast<float>(area.left));
+}
+
+HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape, const TileArea& area, const Part& part,
+                         FarRows& rows) {
+  const auto& d = splat.depth;
+  for (int row = part.bottom; row < part.top; row += lane_count()) {
+    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
+    const Span span = span_of(splat.outline, shape, v);
+    set_spans(span, row_centres(splat.outline, shape, area, v), part, row, rows);
+    store(fma(v * v, -shape.inverse_height2, 1.0F), rows.ellipse.data() + row);
+    store(fma(v, fma(v, d[5], d[2]), d[0]), rows.depth.data() + row);
+    store(fma(v, d[4], d[1]), rows.depth_slope.data() + row);
+    store(fma(v, fma(v, c[5], c[2]), c[0]), rows.column.data() + row);
+    store(fma(v, c[4], c[1]), rows.column_slope.data() + row);
+    store(fma(v, splat.cutting[2], splat.cutting[0]), rows.cutting.data() + row);
+  }
+}
+
+/// The part of a chord in front of u, for the density (1 - u^2)^(3/2): its share of the mass, and the mean of u there
+/// (moments_fragment.glsl).
+struct ChordPart {
+  Float share, mean;
+};
+
+HWY_INLINE ChordPart part_of_chord(Float u) {
+  u = clamp(u, -1.0F, 1.0F);
+  const Float square = u * u;
+  Float odd = fma(square, 0.02572878F, 0.04308751F);
+  odd = fnma(square, odd, 0.41694202F);
+  odd = u * fnma(square, odd, 0.84812573F);
+  Float mean = fma(u, 0.0791528F, 0.03936548F);
+  mean = fnma(u, mean, 0.10559957F);
+  mean = fma(u, mean, 0.34125103F);
+  const Float rest = Float(1.0F) - u;
+  return {max(odd + 0.5F, 0.0F), -(rest * rest * mean)};
+}
+
+/// Bounds of the columns of the table that a splat needs.
+struct ColumnRange {
+  float low, high;
+};
+
+HWY_INLINE ColumnRange column_range(const FarSplat& splat, const RowOutline& shape) {
+  const auto& c = splat.column;
+  const float height = std::sqrt(1 / shape.inverse_height2), width = std::sqrt(1 / shape.inverse_width2);
+  const float away = std::sqrt(c[1] * c[1] * width * width + c[2] * c[2] * height * height) +
+                     std::abs(c[3]) * width * width + std::abs(c[4]) * width * height * 0.5F +
+                     std::abs(c[5]) * height * height + std::abs(splat.along);
+  return {c[0] - away, c[0] + away};
+}
+
+/// The level of the table of which one window has all columns that a splat needs in a tile, and the window's first
+/// column there. -1: no level is exact enough.
+struct WindowChoice {
+  int level;
+  float scale;  // columns of the level for a column of level 0
+  float first;
+};
+
+HWY_INLINE WindowChoice choose_window(const TableView& table, int row, const ColumnRange& range) {
+  constexpr WindowChoice none{-1, 1, 0};
+  if (!(range.low >= static_cast<float>(1 - table_margin)) ||
+      !(range.high < static_cast<float>(table.columns + most_lanes)))
+    return none;
+  float scale = 1;
+  for (int level = 0; level < TableView::level_count; ++level, scale *= 0.5F) {
+    const float first = std::floor(range.low * scale);
+    if (range.high * scale >= first + static_cast<float>(lane_count())) continue;
+    if (level == 0) return {level, scale, first};
+    const auto block_of = [&](float column) {
+      return std::clamp(static_cast<int>(column) / TableView::columns_per_block, 0, table.blocks - 1);
+    };
+    const float* errors = table.errors + std::ptrdiff_t{row} * table.blocks * TableView::level_count;
+    for (int block = block_of(range.low); block <= block_of(range.high); ++block)
+      if (errors[block * TableView::level_count + level] > most_level_error) return none;
+    return {level, scale, first};
+  }
+  return none;
+}
+
+/// What the far form has for some pixels of a row.
+struct FarSample {
+  Float depth, column;
+  Mask inside;
+};
+
+template <bool bounded>
+HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float along, const RowOutline& shape,
+                                const FarRows& rows, int row, int x) {
+  const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.centre[row]);
+  const Float w = max(fma(t * t, -shape.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
+  FarSample sample;
+  sample.inside = lane_numbers() < Float(static_cast<float>(rows.end[row] - x));
+  sample.depth = fma(t, fma(t, splat.depth[3], rows.depth_slope[row]), rows.depth[row]) * (w * w);
+  sample.column = fma(t, fma(t, column_bend, rows.column_slope[row]), rows.column[row]);
+  if constexpr (bounded) {
+    const Float inverse_root = inverse_sqrt(w);
+    const ChordPart chord = part_of_chord(fma(t, splat.cutting[1], rows.cutting[row]) * inverse_root);
+    sample.depth = sample.depth * chord.share;
+    sample.column = fma(w * inverse_root * along, chord.mean, sample.column);
+  }
+  return sample;
+}
+
+HWY_INLINE void blend_sample(const FarSample& sample, Float light, const Material& material, int row, int x,
+                             TilePixels& pixels) {
+  const Float alpha = only(sample.inside, opacity(max(sample.depth * material.extinction, 0.0F)));
+  blend(alpha, light, material, pixels.values.data() + row * TilePixels::row_stride + x);
+}
+
+/// Returns the polynomial of columns, counted from the middle of the window's first two.
+HWY_INLINE std::array<float, 6> columns_of(const FarSplat& splat, const WindowChoice& choice) {
+  std::array<float, 6> columns = splat.column;
+  if (choice.level < 0) return columns;
+  for (float& c : columns) c *= choice.scale;
+  columns[0] -= choice.first + 0.5F;
+  return columns;
+}
+
+/// Blends a splat that no row of pixels has more of than a vector has lanes. Rows need no spans: outside of the ellipse
+/// nothing is drawn.
+template <bool bounded, bool cut_off, bool one_window>
+HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
+                            const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+  const EllipseOutline& outline = splat.outline;
+  const auto& d = splat.depth;
+  const std::array<float, 6> c = columns_of(splat, choice);
+  const float along = splat.along * choice.scale;
+  const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
+                           one_window ? static_cast<int>(choice.first) : 0);
+  const float by_width = 1 / outline.width, by_height = 1 / outline.height;
+  const Float x = lane_numbers() + (static_cast<float>(area.left + part.left) + 0.5F - outline.x);
+  const Mask in_part = lane_numbers() < Float(static_cast<float>(part.right - part.left));
+  float v = static_cast<float>(area.bottom + part.bottom) + 0.5F - outline.y;
+  for (int row = part.bottom; row < part.top; ++row, v += 1) {
+    const Float y(v), t = fma(y, -shape.shear, x);
+    const Float ellipse = fma(t * t, -shape.inverse_width2, fma(y * y, -shape.inverse_height2, 1.0F));
+    const Float w = max(ellipse, bounded ? 1e-12F : 0.0F);
+    FarSample sample;
+    sample.inside = in_part;
+    if constexpr (cut_off) {
+      const Float s_x = x * by_width, s_y = fma(s_x, -outline.skew, y) * by_height;
+      sample.inside = both(in_part, max(abs(s_x), abs(s_y)) <= Float(outline.reach));
+    }
+    const Float slope = fma(y, d[4], d[1]), column_slope = fma(y, c[4], c[1]);
+    sample.depth = fma(t, fma(t, d[3], slope), fma(y, fma(y, d[5], d[2]), d[0])) * (w * w);
+    sample.column = fma(t, fma(t, c[3], column_slope), fma(y, fma(y, c[5], c[2]), c[0]));
+    if constexpr (bounded) {
+      const Float inverse_root = inverse_sqrt(w);
+      const Float cutting = fma(t, splat.cutting[1], fma(y, splat.cutting[2], splat.cutting[0]));
+      const ChordPart chord = part_of_chord(cutting * inverse_root);
+      sample.depth = sample.depth * chord.share;
+      sample.column = fma(w * inverse_root * along, chord.mean, sample.column);
+    }
+    Material material;
+    if constexpr (one_window) {
+      const Float rounded = sample.column + rounding;
+      material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
+    } else {
+      material = look_up_row(frame.table, splat.row, sample.column, both(sample.inside, ellipse > Float(0.0F)));
+    }
+    blend_sample(sample, splat.light, material, row, part.left, pixels);
+  }
+}
+
+template <bool bounded, bool one_window>
+HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
+                           const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+  const int lanes = lane_count();
+  const std::array<float, 6> columns = columns_of(splat, choice);
+  FarRows rows;
+  set_rows(splat, columns, shape, area, part, rows);
+  const Float light(splat.light);
+  const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
+                           one_window ? static_cast<int>(choice.first) : 0);
+  for (int row = part.bottom; row < part.top; ++row)
+    for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
+      const FarSample sample = sample_far<bounded>(splat, columns[3], splat.along * choice.scale, shape, rows, row, x);
+      Material material;
+      if constexpr (one_window) {
+        const Float rounded = sample.column + rounding;
+        material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
+      } else {
+        material = look_up_row(frame.table, splat.row, sample.column, sample.inside);
+      }
+      blend_sample(sample, light, material, row, x, pixels);
+    }
+}
+
+template <bool bounded>
+HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
+                          TilePixels& pixels) {
+  const RowOutline shape(splat.outline);
+  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat, shape));
+  const bool small = part.right - part.left <= lane_count(), one_window = choice.level >= 0;
+  if (small && one_window && splat.outline.reach < 1)
+    blend_small<bounded, true, true>(frame, splat, shape, area, part, choice, pixels);
+  else if (small && one_window)
+    blend_small<bounded, false, true>(frame, splat, shape, area, part, choice, pixels);
+  else if (one_window)
+    blend_rows<bounded, true>(frame, splat, shape, area, part, choice, pixels);
+  else
+    blend_rows<bounded, false>(frame, splat, shape, area, part, choice, pixels);
+}
+
+/// The rows of pixels of a splat in a tile.
+struct NearRows {
+  alignas(64) std::array<float, tile_size + most_lanes> centre;
+  alignas(64) std::array<std::int32_t, tile_size + most_lanes> begin, end;
+};
+
+HWY_INLINE Vector3 vector_at(const LinearVector& linear, Float t, float v) {
+  return {fma(t, linear.by_t[0], linear.constant[0] + v * linear.by_v[0]),
+          fma(t, linear.by_t[1], linear.constant[1] + v * linear.by_v[1]),
+          fma(t, linear.by_t[2], linear.constant[2] + v * linear.by_v[2])};
+}
+
+HWY_INLINE Vector3 vector_of(const std::array<float, 3>& numbers) { return {numbers[0], numbers[1], numbers[2]}; }
+
+/// Returns the integrals of (1 - u^2)^(3/2) and of u (1 - u^2)^(3/2) from u to 1.
+struct ChordRest {
+  Float mass, moment;
+};
+
+HWY_INLINE ChordRest rest_of_chord(Float u) {
+  // Of the part beyond |u|, x^(5/2) times a polynomial of x = 1 - |u|.
+  constexpr float whole = 1.17809725F;  // 3 pi / 8
+  const Float x = Float(1.0F) - abs(u);
+  Float p = fma(x, 0.0012168689F, 0.0034301744F);
+  p = fma(x, p, 0.059149728F);
+  p = fma(x, p, -0.6061204F);
+  p = fma(x, p, 1.13137143F);
+  const Float beyond = p * x * x * sqrt(max(x, 0.0F));
+  const Float w = max(x * (abs(u) + 1.0F), 0.0F);
+  return {select(u < Float(0.0F), Float(whole) - beyond, beyond), w * w * sqrt(w) * 0.2F};
+}
+
+/// moments_near.frag: the splat's optical depth at an extinction of 1, and its value.
+struct NearSample {
+  Float depth, mean, spread, light;
+};
+
+HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& splat, Float t, float v, Float ray) {
+  const Vector3 d = vector_at(splat.direction, t, v), n = vector_at(splat.moment, t, v);
+  const Float d_along = fma(t, splat.along[1], splat.along[0] + v * splat.along[2]);
+  const Vector3 gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
+  const Float square = dot(d, d), r = Float(1.0F) / square, root = sqrt(r);
+  const Float q = max(fnma(dot(n, n), r, 1.0F), 0.0F);
+  const Vector3 middle = cross(d, n) * r;
+
+  // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
+  const Float half_chord = sqrt(q), least_half = max(half_chord, 1e-20F);
+  Float begin = clamp(d_along * root / least_half, -1.0F, 1.0F);
+  Float end(1.0F);
+  const Float normal_along = dot(normal, d);
+  if (splat.stretch > 0) {
+    const Float towards = normal_along * root;
+    const Mask enters = towards < Float(0.0F);
+    const Float size = select(enters, min(towards, -1e-12F), max(towards, 1e-12F));
+    const Float cut = -dot(normal, middle) / (least_half * size);
+    end = select(enters, 1.0F, max(min(cut, 1.0F), begin));
+    begin = select(enters, max(begin, min(cut, 1.0F)), begin);
+  }
+  const ChordRest from = rest_of_chord(begin), to = rest_of_chord(end);
+  const Float mass = max(from.mass - to.mass, 0.0F);
+  const Float mean_u = (from.moment - to.moment) / max(mass, 1e-10F);
+
+  constexpr float by_whole = 0.848826363F;  // 8 / (3 pi)
+  const Float along = dot(gradient, d);
+  NearSample sample;
+  sample.depth = ray * root * q * q * mass * (splat.strength * by_whole);
+  sample.mean = fma(along * root * half_chord, clamp(mean_u, begin, end), dot(gradient, middle) + splat.mean);
+  const Float stretch = normal_along * splat.stretch;
+  sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
+  const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);
+  sample.light = fma(cosine, frame.diffuse, frame.ambient);
+  return sample;
+}
+
+HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
+                           TilePixels& pixels) {
+  const int lanes = lane_count();
+  const RowOutline shape(splat.outline);
+  NearRows rows;
+  for (int row = part.bottom; row < part.top; row += lanes) {
+    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
+    set_spans(span_of(splat.outline, shape, v), row_centres(splat.outline, shape, area, v), part, row, rows);
+  }
+  const float by_focal = frame.orthographic ? 0.0F : 1.0F / frame.focal;
+  for (int row = part.bottom; row < part.top; ++row) {
+    const float y = static_cast<float>(area.bottom + row) + 0.5F;
+    const float v = y - splat.outline.y, tangent_y = (y - 0.5F * frame.height) * by_focal;
+    for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
+      const Float at = lane_numbers() + (static_cast<float>(x) + 0.5F);
+      const Mask inside = at < Float(static_cast<float>(rows.end[row]));
+      const Float tangent_x = (at + (static_cast<float>(area.left) - 0.5F * frame.width)) * by_focal;
+      const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
+      const NearSample sample = sample_near(frame, splat, at - rows.centre[row], v, ray);
+      const TableRow table = table_row(frame.table, sample.spread);
+      const Float column = fma(sample.mean - 0.5F, table.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
+      const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
+      const Float depth = sample.depth * material.extinction;
+      const Mask sound = both(inside, is_finite(depth));
+      blend(only(sound, opacity(max(depth, 0.0F))), select(sound, sample.light, 0.0F), material,
+            pixels.values.data() + row * TilePixels::row_stride + x);
+    }
+  }
+}
+
+/// Splats of a tile are far apart in memory.
+HWY_INLINE void prefetch(const ScreenSplats& screen, std::uint32_t slot) {
+  hwy::Prefetch(&screen.bounds[slot]);
+  hwy::Prefetch(&screen.far[slot]);
+  hwy::Prefetch(&screen.far[slot].light);
+}
+
+bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+               const TileArea& area, TilePixels& pixels) {
+  constexpr std::size_t splats_per_check = 64, ahead = 4;
+  for (std::size_t i = 0; i < slots.size(); ++i) {
+    if (i % splats_per_check == 0 && is_opaque(area, pixels)) return true;
+    const std::uint32_t slot = slots[i];
+    if (i + ahead < slots.size()) prefetch(screen, slots[i + ahead]);
+    const Part part = part_of(screen.bounds[slot], area);
+    if (screen.forms[slot] == Form::near)
+      blend_near(frame, screen.near[slot], area, part, pixels);
+    else if (const FarSplat& splat = screen.far[slot]; splat.cutting[0] < 1e17F)
+      blend_far<true>(frame, splat, area, part, pixels);
+    else
+      blend_far<false>(frame, splat, area, part, pixels);
+  }
+  return is_opaque(area, pixels);
+}
+
+}  // namespace
+}  // namespace splatvol::tiles::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatvol::tiles {
+
+HWY_EXPORT(blend_all);
+
+bool blend_moments(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+                   const TileArea& area, TilePixels& pixels) {
+  return HWY_DYNAMIC_DISPATCH(blend_all)(frame, screen, slots, area, pixels);
+}
+
+}  // namespace splatvol::tiles
+#endif

@@ -1,0 +1,126 @@
+// What the projections of both kernels have in common. Included once for each instruction set.
+#if defined(SPLATVOL_RENDERER_CPU_PROJECTION_INL_H) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATVOL_RENDERER_CPU_PROJECTION_INL_H
+#undef SPLATVOL_RENDERER_CPU_PROJECTION_INL_H
+#else
+#define SPLATVOL_RENDERER_CPU_PROJECTION_INL_H
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "renderer/cpu/vector-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatvol::tiles::HWY_NAMESPACE {
+
+/// What records have from their ranges; one record in each lane.
+struct RangesInLanes {
+  alignas(64) std::array<float, most_lanes> x, y, z, step, weight, mass_scale, deviation_scale, value_deviation_scale;
+
+  void set(int lane, const RangeInView& range) {
+    x[lane] = range.x;
+    y[lane] = range.y;
+    z[lane] = range.z;
+    step[lane] = range.step;
+    weight[lane] = range.weight;
+    mass_scale[lane] = range.mass_scale;
+    deviation_scale[lane] = range.deviation_scale;
+    value_deviation_scale[lane] = range.value_deviation_scale;
+  }
+};
+
+HWY_INLINE Vector3 rotate_to_view(const FrameConstants& frame, Vector3 d) {
+  const auto& r = frame.rotation;
+  return {fma(d.x, r[0], fma(d.y, r[1], d.z * Float(r[2]))), fma(d.x, r[3], fma(d.y, r[4], d.z * Float(r[5]))),
+          fma(d.x, r[6], fma(d.y, r[7], d.z * Float(r[8])))};
+}
+
+/// Returns a packed position in view coordinates.
+HWY_INLINE Vector3 unpack_position(const FrameConstants& frame, Int low, Int high, const RangesInLanes& ranges) {
+  const Int bias(1 << 20);
+  const Vector3 offset{to_float(bits_of<0, 21>(low) - bias),
+                       to_float((bits_of<21, 11>(low) | shift_left<11>(bits_of<0, 10>(high))) - bias),
+                       to_float(bits_of<10, 21>(high) - bias)};
+  return fma(rotate_to_view(frame, offset), load(ranges.step.data()),
+             {load(ranges.x.data()), load(ranges.y.data()), load(ranges.z.data())});
+}
+
+/// t of a stored value: axis_position of frame.glsl.
+HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
+  Float x = stored;
+  if (frame.value_axis == 1) {
+    x = x - frame.value_zero;
+    const Mask positive = x > Float(0.0F);
+    x = (natural_log(max(x, 1.2e-38F)) - frame.value_low) * frame.inverse_domain;
+    return select(positive, x, -1.0F);
+  }
+  if (frame.value_axis == 2) {
+    x = (x - frame.value_zero) * frame.value_unit;
+    const Float size = abs(x);
+    const Float sum = select(size > Float(1e4F), size + size, size + sqrt(fma(size, size, 1.0F)));
+    // Near 0 the logarithm of 1 + size would lose its digits.
+    const Float small = size * fnma(size * size, 1.0F / 6, 1.0F);
+    const Float bent = select(size < Float(0.02F), small, natural_log(sum));
+    x = hn::CopySign(bent.v, x.v);
+  }
+  return (x - frame.value_low) * frame.inverse_domain;
+}
+
+/// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster
+/// widens splats by less than 1.6 pixels.
+HWY_INLINE Mask is_outside(const FrameConstants& frame, Vector3 centre, Float radius) {
+  const float half_width = 0.5F * frame.width + 1.6F, half_height = 0.5F * frame.height + 1.6F;
+  if (frame.orthographic)
+    return either(centre.z + radius <= Float(0.0F),
+                  either((abs(centre.x) - radius) * frame.focal > Float(half_width),
+                         (abs(centre.y) - radius) * frame.focal > Float(half_height)));
+  const float length_x = std::hypot(frame.focal, half_width), length_y = std::hypot(frame.focal, half_height);
+  const Float beside_x = abs(centre.x) * frame.focal - centre.z * half_width;
+  const Float beside_y = abs(centre.y) * frame.focal - centre.z * half_height;
+  return either(centre.z + radius <= Float(0.0F), either(beside_x > radius * length_x, beside_y > radius * length_y));
+}
+
+/// Returns the key of a splat: it falls with the distance.
+HWY_INLINE Int key_of(Float distance) {
+  const Int bits = bits_as_int(distance);
+  return select_int(mask_of(hn::Lt(bits.v, hn::Zero(IntTag()))), bits, hn::Xor(bits.v, Int(0x7fffffff).v));
+}
+
+/// Sets records for vector after vector of splats, and calls visit(first, count) for each. Lanes beyond the last splat
+/// repeat it.
+template <class Records, class Visit>
+HWY_INLINE void for_each_group(const SplatNumbers& splats, std::span<const std::uint32_t> numbers, Records& records,
+                               const Visit& visit) {
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  for (std::size_t first = 0; first < numbers.size(); first += lanes) {
+    const std::size_t count = std::min(lanes, numbers.size() - first);
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      const std::uint32_t number = numbers[first + std::min(lane, count - 1)];
+      const RangeInView& range = splats.range_of(number);
+      records.set(static_cast<int>(lane), range, number - range.first);
+    }
+    visit(first, count);
+  }
+}
+
+/// The same for the splats of a range. `make` returns their keys.
+template <class Records, class Make>
+HWY_INLINE void for_each_group(const RangeInView& range, std::span<std::uint32_t> keys, Records& records,
+                               const Make& make) {
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  alignas(64) std::array<std::int32_t, most_lanes> group{};
+  for (std::size_t first = 0; first < keys.size(); first += lanes) {
+    const std::size_t count = std::min(lanes, keys.size() - first);
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      records.set(static_cast<int>(lane), range, static_cast<std::uint32_t>(first + std::min(lane, count - 1)));
+    store(make(), group.data());
+    std::memcpy(&keys[first], group.data(), count * sizeof(std::uint32_t));
+  }
+}
+
+}  // namespace splatvol::tiles::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

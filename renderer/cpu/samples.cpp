@@ -1,0 +1,74 @@
+#include "renderer/cpu/samples.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace splatvol::tiles {
+namespace {
+
+/// Four neighbouring samples, cut off at the ends, and their weights.
+struct Neighbours {
+  std::array<int, 4> at;
+  std::array<float, 4> weights;
+};
+
+Neighbours neighbours_of(int pixel, int pixels, int samples, int spacing) {
+  const float at =
+      (static_cast<float>(pixel) + 0.5F - 0.5F * static_cast<float>(pixels)) / static_cast<float>(spacing) +
+      0.5F * static_cast<float>(samples) - 0.5F;
+  const float whole = std::floor(at), f = at - whole;
+  Neighbours result;
+  for (int k = 0; k < 4; ++k) result.at[k] = std::clamp(static_cast<int>(whole) + k - 1, 0, samples - 1);
+  result.weights = {0.5F * f * (-1 + f * (2 - f)), 0.5F * (2 + f * f * (-5 + 3 * f)), 0.5F * f * (1 + f * (4 - 3 * f)),
+                    0.5F * f * f * (f - 1)};
+  return result;
+}
+
+/// Colours stay between black and white of their alpha.
+vec4 sound_pixel(const vec4& sum) {
+  const float alpha = std::clamp(sum.a, 0.0F, 1.0F);
+  return {std::clamp(sum.r, 0.0F, alpha), std::clamp(sum.g, 0.0F, alpha), std::clamp(sum.b, 0.0F, alpha), alpha};
+}
+
+}  // namespace
+
+View sampled_view(View view, int spacing) {
+  const auto count = [spacing](int pixels) { return (pixels + spacing - 1) / spacing + 2; };
+  if (spacing == 1) return view;
+  view.width = count(view.width);
+  view.height = count(view.height);
+  view.focal /= spacing;
+  return view;
+}
+
+void interpolate(const Image& samples, int spacing, Image& rows, Image& picture) {
+  rows.width = samples.width;
+  rows.height = picture.height;
+  rows.pixels.resize(static_cast<std::size_t>(rows.width) * rows.height);
+  tbb::parallel_for(0, rows.height, [&](int y) {
+    // Pictures begin with the upper row, samples count from the lower left corner: the middle is common to both.
+    const Neighbours from = neighbours_of(y, picture.height, samples.height, spacing);
+    for (int x = 0; x < rows.width; ++x) {
+      vec4 sum(0);
+      for (int k = 0; k < 4; ++k) sum += from.weights[k] * samples.at(x, from.at[k]);
+      rows.at(x, y) = sound_pixel(sum);
+    }
+  });
+
+  std::vector<Neighbours> columns;
+  columns.reserve(static_cast<std::size_t>(picture.width));
+  for (int x = 0; x < picture.width; ++x) columns.push_back(neighbours_of(x, picture.width, samples.width, spacing));
+  tbb::parallel_for(0, picture.height, [&](int y) {
+    for (int x = 0; x < picture.width; ++x) {
+      const Neighbours& from = columns[static_cast<std::size_t>(x)];
+      vec4 sum(0);
+      for (int k = 0; k < 4; ++k) sum += from.weights[k] * rows.at(from.at[k], y);
+      picture.at(x, y) = sound_pixel(sum);
+    }
+  });
+}
+
+}  // namespace splatvol::tiles

@@ -1,0 +1,390 @@
+#include "renderer/cpu/tile_rasterizer.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "renderer/cpu/moments_kernel.h"
+#include "renderer/cpu/octant_kernel.h"
+#include "renderer/cpu/samples.h"
+#include "renderer/transfer_table.h"
+
+namespace splatvol {
+
+using namespace tiles;
+
+namespace {
+
+constexpr std::size_t splats_per_batch = std::size_t{1} << 16;
+constexpr std::size_t splats_per_task = std::size_t{1} << 10;
+
+/// Measures the seconds between calls of `lap`; the first call counts from construction.
+class Stopwatch {
+ public:
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    return std::chrono::duration<double>(now - std::exchange(start_, now)).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+/// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
+float nearest_float(double number) {
+  constexpr double largest = std::numeric_limits<float>::max();
+  return static_cast<float>(std::clamp(number, -largest, largest));
+}
+
+/// Sets the axis of the transfer function for stored values.
+void set_axis(const TransferFunction& function, const DrawingUnits& units, FrameConstants& frame) {
+  frame.value_axis = 0;
+  frame.value_unit = 1;
+  frame.value_zero = nearest_float(-units.value_offset / units.value_scale);
+  double low = (function.lo - units.value_offset) / units.value_scale;
+  double width = (function.hi - function.lo) / units.value_scale;
+  if (function.axis == ValueAxis::log) {
+    frame.value_axis = 1;
+    low = std::log(function.lo / units.value_scale);
+    width = std::log(function.hi / function.lo);
+  } else if (function.axis == ValueAxis::asinh) {
+    frame.value_axis = 2;
+    frame.value_unit = nearest_float(units.value_scale / function.linear_width);
+    low = std::asinh(function.lo / function.linear_width);
+    width = std::asinh(function.hi / function.linear_width) - low;
+  }
+  frame.value_low = nearest_float(low);
+  frame.inverse_domain = nearest_float(1 / width);
+}
+
+Status check_range(const DrawRange& range, KernelKind kernel) {
+  const bool moments = kernel == KernelKind::moments;
+  if (!range.row.shapes || !range.row.values ||
+      moments != std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()) ||
+      moments != std::holds_alternative<std::vector<MomentsValue>>(range.row.values->records()))
+    return fail(ErrorCode::invalid_argument, "splats of the kernel {} cannot be drawn with the other one",
+                moments ? "octant" : "moments");
+  const std::uint64_t end = std::uint64_t{range.begin} + range.count;
+  if (end > range.row.shapes->size() || end > range.row.values->size() ||
+      range.block >= range.row.shapes->blocks().size())
+    return fail(ErrorCode::invalid_argument, "a range reaches beyond the {} records of its row",
+                range.row.shapes->size());
+  return {};
+}
+
+/// Sets what does not depend on the view.
+RangeInView make_range(const DrawRange& range, std::uint32_t first) {
+  RangeInView result;
+  if (const auto* shapes = std::get_if<std::vector<MomentsShape>>(&range.row.shapes->records())) {
+    result.shapes = shapes->data() + range.begin;
+    result.values = std::get<std::vector<MomentsValue>>(range.row.values->records()).data() + range.begin;
+  } else {
+    result.octants = std::get<std::vector<OctantShape>>(range.row.shapes->records()).data() + range.begin;
+    result.octant_values = std::get<std::vector<OctantValue>>(range.row.values->records()).data() + range.begin;
+  }
+  result.first = first;
+  result.count = range.count;
+  result.step = nearest_float(range.row.shapes->blocks()[range.block].step);
+  result.weight = range.weight;
+  constexpr double by_coverage = 1.0 / 255;
+  result.mass_scale = nearest_float(range.row.shapes->mass_scale() * static_cast<double>(range.weight) * by_coverage);
+  result.deviation_scale = nearest_float(range.row.shapes->deviation_scale());
+  result.value_deviation_scale = nearest_float(range.row.values->deviation_scale());
+  return result;
+}
+
+/// The part of a range that holds numbers [begin, end).
+RangeInView part_of(RangeInView range, std::uint32_t begin, std::uint32_t end) {
+  const std::uint32_t skipped = begin > range.first ? begin - range.first : 0;
+  range.count = std::min(range.first + range.count, end) - range.first - skipped;
+  range.first += skipped;
+  if (range.shapes) {
+    range.shapes += skipped;
+    range.values += skipped;
+  } else {
+    range.octants += skipped;
+    range.octant_values += skipped;
+  }
+  return range;
+}
+
+/// Reads a tile's pixels from a picture, for further splats behind them.
+void load_pixels(const Image& image, const TileArea& area, TilePixels& pixels) {
+  constexpr int plane = TilePixels::plane;
+  for (int y = 0; y < area.height; ++y) {
+    const vec4* from = &image.at(area.left, image.height - 1 - area.bottom - y);
+    float* to = pixels.values.data() + y * TilePixels::row_stride;
+    for (int x = 0; x < area.width; ++x) {
+      to[x] = from[x].r;
+      to[x + plane] = from[x].g;
+      to[x + 2 * plane] = from[x].b;
+      to[x + 3 * plane] = 1.0F - from[x].a;
+    }
+  }
+}
+
+void store_pixels(const TilePixels& pixels, const TileArea& area, Image& image) {
+  constexpr int plane = TilePixels::plane;
+  for (int y = 0; y < area.height; ++y) {
+    vec4* to = &image.at(area.left, image.height - 1 - area.bottom - y);
+    const float* from = pixels.values.data() + y * TilePixels::row_stride;
+    for (int x = 0; x < area.width; ++x)
+      to[x] = vec4(from[x], from[x + plane], from[x + 2 * plane], 1.0F - from[x + 3 * plane]);
+  }
+}
+
+template <class Element>
+std::uint64_t bytes_of(const std::vector<Element>& vector) {
+  return sizeof(Element) * vector.capacity();
+}
+
+void resize(Image& image, int width, int height) {
+  image.width = width;
+  image.height = height;
+  image.pixels.assign(static_cast<std::size_t>(width) * height, vec4(0));
+}
+
+}  // namespace
+
+TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel) {}
+
+Status TileRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
+  TransferFunction function = world_function;
+  for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
+  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
+      (function.axis == ValueAxis::log && !(function.lo > 0)))
+    return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
+  units_ = units;
+  set_axis(function, units, frame_);
+  ordered_view_.reset();
+  set_tables(function);
+  return {};
+}
+
+void TileRasterizer::set_tables(const TransferFunction& function) {
+  const bool octant = kernel_ == KernelKind::octant;
+  const TransferTable table = make_transfer_table(function, octant ? 4097 : 513, octant ? 1 : 64);
+  table_ = PackedTable(table);
+  frame_.table = table_.view();
+  peaks_.clear();
+  for (const std::vector<float>& level : make_peak_levels(function, peak_entries))
+    peaks_.insert(peaks_.end(), level.begin(), level.end());
+  frame_.peaks = peaks_.data();
+}
+
+void TileRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
+
+Status TileRasterizer::set_draw_list(const DrawList& list) {
+  if (list.ranges == list_.ranges) return {};
+  ordered_view_.reset();
+  const bool same_splats = std::ranges::equal(list.ranges, list_.ranges, [](const DrawRange& a, const DrawRange& b) {
+    return a.row == b.row && a.block == b.block && a.begin == b.begin && a.count == b.count;
+  });
+  if (!same_splats) axis_orders_ = {};
+  list_ = {};
+  ranges_.clear();
+  first_ranges_.clear();
+  std::uint64_t total = 0;
+  for (const DrawRange& range : list.ranges) {
+    SPLATVOL_TRY(check_range(range, kernel_));
+    total += range.count;
+  }
+  if (total >= std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::device, "{} splats: more than 32-bit indices reach", total);
+
+  list_ = list;
+  list_.splats = total;
+  std::uint32_t first = 0;
+  for (const DrawRange& range : list_.ranges) {
+    if (range.count == 0) continue;
+    // The groups that begin in this range.
+    while (std::uint64_t{first_ranges_.size()} * splats_per_group < std::uint64_t{first} + range.count)
+      first_ranges_.push_back(static_cast<std::uint32_t>(ranges_.size()));
+    ranges_.push_back(make_range(range, first));
+    first += range.count;
+  }
+  return {};
+}
+
+Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
+  if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
+  if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
+    return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
+                max_sample_spacing);
+  if (view.width < 1 || view.height < 1 || view.width > largest_tiled_side || view.height > largest_tiled_side)
+    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible", view.width,
+                view.height, largest_tiled_side);
+  FrameTimes times;
+  resize(picture_, view.width, view.height);
+  if (sample_spacing == 1) {
+    draw_samples(view, sort, picture_, times);
+    return times;
+  }
+  const View sampled = sampled_view(view, sample_spacing);
+  resize(samples_, sampled.width, sampled.height);
+  draw_samples(sampled, sort, samples_, times);
+  Stopwatch stopwatch;
+  interpolate(samples_, sample_spacing, sample_rows_, picture_);
+  times.draw += stopwatch.lap();
+  return times;
+}
+
+void TileRasterizer::set_view(const View& view) {
+  int i = 0;
+  for (const dvec3& axis : {view.right, view.up, view.forward})
+    for (int k = 0; k < 3; ++k) frame_.rotation[static_cast<std::size_t>(i++)] = static_cast<float>(axis[k]);
+  frame_.width = static_cast<float>(view.width);
+  frame_.height = static_cast<float>(view.height);
+  frame_.focal = nearest_float(view.orthographic ? view.focal * units_.length : view.focal);
+  frame_.orthographic = view.orthographic;
+  frame_.ambient = lighting_ ? static_cast<float>(lighting_->ambient) : 1.0F;
+  frame_.diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F;
+
+  // Subtracted in double: far from the world's origin, only differences fit into single precision.
+  std::size_t number = 0;
+  for (const DrawRange& range : list_.ranges) {
+    if (range.count == 0) continue;
+    const dvec3 origin = view.to_view(range.row.shapes->blocks()[range.block].origin) / units_.length;
+    RangeInView& in_view = ranges_[number++];
+    in_view.x = nearest_float(origin.x);
+    in_view.y = nearest_float(origin.y);
+    in_view.z = nearest_float(origin.z);
+  }
+}
+
+void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times) {
+  if (ranges_.empty()) return;
+  Stopwatch stopwatch;
+  set_view(view);
+  times.upload += stopwatch.lap();
+  const Sequence sequence = sequence_of(view, sort);
+  times.sort += stopwatch.lap();
+
+  grid_ = {view.width, view.height};
+  closed_.assign(grid_.size(), 0);
+  reserve_batch();
+  for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch)
+    draw_batch(sequence, first, target);
+  times.draw += stopwatch.lap();
+}
+
+TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode sort) {
+  if (sort == SortMode::axis) {
+    const int axis = longest_axis(glm::abs(view.forward));
+    // Orders run back to front along the axis.
+    const std::vector<std::uint32_t>& order = order_along(axis, view);
+    return {order.data(), order.size(), view.forward[axis] >= 0};
+  }
+  if (sort == SortMode::none) return {nullptr, list_.splats, true};
+  if (ordered_view_ != view) {
+    order_ = sort_keys(sorter_, false);
+    ordered_view_ = view;
+  }
+  return {order_.data(), order_.size(), true};
+}
+
+const std::vector<std::uint32_t>& TileRasterizer::order_along(int axis, const View& view) {
+  std::vector<std::uint32_t>& order = axis_orders_[static_cast<std::size_t>(axis)];
+  if (order.empty()) {
+    // The view of an eye in the middle of the ranges.
+    View along_axis{};
+    along_axis.orthographic = true;
+    const auto count = static_cast<double>(list_.ranges.size());
+    for (const DrawRange& range : list_.ranges)
+      along_axis.eye += range.row.shapes->blocks()[range.block].origin / count;
+    along_axis.forward[axis] = 1;
+    set_view(along_axis);
+    KeySorter sorter;
+    const std::span<const std::uint32_t> sorted = sort_keys(sorter, true);
+    order.assign(sorted.begin(), sorted.end());
+    set_view(view);
+  }
+  return order;
+}
+
+std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, bool by_depth) {
+  const auto compute = kernel_ == KernelKind::moments ? moments_keys : octant_keys;
+  keys_.resize(list_.splats);
+  const SplatNumbers numbers{ranges_, first_ranges_};
+  const std::size_t tasks = (list_.splats + splats_per_task - 1) / splats_per_task;
+  tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+    const auto begin = static_cast<std::uint32_t>(task * splats_per_task);
+    const auto end = static_cast<std::uint32_t>(std::min((task + 1) * splats_per_task, keys_.size()));
+    for (const RangeInView* range = &numbers.range_of(begin); range != &*ranges_.end() && range->first < end; ++range) {
+      const RangeInView part = part_of(*range, begin, end);
+      compute(frame_, part, by_depth, std::span(keys_).subspan(part.first, part.count));
+    }
+  });
+  return sorter.sort(keys_);
+}
+
+void TileRasterizer::reserve_batch() {
+  const std::size_t count = std::min<std::size_t>(splats_per_batch, list_.splats);
+  if (bounds_.size() >= count) return;
+  numbers_.resize(count);
+  bounds_.resize(count);
+  forms_.resize(count);
+  if (kernel_ == KernelKind::moments) {
+    far_.resize(count);
+    near_.resize(count);
+  } else {
+    gaussians_.resize(count);
+  }
+}
+
+ScreenSplats TileRasterizer::screen() {
+  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data()};
+}
+
+void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
+  const std::size_t count = std::min(splats_per_batch, sequence.count - first);
+  const SplatNumbers numbers{ranges_, first_ranges_};
+  const auto project = kernel_ == KernelKind::moments ? project_moments : project_octant;
+  tbb::parallel_for(std::size_t{0}, (count + splats_per_task - 1) / splats_per_task, [&](std::size_t task) {
+    const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, count);
+    for (std::size_t i = begin; i < end; ++i) numbers_[i] = sequence[first + i];
+    project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(begin));
+  });
+  bins_.fill(grid_, std::span(bounds_).first(count), closed_);
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, grid_.size(), 1),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        for (std::size_t tile = range.begin(); tile < range.end(); ++tile)
+          if (!bins_.slots(tile).empty()) draw_tile(tile, target);
+      },
+      tbb::simple_partitioner());
+}
+
+void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
+  const TileArea area = grid_.area(tile);
+  TilePixels pixels;
+  pixels.values.fill(0);
+  load_pixels(target, area, pixels);
+  const bool opaque = kernel_ == KernelKind::moments ? blend_moments(frame_, screen(), bins_.slots(tile), area, pixels)
+                                                     : blend_octant(screen(), bins_.slots(tile), area, pixels);
+  closed_[tile] = opaque ? 1 : 0;
+  store_pixels(pixels, area, target);
+}
+
+Result<Image> TileRasterizer::read_image() const {
+  if (picture_.width == 0) return fail(ErrorCode::invalid_argument, "no picture has been drawn");
+  return picture_;
+}
+
+std::uint64_t TileRasterizer::device_bytes() const {
+  std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(ranges_) + bytes_of(first_ranges_) +
+                        bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
+                        bytes_of(forms_) + bytes_of(far_) + bytes_of(near_) + bytes_of(gaussians_) +
+                        bins_.memory_bytes() + bytes_of(closed_);
+  for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
+  for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);
+  return bytes;
+}
+
+std::string TileRasterizer::description() const { return fmt::format("processor ({})", tiles::instruction_set()); }
+
+}  // namespace splatvol

@@ -1,0 +1,96 @@
+// Draws splats into a picture with the processor, tile by tile.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "renderer/cpu/bins.h"
+#include "renderer/cpu/frame.h"
+#include "renderer/cpu/packed_table.h"
+#include "renderer/rasterizer.h"
+#include "renderer/sort.h"
+
+namespace splatvol {
+
+/// Largest width or height of a picture.
+inline constexpr int largest_tiled_side = 16384;
+
+/// Reads the records of a draw list where they lie, and blends front to back until nothing behind can be seen. Works on
+/// all processors; the picture does not depend on their number. Uses the newest instructions of the processor that it
+/// knows (SSE4, AVX2, AVX-512, NEON). Not thread-safe.
+class TileRasterizer final : public Rasterizer {
+ public:
+  explicit TileRasterizer(KernelKind kernel);
+
+  [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
+  void set_lighting(const std::optional<Lighting>& lighting) override;
+  [[nodiscard]] Status set_draw_list(const DrawList& list) override;
+  [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
+  [[nodiscard]] Result<Image> read_image() const override;
+  [[nodiscard]] std::uint64_t device_bytes() const override;
+  [[nodiscard]] std::string description() const override;
+
+  /// Returns the picture of the last draw; empty before the first. Valid until the next draw.
+  [[nodiscard]] const Image& image() const { return picture_; }
+
+ private:
+  /// The front-to-back sequence of splats.
+  struct Sequence {
+    const std::uint32_t* order;  // null: the numbers themselves
+    std::size_t count;
+    bool from_end;
+
+    [[nodiscard]] std::uint32_t operator[](std::size_t i) const {
+      const std::size_t at = from_end ? count - 1 - i : i;
+      return order ? order[at] : static_cast<std::uint32_t>(at);
+    }
+  };
+  void set_tables(const TransferFunction& function);
+  void set_view(const View& view);
+  void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
+  [[nodiscard]] Sequence sequence_of(const View& view, SortMode sort);
+  [[nodiscard]] std::span<const std::uint32_t> sort_keys(KeySorter& sorter, bool by_depth);
+  [[nodiscard]] const std::vector<std::uint32_t>& order_along(int axis, const View& view);
+  void reserve_batch();
+  void draw_batch(const Sequence& sequence, std::size_t first, Image& target);
+  void project_batch();
+  void draw_tile(std::size_t tile, Image& target);
+  [[nodiscard]] tiles::ScreenSplats screen();
+
+  KernelKind kernel_;
+  DrawingUnits units_;
+  std::optional<Lighting> lighting_;
+  tiles::FrameConstants frame_;
+  tiles::PackedTable table_;
+  std::vector<float> peaks_;
+
+  // Of the draw list.
+  DrawList list_;
+  std::vector<tiles::RangeInView> ranges_;
+  std::vector<std::uint32_t> first_ranges_;                // of SplatNumbers
+  std::array<std::vector<std::uint32_t>, 3> axis_orders_;  // made when first asked for
+  std::vector<std::uint32_t> keys_;
+  KeySorter sorter_;
+  std::size_t ordered_count_ = 0;
+  std::span<const std::uint32_t> order_;
+  std::optional<View> ordered_view_;  // of the order; none if splats have changed since
+
+  // Of a batch.
+  std::vector<std::uint32_t> numbers_;
+  std::vector<tiles::PixelBounds> bounds_;
+  std::vector<tiles::Form> forms_;
+  std::vector<tiles::FarSplat> far_;
+  std::vector<tiles::NearSplat> near_;
+  std::vector<tiles::GaussianSplat> gaussians_;
+  tiles::Bins bins_;
+
+  tiles::TileGrid grid_;
+  std::vector<std::uint8_t> closed_;  // of each tile: nothing behind it can be seen
+  Image picture_, samples_, sample_rows_;
+};
+
+}  // namespace splatvol

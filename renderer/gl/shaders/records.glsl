@@ -1,0 +1,44 @@
+// Drawing records as streamer/record.h lays them out, in one page of the device's memory. A splat's number is 32 times
+// the number of its entry, plus its index in the entry.
+const uint records_of_entry = 32u;
+
+// Consecutive records of a range.
+struct Entry {
+  uint first;           // record in its page
+  uint count_and_page;  // count | page << 6
+  uint range;
+};
+
+// Records with one origin, one weight and the same scales.
+struct Range {
+  vec4 origin;            // view coordinates; w: weight
+  float step;             // of positions, drawing units
+  float mass_scale;       // of log codes, drawing units
+  float deviation_scale;  //
+  float value_scale;      // of log codes, stored values
+};
+
+layout(std430, binding = 0) restrict readonly buffer ShapeBlock { uint shape_words[]; };
+layout(std430, binding = 1) restrict readonly buffer ValueBlock { uint value_words[]; };
+layout(std430, binding = 6) restrict readonly buffer EntryBlock { Entry entries[]; };
+layout(std430, binding = 7) restrict readonly buffer RangeBlock { Range ranges[]; };
+
+bool is_in_entry(uint number) {
+  return number % records_of_entry < (entries[number / records_of_entry].count_and_page & 63u);
+}
+uint page_of(uint number) { return entries[number / records_of_entry].count_and_page >> 6; }
+uint record_of(uint number) { return entries[number / records_of_entry].first + number % records_of_entry; }
+Range range_of(uint number) { return ranges[entries[number / records_of_entry].range]; }
+
+// Returns the number of a log code. Its factor is squared, because single precision holds its root only.
+float log_number(uint code, float scale) {
+  float root = exp2((float(code) - 65535.0) / 256.0);
+  return code == 0u ? 0.0 : scale * root * root;
+}
+
+// Returns where a record is, in view coordinates. `at`: its first word.
+vec3 position_of(uint at, Range range) {
+  uint low = shape_words[at], high = shape_words[at + 1u];
+  ivec3 biased = ivec3(low & 0x1fffffu, (low >> 21) | ((high & 0x3ffu) << 11), (high >> 10) & 0x1fffffu);
+  return range.origin.xyz + rotate_to_view(range.step * vec3(biased - 1048576));
+}

@@ -1,0 +1,49 @@
+// svrender in a build without OpenGL.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "scene/image.h"
+#include "tests/support/programs.h"
+#include "tests/support/test_volume.h"
+
+namespace splatvol {
+namespace {
+
+using test::Outcome;
+using testing::HasSubstr;
+using testing::Not;
+
+class WithoutOpenGl : public test::ProgramTest {
+ protected:
+  [[nodiscard]] Outcome run(const std::string& arguments) const {
+    return test::run_in(folder_, fmt::format("'{}' {}", SPLATVOL_SVRENDER_WITHOUT_OPENGL, arguments));
+  }
+};
+
+TEST_F(WithoutOpenGl, SvrenderDraws) {
+  const auto points = test::random_points(500, 1);
+  std::vector<double> values;
+  for (const dvec3& p : points) values.push_back(p.x);
+  ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {values}), path("v.svol")));
+  for (const char* device : {"auto", "cpu"}) {
+    const Outcome outcome = run(fmt::format("v.svol -o {}.exr --device {}", device, device));
+    ASSERT_EQ(outcome.code, 0) << outcome.text;
+    EXPECT_GT(compare_images(read_exr(path(fmt::format("{}.exr", device))).value(), read_exr(path("auto.exr")).value())
+                  ->mean_a,
+              0.001);
+  }
+  const Outcome outcome = run("v.svol -o gl.exr --device gl");
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.text, HasSubstr("built without OpenGL: take --device cpu"));
+}
+
+TEST_F(WithoutOpenGl, SvrenderNeedsNoLibraryOfIt) {
+  const Outcome outcome = test::run_in(folder_, fmt::format("ldd '{}'", SPLATVOL_SVRENDER_WITHOUT_OPENGL));
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  EXPECT_THAT(outcome.text, HasSubstr("libtbb"));
+  for (const char* library : {"libEGL", "libGL", "libOpenGL", "libepoxy", "libX11", "libglfw"})
+    EXPECT_THAT(outcome.text, Not(HasSubstr(library)));
+}
+
+}  // namespace
+}  // namespace splatvol
