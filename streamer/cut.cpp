@@ -121,9 +121,13 @@ class CutSelector {
   Result<Outcome> visit_refined() {
     Refinement refinement(tree_);
     SPLATVOL_TRY(refinement.choose(*options_.goal, options_.max_choice_bytes));
+    wanted_.finest = refinement.items().empty();  // nothing is visible
     if (refinement.items().empty()) return Outcome::wanted;
     SPLATVOL_TRY_ASSIGN(root, tree_.root());
-    return visit_chosen(refinement, 0, root);
+    SPLATVOL_TRY_ASSIGN(outcome, visit_chosen(refinement, 0, root));
+    wanted_.finest = refinement.is_finest() && !residency_;
+    wanted_.squared_goal_error = refinement.error();
+    return outcome;
   }
 
   Result<Outcome> visit_chosen(const Refinement& chosen, std::uint32_t index, const Node& node) {

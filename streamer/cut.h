@@ -87,8 +87,10 @@ struct Cut {
   std::vector<CutItem> items;
   std::vector<PointRange> ranges;
   std::uint64_t splats = 0;
-  double squared_error = 0;  // expected, mean of the picture's RGB
-  bool complete = true;      // every index page that was asked for was there
+  double squared_error = 0;       // expected, mean of the picture's RGB
+  double squared_goal_error = 0;  // chosen for a goal: the same with what only parts of nodes tell, as a goal counts it
+  bool finest = false;            // chosen for a goal, and more splats would not lessen the expected error
+  bool complete = true;           // every index page that was asked for was there
 
   [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
     return std::span(ranges).subspan(item.first_range, item.resolution + 1);

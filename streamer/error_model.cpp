@@ -10,7 +10,7 @@ namespace {
 // Fitted to the true error on the scenes of docs/accuracy.md.
 constexpr double calibration = 1.0 / 110;
 
-constexpr double shape_share = 1.0 / 300;
+constexpr double shape_share = 1.0 / 50;
 constexpr double seam_share = 1.0 / 200;
 constexpr double smallest_pixels = 0.5;  // splats of this width show half of their error
 

@@ -17,7 +17,7 @@ namespace splatvol {
 /// the share h / L of the node's range, anywhere in its occupied bins. The contrast is the variance of colour times
 /// extinction among such values. The errors of the L / h splats along a ray are independent, and add up over all pixels
 /// of the node:
-///   E = area (L / h) h^2 (contrast + squares / 300) / (1 + extinction h).
+///   E = area (L / h) h^2 (contrast + squares / 50) / (1 + extinction h).
 /// Splats smaller than pixels have a smaller error. The term `squares` is for the splats' shape: they do not add up to
 /// the material exactly.
 class ErrorModel {

@@ -165,7 +165,8 @@ Result<Refinement::Sum> Refinement::evaluate(int log_price) {
   }
   for (auto i = items_.size(); i-- > 0;)
     if (items_[i].reached) settle_costs(items_[i], price);
-  return choose_at(log_price);
+  last_ = choose_at(log_price);
+  return last_;
 }
 
 // Chooses the cheapest cut, from the root down, once all costs are settled. The root has no surroundings: it begins
@@ -213,6 +214,7 @@ Status Refinement::choose(const ErrorGoal& goal, std::uint64_t max_bytes) {
   nodes_.clear();
   choices_.clear();
   max_bytes_ = max_bytes;
+  last_ = {};
   SPLATVOL_TRY_ASSIGN(root, tree_.root());
   if (!tree_.is_visible(root)) return {};
   static_cast<void>(add(root));

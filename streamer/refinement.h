@@ -46,6 +46,12 @@ class Refinement {
   [[nodiscard]] Status choose(const ErrorGoal& goal, std::uint64_t max_bytes);
   [[nodiscard]] const std::vector<Item>& items() const { return items_; }
 
+  /// Returns the expected error of the chosen cut, mean squared.
+  [[nodiscard]] double error() const { return last_.error; }
+
+  /// Returns whether more splats than those of the chosen cut would not lessen its expected error.
+  [[nodiscard]] bool is_finest() const { return last_.finest; }
+
  private:
   /// The node of an item, without the numbers of its first points.
   struct Located {
@@ -89,6 +95,7 @@ class Refinement {
   const ErrorModel model_;
   const std::size_t resolutions_;
   std::uint64_t max_bytes_ = 0;
+  Sum last_;              // the chosen cut's, once there is one
   float least_gain_ = 0;  // splats; an item is opened only if this may save more
   std::vector<Item> items_;
   std::vector<Located> nodes_;   // [item]

@@ -94,6 +94,8 @@ void Streamer::count_splats(Frame& frame) {
   FrameSplats& splats = frame.splats;
   splats.serial = next_serial_++;
   splats.expected_error = std::sqrt(cut.squared_error);
+  splats.goal_error = std::sqrt(cut.squared_goal_error);
+  splats.finest = cut.finest;
   splats.splats = splats.list.splats;
   splats.nodes_by_resolution.resize(info().resolutions());
   splats.splats_by_resolution.resize(info().resolutions());

@@ -100,6 +100,42 @@ Status pace(const RenderOptions& options, const Scene& scene, const View& view, 
   return {};
 }
 
+// Draws what the control of the error asks for next.
+Status draw_request(const RenderOptions& still, const Scene& scene, const View& view, const ErrorControl& control,
+                    Drawing& drawing, Timings& timings) {
+  const ErrorControl::Request& request = *control.next();
+  drawing.detail.goal.reset();
+  drawing.detail.resolution.reset();
+  if (request.one_coarser)
+    drawing.detail.resolution = std::max<std::size_t>(drawing.streamer->info().resolutions(), 2) - 2;
+  else
+    drawing.detail.goal = request.goal;
+  return draw_frame(still, scene, view, drawing, timings);
+}
+
+// Finds the cut of --max-error, in a few pictures of this view. Further views and steps take a cut of the same expected
+// error.
+Status find_cut(const RenderOptions& options, const Scene& scene, const View& view, Drawing& drawing,
+                Timings& timings) {
+  RenderOptions still = options;
+  still.path.clear();
+  still.turntable = 0;
+  still.progress_frames.clear();
+  ErrorControl control(
+      {*options.max_error, drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), {}});
+  while (control.next()) {
+    SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
+    SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+    const FrameSplats& frame = *drawing.frame;
+    control.add({image, frame.splats, frame.goal_error, frame.finest});
+  }
+  drawing.estimate = control.estimate();
+  drawing.tried = control.tried();
+  drawing.pictures_for_error = control.pictures();
+  if (options.moves() || options.plays()) drawing.detail.goal = ErrorGoal{control.learned() * *options.max_error};
+  return {};
+}
+
 Status write_frame(const RenderOptions& options, const Composition& composition, const View& view,
                    const Drawing& drawing, const std::string& path, Image image) {
   return write_page(composition, view, std::move(image), path, provenance_of(options, composition.scene, drawing));
@@ -208,6 +244,7 @@ Status draw_steps(const RenderOptions& options, const Composition& composition, 
     const double start = seconds_now();
     const std::uint64_t before = drawing.streamer->volume().bytes_read();
     SPLATVOL_TRY(show_step(options, scene, step, drawing));
+    if (options.max_error && step == range.first) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
     const double seconds = seconds_now() - start;
     const std::uint64_t after = drawing.streamer->volume().bytes_read();
@@ -259,13 +296,17 @@ Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Comp
     SPLATVOL_TRY(draw_steps(options, composition, view, drawing, timings));
     return std::vector<Error>();
   }
-  if (!options.moves() && !options.milliseconds && !options.progress_frames.empty())
-    return draw_progress(options, composition, view, drawing, timings, start);
+  if (!options.moves() && !options.milliseconds && !options.progress_frames.empty()) {
+    SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, composition, view, drawing, timings, start));
+    if (options.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
+    return errors;
+  }
+  if (options.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
   if (options.moves())
     SPLATVOL_TRY(draw_path(options, composition, drawing, timings));
   else if (options.milliseconds)
     SPLATVOL_TRY(pace(options, scene, view, drawing, timings));
-  else
+  else if (!options.max_error)
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
   return std::vector<Error>();
 }
@@ -307,6 +348,8 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
     provenance["resolution"] = fmt::format("{}", *frame.detail.resolution);
   else
     provenance["tolerance"] = fmt::format("{}", frame.detail.tolerance_percent);
+  if (drawing.estimate && !options.moves() && !options.plays())
+    provenance["estimated_error"] = fmt::format("{}", drawing.estimate->error);
   return provenance;
 }
 

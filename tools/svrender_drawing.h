@@ -8,6 +8,7 @@
 #include "renderer/rasterizer.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "streamer/error_control.h"
 #include "streamer/record.h"
 #include "streamer/streamer.h"
 #include "tools/svrender_options.h"
@@ -53,6 +54,9 @@ struct Drawing {
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<Rasterizer> renderer;
   DetailOptions detail;
+  std::optional<ErrorControl::Estimate> estimate;  // of --max-error, for the view that it was measured at
+  std::vector<ErrorControl::Tried> tried;          // cuts on the way to it
+  int pictures_for_error = 0;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame
 };

@@ -55,27 +55,27 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
 // How fine the picture is: by one of these options only.
 void add_detail_options(CLI::App& app, RenderOptions& options) {
   auto* tolerance = app.add_option("--tolerance", options.detail.tolerance_percent,
-                                   "Largest share of the image's shorter side that one splat may cover; 0: all points")
+                                   "Largest share of the image's shorter side that one splat may cover, instead of an "
+                                   "error; 0: all points; 1 with --progress-frames and no other of these options")
                         ->type_name("PERCENT")
-                        ->check(check_not_negative)
-                        ->capture_default_str();
+                        ->check(check_not_negative);
   auto* resolution = app.add_option("--resolution", options.detail.resolution,
-                                    "One resolution for everything, 0 the coarsest, instead of a tolerance")
+                                    "One resolution for everything, 0 the coarsest, instead of an error")
                          ->check(CLI::NonNegativeNumber);
   auto* max_error =
       app.add_option("--max-error", options.max_error,
-                     "Expected error of the picture (root mean square of linear RGB), instead of a tolerance: draws "
-                     "the fewest splats that reach it")
+                     "Error of the picture (root mean square of linear RGB): draws about the fewest splats that reach "
+                     "it, which it finds by comparing pictures; 0.002 without any of these options")
           ->type_name("RMSE")
           ->check(check_positive)
           ->excludes(tolerance)
           ->excludes(resolution);
-  auto* splats = app.add_option("--splats", options.splats,
-                                "Most splats to draw, chosen for the smallest expected error, instead of a tolerance")
-                     ->check(check_positive)
-                     ->excludes(tolerance)
-                     ->excludes(resolution)
-                     ->excludes(max_error);
+  auto* splats =
+      app.add_option("--splats", options.splats, "Most splats to draw, chosen for the smallest expected error")
+          ->check(check_positive)
+          ->excludes(tolerance)
+          ->excludes(resolution)
+          ->excludes(max_error);
   app.add_option("--milliseconds", options.milliseconds,
                  "Time to draw a frame: like --splats, with the number that can be drawn in this time; the program "
                  "draws a few frames to find it")
@@ -134,6 +134,15 @@ void check_frames(const RenderOptions& options) {
   if (options.output.empty() && options.movie.empty()) throw CLI::RequiredError("--output");
 }
 
+// The detail of a picture is an error, unless it is something else. Frames on the way to a picture have to begin
+// before an error can be measured.
+void set_default_error(const CLI::App& app, RenderOptions& options) {
+  constexpr double default_error = 0.002;
+  for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
+    if (app.count(other) > 0) return;
+  if (options.progress_frames.empty() || options.moves() || options.plays()) options.max_error = default_error;
+}
+
 void add_frame_options(CLI::App& app, RenderOptions& options) {
   auto* milliseconds = app.get_option("--milliseconds");
   app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
@@ -169,7 +178,10 @@ void add_frame_options(CLI::App& app, RenderOptions& options) {
       ->check(CLI::Range(0.1, 1000.0))
       ->needs(movie)
       ->capture_default_str();
-  app.callback([&options] { check_frames(options); });
+  app.callback([&app, &options] {
+    check_frames(options);
+    set_default_error(app, options);
+  });
   app.add_option("--fade", options.fade,
                  "With --path or --progress-frames: how many frames a change of resolution takes")
       ->check(CLI::Range(1, 1000000))

@@ -80,9 +80,17 @@ void add_frames(const Timings& timings, json& document) {
 }
 
 // The detail that was asked for and the detail that the budgets allowed.
-void add_detail(const RenderOptions& options, const FrameSplats& frame, const Timings& timings, json& document) {
+void add_detail(const RenderOptions& options, const Drawing& drawing, const Timings& timings, json& document) {
+  const FrameSplats& frame = *drawing.frame;
   if (frame.detail.goal) {
     if (options.max_error) document["max_error"] = *options.max_error;
+    if (drawing.estimate) {
+      document["estimated_error"] = drawing.estimate->error;
+      document["file_error"] = drawing.estimate->file_error;
+      document["pictures_for_error"] = drawing.pictures_for_error;
+      for (const auto& [splats, error] : drawing.tried)
+        document["tried_for_error"].push_back({{"splats", splats}, {"estimated_error", error}});
+    }
     if (options.splats) document["max_splats"] = *options.splats;
     if (options.milliseconds) {
       document["milliseconds"] = *options.milliseconds;
@@ -105,16 +113,27 @@ std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
                      drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), options.gpu_memory);
 }
 
+// Says what error was measured, and why it is more than the wanted one.
+void print_estimate(const RenderOptions& options, const Drawing& drawing) {
+  const ErrorControl::Estimate& estimate = *drawing.estimate;
+  fmt::print("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.output,
+             drawing.frame->splats, estimate.error, drawing.pictures_for_error);
+  if (estimate.file_error > *options.max_error)
+    fmt::print("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.output,
+               *options.max_error, estimate.file_error);
+  else if (!estimate.reached)
+    fmt::print("{}: more than {:.2g}, to stay within {}\n", options.output, *options.max_error,
+               limits_of(options, drawing));
+}
+
 // Says how near the picture comes to the goal.
 void print_goal(const RenderOptions& options, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.frame;
+  if (drawing.estimate) return print_estimate(options, drawing);
   fmt::print("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
   if (frame.splats > drawing.detail.goal->max_splats)
     fmt::print("{}: more than {} splats: the coarsest that the view has\n", options.output,
                drawing.detail.goal->max_splats);
-  else if (options.max_error && frame.expected_error > *options.max_error)
-    fmt::print("{}: more than {:.2g}, to stay within {}, or with all points\n", options.output, *options.max_error,
-               limits_of(options, drawing));
 }
 
 }  // namespace
@@ -127,7 +146,7 @@ std::string statistics_text(const RenderOptions& options, const Scene& scene, co
   document["first_image_seconds"] = timings.first_image;
   document["renderer"] = drawing.renderer->description();
   add_frames(timings, document);
-  add_detail(options, *drawing.frame, timings, document);
+  add_detail(options, drawing, timings, document);
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 

@@ -612,9 +612,25 @@ TEST(CutByError, OfASinglePointAndOfCoincidentPointsAndOfOneValue) {
   EXPECT_TRUE(std::isfinite(all.squared_error));
 
   // Only the shape of the splats causes an error. The expected error is small, and few splats meet the goal.
-  Bench varied(test::sample_volume(2000, 29), edge_at(50)), alike(test::sample_volume(2000, 29));
+  Bench alike(test::sample_volume(2000, 29));
   const View view = test::view_of_all(random);
-  EXPECT_LT(alike.cut(view, goal(500)).squared_error, 0.2 * varied.cut(view, goal(500)).squared_error);
+  EXPECT_LT(alike.cut(view, goal(500)).squared_error, 1e-6);
+  EXPECT_LT(alike.cut(view, goal(1u << 20, 1e-3)).splats, 500u);
+}
+
+TEST(CutByError, SaysWhenMoreSplatsWouldNotHelp) {
+  Bench bench(test::sample_volume(3000, 33), edge_at(40));
+  std::mt19937 random(33);
+  for (int trial = 0; trial < 8; ++trial) {
+    const View view = test::random_view(random);
+    const Cut all = bench.cut(view, goal(1u << 20));
+    EXPECT_TRUE(all.finest);
+    EXPECT_GE(all.squared_goal_error, 0.999 * all.squared_error);
+    if (all.splats < 200) continue;
+    const Cut some = bench.cut(view, goal(all.splats / 4));
+    EXPECT_FALSE(some.finest && some.splats <= all.splats / 4) << some.splats << " of " << all.splats;
+    EXPECT_GT(some.squared_goal_error, all.squared_goal_error);
+  }
 }
 
 TEST(CutByError, IsBackToFront) {

@@ -362,6 +362,21 @@ TEST_F(RealData, TruthAgreesWithAnIndependentProgram) {
   }
 }
 
+TEST_F(RealData, AnErrorHolds) {
+  for (const std::string name : {"bluntfin", "post", "wing"}) {
+    expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    std::uint64_t last = 0;
+    for (const double error : {0.01, 0.005}) {
+      const json stats = render(path("volume.svol"), name, "--max-error " + std::to_string(error));
+      EXPECT_LE(against_truth(name, path("picture.exr")).rmse, 1.25 * error) << name;
+      EXPECT_NEAR(stats.at("estimated_error"), error, 0.25 * error) << name;
+      EXPECT_GT(stats.at("splats"), last) << name;
+      last = stats.at("splats");
+    }
+    EXPECT_LT(last, 10000U) << name;
+  }
+}
+
 TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {
   for (const auto& [name, low, high] : {std::tuple{"bluntfin", 0.03, 0.08}, std::tuple{"post", 0.02, 0.06}}) {
     expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));

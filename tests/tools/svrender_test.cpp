@@ -110,8 +110,11 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   const auto best = statistics("--splats 900");
   EXPECT_LE(best.at("splats"), 900);
   EXPECT_GT(best.at("expected_error"), 0);
-  const double expected = best.at("expected_error");
-  EXPECT_LE(statistics(fmt::format("--max-error {}", expected)).at("expected_error"), expected);
+  const auto by_error = statistics("--max-error .02");
+  EXPECT_LE(by_error.at("estimated_error"), 1.05 * 0.02);
+  EXPECT_GE(by_error.at("pictures_for_error"), 2);
+  EXPECT_LT(by_error.at("splats"), 2000);
+  EXPECT_EQ(statistics("").at("max_error"), 0.002);
   EXPECT_FALSE(statistics("--milliseconds 50").at("splats_while_pacing").empty());
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
