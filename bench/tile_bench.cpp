@@ -11,7 +11,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -95,9 +94,8 @@ int run(int argc, char** argv) {
                                                                     .attribute = scene.attribute,
                                                                     .kernel = KernelKind::moments})
                             .value();
-  const FrameSplats& frame =
-      *streamer->request(view, scene.transfer_function, {.tolerance_percent = 0, .max_splats = 100'000'000}).value();
-  const DrawList list = pack_draw_list(frame.data, frame.batches, streamer->units());
+  const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {.tolerance_percent = 0}).value();
+  const DrawList& list = frame.list;
 
   const auto context = HeadlessContext::create().value();
   const auto gl = GlRasterizer::create(KernelKind::moments).value();

@@ -11,6 +11,7 @@
 #include "builder/points/batch_cutter.h"
 #include "builder/points/material_estimator.h"
 #include "builder/reduction/reduction_pipeline.h"
+#include "format/volume_info.h"
 
 namespace splatvol {
 namespace {
@@ -140,8 +141,10 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
                 options.leaf_points);
   const std::vector<std::uint32_t>& chunks = options.points_per_chunk.points;
-  if (chunks.empty() || std::ranges::min(chunks) < 64 || std::ranges::max(chunks) > 65536)
-    return fail(ErrorCode::invalid_argument, "a chunk must be allowed 64 to 65536 points");
+  if (chunks.empty() || std::ranges::min(chunks) < format::min_points_per_chunk ||
+      std::ranges::max(chunks) > format::max_points_per_chunk)
+    return fail(ErrorCode::invalid_argument, "a chunk must be allowed {} to {} points", format::min_points_per_chunk,
+                format::max_points_per_chunk);
   const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
   JoinedAttributes joined{.join = options.join_attributes};
   for (const auto& [name, unit] : options.units) joined.apart.push_back(name);

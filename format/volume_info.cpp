@@ -17,7 +17,6 @@ namespace {
 using nlohmann::json;
 
 constexpr std::uint64_t max_points = (std::uint64_t{1} << 48) - 1;
-constexpr std::uint64_t min_points_per_chunk = 64, max_points_per_chunk = 65536;
 constexpr int max_nesting = 32;
 
 constexpr std::array<std::pair<ColumnKind, const char*>, 7> column_names = {{

@@ -19,6 +19,9 @@ inline constexpr double largest_length = 1e60;  // magnitude of coordinates of t
 inline constexpr double least_length = 1e-60;   // of the edge
 inline constexpr double largest_time = 1e300;   // magnitude
 
+/// Bounds of VolumeInfo::points_per_chunk (spec 4).
+inline constexpr std::uint32_t min_points_per_chunk = 64, max_points_per_chunk = 65536;
+
 /// Whether two numbers are the ends of a range of values.
 [[nodiscard]] inline bool is_range(double min, double max) {
   return -largest_value <= min && min <= max && max <= largest_value;

@@ -1,6 +1,7 @@
 #include "streamer/cache.h"
 
 #include <iterator>
+#include <utility>
 
 namespace splatvol {
 
@@ -25,6 +26,15 @@ std::optional<Reservation> Cache::reserve(std::uint64_t bytes) {
     if (auto reservation = budget_.reserve(bytes)) return reservation;
     if (!drop_oldest()) return std::nullopt;
   }
+}
+
+bool Cache::extend(Reservation& reservation, std::uint64_t bytes) {
+  if (bytes <= reservation.bytes()) return true;
+  reservation = Reservation();
+  auto larger = reserve(bytes);
+  if (!larger) return false;
+  reservation = std::move(*larger);
+  return true;
 }
 
 void Cache::clear() {

@@ -12,24 +12,25 @@
 #include "format/octree.h"
 #include "format/volume.h"
 #include "streamer/budget.h"
-#include "streamer/decode.h"
+#include "streamer/record.h"
 
 namespace splatvol {
 
-/// Names a part of the file. `number` is the offset of an index page, the number of a directory page, or the row of a
-/// chunk. `step` is 0 for what all steps of a series share, and for files without steps; else the step's number + 1.
+/// Names a part of the file. `number` is the offset of an index page, the number of a directory page, or a row of the
+/// file. `step` is 0 for what all steps of a series share, and for files without steps; else the step's number + 1.
 struct CacheKey {
-  enum class Kind { index_root, index_page, directory_page, chunk };
+  enum class Kind { index_root, index_page, directory_page, shapes, values };
   Kind kind;
   std::uint64_t number;
-  int column = -1;  // of a chunk
+  int column = -1;  // of values
   std::uint64_t step = 0;
 
   [[nodiscard]] auto operator<=>(const CacheKey&) const = default;
 };
 
-/// Pages and decoded chunks.
-using CacheData = std::variant<format::IndexPage, format::DirectoryPage, DecodedChunk>;
+/// Pages, and the shapes or values of a row.
+using CacheData = std::variant<format::IndexPage, format::DirectoryPage, std::shared_ptr<const ShapeRow>,
+                               std::shared_ptr<const ValueRow>>;
 
 /// Parts of a file, each with its reservation. When the budget is spent, drops the parts whose last use is longest ago,
 /// except parts that somebody holds. Not thread-safe; the parts may be read from any thread.
@@ -47,6 +48,9 @@ class Cache {
 
   /// Reserves bytes, and drops parts as needed. Returns nullopt if even this does not suffice.
   [[nodiscard]] std::optional<Reservation> reserve(std::uint64_t bytes);
+
+  /// Makes a reservation at least this large. Returns false, and gives it back, if the bytes do not fit.
+  [[nodiscard]] bool extend(Reservation& reservation, std::uint64_t bytes);
 
   /// Reserves bytes without dropping parts. Returns nullopt if they do not fit.
   [[nodiscard]] std::optional<Reservation> reserve_spare(std::uint64_t bytes) { return budget_.reserve(bytes); }

@@ -5,78 +5,56 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
+#include <variant>
+#include <vector>
 
-#include "base/rotation.h"
+#include "streamer/splat.h"
 
 namespace splatvol {
 namespace {
 
-constexpr double farthest = 3;      // deviations; a face beyond cuts off nothing, or everything
-constexpr double softest = 0.75;    // if a smaller share of the mass is left, the face becomes the splat's boundary
-constexpr double foot_scale = 128;  // of MomentsSplat::boundary
-constexpr double largest_foot = 511 / foot_scale;
+constexpr double farthest = 3;    // deviations; a face beyond cuts off nothing, or everything
+constexpr double softest = 0.75;  // if a smaller share of the mass is left, the face becomes the splat's boundary
+constexpr double largest_foot = 511.0 / 128;  // of MomentsShape::boundary
 
-// A splat in double precision.
-struct Material {
-  dvec3 center;
+// A splat, and the numbers that cutting it changes together.
+struct Cutting {
+  Material splat;
   dmat3 axes;        // columns
-  dvec3 deviations;  // along the axes
-  double mass;
-  double value, value_deviation, residual;  // residual: deviation from the linear field
-  dvec3 covariance;                         // of the value with the position along each axis
+  dvec3 covariance;  // of the value with the position along each axis
 };
 
-int signed_byte(std::uint32_t packed, int k) { return static_cast<std::int8_t>(packed >> 8 * k & 255); }
+Cutting begin_cutting(const Material& m) {
+  return {m, glm::mat3_cast(m.orientation), m.correlations * m.value_deviation * m.deviations};
+}
 
-Material unpack(const MomentsSplat& splat) {
-  Material m;
-  m.center = dvec3(splat.position);
-  m.axes = rotated_axes(splat.orientation);
-  m.deviations = dvec3(splat.deviations);
-  m.mass = static_cast<double>(splat.mass);
-  m.value = static_cast<double>(splat.value);
-  m.value_deviation = static_cast<double>(splat.value_deviation);
-  for (int k = 0; k < 3; ++k)
-    m.covariance[k] = signed_byte(splat.correlations, k) / 127.0 * m.value_deviation * m.deviations[k];
-  m.residual = signed_byte(splat.correlations, 3) / 127.0 * m.value_deviation;
+Material end_cutting(const Cutting& cutting) {
+  Material m = cutting.splat;
+  for (int k = 0; k < 3; ++k) {
+    const double unit = m.value_deviation * m.deviations[k];
+    m.correlations[k] = unit > 0 ? std::clamp(cutting.covariance[k] / unit, -1.0, 1.0) : 0;
+  }
   return m;
 }
 
-void pack(const Material& m, MomentsSplat& splat) {
-  splat.position = vec3(m.center);
-  splat.deviations = vec3(m.deviations);
-  splat.mass = static_cast<float>(m.mass);
-  splat.value = static_cast<float>(m.value);
-  splat.value_deviation = static_cast<float>(m.value_deviation);
-  splat.correlations = 0;
-  for (int k = 0; k < 4; ++k) {
-    const double unit = k < 3 ? m.value_deviation * m.deviations[k] : m.value_deviation;
-    const double number = k < 3 ? m.covariance[k] : m.residual;
-    const double correlation = unit > 0 ? std::clamp(number / unit, -1.0, 1.0) : 0;
-    const auto code = static_cast<std::int8_t>(std::lround(127 * correlation));
-    splat.correlations |= static_cast<std::uint32_t>(static_cast<std::uint8_t>(code)) << 8 * k;
-  }
-}
-
-// Returns, packed, the foot of the perpendicular from the centroid on the plane at `distance` along `normal` (in
-// principal directions), in deviations. Returns 0 if the foot is out of range.
-std::uint32_t boundary_at(const Material& m, const dvec3& normal, double distance) {
+// Returns the foot of the perpendicular from the centroid on the plane at `distance` along `normal` (in principal
+// directions), in deviations. Returns 0 if the foot is out of range.
+dvec3 boundary_at(const Material& m, const dvec3& normal, double distance) {
   const dvec3 across = normal * m.deviations;
   const double square = glm::dot(across, across);
-  if (!(square > 0)) return 0;
+  if (!(square > 0)) return dvec3(0);
   const dvec3 foot = distance / square * across;
-  if (!(std::max({std::abs(foot.x), std::abs(foot.y), std::abs(foot.z)}) < largest_foot)) return 0;
-  std::uint32_t packed = 0;
-  for (int k = 0; k < 3; ++k)
-    packed |= (static_cast<std::uint32_t>(std::lround(foot_scale * foot[k])) & 1023u) << 10 * k;
-  return packed;
+  const bool in_range = std::max({std::abs(foot.x), std::abs(foot.y), std::abs(foot.z)}) < largest_foot;
+  return in_range ? foot : dvec3(0);
 }
 
 // Cuts off the material beyond the plane at `distance` from the centre along `outwards`. A truncated normal
 // distribution has its share, mean and variance in closed form; the other numbers follow by regression. Returns false
 // if nothing is left.
-bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& splat) {
-  const dvec3 normal = outwards * m.axes;  // along the principal axes
+bool cut(Cutting& cutting, const dvec3& outwards, double distance) {
+  Material& m = cutting.splat;
+  const dvec3 normal = outwards * cutting.axes;  // along the principal axes
   const dvec3 with = m.deviations * m.deviations * normal;
   const double variance = glm::dot(with, normal), deviation = std::sqrt(variance);
   if (!(deviation > 0)) return distance >= 0;
@@ -88,50 +66,116 @@ bool cut(Material& m, const dvec3& outwards, double distance, MomentsSplat& spla
   const double density = std::exp(-0.5 * cut_at * cut_at) / std::sqrt(2 * std::numbers::pi);
   const double mean = -density / share;                                              // in deviations
   const double lost = std::clamp(cut_at * density / share + mean * mean, 0.0, 1.0);  // of the variance
-  const double with_value = glm::dot(m.covariance, normal);
+  const double with_value = glm::dot(cutting.covariance, normal);
   m.mass *= share;
-  m.center += mean / deviation * (m.axes * with);
+  m.center += mean / deviation * (cutting.axes * with);
   m.value += mean / deviation * with_value;
   const double value_variance =
       std::max(0.0, m.value_deviation * m.value_deviation - lost * with_value * with_value / variance);
   m.value_deviation = std::sqrt(value_variance);
-  m.covariance -= lost * with_value / variance * with;
+  cutting.covariance -= lost * with_value / variance * with;
   for (int k = 0; k < 3; ++k)
     m.deviations[k] = std::sqrt(std::max(0.0, m.deviations[k] * m.deviations[k] - lost * with[k] * with[k] / variance));
-  if (splat.boundary == 0 && share < softest) splat.boundary = boundary_at(m, normal, distance - mean * deviation);
+  if (m.boundary == dvec3(0) && share < softest) m.boundary = boundary_at(m, normal, distance - mean * deviation);
   return true;
 }
 
-}  // namespace
-
-void clip(std::span<MomentsSplat> splats, const Box& box) {
-  for (MomentsSplat& splat : splats) {
-    if (!(splat.mass > 0)) continue;
-    Material m = unpack(splat);
-    // Most splats are so far inside that no face matters.
-    const double reach = farthest * std::max({m.deviations.x, m.deviations.y, m.deviations.z});
-    const dvec3 below = m.center - box.low, above = box.high - m.center;
-    if (std::min({below.x, below.y, below.z, above.x, above.y, above.z}) > reach) continue;
-    bool left = true;
-    for (int axis = 0; axis < 3 && left; ++axis) {
-      dvec3 outwards(0);
-      outwards[axis] = 1;
-      left = cut(m, outwards, box.high[axis] - m.center[axis], splat) &&
-             cut(m, -outwards, m.center[axis] - box.low[axis], splat);
-    }
-    if (left)
-      pack(m, splat);
-    else
-      splat.mass = 0;
-  }
+bool contains(const Box& box, const dvec3& position) {
+  return glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high));
 }
 
-void clip(std::span<OctantSplat> splats, const Box& box) {
-  for (OctantSplat& splat : splats) {
-    const dvec3 position(splat.position);
-    if (!(glm::all(glm::greaterThanEqual(position, box.low)) && glm::all(glm::lessThanEqual(position, box.high))))
-      splat.value = std::numeric_limits<float>::quiet_NaN();
+// Boxes of the centres of a range, relative to its block, and how far its splats reach beyond them.
+struct Reach {
+  Box centers;
+  double beyond = 0;
+};
+
+template <class Shape>
+Box centers_of(const DrawRange& range, std::span<const Shape> shapes) {
+  glm::ivec3 low(largest_offset), high(-largest_offset);
+  for (const Shape& shape : shapes) {
+    const glm::ivec3 offset = shape.position.offset();
+    low = glm::min(low, offset);
+    high = glm::max(high, offset);
   }
+  const double step = range.row.shapes->blocks()[range.block].step;
+  return {step * dvec3(low), step * dvec3(high)};
+}
+
+Reach reach_of(const DrawRange& range, std::span<const MomentsShape> shapes) {
+  unsigned code = 0;
+  for (const MomentsShape& shape : shapes) code = std::max<unsigned>(code, shape.deviations[0]);
+  return {centers_of(range, shapes), farthest * log_number(code, range.row.shapes->deviation_scale())};
+}
+
+Reach reach_of(const DrawRange& range, std::span<const OctantShape> shapes) { return {centers_of(range, shapes), 0}; }
+
+// The splats of a range, in numbers.
+std::vector<Material> unpacked(const DrawRange& range, std::span<const MomentsShape> /*shapes*/) {
+  std::vector<Material> splats;
+  for (std::uint32_t i = 0; i < range.count; ++i) splats.push_back(unpack(range.row, range.begin + i));
+  return splats;
+}
+
+std::vector<OctantSplat> unpacked(const DrawRange& range, std::span<const OctantShape> /*shapes*/) {
+  std::vector<OctantSplat> splats;
+  for (std::uint32_t i = 0; i < range.count; ++i) splats.push_back(unpack_octant(range.row, range.begin + i));
+  return splats;
+}
+
+bool draws(const Material& splat) { return splat.mass > 0; }
+bool draws(const OctantSplat& splat) { return !std::isnan(splat.value); }
+
+}  // namespace
+
+bool clip(Material& splat, const Box& box) {
+  if (!(splat.mass > 0)) return false;
+  // Most splats are so far inside that no face matters.
+  const double reach = farthest * std::max({splat.deviations.x, splat.deviations.y, splat.deviations.z});
+  const dvec3 below = splat.center - box.low, above = box.high - splat.center;
+  if (std::min({below.x, below.y, below.z, above.x, above.y, above.z}) > reach) return false;
+  Cutting cutting = begin_cutting(splat);
+  bool left = true;
+  for (int axis = 0; axis < 3 && left; ++axis) {
+    dvec3 outwards(0);
+    outwards[axis] = 1;
+    left = cut(cutting, outwards, box.high[axis] - cutting.splat.center[axis]) &&
+           cut(cutting, -outwards, cutting.splat.center[axis] - box.low[axis]);
+  }
+  if (left)
+    splat = end_cutting(cutting);
+  else
+    splat.mass = 0;
+  return true;
+}
+
+bool clip(OctantSplat& splat, const Box& box) {
+  if (std::isnan(splat.value) || contains(box, dvec3(splat.position))) return false;
+  splat.value = std::numeric_limits<float>::quiet_NaN();
+  return true;
+}
+
+ClippedRange clip(const DrawRange& range, const Box& box, double length) {
+  const dvec3& origin = range.row.shapes->blocks()[range.block].origin;
+  const Box relative{(box.low - origin) / length, (box.high - origin) / length};
+  const auto clip_shapes = [&](const auto& records) -> ClippedRange {
+    const auto shapes = std::span(records).subspan(range.begin, range.count);
+    const auto [centers, beyond] = reach_of(range, shapes);
+    if (contains({relative.low + beyond, relative.high - beyond}, centers.low) &&
+        contains({relative.low + beyond, relative.high - beyond}, centers.high))
+      return {ClippedRange::Part::all, {}};
+    if (glm::any(glm::lessThan(centers.high + beyond, relative.low)) ||
+        glm::any(glm::greaterThan(centers.low - beyond, relative.high)))
+      return {ClippedRange::Part::none, {}};
+    auto splats = unpacked(range, shapes);
+    bool changed = false;
+    for (auto& splat : splats) changed = clip(splat, relative) || changed;
+    if (!changed) return {ClippedRange::Part::all, {}};
+    if (std::ranges::none_of(splats, [](const auto& splat) { return draws(splat); }))
+      return {ClippedRange::Part::none, {}};
+    return {ClippedRange::Part::some, pack_row(splats, origin, length)};
+  };
+  return std::visit(clip_shapes, range.row.shapes->records());
 }
 
 }  // namespace splatvol

@@ -1,20 +1,34 @@
 // Clips splats at the faces of a box.
 #pragma once
 
-#include <span>
+#include <optional>
 
 #include "base/math.h"
-#include "streamer/splat.h"
+#include "streamer/record.h"
 
 namespace splatvol {
 
-/// Clips splats of the kernel moments, taking their material as normally distributed. Mass, centroid and value become
+/// Clips a splat of the kernel moments, taking its material as normally distributed. Mass, centroid and value become
 /// exactly those of the material inside the box; the deviations change along the splat's axes, which stay. A splat that
-/// has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `box`: in the
-/// splats' units, relative to the origin of their positions.
-void clip(std::span<MomentsSplat> splats, const Box& box);
+/// has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `box`: in drawing
+/// units, relative to the origin of the splat's centre. Returns whether the splat has changed.
+bool clip(Material& splat, const Box& box);
 
-/// Clips splats of the kernel octant: a splat stays whole if its point is in the box, else its value becomes missing.
-void clip(std::span<OctantSplat> splats, const Box& box);
+/// Clips a splat of the kernel octant: it stays whole if its point is in the box, else its value becomes missing.
+bool clip(OctantSplat& splat, const Box& box);
+
+/// A range of records in a box.
+struct ClippedRange {
+  enum class Part {
+    all,   // draw the range as it is
+    none,  // draw nothing
+    some,  // draw `row` instead: a record for each of the range
+  };
+  Part part = Part::all;
+  RecordRow row;  // none unless Part::some
+};
+
+/// Clips the records of a range. `box`: world units; `length`: of a drawing unit, in world units.
+[[nodiscard]] ClippedRange clip(const DrawRange& range, const Box& box, double length);
 
 }  // namespace splatvol

@@ -7,6 +7,7 @@
 
 #include "streamer/error_model.h"
 #include "streamer/node_tree.h"
+#include "streamer/record.h"
 #include "streamer/refinement.h"
 
 namespace splatvol {
@@ -210,7 +211,7 @@ class CutSelector {
     cut.splats += splats;
     cut.squared_error += model.at(resolution, splats).error;
     if (residency_ && &cut == &wanted_) return {};
-    const std::uint64_t bytes_each = splat_bytes(options_.kernel);
+    const std::uint64_t bytes_each = record_bytes(options_.kernel);
     if (cut.splats > options_.max_bytes / bytes_each ||
         cut.memory_bytes() > options_.max_bytes - cut.splats * bytes_each)
       return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", options_.max_bytes);

@@ -1,9 +1,12 @@
 #include "streamer/default_scene.h"
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "scene/contrast.h"
@@ -153,6 +156,18 @@ double volume_of(const std::vector<SurveySplat>& splats) {
                          [](double sum, const SurveySplat& splat) { return sum + splat.volume; });
 }
 
+// Returns what another attribute shows near the box of the core, unless this fills most of it.
+Result<std::vector<SurveySplat>> features_of(const format::Volume& volume, int attribute, const SurveyShapes& shapes,
+                                             const Ball& ball, const Box& core) {
+  SPLATVOL_TRY_ASSIGN(all, survey_material(volume, attribute, shapes));
+  const auto splats = within(ball, all);
+  if (std::ranges::none_of(splats, &SurveySplat::has_value)) return std::vector<SurveySplat>();
+  const auto features = visible_of(splats, choose_transfer_function(splats), visible_of_others);
+  auto near = near_box(core, features);
+  const bool fills = volume_of(near) > largest_filling * volume_of(near_box(core, splats));
+  return fills ? std::vector<SurveySplat>() : std::move(near);
+}
+
 Result<Framing> choose_framing(const format::Volume& volume, int first, const std::vector<SurveySplat>& first_splats,
                                const FirstPicture& picture) {
   Framing framing;
@@ -162,14 +177,13 @@ Result<Framing> choose_framing(const format::Volume& volume, int first, const st
   SPLATVOL_TRY_ASSIGN(others, other_quantities(volume, first, most_others));
   if (others.empty()) return framing;
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_of_others));
-  for (const int other : others) {
-    SPLATVOL_TRY_ASSIGN(all, survey_material(volume, other, shapes));
-    const auto splats = within(framing.ball, all);
-    if (std::ranges::none_of(splats, &SurveySplat::has_value)) continue;
-    const auto features = visible_of(splats, choose_transfer_function(splats), visible_of_others);
-    const auto near = near_box(framing.core, features);
-    if (volume_of(near) > largest_filling * volume_of(near_box(framing.core, splats))) continue;
-    framing.others.insert(framing.others.end(), near.begin(), near.end());
+  const Box core = box_of(framing.core);
+  std::vector<Result<std::vector<SurveySplat>>> found(others.size());
+  tbb::parallel_for(std::size_t{0}, others.size(),
+                    [&](std::size_t i) { found[i] = features_of(volume, others[i], shapes, framing.ball, core); });
+  for (const auto& near : found) {
+    if (!near) return tl::unexpected(near.error());
+    framing.others.insert(framing.others.end(), near->begin(), near->end());
   }
   return framing;
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <numbers>
 
 namespace splatvol {
@@ -37,8 +38,8 @@ double drawn_reach(const SurveySplat& splat, const dvec3& normal) { return std::
 
 // Returns how far the splats reach along `normal`, which need not be a unit vector, from `origin`; without outliers.
 double reach(const std::vector<SurveySplat>& splats, const dvec3& origin, const dvec3& normal) {
-  std::vector<double> reaches;
-  reaches.reserve(splats.size());
+  thread_local std::vector<double> reaches;  // fresh pages cost more than the numbers
+  reaches.clear();
   for (const SurveySplat& splat : splats)
     reaches.push_back(glm::dot(splat.center - origin, normal) + drawn_reach(splat, normal));
   const auto outliers = static_cast<std::ptrdiff_t>(share_of_outliers * static_cast<double>(reaches.size()));
@@ -71,7 +72,20 @@ Fit fit(const std::vector<SurveySplat>& splats, const dvec3& origin, const dvec3
   return result;
 }
 
-// The middle of the splats, without outliers.
+// Returns the variance of the values of those splats whose distance is at most `radius`.
+double variance_within(const std::vector<SurveySplat>& splats, const std::vector<double>& distances, double radius) {
+  double count = 0, mean = 0, squares = 0;
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    if (distances[i] > radius || !splats[i].has_value) continue;
+    const double away = splats[i].value - mean;
+    mean += away / ++count;
+    squares += away * (splats[i].value - mean);
+  }
+  return count > 0 ? squares / count : 0;
+}
+
+}  // namespace
+
 Box box_of(const std::vector<SurveySplat>& splats) {
   const dvec3 middle = [&] {
     dvec3 sum(0);
@@ -87,24 +101,6 @@ Box box_of(const std::vector<SurveySplat>& splats) {
   }
   return box;
 }
-
-}  // namespace
-
-namespace {
-
-// Returns the variance of the values of those splats whose distance is at most `radius`.
-double variance_within(const std::vector<SurveySplat>& splats, const std::vector<double>& distances, double radius) {
-  double count = 0, mean = 0, squares = 0;
-  for (std::size_t i = 0; i < splats.size(); ++i) {
-    if (distances[i] > radius || !splats[i].has_value) continue;
-    const double away = splats[i].value - mean;
-    mean += away / ++count;
-    squares += away * (splats[i].value - mean);
-  }
-  return count > 0 ? squares / count : 0;
-}
-
-}  // namespace
 
 Ball main_clump(const std::vector<SurveySplat>& splats) {
   constexpr std::size_t tried = 128;
@@ -137,6 +133,7 @@ Ball main_clump(const std::vector<SurveySplat>& splats) {
 }
 
 std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats) {
+  if (ball.radius == std::numeric_limits<double>::infinity()) return splats;
   std::vector<SurveySplat> inside;
   std::ranges::copy_if(splats, std::back_inserter(inside), [&](const SurveySplat& splat) {
     return glm::length(splat.center - ball.center) <= ball.radius && splat.longest() <= ball.radius;
@@ -144,9 +141,8 @@ std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>
   return std::ranges::any_of(inside, &SurveySplat::has_value) ? inside : splats;
 }
 
-std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats, const std::vector<SurveySplat>& others) {
+std::vector<SurveySplat> near_box(const Box& box, const std::vector<SurveySplat>& others) {
   constexpr double widening = 0.35, largest = 0.25;
-  const Box box = box_of(splats);
   const dvec3 extent = box.extent();
   const double longest = std::max({extent.x, extent.y, extent.z});
   const dvec3 low = box.low - widening * longest, high = box.high + widening * longest;

@@ -31,10 +31,12 @@ struct Ball {
 /// Returns the splats in the ball that are no larger than it; all splats if none of these has a value.
 [[nodiscard]] std::vector<SurveySplat> within(const Ball& ball, const std::vector<SurveySplat>& splats);
 
-/// Returns those of `others` that are near `splats`: in their box, widened at each side by 35 % of its longest edge.
+/// Returns the box round the middle of splats, without outliers.
+[[nodiscard]] Box box_of(const std::vector<SurveySplat>& splats);
+
+/// Returns those of `others` that are near the box of splats: in it, widened at each side by 35 % of its longest edge.
 /// Splats larger than a quarter of this edge are no features.
-[[nodiscard]] std::vector<SurveySplat> near_box(const std::vector<SurveySplat>& splats,
-                                                const std::vector<SurveySplat>& others);
+[[nodiscard]] std::vector<SurveySplat> near_box(const Box& box, const std::vector<SurveySplat>& others);
 
 /// Returns the middle of the splats' box, without the outliers that fit_camera leaves out. At least one splat.
 [[nodiscard]] dvec3 middle_of(const std::vector<SurveySplat>& splats);

@@ -1,11 +1,16 @@
 #include "streamer/first_transfer.h"
 
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <numbers>
 #include <numeric>
+#include <span>
 
 #include "scene/color_maps.h"
 
@@ -346,11 +351,44 @@ std::vector<Ellipsoid> ellipsoids_of(const std::vector<SurveySplat>& splats, con
   return ellipsoids;
 }
 
+// A ray, or a line if it is orthographic. `direction` has length 1.
+struct Ray {
+  dvec3 eye, direction;
+  std::size_t count = 1;  // of rays that it stands for
+  double depth = 0;       // optical
+};
+
+// Adds up the optical depths of rays. Most rays miss the balls round most ellipsoids, of which there is a vector for
+// each number, so that compilers make vectors of the loop. Each part of them is tried with all rays while it is near.
+void add_depths(const std::vector<Ellipsoid>& ellipsoids, std::span<Ray> through) {
+  constexpr std::size_t at_once = 256;
+  std::array<double, at_once> x, y, z, squares;
+  std::array<std::uint8_t, at_once> is_hit;
+  for (std::size_t begin = 0; begin < ellipsoids.size(); begin += at_once) {
+    const std::size_t count = std::min(at_once, ellipsoids.size() - begin);
+    for (std::size_t k = 0; k < count; ++k) {
+      const Ellipsoid& ellipsoid = ellipsoids[begin + k];
+      x[k] = ellipsoid.center.x, y[k] = ellipsoid.center.y, z[k] = ellipsoid.center.z;
+      squares[k] = ellipsoid.radius * ellipsoid.radius;
+    }
+    for (Ray& ray : through) {
+      const dvec3 eye = ray.eye, direction = ray.direction;
+      for (std::size_t k = 0; k < count; ++k) {
+        const double dx = x[k] - eye.x, dy = y[k] - eye.y, dz = z[k] - eye.z;
+        const double along = dx * direction.x + dy * direction.y + dz * direction.z;
+        is_hit[k] = dx * dx + dy * dy + dz * dz - along * along <= squares[k] ? 1 : 0;
+      }
+      for (std::size_t k = 0; k < count; ++k)
+        if (is_hit[k] != 0) ray.depth += ellipsoids[begin + k].depth(eye, direction);
+    }
+  }
+}
+
 // Optical depths of rays through splats, at equal steps of the weights.
 std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, const View& view) {
   double sum = 0;
   for (const Ellipsoid& ellipsoid : ellipsoids) sum += ellipsoid.weight;
-  std::vector<double> depths;
+  std::vector<Ray> chosen;
   double passed = 0;
   for (const Ellipsoid& through : ellipsoids) {
     const double before = passed;
@@ -359,11 +397,15 @@ std::vector<double> optical_depths(const std::vector<Ellipsoid>& ellipsoids, con
     const double ray_count = number(passed) - number(before);
     if (ray_count < 1) continue;
     const dvec3 direction = view.orthographic ? view.forward : glm::normalize(through.center - view.eye);
-    const dvec3 eye = view.orthographic ? through.center : view.eye;
-    double depth = 0;
-    for (const Ellipsoid& ellipsoid : ellipsoids) depth += ellipsoid.depth(eye, direction);
-    if (depth > 0) depths.insert(depths.end(), static_cast<std::size_t>(ray_count), depth);
+    chosen.push_back({view.orthographic ? through.center : view.eye, direction, static_cast<std::size_t>(ray_count)});
   }
+  constexpr std::size_t at_once = 64;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chosen.size(), at_once), [&](const auto& range) {
+    add_depths(ellipsoids, std::span(chosen).subspan(range.begin(), range.size()));
+  });
+  std::vector<double> depths;
+  for (const Ray& ray : chosen)
+    if (ray.depth > 0) depths.insert(depths.end(), ray.count, ray.depth);
   return depths;
 }
 
@@ -400,16 +442,16 @@ double border_opacity(const std::vector<SurveySplat>& splats, const TransferFunc
   double most = 0;
   for (const int axis : {0, 1})
     for (const double side : {-1.0, 1.0}) {
-      std::vector<double> opacities;
+      std::vector<Ray> across;
       for (int i = 0; i < rays_of_a_side; ++i) {
         dvec2 at(side * half);
         at[1 - axis] = ((i + 0.5) / rays_of_a_side * 2 - 1) * half[1 - axis];
-        const dvec3 direction =
-            glm::normalize(view->forward + at.x / view->focal * view->right + at.y / view->focal * view->up);
-        double depth = 0;
-        for (const Ellipsoid& ellipsoid : ellipsoids) depth += ellipsoid.depth(view->eye, direction);
-        opacities.push_back(-std::expm1(-depth));
+        across.push_back({view->eye, glm::normalize(view->forward + at.x / view->focal * view->right +
+                                                    at.y / view->focal * view->up)});
       }
+      add_depths(ellipsoids, across);
+      std::vector<double> opacities;
+      for (const Ray& ray : across) opacities.push_back(-std::expm1(-ray.depth));
       std::ranges::sort(opacities, std::greater<>());
       most = std::max(most, std::accumulate(opacities.begin(), opacities.begin() + quarter, 0.0) / quarter);
     }

@@ -5,18 +5,40 @@
 #include <iterator>
 #include <utility>
 
+#include "format/columns.h"
 #include "streamer/decode.h"
+#include "streamer/row_bytes.h"
 
 namespace splatvol {
 namespace {
 
-std::uint64_t end_of(const PartLoad& part) {
-  return part.chunk().location.offset + part.chunk().location.entry.packed_bytes;
+// Bytes of the file.
+struct Extent {
+  std::uint64_t begin, end;
+};
+
+Extent extent_of(const ChunkLoad& chunk) {
+  return {chunk.location.offset, chunk.location.offset + chunk.location.entry.packed_bytes};
+}
+
+std::vector<Extent> extents_of(const PartLoad& part) {
+  std::vector<Extent> extents;
+  std::ranges::transform(part.row().chunks, std::back_inserter(extents), extent_of);
+  std::ranges::sort(extents, {}, &Extent::begin);
+  return extents;
+}
+
+std::string name_of(const format::Volume& volume, const ChunkLoad& chunk) {
+  const format::ColumnKind kind = volume.info().columns[static_cast<std::size_t>(chunk.column)].kind;
+  return fmt::format("chunk '{}' of row {}", column_kind_name(kind), chunk.row);
 }
 
 std::string describe(const format::Volume& volume, const PartLoad& part) {
-  if (const auto* chunk = std::get_if<ChunkLoad>(&part.what))
-    return fmt::format("{}: chunk '{}' of row {}", volume.name(), column_kind_name(chunk->kind), part.key.number);
+  if (const auto* row = std::get_if<RowLoad>(&part.what)) {
+    std::string text = fmt::format("{}: {}", volume.name(), name_of(volume, row->chunks.front()));
+    for (const ChunkLoad& chunk : std::span(row->chunks).subspan(1)) text += " or " + name_of(volume, chunk);
+    return text;
+  }
   const bool of_index = part.key.kind == CacheKey::Kind::index_page;
   return fmt::format("{}: {} page {}", volume.name(), of_index ? "index" : "directory", part.key.number);
 }
@@ -39,26 +61,123 @@ Result<CacheData> as_data(const format::Volume& volume, const PartLoad& part, Re
   return CacheData(std::move(*page));
 }
 
-}  // namespace
+// Reads the chunks of a load run, and joins reads where the gap between them costs less than another read.
+class RunBytes {
+ public:
+  RunBytes(const format::Volume& volume, const LoadRun& run) {
+    for (const PartLoad& part : run) std::ranges::copy(extents_of(part), std::back_inserter(extents_));
+    std::ranges::sort(extents_, {}, &Extent::begin);
+    std::size_t joined = 0;
+    for (const Extent& extent : extents_)
+      if (joined > 0 && extent.begin <= extents_[joined - 1].end + volume.cheap_gap())
+        extents_[joined - 1].end = std::max(extents_[joined - 1].end, extent.end);
+      else
+        extents_[joined++] = extent;
+    extents_.resize(joined);
+    for (const Extent& extent : extents_) read_.push_back(volume.read_bytes(extent.begin, extent.end - extent.begin));
+  }
 
-PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what) { return {key, what, {}, {}, CacheData()}; }
+  // Fails if the chunk could not be read.
+  Result<ChunkBytes> of(const ChunkLoad& chunk) const {
+    const auto after = std::ranges::upper_bound(extents_, chunk.location.offset, {}, &Extent::begin);
+    const auto i = static_cast<std::size_t>(after - extents_.begin()) - 1;
+    if (!read_[i]) return tl::unexpected(read_[i].error());
+    return ChunkBytes{chunk.location.entry, std::span(*read_[i]).subspan(chunk.location.offset - extents_[i].begin,
+                                                                         chunk.location.entry.packed_bytes)};
+  }
 
-std::uint64_t decoded_bytes(const ChunkLoad& chunk) { return decoded_bytes(chunk.kind, chunk.points); }
+ private:
+  std::vector<Extent> extents_;
+  std::vector<Result<format::Bytes>> read_;
+};
 
-std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk) {
-  const format::ChunkEntry& entry = chunk.location.entry;
-  return volume.cheap_gap() + entry.packed_bytes + decoding_bytes(chunk.kind, chunk.points, entry.unpacked_bytes);
+Result<CacheData> decode(const format::Volume& volume, const PartLoad& part, std::span<const ChunkBytes> chunks,
+                         std::string_view what) {
+  const RowLoad& row = part.row();
+  if (part.key.kind == CacheKey::Kind::shapes) {
+    SPLATVOL_TRY_ASSIGN(shapes, decode_shapes(row.kernel, chunks[0], chunks[1], row.points, volume.info().cube, what));
+    return CacheData(std::make_shared<const ShapeRow>(std::move(shapes)));
+  }
+  const ChunkBytes* gradients = chunks.size() > 1 ? &chunks[1] : nullptr;
+  SPLATVOL_TRY_ASSIGN(values, decode_values(row.kernel, chunks[0], gradients, row.points, what));
+  return CacheData(std::make_shared<const ValueRow>(std::move(values)));
 }
 
-std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks, std::uint64_t run_bytes) {
-  std::ranges::sort(chunks, {}, [](const PartLoad& part) { return part.chunk().location.offset; });
+// Decoding names all chunks of the part. If one of them is damaged, names this one.
+Result<CacheData> read_row(const format::Volume& volume, const PartLoad& part, const RunBytes& bytes) {
+  std::vector<ChunkBytes> chunks;
+  for (const ChunkLoad& chunk : part.row().chunks) {
+    auto read = bytes.of(chunk);
+    if (!read)
+      return fail(read.error().code, "{}: {}: {}", volume.name(), name_of(volume, chunk), read.error().message);
+    chunks.push_back(*read);
+  }
+  auto data = decode(volume, part, chunks, describe(volume, part));
+  if (data) return data;
+  for (std::size_t i = 0; i < chunks.size(); ++i)
+    if (format::hash_bytes(chunks[i].packed) != chunks[i].entry.hash)
+      return fail(ErrorCode::invalid_data, "{}: {}: checksum mismatch", volume.name(),
+                  name_of(volume, part.row().chunks[i]));
+  return data;
+}
+
+}  // namespace
+
+PartLoad row_load(const CacheKey& key, RowLoad what) { return {key, std::move(what), {}, {}, CacheData()}; }
+
+std::uint64_t decoded_bytes(const PartLoad& part) {
+  const RowLoad& row = part.row();
+  return part.key.kind == CacheKey::Kind::shapes ? shape_row_bytes(row.kernel, row.points)
+                                                 : value_row_bytes(row.kernel, row.points);
+}
+
+std::uint64_t working_bytes(const format::Volume& volume, const PartLoad& part) {
+  const RowLoad& row = part.row();
+  std::uint64_t unpacked = 0, packed = 0;
+  for (const ChunkLoad& chunk : row.chunks) {
+    unpacked += chunk.location.entry.unpacked_bytes;
+    packed += chunk.location.entry.packed_bytes + volume.cheap_gap();
+  }
+  return packed + (part.key.kind == CacheKey::Kind::shapes ? shape_decoding_bytes(row.kernel, row.points, unpacked)
+                                                           : value_decoding_bytes(row.kernel, row.points, unpacked));
+}
+
+std::uint64_t held_bytes(const CacheData& data) {
+  struct Held {
+    std::uint64_t operator()(const format::IndexPage& page) const { return page.memory_bytes(); }
+    std::uint64_t operator()(const format::DirectoryPage& page) const { return page.memory_bytes(); }
+    std::uint64_t operator()(const std::shared_ptr<const ShapeRow>& row) const { return held_bytes(*row); }
+    std::uint64_t operator()(const std::shared_ptr<const ValueRow>& row) const { return held_bytes(*row); }
+  };
+  return std::visit(Held(), data);
+}
+
+// A run goes on along the chunks that are near the end of those before. Other chunks of its parts only add bytes.
+std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> parts, std::uint64_t run_bytes) {
+  std::vector<std::pair<std::vector<Extent>, PartLoad*>> sorted;
+  for (PartLoad& part : parts) sorted.emplace_back(extents_of(part), &part);
+  std::ranges::sort(sorted, {},
+                    [](const auto& part) { return std::pair(part.first.front().begin, part.first.back().begin); });
   std::vector<LoadRun> runs;
-  for (PartLoad& part : chunks) {
-    const bool joins = !runs.empty() &&
-                       part.chunk().location.offset - end_of(runs.back().back()) <= volume.cheap_gap() &&
-                       end_of(part) - runs.back().front().chunk().location.offset <= run_bytes;
-    if (!joins) runs.emplace_back();
-    runs.back().push_back(std::move(part));
+  std::uint64_t end = 0, bytes = 0;  // of the last run
+  for (auto& [extents, part] : sorted) {
+    std::uint64_t new_end = extents.front().begin, added = 0;
+    for (const Extent& extent : extents) {
+      if (extent.begin <= new_end + volume.cheap_gap())
+        new_end = std::max(new_end, extent.end);
+      else
+        added += extent.end - extent.begin;
+    }
+    const std::uint64_t begin = extents.front().begin;
+    const bool joins =
+        !runs.empty() && begin <= end + volume.cheap_gap() && bytes + added + std::max(new_end, end) - end <= run_bytes;
+    if (!joins) {
+      runs.emplace_back();
+      bytes = 0;
+    }
+    bytes += added + (joins ? std::max(new_end, end) - end : new_end - begin);
+    end = joins ? std::max(new_end, end) : new_end;
+    runs.back().push_back(std::move(*part));
   }
   return runs;
 }
@@ -74,22 +193,8 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
     return;
   }
 
-  const std::uint64_t begin = first.chunk().location.offset;
-  const auto bytes = volume.read_bytes(begin, end_of(run.back()) - begin);
-  for (PartLoad& part : run) {
-    if (!bytes) {
-      part.data = fail_in_part(volume, part, bytes.error());
-      continue;
-    }
-    const ChunkLoad& chunk = part.chunk();
-    const auto packed = std::span(*bytes).subspan(chunk.location.offset - begin, chunk.location.entry.packed_bytes);
-    auto decoded = decode_chunk(chunk.kind, chunk.location.entry, packed, chunk.points, volume.info().cube,
-                                describe(volume, part));
-    if (decoded)
-      part.data = CacheData(std::move(*decoded));
-    else
-      part.data = tl::unexpected(decoded.error());
-  }
+  const RunBytes bytes(volume, run);
+  for (PartLoad& part : run) part.data = read_row(volume, part, bytes);
 }
 
 void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs) {

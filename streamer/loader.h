@@ -32,35 +32,45 @@ struct IndexPageLoad {
 };
 struct DirectoryPageLoad {};
 struct ChunkLoad {
-  format::ColumnKind kind;
-  std::uint32_t points;
+  std::uint64_t row;
+  int column;
   format::ChunkLocation location;
+};
+struct RowLoad {
+  KernelKind kernel;
+  std::uint32_t points;
+  std::vector<ChunkLoad> chunks;  // of shapes: positions first; of values: gradients last, if any
 };
 
 /// A part of the file on its way into the cache.
 struct PartLoad {
   CacheKey key;
-  std::variant<IndexPageLoad, DirectoryPageLoad, ChunkLoad> what;
+  std::variant<IndexPageLoad, DirectoryPageLoad, RowLoad> what;
   Reservation decoded;     // for the data; goes into the cache with it
   Reservation working;     // for the packed bytes and for decoding
   Result<CacheData> data;  // CacheData() until it is read
   float error = 0;         // as CutItem::error
 
-  [[nodiscard]] const ChunkLoad& chunk() const { return std::get<ChunkLoad>(what); }
+  [[nodiscard]] const RowLoad& row() const { return std::get<RowLoad>(what); }
 };
 
-/// A load run: one page, or chunks that are next to each other in the file. One read gets it.
+/// A load run: one page, or parts of rows whose chunks are next to each other in the file. One read gets it, or a few
+/// if chunks of one part are apart.
 using LoadRun = std::vector<PartLoad>;
 
-/// Makes the part for a chunk, without reservations.
-[[nodiscard]] PartLoad chunk_load(const CacheKey& key, const ChunkLoad& what);
+/// Makes a part of a row, without reservations.
+[[nodiscard]] PartLoad row_load(const CacheKey& key, RowLoad what);
 
-/// Return the bytes of a chunk's data, and the bytes that reading and decoding need besides.
-[[nodiscard]] std::uint64_t decoded_bytes(const ChunkLoad& chunk);
-[[nodiscard]] std::uint64_t working_bytes(const format::Volume& volume, const ChunkLoad& chunk);
+/// Return about the bytes of a part's data, and the bytes that reading and decoding need besides. Require a part of a
+/// row.
+[[nodiscard]] std::uint64_t decoded_bytes(const PartLoad& part);
+[[nodiscard]] std::uint64_t working_bytes(const format::Volume& volume, const PartLoad& part);
 
-/// Sorts chunks by offset, and joins them to load runs of at most `run_bytes`, or of one chunk.
-[[nodiscard]] std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> chunks,
+/// Returns the bytes that a part holds now that it is read.
+[[nodiscard]] std::uint64_t held_bytes(const CacheData& data);
+
+/// Sorts parts of rows by offset, and joins them to load runs of at most `run_bytes`, or of one part.
+[[nodiscard]] std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad> parts,
                                            std::uint64_t run_bytes);
 
 /// Reads and decodes a load run; sets `data` of each part. `attribute` selects the summaries of index pages. Errors

@@ -37,19 +37,24 @@ std::shared_ptr<const IndexPage> PagedVolume::structure_of(CacheKey key) const {
 }
 
 Result<std::shared_ptr<const IndexPage>> PagedVolume::root() {
-  used_.insert(root_key());
-  return page<IndexPage>(root_key(), 0, [&] { return read_root(); });
+  return note_used(root_key(), page<IndexPage>(root_key(), 0, [&] { return read_root(); }));
+}
+
+Result<std::shared_ptr<const IndexPage>> PagedVolume::note_used(const CacheKey& key,
+                                                                Result<std::shared_ptr<const IndexPage>> page) {
+  if (page && used_.keys.insert(key).second) used_.bytes += (*page)->memory_bytes();
+  return page;
 }
 
 Result<std::shared_ptr<const IndexPage>> PagedVolume::linked(const IndexPage& parent, std::uint32_t node) {
   const format::IndexPageRef& ref = parent.pages[parent.links[node]];
   const CacheKey key = index_key(ref.offset);
-  used_.insert(key);
-  return page<IndexPage>(key, ref.page_bytes, [&] {
+  const auto read = [&] {
     const auto structure = structure_of(key);
     if (structure) return volume_->with_summaries(*structure, attribute_);
     return volume_->read_index_page(ref, parent.nodes.child_masks[node], parent.nodes.counts_of(node), attribute_);
-  });
+  };
+  return note_used(key, page<IndexPage>(key, ref.page_bytes, read));
 }
 
 Result<std::shared_ptr<const DirectoryPage>> PagedVolume::directory_page(std::uint64_t number) {

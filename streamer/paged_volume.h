@@ -1,9 +1,11 @@
 // A volume whose index and directory pages are read when they are needed, through the cache.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <set>
+#include <span>
 
 #include "base/error.h"
 #include "format/volume.h"
@@ -25,7 +27,7 @@ class PagedVolume final : public IndexPages {
     step_before_ = volume.is_same_file(*volume_) ? step_key() : 0;
     volume_ = &volume;
     attribute_ = attribute;
-    used_.clear();
+    used_ = {};
   }
 
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
@@ -41,9 +43,14 @@ class PagedVolume final : public IndexPages {
   /// Returns an index page as it was at the step before; null if the cache does not have it.
   [[nodiscard]] std::shared_ptr<const format::IndexPage> structure_of(CacheKey key) const;
 
-  /// The index pages that `root` and `linked` have returned since the last `forget_used`.
-  [[nodiscard]] const std::set<CacheKey>& used() const { return used_; }
-  void forget_used() { used_.clear(); }
+  /// The index pages that `root` and `linked` have returned since the last `forget_used`, and their bytes.
+  struct Used {
+    std::set<CacheKey> keys;
+    std::uint64_t bytes = 0;
+  };
+  [[nodiscard]] const Used& used() const { return used_; }
+  void set_used(Used used) { used_ = std::move(used); }
+  void forget_used() { used_ = {}; }
 
   /// The keys of parts in the cache.
   [[nodiscard]] CacheKey root_key() const { return {CacheKey::Kind::index_root, 0, -1, step_key()}; }
@@ -53,8 +60,9 @@ class PagedVolume final : public IndexPages {
   [[nodiscard]] CacheKey directory_key(std::uint64_t number) const {
     return {CacheKey::Kind::directory_page, number, -1, volume_->is_page_of_step(number) ? step_key() : 0};
   }
-  [[nodiscard]] CacheKey chunk_key(std::uint64_t row, int column) const {
-    return {CacheKey::Kind::chunk, row, column, volume_->is_of_step(column) ? step_key() : 0};
+  [[nodiscard]] CacheKey row_key(CacheKey::Kind kind, std::uint64_t row, std::span<const int> columns) const {
+    const bool of_step = std::ranges::any_of(columns, [&](int column) { return volume_->is_of_step(column); });
+    return {kind, row, kind == CacheKey::Kind::values ? columns.front() : -1, of_step ? step_key() : 0};
   }
 
   /// Return the number of chunks of a directory page, and its bytes in memory.
@@ -69,13 +77,15 @@ class PagedVolume final : public IndexPages {
  private:
   template <class Page, class Read>
   [[nodiscard]] Result<std::shared_ptr<const Page>> page(CacheKey key, std::uint64_t packed_bytes, Read read);
+  [[nodiscard]] Result<std::shared_ptr<const format::IndexPage>> note_used(
+      const CacheKey& key, Result<std::shared_ptr<const format::IndexPage>> page);
   [[nodiscard]] Result<std::shared_ptr<const format::DirectoryPage>> directory_page(std::uint64_t number);
   [[nodiscard]] std::uint64_t step_key() const { return volume_->series() ? volume_->step() + 1 : 0; }
 
   const format::Volume* volume_;
   int attribute_;
   std::uint64_t step_before_ = 0;  // the step of keys; 0: none
-  std::set<CacheKey> used_;
+  Used used_;
   Cache& cache_;
 };
 

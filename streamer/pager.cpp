@@ -7,7 +7,6 @@
 namespace splatvol {
 namespace {
 
-using format::ColumnKind;
 using format::DirectoryPage;
 using format::IndexPage;
 
@@ -19,8 +18,6 @@ constexpr int before_all_stages = std::numeric_limits<int>::max();
 // Large load runs cost less a byte; small ones let more urgent reads pass earlier.
 constexpr std::uint64_t smallest_run_bytes = 16u << 10;
 constexpr std::uint64_t largest_run_bytes = 512u << 10;
-
-std::uint64_t row_number(std::uint64_t resolution, std::uint64_t group) { return resolution << 56 | group; }
 
 LoadRun page_run(const CacheKey& key, auto what) {
   LoadRun run;
@@ -35,11 +32,10 @@ std::shared_ptr<const Page> typed(const Cache::Pointer& page) {
 
 }  // namespace
 
-Pager::Pager(PagedVolume& paged, Cache& cache, const Gatherer& gatherer, std::uint64_t bytes_in_flight,
-             unsigned threads)
+Pager::Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads)
     : paged_(paged),
       cache_(cache),
-      gatherer_(gatherer),
+      reader_(reader),
       most_in_flight_(bytes_in_flight),
       loader_(paged.volume(), paged.attribute(), threads) {}
 
@@ -48,46 +44,47 @@ Status Pager::pin_coarsest() {
   const format::Volume& volume = paged_.volume();
   const std::uint64_t groups = volume.rows().group_at(0, volume.info().resolution_counts[0] - 1) + 1;
   for (std::uint64_t group = 0; group < groups; ++group)
-    for (const int column : gatherer_.columns()) SPLATVOL_TRY(pin_chunk(group, column));
+    for (const CacheKey& key : reader_.keys({0, group})) SPLATVOL_TRY(pin_part({0, group}, key));
   SPLATVOL_TRY(pin_directory_pages(groups));
   return pin_root();
 }
 
-Status Pager::pin_chunk(std::uint64_t group, int column) {
-  const format::Volume& volume = paged_.volume();
-  const ColumnKind kind = gatherer_.column(column).kind;
-  const std::uint32_t points = volume.rows().group(group).count;
-  const CacheKey key = gatherer_.chunk_key(0, group, column);
-  SPLATVOL_TRY_ASSIGN(location, paged_.find_chunk(key.number, column));
+Status Pager::pin_part(const RowName& name, const CacheKey& key) {
   Cache::Pointer held = cache_.find(key);
   if (!held) {
+    const format::Volume& volume = paged_.volume();
     LoadRun run;
-    run.push_back(chunk_load(key, {kind, points, location}));
-    auto decoded = cache_.reserve(decoded_bytes(run.front().chunk()));
-    const auto working = cache_.reserve(working_bytes(volume, run.front().chunk()));
-    if (!decoded || !working)
+    run.push_back(reader_.load_of(name, key));
+    for (ChunkLoad& chunk : std::get<RowLoad>(run.front().what).chunks) {
+      SPLATVOL_TRY_ASSIGN(location, paged_.find_chunk(chunk.row, chunk.column));
+      chunk.location = location;
+    }
+    auto decoded = cache_.reserve(decoded_bytes(run.front()));
+    const auto working = cache_.reserve(working_bytes(volume, run.front()));
+    const auto too_little = [&] {
       return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume.name());
+    };
+    if (!decoded || !working) return too_little();
     read_run(volume, paged_.attribute(), run);
     SPLATVOL_TRY_ASSIGN(data, std::move(run.front().data));
+    if (!cache_.extend(*decoded, held_bytes(data))) return too_little();
     held = cache_.insert(key, std::move(data), std::move(*decoded));
   }
-  pinned_bytes_ += decoded_bytes(kind, points);
   pinned_.push_back(std::move(held));
   return {};
 }
 
-// Reads the pages again: pinning the chunks may have dropped some of them.
+// Reads the pages again: pinning the rows may have dropped some of them.
 Status Pager::pin_directory_pages(std::uint64_t groups) {
   std::set<std::uint64_t> pages;
   for (std::uint64_t group = 0; group < groups; ++group)
-    for (const int column : gatherer_.columns()) {
-      const std::uint64_t row = gatherer_.chunk_key(0, group, column).number;
-      const std::uint64_t page = paged_.volume().directory_page_of_row(row, column);
-      if (!pages.insert(page).second) continue;
-      SPLATVOL_TRY(paged_.find_chunk(row, column));
-      pinned_.push_back(cache_.find(paged_.directory_key(page)));
-      pinned_bytes_ += paged_.directory_page_bytes(page);
-    }
+    for (const CacheKey& key : reader_.keys({0, group}))
+      for (const auto& [row, column] : reader_.chunks({0, group}, key.kind)) {
+        const std::uint64_t page = paged_.volume().directory_page_of_row(row, column);
+        if (!pages.insert(page).second) continue;
+        SPLATVOL_TRY(paged_.find_chunk(row, column));
+        pinned_.push_back(cache_.find(paged_.directory_key(page)));
+      }
   return {};
 }
 
@@ -95,7 +92,6 @@ Status Pager::pin_root() {
   SPLATVOL_TRY_ASSIGN(root, paged_.root());
   largest_index_page_ = 4 * root->memory_bytes();
   pinned_.push_back(cache_.find(paged_.root_key()));
-  pinned_bytes_ += root->memory_bytes();
   return {};
 }
 
@@ -135,8 +131,8 @@ Result<std::shared_ptr<const IndexPage>> Pager::linked(const IndexPage& page, st
   return nullptr;
 }
 
-const DirectoryPage* Pager::find_directory_page(const CacheKey& chunk) {
-  const std::uint64_t number = paged_.volume().directory_page_of_row(chunk.number, chunk.column);
+const DirectoryPage* Pager::find_directory_page(const RowReader::ChunkName& chunk) {
+  const std::uint64_t number = paged_.volume().directory_page_of_row(chunk.row, chunk.column);
   const Cache::Pointer page = find_page(paged_.directory_key(number));
   return page ? &std::get<DirectoryPage>(*page) : nullptr;
 }
@@ -144,42 +140,38 @@ const DirectoryPage* Pager::find_directory_page(const CacheKey& chunk) {
 bool Pager::holds(std::span<const PointRange> ranges) {
   const auto resolution = static_cast<std::uint32_t>(ranges.size() - 1);
   return visit_groups(paged_.volume(), ranges, [&](const GroupPart& part) {
-    const State state = state_of(resolution, part.group);
+    const State state = state_of({resolution, part.group});
     return state == State::hidden || state == State::ready;
   });
 }
 
-Pager::State Pager::state_of(std::uint32_t resolution, std::uint64_t group) {
-  const auto [found, added] = rows_.try_emplace(row_number(resolution, group));
-  if (added) look_up(resolution, group, found->second);
+Pager::State Pager::state_of(const RowName& name) {
+  const auto [found, added] = rows_.try_emplace(name.number());
+  if (added) look_up(name, found->second);
   return found->second.state;
 }
 
-void Pager::look_up(std::uint32_t resolution, std::uint64_t group, Row& row) {
-  const CacheKey value = gatherer_.chunk_key(resolution, group, gatherer_.value_column());
+void Pager::look_up(const RowName& name, Row& row) {
+  const RowReader::ChunkName value = reader_.value_chunk(name);
   const DirectoryPage* page = find_directory_page(value);
   if (!page) return;
-  const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.number, value.column).entry;
+  const format::ChunkEntry& entry = paged_.volume().find_chunk(*page, value.row, value.column).entry;
   row.state = State::hidden;
   if (!visibility_->shows(entry.min, entry.max, entry.occupancy)) return;
 
-  row.state = State::ready;
-  for (const int column : gatherer_.columns()) {
-    const CacheKey key = gatherer_.chunk_key(resolution, group, column);
-    if (Cache::Pointer chunk = cache_.find(key))
-      row.chunks.push_back(std::move(chunk));
-    else
-      row.state = State::missing;
-    if (!find_directory_page(key)) row.state = State::missing;
-  }
+  row.held = {cache_.find(reader_.shapes_key(name)), cache_.find(reader_.values_key(name))};
+  row.state = row.held.is_whole() ? State::ready : State::missing;
+  for (const CacheKey::Kind kind : {CacheKey::Kind::shapes, CacheKey::Kind::values})
+    for (const RowReader::ChunkName& chunk : reader_.chunks(name, kind))
+      if (!find_directory_page(chunk)) row.state = State::missing;
 }
 
 void Pager::want(const Cut& cut, int stage) {
   for (const CutItem& item : cut.items) {
     if (item.error == 0) continue;
     visit_groups(paged_.volume(), cut.ranges_of(item), [&](const GroupPart& part) {
-      const auto [found, added] = wants_.try_emplace(row_number(item.resolution, part.group),
-                                                     Want{item.resolution, part.group, stage, false, 0});
+      const RowName name{item.resolution, part.group};
+      const auto [found, added] = wants_.try_emplace(name.number(), Want{name, stage, false, 0});
       Want& wanted = found->second;
       wanted.stage = std::max(wanted.stage, stage);
       wanted.needed = wanted.needed || stage == 0;
@@ -193,7 +185,7 @@ void Pager::hold_wanted() {
   rows_.clear();
   std::erase_if(pages_.held, [](const auto& page) { return page.first.kind == CacheKey::Kind::directory_page; });
   for (const auto& [number, want] : wants_)
-    if (want.stage >= 0) static_cast<void>(state_of(want.resolution, want.group));
+    if (want.stage >= 0) static_cast<void>(state_of(want.row));
 }
 
 void Pager::ask() {
@@ -213,17 +205,15 @@ void Pager::ask() {
 std::vector<Pager::Request> Pager::requests() {
   missing_ = {};
   needed_bytes_ = pages_.packed_bytes;
-  std::map<CacheKey, Chunk> chunks;
-  std::set<CacheKey> needed;
-  std::set<std::uint64_t> directory_pages;
-  for (const auto& [number, want] : wants_) add_chunks(want, chunks, needed, directory_pages);
+  Collected collected;
+  for (const auto& [number, want] : wants_) add_row(want, collected);
   std::vector<Request> requests;
-  add_pages(directory_pages, requests);
+  add_pages(collected.directory_pages, requests);
 
-  const bool is_there = missing_.chunks + missing_.pages == 0;
+  const bool is_there = missing_.rows + missing_.pages == 0;
   std::map<int, std::vector<PartLoad>> parts_by_stage;
-  for (auto& [key, chunk] : chunks)
-    if (!is_there || chunk.stage <= 0) parts_by_stage[chunk.stage].push_back(std::move(chunk.part));
+  for (auto& [key, staged] : collected.parts)
+    if (!is_there || staged.stage <= 0) parts_by_stage[staged.stage].push_back(std::move(staged.part));
   const std::uint64_t run_bytes = std::clamp(most_in_flight_ / 32, smallest_run_bytes, largest_run_bytes);
   for (auto& [stage, parts] : parts_by_stage)
     for (LoadRun& run : runs_of(paged_.volume(), std::move(parts), run_bytes)) {
@@ -242,45 +232,57 @@ void Pager::add_pages(const std::set<std::uint64_t>& directory_pages, std::vecto
     if (can_ask(key)) requests.push_back({before_all_stages, 0, page_run(key, std::move(what))});
   };
   for (const auto& [key, what] : pages_.missing) {
-    miss(key, missing_.pages, what.ref.page_bytes);
+    miss(key, missing_.pages);
+    missing_.bytes += what.ref.page_bytes;
     add(key, what);
   }
   for (const std::uint64_t number : directory_pages) add(paged_.directory_key(number), DirectoryPageLoad());
 }
 
-// Adds the chunks of a row that are not there, or the directory pages that name their locations if these are missing.
-void Pager::add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std::set<CacheKey>& needed,
-                       std::set<std::uint64_t>& directory_pages) {
-  const format::Volume& volume = paged_.volume();
-  const State state = state_of(want.resolution, want.group);
+// Adds the parts of a row that are not there, or the directory pages that name their locations if these are missing.
+void Pager::add_row(const Want& want, Collected& collected) {
+  const State state = state_of(want.row);
   if (state == State::hidden) return;
-  for (const int column : gatherer_.columns()) {
-    const CacheKey key = gatherer_.chunk_key(want.resolution, want.group, column);
-    const DirectoryPage* page = find_directory_page(key);
-    if (!page) {
-      const std::uint64_t number = volume.directory_page_of_row(key.number, column);
-      if (directory_pages.insert(number).second && want.needed)
-        miss(paged_.directory_key(number), missing_.pages,
-             paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry));
-      continue;
-    }
-    const format::ChunkLocation& location = volume.find_chunk(*page, key.number, column);
-    const bool count = want.needed && needed.insert(key).second;
-    if (count) needed_bytes_ += location.entry.packed_bytes;
-    if (state == State::ready || cache_.find(key)) continue;
-    if (count) miss(key, missing_.chunks, location.entry.packed_bytes);
-    if (!can_ask(key)) continue;
-    const std::uint32_t points = volume.rows().group(want.group).count;
-    const auto [chunk, added] =
-        chunks.try_emplace(key, want.stage, chunk_load(key, {gatherer_.column(column).kind, points, location}));
-    chunk->second.stage = std::max(chunk->second.stage, want.stage);
-    chunk->second.part.error = std::max(chunk->second.part.error, want.error);
-  }
+  for (const CacheKey& key : reader_.keys(want.row)) add_part(want, key, state == State::ready, collected);
 }
 
-void Pager::miss(const CacheKey& key, std::uint64_t& parts, std::uint64_t packed_bytes) {
+void Pager::add_part(const Want& want, const CacheKey& key, bool is_there, Collected& collected) {
+  const format::Volume& volume = paged_.volume();
+  PartLoad part = reader_.load_of(want.row, key);
+  const bool missing = !is_there && !cache_.find(key);
+  const bool first = want.needed && collected.needed.insert(key).second;
+  bool located = true;
+  for (ChunkLoad& chunk : std::get<RowLoad>(part.what).chunks) {
+    const DirectoryPage* page = find_directory_page({chunk.row, chunk.column});
+    if (!page) {
+      miss_page(volume.directory_page_of_row(chunk.row, chunk.column), want.needed, collected);
+      located = false;
+      continue;
+    }
+    chunk.location = volume.find_chunk(*page, chunk.row, chunk.column);
+    if (!first) continue;
+    const std::pair name(chunk.row, chunk.column);
+    const std::uint64_t bytes = chunk.location.entry.packed_bytes;
+    if (collected.needed_chunks.insert(name).second) needed_bytes_ += bytes;
+    if (missing && collected.missing_chunks.insert(name).second) missing_.bytes += bytes;
+  }
+  if (!missing || !located) return;
+  if (first) miss(key, missing_.rows);
+  if (!can_ask(key)) return;
+  const auto [staged, added] = collected.parts.try_emplace(key, want.stage, std::move(part));
+  staged->second.stage = std::max(staged->second.stage, want.stage);
+  staged->second.part.error = std::max(staged->second.part.error, want.error);
+}
+
+void Pager::miss_page(std::uint64_t number, bool needed, Collected& collected) {
+  collected.directory_pages.insert(number);
+  if (!needed || !collected.needed.insert(paged_.directory_key(number)).second) return;
+  miss(paged_.directory_key(number), missing_.pages);
+  missing_.bytes += paged_.directory_page_chunks(number) * sizeof(format::ChunkEntry);
+}
+
+void Pager::miss(const CacheKey& key, std::uint64_t& parts) {
   ++parts;
-  missing_.bytes += packed_bytes;
   missing_.failed += failed_.contains(key) ? 1 : 0;
 }
 
@@ -308,9 +310,9 @@ bool Pager::reserve(PartLoad& part, bool may_evict) {
     // The size of a page in memory is known only after unpacking. Pages are about equally large.
     decoded = largest_index_page_;
     working = largest_index_page_ + page->ref.page_bytes;
-  } else if (const auto* chunk = std::get_if<ChunkLoad>(&part.what)) {
-    decoded = decoded_bytes(*chunk);
-    working = working_bytes(paged_.volume(), *chunk);
+  } else {
+    decoded = decoded_bytes(part);
+    working = working_bytes(paged_.volume(), part);
   }
   if (bytes_in_flight_ > 0 && bytes_in_flight_ + decoded + working > most_in_flight_) return false;
   auto data_bytes = may_evict ? cache_.reserve(decoded) : cache_.reserve_spare(decoded);
@@ -333,7 +335,8 @@ void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
   const auto found = in_flight_.find(part.key);
   bytes_in_flight_ -= found->second;
   in_flight_.erase(found);
-  (part.key.kind == CacheKey::Kind::chunk ? arrivals.chunks : arrivals.pages) = true;
+  const bool of_row = part.key.kind == CacheKey::Kind::shapes || part.key.kind == CacheKey::Kind::values;
+  (of_row ? arrivals.rows : arrivals.pages) = true;
   if (!part.data) {
     failed_.insert(part.key);
     errors_.push_back(part.data.error());
@@ -346,6 +349,11 @@ void Pager::arrive(PartLoad& part, Arrivals& arrivals) {
     auto reservation = cache_.reserve(bytes);
     if (!reservation) return;
     part.decoded = std::move(*reservation);
+  } else if (of_row && !cache_.extend(part.decoded, held_bytes(*part.data))) {
+    failed_.insert(part.key);
+    errors_.push_back({ErrorCode::out_of_budget, fmt::format("{}: no memory for row {}, which has many blocks",
+                                                             paged_.volume().name(), part.key.number)});
+    return;
   }
   cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
 }

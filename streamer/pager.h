@@ -16,9 +16,9 @@
 #include "format/volume.h"
 #include "streamer/cache.h"
 #include "streamer/cut.h"
-#include "streamer/gather.h"
 #include "streamer/loader.h"
 #include "streamer/paged_volume.h"
+#include "streamer/row_reader.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {
@@ -33,11 +33,10 @@ class Pager final : public IndexPages, public Residency {
  public:
   /// `bytes_in_flight`: most bytes for parts that are being read and decoded, with their data; if this is too little
   /// for one part, one is read at a time. Keeps references to its arguments.
-  Pager(PagedVolume& paged, Cache& cache, const Gatherer& gatherer, std::uint64_t bytes_in_flight, unsigned threads);
+  Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads);
 
-  /// Reads the root of the index and all chunks of resolution 0, with their directory pages. Holds them from then on.
+  /// Reads the root of the index and all rows of resolution 0, with their directory pages. Holds them from then on.
   [[nodiscard]] Status pin_coarsest();
-  [[nodiscard]] std::uint64_t pinned_bytes() const { return pinned_bytes_; }
 
   /// Pages that the choice of cuts has used, and references to those that were not there.
   struct Pages {
@@ -64,12 +63,12 @@ class Pager final : public IndexPages, public Residency {
                                                                         std::uint32_t node) override;
   [[nodiscard]] bool holds(std::span<const PointRange> ranges) override;
 
-  /// The stage of chunks that the next view may need.
+  /// The stage of rows that the next view may need.
   static constexpr int ahead = -1;
 
-  /// Wants the chunks of a cut. Higher stages are read before lower ones; within a stage, larger errors first. Stage 0
+  /// Wants the rows of a cut. Higher stages are read before lower ones; within a stage, larger errors first. Stage 0
   /// is the picture that is needed. Higher stages are coarser pictures on the way: they are skipped once all of stage 0
-  /// is there. No part is dropped for chunks of stage `ahead`.
+  /// is there. No part is dropped for rows of stage `ahead`.
   void want(const Cut& cut, int stage);
 
   /// Asks for the parts that are wanted and not there, while memory suffices. Withdraws earlier requests that were not
@@ -85,9 +84,9 @@ class Pager final : public IndexPages, public Residency {
   /// Which kinds of parts have arrived.
   struct Arrivals {
     bool pages = false;
-    bool chunks = false;
+    bool rows = false;
 
-    [[nodiscard]] explicit operator bool() const { return pages || chunks; }
+    [[nodiscard]] explicit operator bool() const { return pages || rows; }
   };
   /// Adds the parts that have been read to the cache, and notes those that failed.
   Arrivals accept_arrivals();
@@ -95,12 +94,12 @@ class Pager final : public IndexPages, public Residency {
 
   /// The needed parts that were not there at the last `ask`.
   struct Missing {
-    std::uint64_t chunks = 0;  // whose locations are known
+    std::uint64_t rows = 0;  // shapes or values of rows, whose locations are known
     std::uint64_t pages = 0;
-    std::uint64_t bytes = 0;
-    std::uint64_t failed = 0;  // of these chunks and pages, those that cannot be read
+    std::uint64_t bytes = 0;   // packed
+    std::uint64_t failed = 0;  // of these rows and pages, those that cannot be read
 
-    [[nodiscard]] bool settled() const { return chunks + pages == failed; }
+    [[nodiscard]] bool settled() const { return rows + pages == failed; }
   };
   [[nodiscard]] const Missing& missing() const { return missing_; }
 
@@ -115,11 +114,10 @@ class Pager final : public IndexPages, public Residency {
   enum class State { hidden, ready, missing, unlocated };
   struct Row {
     State state = State::unlocated;
-    std::vector<Cache::Pointer> chunks;
+    HeldRow held;
   };
   struct Want {
-    std::uint32_t resolution;
-    std::uint64_t group;
+    RowName row;
     int stage;
     bool needed;
     float error;
@@ -129,22 +127,30 @@ class Pager final : public IndexPages, public Residency {
     float error;
     LoadRun run;
   };
-  [[nodiscard]] Status pin_chunk(std::uint64_t group, int column);
+  [[nodiscard]] Status pin_part(const RowName& name, const CacheKey& key);
   [[nodiscard]] Status pin_directory_pages(std::uint64_t groups);
   [[nodiscard]] Status pin_root();
   [[nodiscard]] Cache::Pointer find_page(const CacheKey& key);
-  [[nodiscard]] const format::DirectoryPage* find_directory_page(const CacheKey& chunk);
-  [[nodiscard]] State state_of(std::uint32_t resolution, std::uint64_t group);
-  void look_up(std::uint32_t resolution, std::uint64_t group, Row& row);
+  [[nodiscard]] const format::DirectoryPage* find_directory_page(const RowReader::ChunkName& chunk);
+  [[nodiscard]] State state_of(const RowName& name);
+  void look_up(const RowName& name, Row& row);
   [[nodiscard]] std::vector<Request> requests();
   void add_pages(const std::set<std::uint64_t>& directory_pages, std::vector<Request>& requests);
-  struct Chunk {
+  struct StagedPart {
     int stage;
     PartLoad part;
   };
-  void add_chunks(const Want& want, std::map<CacheKey, Chunk>& chunks, std::set<CacheKey>& needed,
-                  std::set<std::uint64_t>& directory_pages);
-  void miss(const CacheKey& key, std::uint64_t& parts, std::uint64_t packed_bytes);
+  // What `requests` collects.
+  struct Collected {
+    std::map<CacheKey, StagedPart> parts;
+    std::set<CacheKey> needed;
+    std::set<std::pair<std::uint64_t, int>> needed_chunks, missing_chunks;  // row and column
+    std::set<std::uint64_t> directory_pages;
+  };
+  void add_row(const Want& want, Collected& collected);
+  void add_part(const Want& want, const CacheKey& key, bool is_there, Collected& collected);
+  void miss_page(std::uint64_t number, bool needed, Collected& collected);
+  void miss(const CacheKey& key, std::uint64_t& parts);
   [[nodiscard]] bool can_ask(const CacheKey& key) const { return !in_flight_.contains(key) && !failed_.contains(key); }
   [[nodiscard]] bool submit(LoadRun run, bool may_evict);
   [[nodiscard]] bool reserve(PartLoad& part, bool may_evict);
@@ -152,11 +158,10 @@ class Pager final : public IndexPages, public Residency {
 
   PagedVolume& paged_;
   Cache& cache_;
-  const Gatherer& gatherer_;
+  const RowReader& reader_;
   const std::uint64_t most_in_flight_;
   std::optional<ValueVisibility> visibility_;
   std::vector<Cache::Pointer> pinned_;
-  std::uint64_t pinned_bytes_ = 0;
 
   Pages pages_;
   std::map<CacheKey, IndexPageLoad> pages_ahead_;  // pages that the next view may need

@@ -9,12 +9,12 @@ namespace splatvol {
 using format::DirectoryPage;
 
 StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute,
-                           std::vector<PartLoad> pages, std::vector<PartLoad> chunks, Reservation working)
+                           std::vector<PartLoad> pages, std::vector<PartLoad> rows, Reservation working)
     : from_(std::move(from)),
       step_(step),
       attribute_(attribute),
       pages_(std::move(pages)),
-      chunks_(std::move(chunks)),
+      rows_(std::move(rows)),
       working_(std::move(working)),
       thread_([this] { run(); }) {}
 
@@ -39,7 +39,7 @@ void StepPrefetch::read_step() {
   result_.volume = std::move(*opened);
   if (!has_same_layout()) return;
   read_pages();
-  read_chunks();
+  read_rows();
   working_ = Reservation();
 }
 
@@ -68,26 +68,31 @@ void StepPrefetch::read_pages() {
   }
 }
 
-bool StepPrefetch::find_location(PartLoad& chunk) const {
-  const format::Volume& volume = *result_.volume;
-  const std::uint64_t number = volume.directory_page_of_row(chunk.key.number, chunk.key.column);
-  for (const PartLoad& part : result_.parts) {
-    if (part.key.kind != CacheKey::Kind::directory_page || part.key.number != number) continue;
-    const auto& page = std::get<DirectoryPage>(*part.data);
-    std::get<ChunkLoad>(chunk.what).location = volume.find_chunk(page, chunk.key.number, chunk.key.column);
-    return true;
-  }
-  return false;
+const DirectoryPage* StepPrefetch::find_page(std::uint64_t number) const {
+  for (const PartLoad& part : result_.parts)
+    if (part.key.kind == CacheKey::Kind::directory_page && part.key.number == number)
+      return &std::get<DirectoryPage>(*part.data);
+  return nullptr;
 }
 
-void StepPrefetch::read_chunks() {
-  std::erase_if(chunks_, [&](PartLoad& chunk) { return !find_location(chunk); });
-  std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(chunks_), run_bytes);
+bool StepPrefetch::find_locations(PartLoad& row) const {
+  const format::Volume& volume = *result_.volume;
+  for (ChunkLoad& chunk : std::get<RowLoad>(row.what).chunks) {
+    const DirectoryPage* page = find_page(volume.directory_page_of_row(chunk.row, chunk.column));
+    if (!page) return false;
+    chunk.location = volume.find_chunk(*page, chunk.row, chunk.column);
+  }
+  return true;
+}
+
+void StepPrefetch::read_rows() {
+  std::erase_if(rows_, [&](PartLoad& row) { return !find_locations(row); });
+  std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(rows_), run_bytes);
   for (LoadRun& run : runs) {
     if (stopping_) return;
     read_run(*result_.volume, attribute_, run);
     for (PartLoad& part : run)
-      if (part.data) result_.parts.push_back(std::move(part));
+      if (part.data && held_bytes(*part.data) <= part.decoded.bytes()) result_.parts.push_back(std::move(part));
   }
 }
 

@@ -21,11 +21,11 @@ class StepPrefetch {
   /// Largest load run, packed. One is held at a time, in `working`.
   static constexpr std::uint64_t run_bytes = std::uint64_t{256} << 10;
 
-  /// `pages` and `chunks` have the keys of `step`, and reservations for their data. Index pages have their structure.
-  /// The locations of the chunks are not known yet; the directory pages must have them. `working` is for all else: the
-  /// step's preamble and a load run.
+  /// `pages` and `rows` (parts of rows) have the keys of `step`, and reservations for their data. Index pages have
+  /// their structure. The locations of chunks are not known yet; the directory pages must have them. `working` is for
+  /// all else: the step's preamble and a load run.
   StepPrefetch(std::shared_ptr<const format::Volume> from, std::size_t step, int attribute, std::vector<PartLoad> pages,
-               std::vector<PartLoad> chunks, Reservation working);
+               std::vector<PartLoad> rows, Reservation working);
   StepPrefetch(const StepPrefetch&) = delete;
   StepPrefetch& operator=(const StepPrefetch&) = delete;
 
@@ -49,14 +49,15 @@ class StepPrefetch {
   void run();
   void read_step();
   void read_pages();
-  void read_chunks();
+  void read_rows();
   [[nodiscard]] bool has_same_layout() const;
-  [[nodiscard]] bool find_location(PartLoad& chunk) const;
+  [[nodiscard]] bool find_locations(PartLoad& row) const;
+  [[nodiscard]] const format::DirectoryPage* find_page(std::uint64_t number) const;
 
   std::shared_ptr<const format::Volume> from_;
   const std::size_t step_;
   const int attribute_;
-  std::vector<PartLoad> pages_, chunks_;
+  std::vector<PartLoad> pages_, rows_;
   Reservation working_;
   Result result_;
   std::atomic<bool> stopping_ = false, done_ = false;

@@ -2,11 +2,12 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
-#include <limits>
+#include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "base/error.h"
@@ -15,12 +16,15 @@
 #include "scene/scene.h"
 #include "streamer/budget.h"
 #include "streamer/cache.h"
+#include "streamer/clip.h"
 #include "streamer/cut.h"
+#include "streamer/detail.h"
 #include "streamer/fade.h"
-#include "streamer/gather.h"
 #include "streamer/occlusion.h"
 #include "streamer/paged_volume.h"
 #include "streamer/pager.h"
+#include "streamer/record.h"
+#include "streamer/row_reader.h"
 #include "streamer/splat.h"
 #include "streamer/step_prefetch.h"
 
@@ -35,16 +39,6 @@ struct StreamerOptions {
   bool hide = true;                 // leaves out nodes behind an opaque front; false: for comparisons
 };
 
-/// The detail that a view asks for.
-struct DetailOptions {
-  double tolerance_percent = 1;                                          // see CutOptions
-  std::optional<std::size_t> resolution = std::nullopt;                  // fixed; at most the finest of the file
-  std::uint64_t max_splats = std::numeric_limits<std::uint64_t>::max();  // that the renderer can hold
-  std::optional<ErrorGoal> goal = std::nullopt;                          // used instead of tolerance and resolution
-
-  [[nodiscard]] bool operator==(const DetailOptions&) const = default;
-};
-
 /// How far a frame is from the picture that its view asks for.
 struct FrameProgress {
   bool complete = true;      // it is the frame of `request` for its `detail`
@@ -52,19 +46,19 @@ struct FrameProgress {
   std::uint64_t fading = 0;  // regions that fade
 
   // Parts of the file that are needed.
-  std::uint64_t missing_chunks = 0;  // whose locations are known
-  std::uint64_t missing_pages = 0;   // of index and directory
-  std::uint64_t missing_bytes = 0;   // packed
-  std::uint64_t needed_bytes = 0;    // packed, there or not
+  std::uint64_t missing_rows = 0;   // shapes or values of rows, whose locations are known
+  std::uint64_t missing_pages = 0;  // of index and directory
+  std::uint64_t missing_bytes = 0;  // packed
+  std::uint64_t needed_bytes = 0;   // packed, there or not
 
   std::vector<Error> errors;  // of parts that could not be read since the frame before; each part once
 };
 
-/// Splats for a view, back to front; owned by the streamer.
+/// What to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget counts
+/// them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
 struct FrameSplats {
-  SplatSpan data;                   // of all batches, one after another, in Streamer::units
-  std::vector<SplatBatch> batches;  // one for each node that has splats
-  std::uint64_t serial = 0;         // changes when the splats change; weights may change without it
+  DrawList list;
+  std::uint64_t serial = 0;  // changes when the list changes, besides its weights
 
   // The chosen cut. A coarser detail than the one asked for is what the budget allows.
   std::uint64_t nodes = 0;
@@ -91,8 +85,14 @@ struct StreamerStatistics {
   double fetch_seconds = 0;
 };
 
-/// An open file, seen through one attribute. All its memory counts against the budget: preamble, pages, chunks, packed
-/// bytes that are being read, and splats. Not thread-safe; uses all processors, and its own threads for `advance`.
+/// An open file, seen through one attribute. All its memory counts against the budget: preamble, pages, rows of
+/// records, packed bytes that are being read, and draw lists. A row is decoded once, and stays until its memory is
+/// needed.
+///
+/// One rule tells which cuts fit, for `request` and `advance`: the rows that a cut touches, with their directory pages,
+/// the index pages from which it was chosen, its draw list and its clipped rows take at most three quarters of the
+/// budget that the fixed parts leave. The rest is for parts on their way. The rule counts rows as if all were visible.
+/// Not thread-safe; uses all processors, and its own threads for `advance`.
 class Streamer {
  public:
   /// Reads the preamble. Fails if the file is damaged, does not have the attribute (the message lists those that it
@@ -107,11 +107,11 @@ class Streamer {
   Streamer& operator=(const Streamer&) = delete;
   ~Streamer();
 
-  /// Returns the splats for a view: chooses, reads and gathers them first. Reuses the splats of the request before if
-  /// the cut is the same. If they would pass the budget or max_splats, loses detail and never coverage: raises the
-  /// tolerance, lowers the fixed resolution, or lowers the splats of a goal, until they fit. Fails with out_of_budget
-  /// if not even the coarsest cut fits; the message names the number of bytes that would suffice. Fails with the
-  /// reader's error if the file cannot be read or is damaged.
+  /// Returns the splats for a view: chooses a cut, and reads the rows that are not there. If the cut does not fit the
+  /// budget, or its records device_bytes, loses detail and never coverage: raises the tolerance, lowers the fixed
+  /// resolution, or lowers the splats of a goal, until they fit. Fails with out_of_budget if not even the coarsest cut
+  /// fits; the message names the number of bytes that would suffice. Fails with the reader's error if the file cannot
+  /// be read or is damaged.
   ///
   /// The result stays valid until the next request, even if that fails.
   [[nodiscard]] Result<const FrameSplats*> request(const View& view, const TransferFunction& function,
@@ -119,9 +119,8 @@ class Streamer {
 
   /// Returns the best splats for a view that are resident now, or within `wait_seconds`. Until the next call, reads
   /// what else the view asks for: coarse before fine, and larger errors first. The splats always show all of the
-  /// volume. Calls with the same view end in a frame that is `complete`, which is the frame of `request` for its
-  /// `detail`. This detail is coarser than the one asked for if the splats together with their chunks would pass the
-  /// budget.
+  /// volume. Calls with the same view end in a frame that is `complete`, which is the frame of `request` for the same
+  /// detail: both lose as much detail for the budget.
   ///
   /// `change`, (0, 1]: the share of a change of resolution that this call makes; 1: all at once. With less, a region
   /// whose resolution changes fades: it is drawn both as it was and as it will be. The weights of the two move by
@@ -153,7 +152,7 @@ class Streamer {
   /// Whether `prefetch_step` is still reading, so that `set_step` would wait for it.
   [[nodiscard]] bool is_prefetching() const { return prefetch_ && !prefetch_->is_done(); }
 
-  /// Returns the nodes of the last frame, in the order of its batches; none if there is no frame.
+  /// Returns the nodes of the last frame, back to front; none if there is no frame.
   [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const;
 
   /// Returns the units of the splats.
@@ -162,50 +161,69 @@ class Streamer {
     return {drawing_length(info().cube.edge), attribute.offset, attribute.scale};
   }
 
+  [[nodiscard]] KernelKind kernel() const { return kernel_; }
   [[nodiscard]] const format::VolumeInfo& info() const { return volume_->info(); }
   [[nodiscard]] const format::Volume& volume() const { return *volume_; }
   [[nodiscard]] StreamerStatistics statistics() const;
 
  private:
   struct Frame;
-  struct Choice {
-    Cut cut;
-    DetailOptions detail;
-  };
   struct Aim;
-  using TryCut = std::function<Result<Cut>(const DetailOptions& detail)>;
+
+  // A range of records: the ids of its shapes and values, its first record and its number of records.
+  using RangeName = std::tuple<std::uint64_t, std::uint64_t, std::uint32_t, std::uint32_t>;
   Streamer(std::shared_ptr<const format::Volume> volume, int attribute, const StreamerOptions& options);
+  [[nodiscard]] ValueVisibility visibility_of(const TransferFunction& function) const;
+
+  // Budget and choice (streamer_choice.cpp).
   [[nodiscard]] Status set_memory_aside();
   [[nodiscard]] std::uint64_t choice_bytes() const;
   [[nodiscard]] std::uint64_t fixed_bytes() const;
   [[nodiscard]] std::uint64_t budget_for(std::uint64_t bytes) const;
-  [[nodiscard]] std::uint64_t frame_limit() const;
-  [[nodiscard]] std::uint64_t paging_memory() const;
+  [[nodiscard]] std::uint64_t free_bytes() const;
+  [[nodiscard]] std::uint64_t cut_limit() const { return free_bytes() / 4 * 3; }
+  [[nodiscard]] std::uint64_t list_bytes(const Cut& cut) const;
+  [[nodiscard]] std::uint64_t clipped_bytes(const Cut& cut) const;
+  [[nodiscard]] std::uint64_t frame_bytes(const Cut& cut) const { return list_bytes(cut) + clipped_bytes(cut); }
+  [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
+  [[nodiscard]] std::uint64_t coarsest_cut_bytes() const;
+  [[nodiscard]] std::uint64_t cut_bytes(const Cut& cut, std::uint64_t index_bytes) const;
+  [[nodiscard]] Status check_fits(const Cut& cut, std::uint64_t index_bytes, const DetailOptions& detail) const;
+  [[nodiscard]] DetailOptions first_detail(DetailOptions detail) const;
   [[nodiscard]] CutOptions cut_options(const DetailOptions& detail, std::uint64_t max_bytes);
-  [[nodiscard]] Result<Choice> choose(DetailOptions detail, const TryCut& try_cut) const;
-  [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
-                                                      const DetailOptions& detail, bool paging);
   [[nodiscard]] Result<Cut> select(IndexPages& index, Residency* residency, const View& view,
                                    const ValueVisibility& visibility, const CutOptions& options);
-  [[nodiscard]] Result<Cut> try_cut(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  [[nodiscard]] Result<Choice> choose(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
+  [[nodiscard]] tl::unexpected<Error> fail_for_memory(const View& view, const ValueVisibility& visibility,
+                                                      const DetailOptions& detail);
+
+  // Frames (streamer_frame.cpp).
+  void drop_frame();
   [[nodiscard]] Status fetch(Cut cut, const ValueVisibility& visibility);
   [[nodiscard]] bool shows(const ValueVisibility& visibility) const;
   [[nodiscard]] Status assemble(FadingCut fading, const ValueVisibility& visibility, Reservation reservation);
+  void add_ranges(Frame& frame, std::span<const RowPart> plan, const HeldRows& rows) const;
+  void clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> before) const;
+  void count_splats(Frame& frame);
+  void set_weights(FadingCut fading);
 
-  [[nodiscard]] std::vector<CacheKey> step_chunks_of_frame();
+  // Steps (streamer.cpp).
+  [[nodiscard]] std::vector<PartLoad> step_rows_of_frame();
   void add_index_pages(std::size_t step, std::vector<PartLoad>& pages);
+  [[nodiscard]] bool add_directory_pages(std::size_t step, const PartLoad& row, std::vector<PartLoad>& pages);
   void take_prefetched(StepPrefetch::Result result);
+
+  // Paging (streamer_paging.cpp).
   [[nodiscard]] Status start_paging();
   [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   void want_stages(const View& view, const ValueVisibility& visibility);
   void want_ahead(const View& last, const View& view, const ValueVisibility& visibility);
-  [[nodiscard]] std::uint64_t coarsest_frame_bytes() const;
   [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
   [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;
-  void set_weights(FadingCut fading);
   [[nodiscard]] Status show_resident(double change);
   [[nodiscard]] Status make_resident_frame(FadingCut fading, DetailOptions detail);
+  [[nodiscard]] Status make_coarsest_frame();
   [[nodiscard]] FrameProgress extract_progress();
 
   std::shared_ptr<const format::Volume> volume_;
@@ -214,18 +232,20 @@ class Streamer {
   bool hide_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
+  std::uint64_t coarsest_bytes_ = 0;  // of what `advance` always holds: the root, the coarsest rows and their frame
   Reservation fixed_;
   FilledNodes filled_;
   std::optional<KeptOcclusion> occlusion_;
   Cache cache_;
   PagedVolume paged_;
-  std::optional<Gatherer> gatherer_;
+  std::optional<RowReader> reader_;
   std::unique_ptr<Pager> pager_;  // while frames come from `advance`
   std::unique_ptr<Aim> aim_;
   std::optional<View> view_before_;            // the view before that of `aim_`, until `want_ahead`
   std::optional<Reservation> coarsest_frame_;  // while there is a pager: for a frame when memory is spent
   std::unique_ptr<Frame> frame_;
-  std::optional<Box> clip_box_;  // of the view that is asked for
+  std::map<RangeName, ClippedRange> clipped_before_;  // of the frame before, while a frame is made
+  std::optional<Box> clip_box_;                       // of the view that is asked for
   std::unique_ptr<StepPrefetch> prefetch_;
   std::uint64_t next_serial_ = 1;
   double cut_seconds_ = 0;

@@ -48,10 +48,6 @@ SurveySplat splat_of(const dvec3& centroid, const format::SplatShape& shape, con
 
 }  // namespace
 
-double SurveySplat::reach(const dvec3& direction) const {
-  return std::sqrt(3.0) * glm::length(glm::transpose(axes) * direction);
-}
-
 std::size_t survey_resolution(const format::VolumeInfo& info, std::uint64_t most_splats) {
   const auto& counts = info.resolution_counts;
   const auto finer = std::ranges::upper_bound(counts, most_splats);

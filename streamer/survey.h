@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <numbers>
 #include <vector>
 
 #include "base/error.h"
@@ -23,7 +24,9 @@ struct SurveySplat {
 
   /// Returns how far the material reaches from its centre along a unit vector. Exact for a box along the axes of the
   /// world, if `direction` is one of these.
-  [[nodiscard]] double reach(const dvec3& direction) const;
+  [[nodiscard]] double reach(const dvec3& direction) const {
+    return std::numbers::sqrt3 * glm::length(direction * axes);
+  }
 
   /// Returns how far it reaches along its longest axis.
   [[nodiscard]] double longest() const { return reach(axes[0] / std::max(glm::length(axes[0]), 1e-300)); }

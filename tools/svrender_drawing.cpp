@@ -7,7 +7,6 @@
 
 #include "renderer/device/device.h"
 #include "renderer/sampling.h"
-#include "streamer/draw_list.h"
 #include "streamer/frame_pacer.h"
 #include "tools/movie.h"
 #include "tools/tool.h"
@@ -46,16 +45,12 @@ Result<double> set_splats(const RenderOptions& options, const Scene& scene, cons
     SPLATVOL_TRY_ASSIGN(frame, next_splats(options, scene, view, drawing));
     drawing.frame = frame;
     const double start = seconds_now();
-    if (frame->serial != drawing.packed_serial)
-      drawing.list = pack_draw_list(frame->data, frame->batches, drawing.streamer->units());
-    else
-      set_weights(drawing.list, frame->batches);
-    drawing.packed_serial = frame->serial;
-    const Status set = drawing.renderer->set_draw_list(drawing.list);
+    const Status set = drawing.renderer->set_draw_list(frame->list);
     if (set) return seconds_now() - start;
     if (set.error().code != ErrorCode::out_of_budget || frame->splats >= before) return tl::unexpected(set.error());
     before = frame->splats;
-    drawing.detail.max_splats = std::min(drawing.detail.max_splats, frame->splats) / 8 * 7;
+    drawing.detail.device_bytes =
+        std::min(drawing.detail.device_bytes, frame->splats * record_bytes(drawing.streamer->kernel())) / 8 * 7;
   }
 }
 
@@ -125,8 +120,8 @@ Result<std::vector<Error>> draw_progress(const RenderOptions& options, const Com
     timings.progress.push_back({seconds_now() - start, statistics.cut_seconds + statistics.fetch_seconds,
                                 drawing.frame->splats, statistics.bytes_read, progress.missing_bytes});
     SPLATVOL_TRY(write_frame(options, composition, view, drawing, path, std::move(image)));
-    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} chunks and {} pages missing\n", path,
-               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_chunks,
+    fmt::print(stderr, "{}: {} splats, {} bytes read, {} bytes in {} parts of rows and {} pages missing\n", path,
+               drawing.frame->splats, statistics.bytes_read, progress.missing_bytes, progress.missing_rows,
                progress.missing_pages);
     for (const Error& error : progress.errors) {
       fmt::print(stderr, "svrender: {}: drawn coarser\n", error.message);
@@ -248,8 +243,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   if (options.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
         ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
-  drawing.detail.max_splats = drawing.renderer->plan_picture(scene.width, scene.height);
-  if (drawing.detail.max_splats == 0)
+  drawing.detail.device_bytes = drawing.renderer->plan_picture(scene.width, scene.height) * record_bytes(kernel);
+  if (drawing.detail.device_bytes == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);

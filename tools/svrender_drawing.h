@@ -55,8 +55,6 @@ struct Drawing {
   DetailOptions detail;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame
-  std::uint64_t packed_serial = 0;
-  DrawList list;  // of the last frame
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.

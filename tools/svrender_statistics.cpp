@@ -57,7 +57,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
           {"bytes_resident_peak", statistics.bytes_resident_peak},
           {"gpu_bytes", drawing.renderer->device_bytes()},
           {"complete", frame.progress.complete},
-          {"missing_chunks", frame.progress.missing_chunks},
+          {"missing_rows", frame.progress.missing_rows},
           {"missing_pages", frame.progress.missing_pages},
           {"missing_bytes", frame.progress.missing_bytes}};
 }
@@ -102,7 +102,7 @@ void add_detail(const RenderOptions& options, const FrameSplats& frame, const Ti
 // The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
   return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory,
-                     drawing.detail.max_splats, options.gpu_memory);
+                     drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), options.gpu_memory);
 }
 
 // Says how near the picture comes to the goal.

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 #include <variant>
 #include <vector>
-
-#include "base/rotation.h"
 
 namespace splatvol {
 namespace {
@@ -39,11 +38,10 @@ struct Gaussian {
 
 constexpr double thinnest = 1e-4;  // share of the largest deviation: a ray still meets a flat splat
 
-Gaussian gaussian_of(const MomentsSplat& splat, const dvec3& origin, const DrawingUnits& units) {
-  const dvec3 deviations = units.length * dvec3(splat.deviations);
-  return {origin + units.length * dvec3(splat.position), rotated_axes(splat.orientation),
-          glm::max(deviations, dvec3(thinnest * deviations.x)), units.volume(static_cast<double>(splat.mass)),
-          units.value(static_cast<double>(splat.value))};
+Gaussian gaussian_of(const Material& splat, const dvec3& origin, const DrawingUnits& units) {
+  const dvec3 deviations = units.length * splat.deviations;
+  return {origin + units.length * splat.center, glm::mat3_cast(splat.orientation),
+          glm::max(deviations, dvec3(thinnest * deviations.x)), units.volume(splat.mass), units.value(splat.value)};
 }
 
 // A ball whose centre is as opaque as the splat's.
@@ -70,24 +68,44 @@ std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferF
   return Crossing{nearest, depth, g.value};
 }
 
-template <class Splat>
-void find_crossings(std::span<const Splat> splats, std::span<const SplatBatch> batches,
-                    const TransferFunction& function, const DrawingUnits& units, const Ray& ray,
+// Finds the crossings of a range. `deviation`: about the largest of a splat, drawing units; splats that are too far
+// from the ray by it are not unpacked, which would take most of the time.
+template <class Shape, class Deviation, class Unpack>
+void find_crossings(const DrawRange& range, std::span<const Shape> shapes, const Deviation& deviation,
+                    const Unpack& unpack_one, const TransferFunction& function, const DrawingUnits& units,
+                    const Ray& ray, std::vector<Crossing>& found) {
+  const RecordBlock& block = range.row.shapes->blocks()[range.block];
+  for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+    const dvec3 from = block.origin + units.length * block.step * dvec3(shapes[i].position.offset()) - ray.origin;
+    const dvec3 miss = from - glm::dot(from, ray.direction) * ray.direction;
+    const double near = 1.01 * reach * units.length * deviation(shapes[i]);
+    if (glm::dot(miss, miss) > near * near) continue;
+    if (const auto crossing = cross(ray, gaussian_of(unpack_one(range.row, i), block.origin, units), function))
+      found.push_back(*crossing);
+  }
+}
+
+void find_crossings(const DrawRange& range, const TransferFunction& function, const DrawingUnits& units, const Ray& ray,
                     std::vector<Crossing>& found) {
-  for (const SplatBatch& batch : batches)
-    for (const Splat& splat : splats.subspan(batch.first, batch.count))
-      if (const auto crossing = cross(ray, gaussian_of(splat, batch.origin, units), function))
-        found.push_back(*crossing);
+  const ShapeRow::Records& records = range.row.shapes->records();
+  if (const auto* octants = std::get_if<std::vector<OctantShape>>(&records)) {
+    const auto deviation = [](const OctantShape& shape) { return 0.4 * static_cast<double>(shape.size); };
+    find_crossings(range, std::span(*octants), deviation, unpack_octant, function, units, ray, found);
+  } else {
+    const double scale = range.row.shapes->deviation_scale();
+    const auto deviation = [&](const MomentsShape& shape) { return log_number(shape.deviations[0], scale); };
+    find_crossings(range, std::span(std::get<std::vector<MomentsShape>>(records)), deviation, unpack, function, units,
+                   ray, found);
+  }
 }
 
 }  // namespace
 
-std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
-                           const TransferFunction& function, const DrawingUnits& units, const View& view, double x,
-                           double y) {
+std::optional<Probe> probe(const DrawList& list, const TransferFunction& function, const DrawingUnits& units,
+                           const View& view, double x, double y) {
   const Ray ray = ray_through(view, x, y);
   std::vector<Crossing> crossings;
-  std::visit([&](auto span) { find_crossings(span, batches, function, units, ray, crossings); }, splats);
+  for (const DrawRange& range : list.ranges) find_crossings(range, function, units, ray, crossings);
   std::ranges::sort(crossings, {}, &Crossing::distance);
   double depth = 0;
   for (const Crossing& crossing : crossings) depth += crossing.optical_depth;

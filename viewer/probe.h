@@ -2,11 +2,10 @@
 #pragma once
 
 #include <optional>
-#include <span>
 
 #include "base/math.h"
 #include "scene/scene.h"
-#include "streamer/splat.h"
+#include "streamer/record.h"
 
 namespace splatvol {
 
@@ -19,8 +18,7 @@ struct Probe {
 /// Follows the ray through (x, y), pixels from the upper left corner, through a frame's splats. Each splat is an
 /// ellipsoidal Gaussian (octant: a round one) with the extinction of its mean value. None if the ray meets nothing
 /// visible. `units`: of the splats.
-[[nodiscard]] std::optional<Probe> probe(const SplatSpan& splats, std::span<const SplatBatch> batches,
-                                         const TransferFunction& function, const DrawingUnits& units, const View& view,
-                                         double x, double y);
+[[nodiscard]] std::optional<Probe> probe(const DrawList& list, const TransferFunction& function,
+                                         const DrawingUnits& units, const View& view, double x, double y);
 
 }  // namespace splatvol

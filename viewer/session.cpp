@@ -7,12 +7,10 @@
 #include <limits>
 
 #include "base/http_source.h"
-#include "base/rotation.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "renderer/sampling.h"
 #include "streamer/default_scene.h"
-#include "streamer/draw_list.h"
 #include "streamer/explain.h"
 
 namespace splatvol {
@@ -43,6 +41,26 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
   const double covered =
       std::min(view.width, view.height) / std::cbrt(static_cast<double>(std::max<std::uint64_t>(splats, 1)));
   return std::clamp(static_cast<int>(covered / 4), 1, 6);
+}
+
+// Half of the edges of the box round a splat, and its centre, relative to its block.
+struct SplatExtent {
+  dvec3 center, half;
+};
+
+SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
+  if (std::holds_alternative<std::vector<OctantShape>>(row.shapes->records())) {
+    const OctantSplat splat = unpack_octant(row, record);
+    return {dvec3(splat.position), dvec3(0.5 * static_cast<double>(splat.size))};
+  }
+  const Material splat = unpack(row, record);
+  const dmat3 axes = glm::mat3_cast(splat.orientation);
+  SplatExtent extent{splat.center, dvec3(0)};
+  for (int k = 0; k < 3; ++k) {
+    const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
+    extent.half[k] = std::sqrt(3.0) * glm::length(across * splat.deviations);
+  }
+  return extent;
 }
 
 }  // namespace
@@ -95,7 +113,6 @@ Status Session::open_streamer() {
 
 // Takes over what depends on the step: units and histogram.
 Status Session::use_step() {
-  packed_serial_ = 0;
   settled_ = false;
   SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
   const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
@@ -117,24 +134,13 @@ Status Session::find_bounds() {
   detail.resolution = 0;
   SPLATVOL_TRY_ASSIGN(frame, streamer_->request(view, all, detail));
   const double length = streamer_->units().length;
-  for (const SplatBatch& batch : frame->batches)
-    for (std::uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
-      dvec3 center, half;
-      if (const auto* moments = std::get_if<std::span<const MomentsSplat>>(&frame->data)) {
-        const MomentsSplat& splat = (*moments)[i];
-        const dvec3 d(splat.deviations);
-        const dmat3 axes = rotated_axes(splat.orientation);
-        center = dvec3(splat.position);
-        for (int k = 0; k < 3; ++k) {
-          const dvec3 row(axes[0][k], axes[1][k], axes[2][k]);
-          half[k] = std::sqrt(3.0) * glm::length(row * d);
-        }
-      } else {
-        const OctantSplat& splat = std::get<std::span<const OctantSplat>>(frame->data)[i];
-        center = dvec3(splat.position), half = dvec3(0.5 * static_cast<double>(splat.size));
-      }
-      bounds_.include({batch.origin + length * (center - half), batch.origin + length * (center + half)});
+  for (const DrawRange& range : frame->list.ranges) {
+    const dvec3& origin = range.row.shapes->blocks()[range.block].origin;
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+      const auto [center, half] = extent_of(range.row, i);
+      bounds_.include({origin + length * (center - half), origin + length * (center + half)});
     }
+  }
   return {};
 }
 
@@ -233,6 +239,15 @@ Status Session::fit_camera(int width, int height) {
   return {};
 }
 
+// Gives the frame's splats to the renderer. False if the device has no room for them: the next call asks for fewer.
+Result<bool> Session::set_splats(std::uint64_t splats) {
+  const Status set = renderer_->set_draw_list(frame_->list);
+  if (set) return true;
+  if (set.error().code != ErrorCode::out_of_budget || most_splats_ <= 1) return tl::unexpected(set.error());
+  most_splats_ = std::max<std::uint64_t>(splats / 8 * 7, 1);
+  return false;
+}
+
 Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
@@ -251,8 +266,10 @@ Status Session::draw(int width, int height, double seconds) {
 
   DetailOptions detail;
   detail.tolerance_percent = shown_tolerance_;
-  detail.max_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
-  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.max_splats)};
+  const std::uint64_t record = record_bytes(settings.kernel);
+  const auto most_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
+  detail.device_bytes = std::min(most_splats, std::numeric_limits<std::uint64_t>::max() / record) * record;
+  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), most_splats)};
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
   SPLATVOL_TRY_ASSIGN(
@@ -262,17 +279,8 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  if (frame->serial != packed_serial_)
-    list_ = pack_draw_list(frame->data, frame->batches, streamer_->units());
-  else
-    set_weights(list_, frame->batches);
-  packed_serial_ = frame->serial;
-  const Status set = renderer_->set_draw_list(list_);
-  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
-    most_splats_ = std::max<std::uint64_t>(std::min(detail.max_splats, frame->splats) / 8 * 7, 1);  // for the next call
-    return {};
-  }
-  SPLATVOL_TRY(set);
+  SPLATVOL_TRY_ASSIGN(fits, set_splats(std::min(most_splats, frame->splats)));
+  if (!fits) return {};
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));

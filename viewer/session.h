@@ -122,6 +122,7 @@ class Session {
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply(const View& view);
+  [[nodiscard]] Result<bool> set_splats(std::uint64_t splats);
   [[nodiscard]] Status fit_camera(int width, int height);
 
   std::string path_;
@@ -149,8 +150,6 @@ class Session {
 
   View view_;
   const FrameSplats* frame_ = nullptr;
-  std::uint64_t packed_serial_ = 0;
-  DrawList list_;                  // of the last draw
   std::uint64_t most_splats_ = 0;  // that the device had room for, as far as is known
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last

@@ -299,7 +299,7 @@ void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
   if (!frame || pointer_in_picture().x < 0) return;
   const auto found =
-      probe(frame->data, frame->batches, session_->scene.transfer_function, session_->units(), session_->view(),
+      probe(frame->list, session_->scene.transfer_function, session_->units(), session_->view(),
             pointer_in_picture().x / picture_area().unit_x, pointer_in_picture().y / picture_area().unit_y);
   if (!found) return;
   const std::string& unit = session_->attribute().unit;

@@ -262,7 +262,7 @@ void Viewer::draw_hud() {
   const std::string device = session_->device_text();
   text += fmt::format("drawn by {}\n", device.substr(0, device.find(',')));
   text += fmt::format("{} of {} read\n", bytes(statistics.bytes_read), bytes(session_->file_bytes()));
-  text += fmt::format("{} parts pending ({})", progress.missing_chunks + progress.missing_pages,
+  text += fmt::format("{} parts pending ({})", progress.missing_rows + progress.missing_pages,
                       bytes(progress.missing_bytes));
   const std::vector<double>& times = session_->times();
   if (times.size() > 1)

@@ -10,7 +10,6 @@
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "renderer/device/device.h"
-#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -34,8 +33,6 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
   EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
   Path path;
   Image last;
-  std::uint64_t serial = 0;
-  DrawList list;
   for (int i = 0; i < frames; ++i) {
     Camera camera;
     const double angle = 0.0005 * i, distance = 8 - 0.005 * i;
@@ -43,13 +40,8 @@ Path fly(const std::string& file, DetailOptions detail, double change) {
     const View view = make_view(camera, 96, 96).value();
     if (i == frames / 2) detail.tolerance_percent *= 3;
     const FrameSplats& frame = *streamer->advance(view, function, detail, long_enough, change).value();
-    EXPECT_EQ(frame.progress.missing_chunks, 0u);
-    if (frame.serial == serial)
-      set_weights(list, frame.batches);
-    else
-      list = pack_draw_list(frame.data, frame.batches, streamer->units());
-    EXPECT_TRUE(renderer->set_draw_list(list));
-    serial = frame.serial;
+    EXPECT_EQ(frame.progress.missing_rows, 0u);
+    EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     Image image = renderer->read_image().value();
     if (i > 0) {

@@ -16,7 +16,6 @@
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "streamer/default_scene.h"
-#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -107,7 +106,7 @@ class RendererTestScales : public testing::TestWithParam<Scales> {
     renderer->set_lighting(scene.lighting);
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, detail).value();
-    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return renderer->read_image().value();
   }

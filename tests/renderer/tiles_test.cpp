@@ -17,7 +17,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 #include "tests/renderer/draw_parts.h"
 
@@ -279,7 +278,7 @@ class TilesTestScenes : public testing::TestWithParam<const char*> {
                               .value();
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {.tolerance_percent = 0}).value();
-    return {pack_draw_list(frame.data, frame.batches, streamer->units()), streamer->units(), scene.transfer_function,
+    return {frame.list, streamer->units(), scene.transfer_function,
             scene.lighting, view};
   }
 };

@@ -7,32 +7,35 @@ namespace {
 
 using Kind = CacheKey::Kind;
 
-CacheData numbers(float first) { return DecodedChunk(std::vector<float>{first}); }
+CacheData numbers(float first) {
+  return std::make_shared<const ValueRow>(ValueRow(std::vector<OctantValue>{{first, 0}}));
+}
 
 Cache::Pointer put(Cache& cache, std::uint64_t number, std::uint64_t bytes) {
   auto reservation = cache.reserve(bytes);
   if (!reservation) return nullptr;
-  return cache.insert({Kind::chunk, number, 0}, numbers(static_cast<float>(number)), std::move(*reservation));
+  return cache.insert({Kind::values, number, 0}, numbers(static_cast<float>(number)), std::move(*reservation));
 }
 
 TEST(Cache, FindsWhatWasPutIn) {
   MemoryBudget budget(100);
   Cache cache(budget);
   put(cache, 1, 10);
-  EXPECT_EQ(std::get<std::vector<float>>(std::get<DecodedChunk>(*cache.find({Kind::chunk, 1, 0}))).front(), 1);
-  EXPECT_FALSE(cache.find({Kind::chunk, 2, 0}));
-  EXPECT_FALSE(cache.find({Kind::chunk, 1, 1}));
+  const auto row = std::get<std::shared_ptr<const ValueRow>>(*cache.find({Kind::values, 1, 0}));
+  EXPECT_EQ(std::get<std::vector<OctantValue>>(row->records()).front().value, 1);
+  EXPECT_FALSE(cache.find({Kind::values, 2, 0}));
+  EXPECT_FALSE(cache.find({Kind::values, 1, 1}));
 }
 
 TEST(Cache, DropsWhatWasUsedLongestAgo) {
   MemoryBudget budget(100);
   Cache cache(budget);
   for (std::uint64_t i = 1; i <= 3; ++i) put(cache, i, 30);
-  EXPECT_TRUE(cache.find({Kind::chunk, 1, 0}));
+  EXPECT_TRUE(cache.find({Kind::values, 1, 0}));
   put(cache, 4, 30);
-  EXPECT_TRUE(cache.find({Kind::chunk, 1, 0}));
-  EXPECT_FALSE(cache.find({Kind::chunk, 2, 0}));
-  EXPECT_TRUE(cache.find({Kind::chunk, 3, 0}));
+  EXPECT_TRUE(cache.find({Kind::values, 1, 0}));
+  EXPECT_FALSE(cache.find({Kind::values, 2, 0}));
+  EXPECT_TRUE(cache.find({Kind::values, 3, 0}));
   EXPECT_EQ(budget.used(), 90u);
 }
 
@@ -42,8 +45,8 @@ TEST(Cache, KeepsWhatSomebodyHolds) {
   const auto held = put(cache, 1, 50);
   put(cache, 2, 50);
   EXPECT_FALSE(cache.reserve(60));
-  EXPECT_TRUE(cache.find({Kind::chunk, 1, 0}));
-  EXPECT_FALSE(cache.find({Kind::chunk, 2, 0}));
+  EXPECT_TRUE(cache.find({Kind::values, 1, 0}));
+  EXPECT_FALSE(cache.find({Kind::values, 2, 0}));
   EXPECT_TRUE(cache.reserve(50));
 }
 
@@ -52,7 +55,22 @@ TEST(Cache, AnImpossibleWishCostsNothing) {
   Cache cache(budget);
   put(cache, 1, 50);
   EXPECT_FALSE(cache.reserve(101));
-  EXPECT_TRUE(cache.find({Kind::chunk, 1, 0}));
+  EXPECT_TRUE(cache.find({Kind::values, 1, 0}));
+}
+
+TEST(Cache, AReservationGrowsAndIsGivenBackIfItCannot) {
+  MemoryBudget budget(100);
+  Cache cache(budget);
+  put(cache, 1, 50);
+  auto reservation = cache.reserve(20);
+  ASSERT_TRUE(reservation);
+  EXPECT_TRUE(cache.extend(*reservation, 10));
+  EXPECT_EQ(reservation->bytes(), 20u);
+  EXPECT_TRUE(cache.extend(*reservation, 80));
+  EXPECT_EQ(budget.used(), 80u) << "the part gave way";
+  const auto held = put(cache, 2, 10);
+  EXPECT_FALSE(cache.extend(*reservation, 91));
+  EXPECT_EQ(budget.used(), 10u);
 }
 
 TEST(Cache, ASecondInsertKeepsTheFirst) {

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -17,23 +16,19 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// Masses are of single precision, correlations are bytes.
 constexpr double mass_error = 1e-6;
 
-MomentsSplat random_splat(std::mt19937& random) {
-  std::uniform_real_distribution<float> unit(-1, 1);
+Material random_splat(std::mt19937& random) {
+  std::uniform_real_distribution<double> unit(-1, 1);
   std::normal_distribution<double> normal;
-  MomentsSplat splat{};
-  splat.position = {unit(random), unit(random), unit(random)};
-  splat.deviations = {0.5f, 0.2f, 0.05f};
-  glm::dquat q = test::random_quaternion(normal, random);
-  q = glm::normalize(q);
-  if (q.w < 0) q = -q;
-  splat.orientation = vec3(float(q.x), float(q.y), float(q.z));
+  Material splat;
+  splat.center = {unit(random), unit(random), unit(random)};
+  splat.deviations = {0.5, 0.2, 0.05};
+  splat.orientation = glm::normalize(test::random_quaternion(normal, random));
   splat.mass = 2 + unit(random);
   splat.value = unit(random);
-  splat.value_deviation = 0.3f;
-  splat.correlations = 0x40'10'E0'30;
+  splat.value_deviation = 0.3;
+  splat.correlations = {0.4, -0.25, 0.1};
   return splat;
 }
 
@@ -44,98 +39,125 @@ Box half_space(int axis, double from, double to) {
   return box;
 }
 
-MomentsSplat clipped(MomentsSplat splat, const dvec3& origin, const Box& box) {
-  clip(std::span(&splat, 1), {box.low - origin, box.high - origin});
+Material clipped(Material splat, const dvec3& origin, const Box& box) {
+  clip(splat, {box.low - origin, box.high - origin});
   return splat;
 }
-
-double centre(const MomentsSplat& splat, int axis) { return static_cast<double>(splat.position[axis]); }
 
 TEST(Clip, TwoHalvesMakeTheWhole) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> coordinate(-1.5, 1.5);
   const dvec3 origin(1e7, -1e7, 3);
   for (int i = 0; i < 3000; ++i) {
-    const MomentsSplat whole = random_splat(random);
+    const Material whole = random_splat(random);
     const int axis = i % 3;
     const double face = origin[axis] + coordinate(random);
-    const MomentsSplat low = clipped(whole, origin, half_space(axis, -infinity, face));
-    const MomentsSplat high = clipped(whole, origin, half_space(axis, face, infinity));
-    const auto mass = [](const MomentsSplat& splat) { return static_cast<double>(splat.mass); };
+    const Material low = clipped(whole, origin, half_space(axis, -infinity, face));
+    const Material high = clipped(whole, origin, half_space(axis, face, infinity));
     // A face beyond three deviations cuts off all or nothing, which is off by a thousandth of the mass.
-    ASSERT_NEAR(mass(low) + mass(high), mass(whole), 2e-3 * mass(whole));
+    ASSERT_NEAR(low.mass + high.mass, whole.mass, 2e-3 * whole.mass);
     for (int k = 0; k < 3; ++k)
-      ASSERT_NEAR(mass(low) * centre(low, k) + mass(high) * centre(high, k), mass(whole) * centre(whole, k),
-                  5e-3 * mass(whole));
-    ASSERT_NEAR(mass(low) * static_cast<double>(low.value) + mass(high) * static_cast<double>(high.value),
-                mass(whole) * static_cast<double>(whole.value), 5e-3 * mass(whole));
+      ASSERT_NEAR(low.mass * low.center[k] + high.mass * high.center[k], whole.mass * whole.center[k],
+                  5e-3 * whole.mass);
+    ASSERT_NEAR(low.mass * low.value + high.mass * high.value, whole.mass * whole.value, 5e-3 * whole.mass);
     ASSERT_LE(low.value_deviation, whole.value_deviation);
     ASSERT_LE(low.deviations.x, whole.deviations.x);
   }
 }
 
 TEST(Clip, HalfABallHasClosedForms) {
-  MomentsSplat splat{};
-  splat.position = {0.25f, 0, 0};
-  splat.deviations = vec3(2);
+  Material splat;
+  splat.center = {0.25, 0, 0};
+  splat.deviations = dvec3(2);
   splat.mass = 1;
   splat.value = 7;
   splat.value_deviation = 3;
-  splat.correlations = 127;  // the value rises along x alone
-  const MomentsSplat half = clipped(splat, dvec3(0), half_space(0, 0.25, infinity));
+  splat.correlations = {1, 0, 0};  // the value rises along x alone
+  const Material half = clipped(splat, dvec3(0), half_space(0, 0.25, infinity));
   const double mean = std::sqrt(2 / std::numbers::pi);
   EXPECT_NEAR(half.mass, 0.5, mass_error);
-  EXPECT_NEAR(half.position.x, 0.25 + 2 * mean, 1e-5);
+  EXPECT_NEAR(half.center.x, 0.25 + 2 * mean, 1e-5);
   EXPECT_NEAR(half.deviations.x, 2 * std::sqrt(1 - mean * mean), 1e-5);
-  EXPECT_FLOAT_EQ(half.deviations.y, 2);
+  EXPECT_NEAR(half.deviations.y, 2, 1e-12);
   EXPECT_NEAR(half.value, 7 + 3 * mean, 1e-5);
   EXPECT_NEAR(half.value_deviation, 3 * std::sqrt(1 - mean * mean), 1e-5);
   // The face is the boundary of the splat: the foot is at the distance of the new centroid from the face.
-  const int foot = static_cast<int>(half.boundary << 22) >> 22;
-  EXPECT_NEAR(foot / 128.0, -mean / std::sqrt(1 - mean * mean), 1.0 / 128);
+  EXPECT_NEAR(half.boundary.x, -mean / std::sqrt(1 - mean * mean), 1e-9);
 }
 
 TEST(Clip, LeavesWhatIsInsideAndNothingOfWhatIsOutside) {
   std::mt19937 random(2);
   for (int i = 0; i < 100; ++i) {
-    const MomentsSplat splat = random_splat(random);
-    const MomentsSplat inside = clipped(splat, dvec3(5), {dvec3(0), dvec3(10)});
-    EXPECT_EQ(std::memcmp(&inside, &splat, sizeof(splat)), 0);
+    const Material splat = random_splat(random);
+    Material inside = splat;
+    EXPECT_FALSE(clip(inside, {dvec3(-5), dvec3(5)}));
+    EXPECT_EQ(inside.center, splat.center);
+    EXPECT_EQ(inside.mass, splat.mass);
     EXPECT_EQ(clipped(splat, dvec3(5), {dvec3(20), dvec3(30)}).mass, 0);
   }
 }
 
 TEST(Clip, TakesThinAndEmptySplats) {
-  MomentsSplat point{};
+  Material point;
   point.mass = 1;
   EXPECT_EQ(clipped(point, dvec3(1), {dvec3(0), dvec3(2)}).mass, 1);
   EXPECT_EQ(clipped(point, dvec3(3), {dvec3(0), dvec3(2)}).mass, 0);
-  MomentsSplat plane{};
+  Material plane;
   plane.mass = 1;
   plane.deviations = {1, 1, 0};
-  const MomentsSplat cut = clipped(plane, dvec3(0), {{0, -9, -1}, {9, 9, 1}});
+  const Material cut = clipped(plane, dvec3(0), {{0, -9, -1}, {9, 9, 1}});
   EXPECT_NEAR(cut.mass, 0.5, mass_error);
   EXPECT_EQ(cut.deviations.z, 0);
-  EXPECT_EQ(clipped(MomentsSplat{}, dvec3(0), {dvec3(0), dvec3(2)}).mass, 0);
+  EXPECT_EQ(clipped(Material(), dvec3(0), {dvec3(0), dvec3(2)}).mass, 0);
 }
 
 TEST(Clip, OctantsGoByTheirPoint) {
   OctantSplat inside{{0, 0, 0}, 1, 1, 0}, outside{{2, 0, 0}, 1, 1, 0};
-  clip(std::span(&inside, 1), {dvec3(-1), dvec3(1)});
-  clip(std::span(&outside, 1), {dvec3(-1), dvec3(1)});
+  EXPECT_FALSE(clip(inside, {dvec3(-1), dvec3(1)}));
+  EXPECT_TRUE(clip(outside, {dvec3(-1), dvec3(1)}));
   EXPECT_EQ(inside.value, 1);
   EXPECT_TRUE(std::isnan(outside.value));
+}
+
+// Ranges inside are drawn as they are, ranges outside not at all, others as a row of as many records.
+TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
+  std::mt19937 random(4);
+  std::vector<Material> splats;
+  for (int i = 0; i < 100; ++i) splats.push_back(random_splat(random));
+  const dvec3 origin(1e6, 5, -3);
+  const double length = 0.5;
+  DrawList list;
+  append(list, pack_row(splats, origin, length), 0, 100, 0.25f);
+  ASSERT_EQ(list.ranges.size(), 1u);
+  const auto box = [&](double low, double high) { return Box{origin + length * low, origin + length * high}; };
+  using Part = ClippedRange::Part;
+  EXPECT_EQ(clip(list.ranges[0], box(-9, 9), length).part, Part::all);
+  EXPECT_EQ(clip(list.ranges[0], box(9, 11), length).part, Part::none);
+  const ClippedRange some = clip(list.ranges[0], box(-0.1, 9), length);
+  ASSERT_EQ(some.part, Part::some);
+  ASSERT_EQ(some.row.shapes->size(), 100u);
+  double mass = 0, expected = 0;
+  for (std::uint32_t i = 0; i < 100; ++i) {
+    mass += unpack(some.row, i).mass;
+    expected += clipped(splats[i], dvec3(0), {dvec3(-0.1), dvec3(9)}).mass;
+  }
+  EXPECT_NEAR(mass / expected, 1, std::exp2(2.0 / 256) - 1);
+
+  const std::vector<OctantSplat> points = {{{0, 0, 0}, 1, 1, 0}, {{2, 0, 0}, 1, 1, 0}};
+  DrawList octants;
+  append(octants, pack_row(points, origin, length), 0, 2, 1);
+  EXPECT_EQ(clip(octants.ranges[0], box(-3, 3), length).part, Part::all);
+  EXPECT_EQ(clip(octants.ranges[0], box(3, 4), length).part, Part::none);
+  const ClippedRange half = clip(octants.ranges[0], box(-1, 1), length);
+  ASSERT_EQ(half.part, Part::some);
+  EXPECT_EQ(unpack_octant(half.row, 0).value, 1);
+  EXPECT_TRUE(std::isnan(unpack_octant(half.row, 1).value));
 }
 
 TEST(ClipBox, WhatIsOutsideIsNeitherReadNorDrawn) {
   const test::TestVolume volume = test::sample_volume(20000, 3);
   const StreamerOptions options{64u << 20, "a1", KernelKind::moments};
-  const auto mass_of = [](const FrameSplats& frame) {
-    double mass = 0;
-    for (const MomentsSplat& splat : std::get<std::span<const MomentsSplat>>(frame.data))
-      mass += static_cast<double>(splat.mass);
-    return mass;
-  };
+  const auto mass_of = [](const FrameSplats& frame) { return test::mass_of(frame.list); };
   Camera camera;
   camera.position = {0.5, 0.5, 6};
   camera.focal_point = dvec3(0.5);

@@ -16,7 +16,6 @@
 #include "renderer/device/device.h"
 #include "scene/contrast.h"
 #include "streamer/default_scene.h"
-#include "streamer/draw_list.h"
 #include "streamer/first_attribute.h"
 #include "streamer/streamer.h"
 
@@ -110,7 +109,7 @@ class RendererTestFirstPicture : public testing::Test {
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {}).value();
-    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return renderer->read_image().value();
   }

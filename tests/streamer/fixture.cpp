@@ -1,6 +1,7 @@
 #include "tests/streamer/fixture.h"
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <map>
 
@@ -81,6 +82,33 @@ std::vector<double> coverage(const TestVolume& volume, const Cut& cut,
       if (found != drawn[r].end()) result[point] += found->second;
     }
   return result;
+}
+
+std::vector<std::byte> bytes_of(const DrawList& list) {
+  std::vector<std::byte> bytes;
+  const auto append = [&](const auto& items) {
+    const auto raw = std::as_bytes(std::span(items));
+    bytes.insert(bytes.end(), raw.begin(), raw.end());
+  };
+  for (const DrawRange& range : list.ranges) {
+    const RecordBlock& block = range.row.shapes->blocks()[range.block];
+    append(std::array{block.origin.x, block.origin.y, block.origin.z, block.step, range.row.shapes->mass_scale(),
+                      range.row.shapes->deviation_scale(), range.row.values->deviation_scale()});
+    const auto append_range = [&](const auto& records) {
+      append(std::span(records).subspan(range.begin, range.count));
+    };
+    std::visit(append_range, range.row.shapes->records());
+    std::visit(append_range, range.row.values->records());
+  }
+  return bytes;
+}
+
+double mass_of(const DrawList& list) {
+  double mass = 0;
+  for (const DrawRange& range : list.ranges)
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i)
+      mass += static_cast<double>(range.weight) * unpack(range.row, i).mass;
+  return mass;
 }
 
 Status TestSource::read(std::uint64_t offset, std::span<std::byte> out) {

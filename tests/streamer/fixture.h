@@ -34,6 +34,12 @@ namespace splatvol::test {
     const TestVolume& volume, const Cut& cut,
     const std::function<double(std::size_t)>& weight = [](std::size_t) { return 1.0; });
 
+/// Returns the bytes of a list's records in order, with their origins and scales, without ids and weights.
+[[nodiscard]] std::vector<std::byte> bytes_of(const DrawList& list);
+
+/// Returns the sum of the masses of a list's splats, by their weights. Requires the kernel moments.
+[[nodiscard]] double mass_of(const DrawList& list);
+
 /// A source in memory that records reads, and fails on demand. Thread-safe.
 class TestSource final : public ByteSource {
  public:

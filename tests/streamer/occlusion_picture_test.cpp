@@ -10,7 +10,6 @@
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "renderer/device/device.h"
-#include "streamer/draw_list.h"
 #include "streamer/streamer.h"
 
 namespace splatvol {
@@ -83,7 +82,7 @@ class RendererTestOcclusion : public testing::Test {
     const auto renderer = make_rasterizer(Device::cpu, {.kernel = KernelKind::moments}).value();
     EXPECT_TRUE(renderer->set_transfer_function(function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, function, {.tolerance_percent = 2}).value();
-    EXPECT_TRUE(renderer->set_draw_list(pack_draw_list(frame.data, frame.batches, streamer->units())));
+    EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
     return {renderer->read_image().value(), frame.splats};
   }

@@ -25,8 +25,9 @@ constexpr double long_enough = 60;  // seconds; only a failing test waits as lon
 
 constexpr int most_calls = 1000;  // for a picture; only a failing test makes so many
 
-// Largest factor between a mass and its code: half a quantisation step of the log code, and single precision.
-const double log_code_error = std::exp2(1.0 / 256) * (1 + 1e-6);
+// Largest factor between a mass and its code: half a quantisation step of the log codes in the file and in the record,
+// and single precision.
+const double log_code_error = std::exp2(2.0 / 256) * (1 + 1e-6);
 
 // Faults of a source, which a test switches on and off.
 struct Faults {
@@ -90,26 +91,8 @@ View far_view() { return view_from({0.5, 0.5, 6}); }
 
 DetailOptions percent(double tolerance) { return {.tolerance_percent = tolerance, .resolution = std::nullopt}; }
 
-// The bytes of splats in order, with their origins.
-std::vector<std::byte> bytes_of(const FrameSplats& frame) {
-  std::vector<std::byte> bytes;
-  const auto append = [&](const auto& span) { bytes.insert(bytes.end(), span.begin(), span.end()); };
-  std::visit([&](auto splats) { append(std::as_bytes(splats)); }, frame.data);
-  for (const SplatBatch& batch : frame.batches) {
-    append(std::as_bytes(std::span(&batch.origin, 1)));
-    append(std::as_bytes(std::span(&batch.count, 1)));
-  }
-  return bytes;
-}
-
-double mass_of(const FrameSplats& frame) {
-  double mass = 0;
-  const auto splats = std::get<std::span<const MomentsSplat>>(frame.data);
-  for (const SplatBatch& batch : frame.batches)
-    for (const MomentsSplat& splat : splats.subspan(batch.first, batch.count))
-      mass += static_cast<double>(batch.weight) * static_cast<double>(splat.mass);
-  return mass;
-}
+std::vector<std::byte> bytes_of(const FrameSplats& frame) { return test::bytes_of(frame.list); }
+double mass_of(const FrameSplats& frame) { return test::mass_of(frame.list); }
 
 double mass_of(const TestVolume& volume) {
   double mass = 0;
@@ -156,7 +139,7 @@ const format::Bytes& large_volume_bytes() {
 // Bytes of all splats of the finest resolution. The budget of some tests is a twentieth of it.
 std::uint64_t small_budget() {
   const auto file = format::Volume::open(memory_source(large_volume_bytes(), "large.svol")).value();
-  return file->info().point_count() * (24 + 36 + 16 + sizeof(MomentsSplat)) / 20;
+  return file->info().point_count() * 2 * record_bytes(KernelKind::moments) / 20;
 }
 
 // A file with chunks of the usual size.
@@ -184,8 +167,8 @@ class Paging : public testing::TestWithParam<KernelKind> {
       const FrameSplats& frame = advance(streamer, view, tolerance, long_enough, change);
       if (frame.progress.settled) return frame;
       if (calls < most_calls) continue;
-      ADD_FAILURE() << "missing: " << frame.progress.missing_chunks << " chunks and " << frame.progress.missing_pages
-                    << " pages";
+      ADD_FAILURE() << "missing: " << frame.progress.missing_rows << " parts of rows and "
+                    << frame.progress.missing_pages << " pages";
       return frame;
     }
   }
@@ -207,7 +190,7 @@ TEST_P(Paging, EndsInTheSynchronousFrame) {
     int calls = 0;
     for (bool settled = false; !settled; settled = frame->progress.settled) {
       frame = paging->advance(view, function, detail, long_enough).value();
-      ASSERT_LT(++calls, most_calls) << "missing: " << frame->progress.missing_chunks << " chunks and "
+      ASSERT_LT(++calls, most_calls) << "missing: " << frame->progress.missing_rows << " parts of rows and "
                                      << frame->progress.missing_pages << " pages";
     }
     EXPECT_TRUE(frame->progress.complete);
@@ -230,17 +213,17 @@ TEST_P(Paging, AChangeFadesFromCallToCall) {
     const FrameSplats& frame = advance(*streamer, far_view(), 2, long_enough, 0.25);
     EXPECT_GT(frame.progress.fading, 0u);
     EXPECT_FALSE(frame.progress.complete || frame.progress.settled);
-    for (const SplatBatch& batch : frame.batches)
-      EXPECT_TRUE(std::abs(batch.weight - share) < 1e-6 || std::abs(batch.weight - (1 - share)) < 1e-6 ||
-                  batch.weight == 1)
-          << batch.weight << " at " << share;
+    for (const DrawRange& range : frame.list.ranges)
+      EXPECT_TRUE(std::abs(range.weight - share) < 1e-6 || std::abs(range.weight - (1 - share)) < 1e-6 ||
+                  range.weight == 1)
+          << range.weight << " at " << share;
     EXPECT_TRUE(serial == 0 || serial == frame.serial) << "only weights change";
     serial = frame.serial;
   }
   const FrameSplats& frame = advance(*streamer, far_view(), 2, long_enough, 0.25);
   EXPECT_TRUE(frame.progress.complete);
   EXPECT_EQ(bytes_of(frame), bytes_of(*synchronous->request(far_view(), test::opaque(), percent(2)).value()));
-  for (const SplatBatch& batch : frame.batches) EXPECT_EQ(batch.weight, 1);
+  for (const DrawRange& range : frame.list.ranges) EXPECT_EQ(range.weight, 1);
 
   for (const double share : {0.0, -1.0, 1.5, std::nan("")})
     EXPECT_EQ(streamer->advance(far_view(), test::opaque(), percent(2), 0, share).error().code,
@@ -252,7 +235,7 @@ TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
   const std::uint64_t splats = settle(*streamer, far_view(), 2).splats;
   settle(*streamer, far_view(), 10);
   DetailOptions detail = percent(2);
-  detail.max_splats = splats;
+  detail.device_bytes = splats * record_bytes(GetParam());
   const FrameSplats& frame = *streamer->advance(far_view(), test::opaque(), detail, long_enough, 0.1).value();
   EXPECT_EQ(frame.splats, splats);
   EXPECT_EQ(frame.progress.fading, 0u);
@@ -352,6 +335,31 @@ TEST_P(Paging, EndsInTheSynchronousFrameForItsDetailHoweverLittleMemory) {
     ASSERT_EQ(bytes_of(frame), bytes_of(expected)) << "view " << i;
     ASSERT_LE(streamer->statistics().bytes_resident_peak, memory);
   }
+}
+
+// One rule of the budget: waiting for the file or not, a view gets the same detail for the same bytes.
+TEST_P(Paging, GivesTheDetailOfARequestForTheSameBudget) {
+  std::mt19937 random(37);
+  std::set<std::uint64_t> numbers;
+  for (const std::uint64_t memory : {small_budget(), 2 * small_budget()}) {
+    const auto paging = open(memory, large_volume_bytes(), "value");
+    const auto synchronous = open(memory, large_volume_bytes(), "value");
+    for (int i = 0; i < 16; ++i) {
+      const View view = test::random_view(random);
+      DetailOptions detail = percent(0.1);
+      if (i % 4 == 1) detail.resolution = 100;
+      if (i % 4 == 3) detail.goal = ErrorGoal{0, 1000000};
+      const FrameSplats* frame = nullptr;
+      for (int calls = 0; calls < most_calls && !(frame && frame->progress.settled); ++calls)
+        frame = paging->advance(view, test::opaque(), detail, long_enough).value();
+      const FrameSplats& expected = *synchronous->request(view, test::opaque(), detail).value();
+      EXPECT_TRUE(frame->progress.complete);
+      EXPECT_EQ(frame->detail, expected.detail) << "view " << i << ", " << memory << " bytes";
+      EXPECT_EQ(bytes_of(*frame), bytes_of(expected)) << "view " << i;
+      numbers.insert(frame->splats);
+    }
+  }
+  EXPECT_GT(numbers.size(), 10u);
 }
 
 TEST_P(Paging, AWalkThatFadesStaysWithinItsBudget) {
@@ -493,7 +501,7 @@ TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {
     settled = frame.progress.settled;
     if (settled) {
       EXPECT_FALSE(frame.progress.complete);
-      EXPECT_EQ(frame.progress.missing_chunks, 3u);
+      EXPECT_EQ(frame.progress.missing_rows, 3u);
       EXPECT_LT(frame.splats, 20000u);
       EXPECT_GT(frame.splats, 10000u) << "all but what lies round three chunks";
       if (GetParam() == KernelKind::moments) {

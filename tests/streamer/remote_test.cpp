@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <cstring>
 #include <filesystem>
 
 #include "base/http_source.h"
@@ -11,11 +10,6 @@
 
 namespace splatvol {
 namespace {
-
-template <class T>
-bool same_bytes(std::span<const T> a, std::span<const T> b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
-}
 
 class RemoteVolume : public testing::Test {
  protected:
@@ -49,8 +43,7 @@ TEST_F(RemoteVolume, GivesTheSplatsOfTheFile) {
     const auto from_server = far->request(view, test::opaque(), detail);
     ASSERT_TRUE(from_file) << from_file.error().message;
     ASSERT_TRUE(from_server) << from_server.error().message;
-    EXPECT_TRUE(same_bytes(std::get<std::span<const MomentsSplat>>((*from_file)->data),
-                           std::get<std::span<const MomentsSplat>>((*from_server)->data)));
+    EXPECT_TRUE(test::bytes_of((*from_file)->list) == test::bytes_of((*from_server)->list));
   }
 }
 
@@ -72,8 +65,7 @@ TEST(CheapGap, JoinsReads) {
     const auto a = few_bytes->request(view, test::opaque(), DetailOptions{1.0, {}});
     const auto b = few_reads->request(view, test::opaque(), DetailOptions{1.0, {}});
     ASSERT_TRUE(a && b);
-    EXPECT_TRUE(same_bytes(std::get<std::span<const MomentsSplat>>((*a)->data),
-                           std::get<std::span<const MomentsSplat>>((*b)->data)));
+    EXPECT_TRUE(test::bytes_of((*a)->list) == test::bytes_of((*b)->list));
   }
   EXPECT_LT(generous->reads, strict->reads / 2);
   EXPECT_GT(few_reads->statistics().bytes_read, few_bytes->statistics().bytes_read);

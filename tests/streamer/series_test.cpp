@@ -10,6 +10,7 @@
 #include "streamer/streamer.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
 
 namespace splatvol {
@@ -68,10 +69,7 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     ASSERT_EQ(frame.splats, expected.splats);
     EXPECT_EQ(streamer.units().value_offset, fresh->units().value_offset);
     EXPECT_EQ(streamer.units().value_scale, fresh->units().value_scale);
-    const auto bytes = [](const FrameSplats& of) {
-      return std::visit([](auto splats) { return std::as_bytes(splats); }, of.data);
-    };
-    EXPECT_TRUE(std::ranges::equal(bytes(frame), bytes(expected)));
+    EXPECT_EQ(test::bytes_of(frame.list), test::bytes_of(expected.list));
   }
 
   static inline std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-steps-XXXXXX").string();

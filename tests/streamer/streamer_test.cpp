@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <map>
 #include <set>
@@ -53,26 +52,31 @@ struct Placed {
   dvec3 position;
   double value;
   OctantSplat octant;
-  MomentsSplat moments;
+  Material material;
 
   [[nodiscard]] bool operator==(const Placed& other) const {
-    return position == other.position && std::memcmp(&octant, &other.octant, sizeof(octant)) == 0 &&
-           std::memcmp(&moments, &other.moments, sizeof(moments)) == 0;
+    return position == other.position && value == other.value && material.mass == other.material.mass &&
+           material.deviations == other.material.deviations && material.orientation == other.material.orientation &&
+           octant.size == other.octant.size && octant.gradient == other.octant.gradient;
   }
 };
 
 // Sorts splats, so that their order does not depend on the streamer.
 std::vector<Placed> placed_splats(const FrameSplats& frame) {
   std::vector<Placed> placed;
-  const auto* octants = std::get_if<std::span<const OctantSplat>>(&frame.data);
-  const auto* moments = std::get_if<std::span<const MomentsSplat>>(&frame.data);
-  for (const SplatBatch& batch : frame.batches)
-    for (std::uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
+  for (const DrawRange& range : frame.list.ranges)
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
       Placed splat{};
-      if (octants) splat.octant = (*octants)[i];
-      if (moments) splat.moments = (*moments)[i];
-      splat.position = batch.origin + dvec3(octants ? splat.octant.position : splat.moments.position);
-      splat.value = static_cast<double>(octants ? splat.octant.value : splat.moments.value);
+      if (std::holds_alternative<std::vector<OctantShape>>(range.row.shapes->records())) {
+        splat.octant = unpack_octant(range.row, i);
+        splat.position = dvec3(splat.octant.position);
+        splat.value = static_cast<double>(splat.octant.value);
+      } else {
+        splat.material = unpack(range.row, i);
+        splat.position = splat.material.center;
+        splat.value = splat.material.value;
+      }
+      splat.position += range.row.shapes->blocks()[range.block].origin;
       placed.push_back(splat);
     }
   std::ranges::sort(placed, {}, [](const Placed& s) { return std::tuple(s.position.x, s.position.y, s.position.z); });
@@ -105,7 +109,8 @@ int byte_of(std::uint32_t packed, int index) { return static_cast<std::int8_t>(p
 void expect_octants(const FrameSplats& frame, const TestVolume& volume, std::size_t resolution, bool gradients) {
   const std::uint64_t count = volume.info.resolution_counts[resolution];
   ASSERT_EQ(frame.splats, count);
-  const auto splats = match(placed_splats(frame), {volume.positions.begin(), volume.positions.begin() + count}, 1e-7);
+  // A step of the records' positions is at most 2^-21 of the unit cube.
+  const auto splats = match(placed_splats(frame), {volume.positions.begin(), volume.positions.begin() + count}, 5e-7);
   for (std::size_t i = 0; i < splats.size(); ++i) {
     const OctantSplat& splat = splats[i].octant;
     const float value = volume.stored[0][i];
@@ -155,39 +160,32 @@ Described described(const dmat3& axes, const dvec3& deviations, double value_dev
   return result;
 }
 
-void expect_moments(const MomentsSplat& splat, const format::SplatShape& shape, const format::SplatValue& value) {
-  // The code of the coverage is off by less than a quantisation step.
-  const double mass = static_cast<double>(splat.mass);
-  ASSERT_LE(mass, shape.mass * std::min(1.0, value.coverage + 1.0 / 255) * log_code_error);
-  ASSERT_GE(mass, shape.mass * (value.coverage - 1.0 / 255) / log_code_error);
-  ASSERT_EQ(mass > 0, shape.mass * value.coverage > 0);
+void expect_moments(const Material& splat, const format::SplatShape& shape, const format::SplatValue& value) {
+  // Numbers are rounded to codes in the file and again in the record. The code of the coverage is off by less than a
+  // quantisation step, twice.
+  const double code_error = log_code_error * log_code_error;
+  ASSERT_LE(splat.mass, shape.mass * std::min(1.0, value.coverage + 2.0 / 255) * code_error);
+  ASSERT_GE(splat.mass, shape.mass * (value.coverage - 2.0 / 255) / code_error);
+  ASSERT_EQ(splat.mass > 0, shape.mass * value.coverage > 0);
   for (int k = 0; k < 3; ++k) {
-    const auto deviation = static_cast<double>(splat.deviations[k]);
-    ASSERT_LE(deviation, shape.deviations[k] * log_code_error);
-    ASSERT_GE(deviation, shape.deviations[k] / log_code_error);
+    ASSERT_LE(splat.deviations[k], shape.deviations[k] * code_error);
+    ASSERT_GE(splat.deviations[k], shape.deviations[k] / code_error);
   }
   if (value.coverage == 0) return;
-  const auto value_deviation = static_cast<double>(splat.value_deviation);
-  ASSERT_LE(value_deviation, value.deviation * value_code_error);
-  ASSERT_GE(value_deviation, value.deviation / value_code_error);
+  ASSERT_LE(splat.value_deviation, value.deviation * value_code_error * log_code_error);
+  ASSERT_GE(splat.value_deviation, value.deviation / value_code_error / log_code_error);
 
-  const dvec3 v(splat.orientation);
-  ASSERT_LE(glm::dot(v, v), 0.75 + 1e-6) << "w is at least 1/2";
-  const dmat3 axes = glm::mat3_cast(glm::dquat(std::sqrt(1 - glm::dot(v, v)), v.x, v.y, v.z));
-  dvec3 correlations;
-  for (int k = 0; k < 3; ++k) correlations[k] = byte_of(splat.correlations, k) / 127.0;
-  const double squares = glm::dot(correlations, correlations), residual = byte_of(splat.correlations, 3) / 127.0;
-  ASSERT_NEAR(residual * residual, std::max(0.0, 1 - squares), 0.03);
-  const Described actual = described(axes, dvec3(splat.deviations), value_deviation, correlations);
+  const dmat3 axes = glm::mat3_cast(splat.orientation);
+  const Described actual = described(axes, splat.deviations, splat.value_deviation, splat.correlations);
   const Described expected =
       described(glm::mat3_cast(shape.orientation), shape.deviations, value.deviation, value.correlation);
 
-  // The orientation is off by less than 1/16 of the shortest axis over the longest, or by rounding to 20 bits: 3
-  // components are off by 2^-21.5, weighted with at most 2, and the angle by twice this. Lengths are off by the
+  // The orientation is off by less than 1/16 of the shortest axis over the longest, or by rounding to 20 bits, twice:
+  // 3 components are off by 2^-21.5, weighted with at most 2, and the angle by twice this. Lengths are off by the
   // rounding of log codes.
   const double longest = shape.deviations[0];
-  const double turn = std::max(shape.deviations[2] / 16, 1e-5 * longest);
-  const double scale = 2 * (log_code_error - 1) + 1e-5;
+  const double turn = std::max(shape.deviations[2] / 16, 1e-5 * longest) + 1e-5 * longest;
+  const double scale = 2 * (code_error - 1) + 1e-5;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       ASSERT_NEAR(actual.covariance[i][j], expected.covariance[i][j], 2 * turn * longest + scale * longest * longest);
@@ -225,7 +223,7 @@ TEST(Streamer, HandsOnMomentsAtEachResolution) {
       const auto errors = mean_errors(volume, a, r);
       for (std::size_t i = 0; i < splats.size(); ++i) {
         const format::SplatValue& value = volume.signals[a][r][i];
-        ASSERT_NO_FATAL_FAILURE(expect_moments(splats[i].moments, volume.shapes[r][i], value))
+        ASSERT_NO_FATAL_FAILURE(expect_moments(splats[i].material, volume.shapes[r][i], value))
             << "resolution " << r << ", splat " << i;
         if (value.coverage == 0) continue;
         ASSERT_NEAR(splats[i].value, value.mean, errors[i]);
@@ -244,12 +242,10 @@ TEST(Streamer, EveryCutHasTheSameMass) {
   const auto expect_total = [&](const DetailOptions& detail) {
     const FrameSplats& frame = *streamer->request(front_view(), test::opaque(), detail).value();
     numbers.insert(frame.splats);
-    double mass = 0;
-    for (const MomentsSplat& splat : std::get<std::span<const MomentsSplat>>(frame.data))
-      mass += static_cast<double>(splat.mass);
-    // Each mass is within the error of its code, and so is the sum.
-    EXPECT_LE(mass, total * log_code_error);
-    EXPECT_GE(mass, total / log_code_error);
+    const double mass = test::mass_of(frame.list);
+    // Each mass is within the error of its codes, in the file and in the record, and so is the sum.
+    EXPECT_LE(mass, total * log_code_error * log_code_error);
+    EXPECT_GE(mass, total / log_code_error / log_code_error);
   };
   for (std::size_t r = 0; r < volume.info.resolutions(); ++r) expect_total(fixed(r));
   for (double tolerance = 0.1; tolerance < 50; tolerance *= 1.5) expect_total(percent(tolerance));
@@ -415,23 +411,26 @@ TEST_P(StreamerOf, KeepsDetailFarFromTheOrigin) {
   EXPECT_GT(positions.size(), 950u);
 }
 
-TEST_P(StreamerOf, BatchesAreTheFrame) {
+TEST_P(StreamerOf, RangesAreTheFrame) {
   const TestVolume volume = test::sample_volume(3000, 3);
   const auto streamer = open(volume).value();
   const FrameSplats& frame = *streamer->request(view_from({2, 1, 0.3}), test::opaque(), percent(3)).value();
   std::uint64_t splats = 0, nodes = 0, by_resolution = 0;
-  for (const SplatBatch& batch : frame.batches) {
-    EXPECT_GT(batch.count, 0u);
-    EXPECT_EQ(batch.first, splats);
-    splats += batch.count;
+  const bool moments = GetParam() == KernelKind::moments;
+  for (const DrawRange& range : frame.list.ranges) {
+    EXPECT_GT(range.count, 0u);
+    EXPECT_EQ(range.weight, 1);
+    EXPECT_EQ(range.row.shapes->size(), range.row.values->size());
+    EXPECT_LE(range.begin + range.count, range.row.shapes->blocks()[range.block].end);
+    EXPECT_EQ(std::holds_alternative<std::vector<MomentsShape>>(range.row.shapes->records()), moments);
+    splats += range.count;
   }
-  EXPECT_EQ(std::visit([](auto all) { return all.size(); }, frame.data), splats);
-  EXPECT_EQ(std::holds_alternative<std::span<const MomentsSplat>>(frame.data), GetParam() == KernelKind::moments);
+  EXPECT_EQ(frame.list.splats, splats);
   for (const std::uint64_t n : frame.nodes_by_resolution) nodes += n;
   for (const std::uint64_t n : frame.splats_by_resolution) by_resolution += n;
   EXPECT_EQ(frame.splats, splats);
   EXPECT_EQ(by_resolution, splats);
-  EXPECT_EQ(frame.nodes, frame.batches.size());
+  EXPECT_EQ(frame.nodes, streamer->drawn_nodes().size());
   EXPECT_EQ(frame.nodes, nodes);
   EXPECT_EQ(frame.detail.tolerance_percent, 3);
 }
@@ -457,6 +456,26 @@ TEST_P(StreamerOf, ASteadyViewCostsNothing) {
   streamer->request(front_view(), test::opaque(), percent(20)).value();
   EXPECT_EQ(control->reads, reads_for_other_sizes) << "what was decoded is still there";
   EXPECT_GE(reads_for_other_sizes, reads);
+}
+
+// A change of the cut costs the list alone: the rows are those that were there, not copies.
+TEST_P(StreamerOf, RowsStayWhenTheCutChanges) {
+  const TestVolume volume = test::sample_volume(20000, 24);
+  const auto streamer = open(volume).value();
+  const auto rows_of = [](const FrameSplats& frame) {
+    std::map<const ShapeRow*, std::uint64_t> ids;
+    for (const DrawRange& range : frame.list.ranges) ids[range.row.shapes.get()] = range.row.shapes->id();
+    return ids;
+  };
+  // The eye is near, so that the view shows parts of the volume.
+  const auto first = rows_of(*streamer->request(view_from({0.5, 0.5, 1.1}), test::opaque(), percent(2)).value());
+  streamer->request(front_view(), test::opaque(), percent(50)).value();
+  const auto again = rows_of(*streamer->request(view_from({0.5, 0.5, 1.1}), test::opaque(), percent(2)).value());
+  EXPECT_EQ(first, again);
+  const auto turned = rows_of(*streamer->request(view_from({0.5, 0.55, 1.1}), test::opaque(), percent(2)).value());
+  std::size_t shared = 0;
+  for (const auto& [row, id] : turned) shared += first.contains(row) ? 1 : 0;
+  EXPECT_GT(shared, turned.size() / 2);
 }
 
 TEST_P(StreamerOf, OpensWithOneRead) {
@@ -531,7 +550,7 @@ TEST_P(StreamerOf, LosesDetailAndNeverCoverageForItsBudget) {
   const TestVolume volume = test::sample_volume(20000, 12);
   const std::uint64_t least = least_memory(volume);
   std::uint64_t last = 0;
-  for (const std::uint64_t memory : {least, least + 10000, least + 50000, least + 200000, least + 2000000}) {
+  for (const std::uint64_t memory : {least, least + 10000, least + 50000, least + 200000, least + 6000000}) {
     const auto streamer = open(volume, "a1", memory).value();
     const auto frame = streamer->request(front_view(), test::opaque(), percent(0));
     ASSERT_TRUE(frame) << memory << ": " << frame.error().message;
@@ -543,16 +562,16 @@ TEST_P(StreamerOf, LosesDetailAndNeverCoverageForItsBudget) {
   EXPECT_EQ(last, 20000u);
 }
 
-TEST_P(StreamerOf, LosesDetailForWhatTheRendererCanHold) {
+TEST_P(StreamerOf, LosesDetailForWhatTheDeviceCanHold) {
   const TestVolume volume = test::sample_volume(20000, 12);
   const auto streamer = open(volume, "a1", plenty).value();
   DetailOptions detail = percent(0);
-  detail.max_splats = 5000;
+  detail.device_bytes = 5000 * record_bytes(GetParam());
   const auto frame = streamer->request(front_view(), test::opaque(), detail);
   ASSERT_TRUE(frame) << frame.error().message;
   EXPECT_LE((*frame)->splats, 5000u);
   EXPECT_GE((*frame)->splats, 1000u);
-  detail.max_splats = 1;
+  detail.device_bytes = record_bytes(GetParam());
   EXPECT_EQ(streamer->request(front_view(), test::opaque(), detail).error().code, ErrorCode::out_of_budget);
 }
 

@@ -15,12 +15,12 @@ TransferFunction constant(double extinction) {
   return function;
 }
 
-MomentsSplat ball(const dvec3& center, double deviation, double mass, double value) {
-  MomentsSplat splat{};
-  splat.position = vec3(center);
-  splat.deviations = vec3(static_cast<float>(deviation));
-  splat.mass = static_cast<float>(mass);
-  splat.value = static_cast<float>(value);
+Material ball(const dvec3& center, double deviation, double mass, double value) {
+  Material splat;
+  splat.center = center;
+  splat.deviations = dvec3(deviation);
+  splat.mass = mass;
+  splat.value = value;
   return splat;
 }
 
@@ -33,13 +33,18 @@ View view_along_z(bool orthographic) {
   return make_view(camera, 200, 100).value();
 }
 
-const SplatBatch far_batch{{1e6, 0, 0}, 0, 2};
+template <class Splat>
+DrawList list_of(const std::vector<Splat>& splats) {
+  DrawList list;
+  append(list, pack_row(splats, {1e6, 0, 0}, 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
+  return list;
+}
 
 TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
   for (const bool orthographic : {false, true}) {
-    const std::vector<MomentsSplat> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
-    const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000),
-                             {.value_offset = 100}, view_along_z(orthographic), 100, 50);
+    const std::vector<Material> splats = {ball({0, 0, -2}, 0.1, 10, 1), ball({0, 0, 2}, 0.1, 10, 5)};
+    const auto found =
+        probe(list_of(splats), constant(1000), {.value_offset = 100}, view_along_z(orthographic), 100, 50);
     ASSERT_TRUE(found);
     EXPECT_EQ(found->value, 105);  // the nearer one, with the offset
     EXPECT_NEAR(found->position.z, 2, 1e-9);
@@ -50,9 +55,8 @@ TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
 
 TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   constexpr double deviation = 0.3, mass = 0.02, extinction = 2;
-  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
-  const auto found = probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(extinction), {},
-                           view_along_z(true), 100, 50);
+  const std::vector<Material> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
+  const auto found = probe(list_of(splats), constant(extinction), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
   // A ray through the middle meets the mass over the Gaussian's area.
   const double depth = extinction * mass / (2 * 3.14159265358979 * deviation * deviation);
@@ -60,28 +64,23 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
 }
 
 TEST(Probe, MeetsNothingBesideOrBehind) {
-  const std::vector<MomentsSplat> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
-  const auto at = [&](double x) {
-    return probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(1000), {}, view_along_z(true), x, 50);
-  };
+  const std::vector<Material> splats = {ball({1.5, 0, 0}, 0.1, 10, 1), ball({0, 0, 20}, 0.1, 10, 5)};
+  const auto at = [&](double x) { return probe(list_of(splats), constant(1000), {}, view_along_z(true), x, 50); };
   EXPECT_FALSE(at(100));
   ASSERT_TRUE(at(100 + 1.5 * 25));
-  EXPECT_FALSE(
-      probe(std::span<const MomentsSplat>(splats), {&far_batch, 1}, constant(0), {}, view_along_z(true), 137.5, 50));
+  EXPECT_FALSE(probe(list_of(splats), constant(0), {}, view_along_z(true), 137.5, 50));
 }
 
 TEST(Probe, SeesFlatSplatsAndOctants) {
-  std::vector<MomentsSplat> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
+  std::vector<Material> flat = {ball({0, 0, 0}, 1, 1, 3), ball({0, 0, 0}, 0.1, 0, 0)};
   flat[0].deviations.z = 0;  // faces the eye
-  const auto found =
-      probe(std::span<const MomentsSplat>(flat), {&far_batch, 1}, constant(10), {}, view_along_z(true), 100, 50);
+  const auto found = probe(list_of(flat), constant(10), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
   EXPECT_EQ(found->value, 3);
   EXPECT_NEAR(found->position.z, 0, 1e-9);
 
   const std::vector<OctantSplat> octants = {{{0, 0, 1}, 7, 0.5f, 0}, {{0, 0, 0}, std::nanf(""), 0.5f, 0}};
-  const auto round =
-      probe(std::span<const OctantSplat>(octants), {&far_batch, 1}, constant(100), {}, view_along_z(true), 100, 50);
+  const auto round = probe(list_of(octants), constant(100), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(round);
   EXPECT_EQ(round->value, 7);
 }

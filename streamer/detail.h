@@ -1,0 +1,51 @@
+// The detail that a view asks for, and the finest detail that fits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <optional>
+
+#include "base/error.h"
+#include "streamer/cut.h"
+
+namespace splatvol {
+
+struct DetailOptions {
+  double tolerance_percent = 1;                          // see CutOptions
+  std::optional<std::size_t> resolution = std::nullopt;  // fixed; at most the finest of the file
+  std::optional<ErrorGoal> goal = std::nullopt;          // used instead of tolerance and resolution
+
+  /// For a device with memory of its own: the most bytes of records that may be drawn.
+  std::uint64_t device_bytes = std::numeric_limits<std::uint64_t>::max();
+
+  [[nodiscard]] bool operator==(const DetailOptions&) const = default;
+};
+
+/// The first tolerance above 0 that is tried when all points do not fit.
+inline constexpr double smallest_raised_tolerance = 1.0 / 16;
+
+/// Fails with invalid_argument if a number is out of range.
+[[nodiscard]] Status check_detail(const DetailOptions& detail);
+
+/// Raises the tolerance, or lowers the resolution or the splats of a goal. Returns false, and changes nothing, if the
+/// detail is the coarsest.
+[[nodiscard]] bool make_coarser(DetailOptions& detail);
+
+/// Whether `detail` is finer than `other`. Requires that they differ in no more than `make_coarser` changes.
+[[nodiscard]] bool is_finer(const DetailOptions& detail, const DetailOptions& other);
+
+/// A cut, and the detail for which it was chosen.
+struct Choice {
+  Cut cut;
+  DetailOptions detail;
+};
+
+/// Returns the finest choice that fits, no finer than `detail`. `try_cut` fails with out_of_budget if a detail does not
+/// fit. The details that are tried depend on nothing but `detail` and what fits. Fails with the error of the coarsest
+/// detail, or with any other error of `try_cut`.
+[[nodiscard]] Result<Choice> choose_finest(DetailOptions detail,
+                                           const std::function<Result<Cut>(const DetailOptions&)>& try_cut);
+
+}  // namespace splatvol

@@ -1,0 +1,39 @@
+// What a streamer keeps of a frame, and of the frame that it aims at. Internal to the streamer.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <tuple>
+#include <vector>
+
+#include "streamer/clip.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+
+struct Streamer::Frame {
+  FadingCut fading;
+  ValueVisibility visibility;
+  std::optional<Box> clip_box;
+  Reservation reservation;
+  std::vector<Cache::Pointer> rows;           // held
+  std::map<RangeName, ClippedRange> clipped;  // with a clip box: of all ranges in or near it
+  std::vector<std::uint32_t> range_items;     // [range of the list]: of the cut
+  std::vector<std::uint32_t> drawn_items;     // items that have splats
+  FrameSplats splats;
+
+  /// Bytes of the list and of clipped rows.
+  [[nodiscard]] std::uint64_t memory_bytes() const;
+};
+
+/// The cut that a view should be drawn with, chosen from the index pages that are there.
+struct Streamer::Aim {
+  View view;
+  ValueVisibility visibility;
+  DetailOptions asked;
+  Choice choice;
+  std::uint64_t bytes;  // that the choice costs
+};
+
+}  // namespace splatvol

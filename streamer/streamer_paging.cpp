@@ -1,0 +1,246 @@
+// Frames while the file is read.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "streamer/streamer_frame.h"
+
+namespace splatvol {
+namespace {
+
+constexpr int stages = 3;  // coarser pictures on the way to the aim
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+Status Streamer::start_paging() {
+  if (pager_) return {};
+  drop_frame();
+  auto pager = std::make_unique<Pager>(paged_, cache_, *reader_, free_bytes() / 8, threads_);
+  SPLATVOL_TRY(pager->pin_coarsest());
+  coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
+  if (!coarsest_frame_) return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume_->name());
+  pager_ = std::move(pager);
+  return {};
+}
+
+Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFunction& function,
+                                             const DetailOptions& detail, double wait_seconds, double change) {
+  SPLATVOL_TRY(check_detail(detail));
+  clip_box_ = view.clip_box;
+  if (!(change > 0 && change <= 1)) return fail(ErrorCode::invalid_argument, "{} is no share of a change", change);
+  const auto start = std::chrono::steady_clock::now();
+  const auto deadline = start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                                    std::chrono::duration<double>(std::min(wait_seconds, 1e6)));
+  SPLATVOL_TRY(start_paging());
+  if (frame_) frame_->splats.progress.errors.clear();
+  const ValueVisibility visibility = visibility_of(function);
+  const bool steady = aim_ && aim_->view == view && aim_->visibility == visibility && aim_->asked == detail;
+  if (!steady) {
+    view_before_ = aim_ ? std::optional(aim_->view) : std::nullopt;
+    aim_.reset();
+  }
+
+  for (Pager::Arrivals arrived = pager_->accept_arrivals();;) {
+    if (!aim_ || arrived.pages) SPLATVOL_TRY(choose_aim(view, visibility, detail));
+    if (!steady || arrived || !pager_->is_reading()) pager_->ask();
+    if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
+    pager_->wait_until(deadline);
+    arrived = pager_->accept_arrivals();
+    if (!arrived) break;
+  }
+  if (view_before_ && pager_->missing().settled()) {
+    want_ahead(*view_before_, view, visibility);
+    view_before_.reset();
+  }
+  cut_seconds_ = seconds_since(start);
+  SPLATVOL_TRY(show_resident(change));
+  fetch_seconds_ = seconds_since(start) - cut_seconds_;
+  return &frame_->splats;
+}
+
+// Chooses the aim from the index pages that are there. When more pages have arrived for the same view, chooses again,
+// but never finer than before: otherwise two choices might alternate.
+Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail) {
+  Pager::Pages pages;
+  std::uint64_t aimed_bytes = 0;
+  const auto try_cut = [&](const DetailOptions& tried) -> Result<Cut> {
+    if (aim_ && is_finer(tried, aim_->choice.detail))
+      return fail(ErrorCode::out_of_budget, "the view needed more than {} bytes", cut_limit());
+    pager_->begin_selection();
+    SPLATVOL_TRY_ASSIGN(cut, select(*pager_, nullptr, view, visibility, cut_options(tried, cut_limit())));
+    SPLATVOL_TRY(check_fits(cut, pager_->pages().index_bytes, tried));
+    pages = pager_->pages();
+    aimed_bytes = cut_bytes(cut, pages.index_bytes);
+    return cut;
+  };
+  auto choice = choose_finest(first_detail(detail), try_cut);
+  if (!choice) {
+    aim_.reset();
+    frame_.reset();
+    if (choice.error().code == ErrorCode::out_of_budget) return fail_for_memory(view, visibility, detail);
+    return tl::unexpected(choice.error());
+  }
+  pager_->forget(visibility);
+  pager_->keep_pages(std::move(pages));
+  pager_->want(choice->cut, 0);
+  aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice), aimed_bytes});
+  want_stages(view, visibility);
+  return {};
+}
+
+// Wants coarser pictures on the way to the aim. They cost little: each has about a twentieth of the splats of the next.
+void Streamer::want_stages(const View& view, const ValueVisibility& visibility) {
+  const DetailOptions& aimed = aim_->choice.detail;
+  std::uint64_t bytes_left = std::min(free_bytes() / 16, reader_->row_bytes(aim_->choice.cut) / 5);
+  for (int stage = stages; stage > 0; --stage) {
+    DetailOptions detail = aimed;
+    if (aimed.resolution) {
+      if (*aimed.resolution < static_cast<std::size_t>(2 * stage)) continue;
+      *detail.resolution -= static_cast<std::size_t>(2 * stage);
+    } else if (aimed.goal) {
+      const double share = std::pow(20, -stage);
+      detail.goal = ErrorGoal{0, static_cast<std::uint64_t>(share * static_cast<double>(aim_->choice.cut.splats))};
+    } else {
+      detail.tolerance_percent = std::max(aimed.tolerance_percent, smallest_raised_tolerance) * std::pow(3, stage);
+    }
+    const auto cut = select(*pager_, nullptr, view, visibility, cut_options(detail, bytes_left));
+    if (!cut) continue;
+    const std::uint64_t bytes = reader_->row_bytes(*cut);
+    if (bytes > bytes_left) continue;
+    bytes_left -= bytes;
+    pager_->want(*cut, stage);
+  }
+}
+
+// Wants the cut of the next view, as far as memory is free. Assumes that the camera goes on as before.
+void Streamer::want_ahead(const View& last, const View& view, const ValueVisibility& visibility) {
+  View next = view;
+  next.eye += view.eye - last.eye;
+  const dvec3 forward = 2.0 * view.forward - last.forward;
+  const dvec3 right = 2.0 * view.right - last.right;
+  if (!(glm::length(glm::cross(forward, right)) > 0)) return;
+  next.forward = glm::normalize(forward);
+  next.right = glm::normalize(right - glm::dot(right, next.forward) * next.forward);
+  next.up = glm::cross(next.right, next.forward);
+
+  // The occlusion of the next view must not replace that of this view.
+  Pager::Pages pages = pager_->pages();
+  CutOptions options = cut_options(aim_->choice.detail, cut_limit());
+  options.kept_occlusion = nullptr;
+  const auto cut = select(*pager_, nullptr, next, visibility, options);
+  pager_->keep_pages_and_ask_ahead(std::move(pages));
+  if (!cut) return;
+  pager_->want(*cut, Pager::ahead);
+  pager_->ask();
+}
+
+// Chooses the best resident cut, or else the coarsest. It has little more splats than the aim, unless the coarsest has.
+// Makes `detail` coarser if it must.
+Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
+  const Cut& aimed = aim_->choice.cut;
+  const std::uint64_t limit =
+      std::max(aimed.memory_bytes() + aimed.splats * record_bytes(kernel_) + free_bytes() / 16, coarsest_cut_bytes());
+  do {
+    auto cut = select(*pager_, pager_.get(), aim_->view, aim_->visibility, cut_options(detail, limit));
+    if (!cut && cut.error().code != ErrorCode::out_of_budget) return cut;
+    if (cut && cut->splats <= detail.device_bytes / record_bytes(kernel_)) return cut;
+  } while (make_coarser(detail));
+  return choose_coarsest();
+}
+
+Result<Cut> Streamer::choose_coarsest() {
+  struct CoarsestOnly final : Residency {
+    bool holds(std::span<const PointRange> ranges) override { return ranges.size() == 1; }
+  } coarsest;
+  DetailOptions detail;
+  detail.tolerance_percent = std::numeric_limits<double>::infinity();
+  return select_resident_cut(info(), *pager_, coarsest, aim_->view, aim_->visibility,
+                             cut_options(detail, coarsest_cut_bytes()));
+}
+
+// Returns how many splats fades may draw besides those of a cut. The aim and the parts that are being read leave memory
+// for them. Their rows have other splats too.
+std::uint64_t Streamer::fading_splats(const Cut& cut) const {
+  const std::uint64_t most_bytes = free_bytes() / 8 * 7;
+  const std::uint64_t bytes = most_bytes - std::min(aim_->bytes, most_bytes);
+  const std::uint64_t splats = aim_->choice.detail.device_bytes / record_bytes(kernel_);
+  return std::min(bytes / (2 * record_bytes(kernel_)), splats - std::min(cut.splats, splats));
+}
+
+Status Streamer::show_resident(double change) {
+  DetailOptions detail = aim_->choice.detail;
+  auto cut = choose_resident(detail);
+  if (!cut) return tl::unexpected(cut.error());
+  const bool same_values = shows(aim_->visibility);
+  FadingCut fading{aim_->view, std::move(*cut), {}, {}};
+  if (same_values) {
+    const FadeOptions options{change, fading_splats(fading.cut)};
+    fading = fade(info().cube, aim_->view, frame_->fading, std::move(fading.cut), *pager_, options);
+  }
+  if (same_values && frame_->fading.cut == fading.cut)
+    set_weights(std::move(fading));
+  else
+    SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
+  frame_->splats.detail = aim_->choice.detail;
+  frame_->splats.progress = extract_progress();
+  return {};
+}
+
+// Makes the frame, or a simpler one if memory is short: first without fades, then after letting go of substitutes, last
+// the coarsest.
+Status Streamer::make_resident_frame(FadingCut fading, DetailOptions detail) {
+  drop_frame();
+  if (!coarsest_frame_) coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
+  const auto reserve = [&] { return cache_.reserve(frame_bytes(fading.cut)); };
+  auto reservation = reserve();
+  if (!reservation && !fading.fades.empty()) {
+    SPLATVOL_TRY_ASSIGN(at_once, choose_resident(detail));
+    fading = {aim_->view, std::move(at_once), {}, {}};
+    reservation = reserve();
+  }
+  if (!reservation) {
+    // If even this does not suffice, parts that are no longer wanted are still being read.
+    pager_->hold_wanted();
+    static_cast<void>(reserve());
+    SPLATVOL_TRY_ASSIGN(of_wanted, choose_resident(detail));
+    fading = {aim_->view, std::move(of_wanted), {}, {}};
+    reservation = reserve();
+  }
+  if (!reservation) return make_coarsest_frame();
+  const Status assembled = assemble(std::move(fading), aim_->visibility, std::move(*reservation));
+  if (!assembled && assembled.error().code == ErrorCode::out_of_budget) return make_coarsest_frame();
+  return assembled;
+}
+
+Status Streamer::make_coarsest_frame() {
+  SPLATVOL_TRY_ASSIGN(coarsest, choose_coarsest());
+  auto reservation = std::exchange(coarsest_frame_, std::nullopt);
+  if (!reservation) return fail(ErrorCode::out_of_budget, "{}: no memory for a frame", volume_->name());
+  return assemble({aim_->view, std::move(coarsest), {}, {}}, aim_->visibility, std::move(*reservation));
+}
+
+// Tells how far the frame is from the aim, and moves the errors out of the pager.
+FrameProgress Streamer::extract_progress() {
+  const Pager::Missing& missing = pager_->missing();
+  const Cut& aimed = aim_->choice.cut;
+  FrameProgress progress;
+  progress.complete = aimed.complete && missing.rows + missing.pages == 0 && frame_->fading.fades.empty() &&
+                      frame_->fading.cut == aimed;
+  progress.fading = frame_->fading.fades.size();
+  progress.settled =
+      missing.settled() && progress.fading == 0 && (progress.complete || missing.failed > 0 || !pager_->is_reading());
+  progress.missing_rows = missing.rows;
+  progress.missing_pages = missing.pages;
+  progress.missing_bytes = missing.bytes;
+  progress.needed_bytes = pager_->needed_bytes();
+  progress.errors = pager_->extract_errors();
+  return progress;
+}
+
+}  // namespace splatvol
