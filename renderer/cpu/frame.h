@@ -38,7 +38,7 @@ struct TableView {
 };
 
 /// Largest relative error that a coarser level may have.
-inline constexpr float most_level_error = 2e-3F;
+inline constexpr float most_level_error = 4e-3F;
 
 /// The constants of a frame. View coordinates: x to the right, y up, z forwards, in drawing units, the eye at the
 /// origin. Pixels count from the lower left corner.

@@ -414,13 +414,14 @@ HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, 
 /// Splats of a tile are far apart in memory.
 HWY_INLINE void prefetch(const ScreenSplats& screen, std::uint32_t slot) {
   hwy::Prefetch(&screen.bounds[slot]);
+  hwy::Prefetch(&screen.forms[slot]);
   hwy::Prefetch(&screen.far[slot]);
   hwy::Prefetch(&screen.far[slot].light);
 }
 
 bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
                const TileArea& area, TilePixels& pixels) {
-  constexpr std::size_t splats_per_check = 64, ahead = 4;
+  constexpr std::size_t splats_per_check = 64, ahead = 8;
   for (std::size_t i = 0; i < slots.size(); ++i) {
     if (i % splats_per_check == 0 && is_opaque(area, pixels)) return true;
     const std::uint32_t slot = slots[i];

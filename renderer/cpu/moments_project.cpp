@@ -582,6 +582,7 @@ HWY_INLINE Middle make_middle(const FrameConstants& frame, const Body& body, con
 /// Sets the far form: moments_project.glsl explains it.
 HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, const Value& value, const Rays& rays,
                                const Terms& terms, const Middle& middle, const Screen& screen, FarFields& fields) {
+  add_outline(screen, body.near, fields);
   const Float inverse_g = Float(1.0F) / terms.g;
   const TableRow row = table_row(frame.table, middle.spread);
   const Float centre_column = fma(value.mean - 0.5F, row.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
@@ -624,6 +625,7 @@ HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const T
 
 HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, const Middle& middle,
                                 Float strength, const Screen& screen, NearFields& fields) {
+  add_outline(screen, body.near, fields);
   const ToPixels& m = screen.to_pixels;
   add_linear(rays.d_0, rays.d_1, rays.d_2, m, fields);
   fields.add(rays.along.x);
@@ -691,14 +693,20 @@ struct Projection {
   alignas(64) std::array<std::int32_t, most_lanes> forms;  // as Form
 };
 
+/// Returns the masses, and where they and the values are sound.
+HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
+  const Int code = bits_of<0, 16>(records.word(4));
+  mass = log_number(code) * load(records.ranges.mass_scale.data()) * to_float(bits_of<16, 8>(records.word(8)));
+  const Mask positive = both(mass > Float(0.0F), mask_of(hn::Gt(code.v, hn::Zero(IntTag()))));
+  return both(both(positive, is_finite(mass)), is_finite(bits_as_float(records.word(7))));
+}
+
 /// Projects a splat in each lane.
 void project(const FrameConstants& frame, const Records& records, Projection& result) {
-  const Int scaled_mass = bits_of<0, 16>(records.word(4));
-  const Float coverage = to_float(bits_of<16, 8>(records.word(8)));
-  const Float mass = log_number(scaled_mass) * load(records.ranges.mass_scale.data()) * coverage;
+  Float mass;
+  Mask drawn = masses_of(records, mass);
   const Vector3 centre = position_in_view(frame, records);
-  Mask drawn = both(both(mass > Float(0.0F), mask_of(hn::Gt(scaled_mass.v, hn::Zero(IntTag())))), is_finite(mass));
-  drawn = both(drawn, both(is_finite(centre.x + centre.y + centre.z), is_finite(bits_as_float(records.word(7)))));
+  drawn = both(drawn, is_finite(centre.x + centre.y + centre.z));
 
   Body body;
   Value value;
@@ -736,16 +744,10 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   set_bounds(frame, screen, body.near, result.bounds);
   store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
         result.forms.data());
-  result.far.used = result.near.used = 0;
   const Middle middle = make_middle(frame, body, value, rays, terms);
-  if (any(far)) {
-    add_outline(screen, body.near, result.far);
-    set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
-  }
-  if (any(near)) {
-    add_outline(screen, body.near, result.near);
-    set_near_fields(body, value, rays, middle, strength, screen, result.near);
-  }
+  result.far.used = result.near.used = 0;
+  if (any(far)) set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
+  if (any(near)) set_near_fields(body, value, rays, middle, strength, screen, result.near);
 }
 
 void write_splat(const Projection& projection, int lane, const ScreenSplats& screen, std::size_t slot) {

@@ -88,20 +88,44 @@ HWY_INLINE Int key_of(Float distance) {
   return select_int(mask_of(hn::Lt(bits.v, hn::Zero(IntTag()))), bits, hn::Xor(bits.v, Int(0x7fffffff).v));
 }
 
-/// Sets records for vector after vector of splats, and calls visit(first, count) for each. Lanes beyond the last splat
-/// repeat it.
+/// Where the records of a vector of splats are. Lanes beyond the last splat repeat it.
+struct RecordPlaces {
+  std::array<const RangeInView*, most_lanes> ranges;
+  std::array<std::uint32_t, most_lanes> indices;
+
+  /// Finds them, and asks for their cache lines: in drawing order, records are far apart in memory.
+  void find(const SplatNumbers& splats, std::span<const std::uint32_t> numbers) {
+    for (std::size_t lane = 0; lane < static_cast<std::size_t>(lane_count()); ++lane) {
+      const std::uint32_t number = numbers[std::min(lane, numbers.size() - 1)];
+      const RangeInView& range = splats.range_of(number);
+      ranges[lane] = &range;
+      indices[lane] = number - range.first;
+      if (range.shapes) {
+        hwy::Prefetch(&range.shapes[indices[lane]].position);
+        hwy::Prefetch(&range.shapes[indices[lane]].boundary);
+        hwy::Prefetch(&range.values[indices[lane]]);
+      } else {
+        hwy::Prefetch(&range.octants[indices[lane]]);
+        hwy::Prefetch(&range.octant_values[indices[lane]]);
+      }
+    }
+  }
+};
+
+/// Sets records for vector after vector of splats, and calls visit(first, count) for each.
 template <class Records, class Visit>
 HWY_INLINE void for_each_group(const SplatNumbers& splats, std::span<const std::uint32_t> numbers, Records& records,
                                const Visit& visit) {
   const auto lanes = static_cast<std::size_t>(lane_count());
+  if (numbers.empty()) return;
+  RecordPlaces places, next;
+  next.find(splats, numbers);
   for (std::size_t first = 0; first < numbers.size(); first += lanes) {
-    const std::size_t count = std::min(lanes, numbers.size() - first);
-    for (std::size_t lane = 0; lane < lanes; ++lane) {
-      const std::uint32_t number = numbers[first + std::min(lane, count - 1)];
-      const RangeInView& range = splats.range_of(number);
-      records.set(static_cast<int>(lane), range, number - range.first);
-    }
-    visit(first, count);
+    places = next;
+    if (first + lanes < numbers.size()) next.find(splats, numbers.subspan(first + lanes));
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      records.set(static_cast<int>(lane), *places.ranges[lane], places.indices[lane]);
+    visit(first, std::min(lanes, numbers.size() - first));
   }
 }
 

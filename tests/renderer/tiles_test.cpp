@@ -278,8 +278,7 @@ class TilesTestScenes : public testing::TestWithParam<const char*> {
                               .value();
     const View view = make_view(scene).value();
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, {.tolerance_percent = 0}).value();
-    return {frame.list, streamer->units(), scene.transfer_function,
-            scene.lighting, view};
+    return {frame.list, streamer->units(), scene.transfer_function, scene.lighting, view};
   }
 };
 
