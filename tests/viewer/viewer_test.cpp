@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "renderer/device/device.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "renderer/sampling.h"
@@ -102,7 +103,7 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   std::ofstream(path("scene.json")) << scene_to_json(scene());
   const Scene saved = load_scene(path("scene.json")).value();
   const auto streamer = Streamer::open(open_file(path("v.svol")).value(), {64u << 20, saved.attribute}).value();
-  const auto renderer = GlRasterizer::create(KernelKind::moments).value();
+  const auto renderer = make_rasterizer(Device::automatic, {.in_current_context = true}).value();
   ASSERT_TRUE(renderer->set_transfer_function(saved.transfer_function, streamer->units()));
   const View view = make_view(saved.camera, saved.width, saved.height).value();
   const auto splats = streamer->request(view, saved.transfer_function, {1.0, {}}).value();
@@ -110,6 +111,27 @@ TEST_F(ViewerTest, SettlesOnWhatSvrenderDraws) {
   ASSERT_TRUE(renderer->draw(view, SortMode::exact, automatic_sample_spacing(view, splats->detail)));
   const auto difference = compare_images(shown, renderer->read_image().value()).value();
   EXPECT_EQ(difference.max, 0);
+}
+
+TEST_F(ViewerTest, ShowsTheSamePictureOfBothDevices) {
+  std::vector<Image> windows, pictures;
+  for (const Device device : {Device::cpu, Device::gl}) {
+    ViewerOptions options;
+    options.volume = path("v.svol");
+    options.settings.device = device;
+    viewer.reset();
+    viewer = Viewer::create(options).value();
+    frame({WindowResized{width, height, width, height, 1}});
+    press('H');  // hides the numbers, which differ
+    settle();
+    pictures.push_back(viewer->session()->image().value());
+    EXPECT_EQ(viewer->session()->device_text().find("OpenGL") != std::string::npos, device == Device::gl);
+    windows.push_back(screen());
+  }
+  EXPECT_GT(brightness(pictures[0]), 0);
+  EXPECT_LT(compare_images(pictures[0], pictures[1])->rmse, 1e-4);
+  // Bytes of sRGB, rounded.
+  EXPECT_LT(compare_images(windows[0], windows[1])->rmse, 2e-3);
 }
 
 TEST_F(ViewerTest, RestsWhenNothingHappens) {
