@@ -7,7 +7,7 @@
 
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
-#include "streamer/draw_list.h"
+#include "streamer/record.h"
 
 namespace splatvol {
 namespace {
@@ -20,14 +20,16 @@ std::vector<Splat> random_splats(std::size_t count, float size) {
   std::uniform_real_distribution<float> coordinate(-1, 1);
   std::vector<Splat> splats(count);
   for (Splat& splat : splats) {
-    splat.position = {coordinate(generator), coordinate(generator), coordinate(generator)};
+    const vec3 position(coordinate(generator), coordinate(generator), coordinate(generator));
     splat.value = 0.5F + 0.5F * coordinate(generator);
     if constexpr (std::is_same_v<Splat, OctantSplat>) {
+      splat.position = position;
       splat.size = size;
     } else {
-      splat.mass = size * size * size;
-      splat.deviations = vec3(size / std::sqrt(12.0F));
-      splat.value_deviation = 0.1F;
+      splat.center = dvec3(position);
+      splat.mass = std::pow(static_cast<double>(size), 3.0);
+      splat.deviations = dvec3(static_cast<double>(size) / std::sqrt(12.0));
+      splat.value_deviation = 0.1;
     }
   }
   return splats;
@@ -53,9 +55,9 @@ void frame(benchmark::State& state) {
   const double pixel = 5 / orbit(0).focal;
   const auto splats = random_splats<Splat>(static_cast<std::size_t>(state.range(0)),
                                            static_cast<float>(static_cast<double>(state.range(1)) * 0.1 * pixel));
-  const SplatBatch batch{dvec3(0), 0, splats.size()};
-  if (!renderer->set_transfer_function(function, {}) ||
-      !renderer->set_draw_list(pack_draw_list(std::span(splats), {&batch, 1}, {})))
+  DrawList list;
+  append(list, pack_row(std::span<const Splat>(splats), dvec3(0), 1), 0, static_cast<std::uint32_t>(splats.size()), 1);
+  if (!renderer->set_transfer_function(function, {}) || !renderer->set_draw_list(list))
     return state.SkipWithError("setup");
 
   const auto sort = static_cast<SortMode>(state.range(2));
@@ -89,7 +91,7 @@ void arguments(benchmark::internal::Benchmark* benchmark) {
       ->UseRealTime();
 }
 BENCHMARK(frame<OctantSplat>)->Apply(arguments);
-BENCHMARK(frame<MomentsSplat>)->Apply(arguments);
+BENCHMARK(frame<Material>)->Apply(arguments);
 
 }  // namespace
 }  // namespace splatvol

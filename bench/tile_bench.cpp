@@ -60,14 +60,6 @@ int run(int argc, char** argv) {
   View other = view;
   other.width += 1;  // so that the order is made anew
   for (int i = 0; i < repeats; ++i) {
-    if (i > 0 && std::getenv("NO_GL")) {
-      by_gl.push_back(by_gl[0]);
-      static_cast<void>(cpu.draw(other, sort, spacing).value());
-      const std::clock_t begin = std::clock();
-      by_cpu.push_back(cpu.draw(view, sort, spacing).value());
-      processor_seconds.push_back(static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC);
-      continue;
-    }
     static_cast<void>(gl->draw(other, sort, spacing).value());
     static_cast<void>(cpu.draw(other, sort, spacing).value());
     by_gl.push_back(gl->draw(view, sort, spacing).value());

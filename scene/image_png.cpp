@@ -1,7 +1,10 @@
 #include <png.h>
 
+#include <array>
 #include <cmath>
 #include <csetjmp>
+#include <cstddef>
+#include <limits>
 #include <new>
 #include <vector>
 
@@ -11,17 +14,45 @@
 namespace splatvol {
 namespace {
 
-/// Encodes a linear share of light in 8 bits; NaN gives 0.
-png_byte to_srgb8(double linear) {
-  return std::isnan(linear) ? png_byte{0} : static_cast<png_byte>(std::lround(srgb_of(linear) * 255));
-}
+/// Encodes linear shares of light in 8 bits, as srgb_of and rounding do, without their powers.
+class SrgbBytes {
+ public:
+  SrgbBytes() {
+    for (int byte = 1; byte < 256; ++byte) {
+      double least = linear_of((byte - 0.5) / 255);  // the least number with this byte, but for rounding
+      while (encode(least) >= byte) least = std::nextafter(least, 0.0);
+      while (encode(least) < byte) least = std::nextafter(least, 1.0);
+      least_[static_cast<std::size_t>(byte)] = least;
+    }
+    least_[256] = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < starts; ++k) start_[k] = encode(static_cast<double>(k) / starts);
+  }
+
+  /// NaN gives 0.
+  [[nodiscard]] png_byte operator()(double linear) const {
+    if (!(linear > 0)) return 0;
+    if (linear >= 1) return 255;
+    std::size_t byte = start_[static_cast<std::size_t>(linear * starts)];
+    while (linear >= least_[byte + 1]) ++byte;
+    return static_cast<png_byte>(byte);
+  }
+
+ private:
+  static constexpr std::size_t starts = 4096;  // less than a byte from one to the next
+
+  static png_byte encode(double linear) { return static_cast<png_byte>(std::lround(srgb_of(linear) * 255)); }
+
+  std::array<double, 257> least_{};
+  std::array<png_byte, starts> start_{};
+};
 
 std::vector<png_byte> to_rgb8(const Image& image, dvec3 background) {
-  std::vector<png_byte> bytes;
-  bytes.reserve(image.pixels.size() * 3);
+  static const SrgbBytes to_srgb8;
+  std::vector<png_byte> bytes(image.pixels.size() * 3);
+  std::size_t next = 0;
   for (const vec4& pixel : image.pixels)
     for (int channel = 0; channel < 3; ++channel)
-      bytes.push_back(to_srgb8(pixel[channel] + (1.0 - pixel.a) * background[channel]));
+      bytes[next++] = to_srgb8(pixel[channel] + (1.0 - pixel.a) * background[channel]);
   return bytes;
 }
 
@@ -93,7 +124,10 @@ void flush_nothing(png_structp) {}
 /// Runs the encoder; false after an error. libpng leaves this function by longjmp, so no local object has a destructor.
 bool run_encoder(png_structp png, png_infop info, const Image& image, const png_byte* bytes, int channels,
                  std::vector<png_text>& texts) {
+  constexpr int compression_level = 4;  // a third of the usual time, for 7 % more bytes
   if (setjmp(png_jmpbuf(png))) return false;
+  png_set_compression_level(png, compression_level);
+  png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_PAETH);
   png_set_IHDR(png, info, static_cast<png_uint_32>(image.width), static_cast<png_uint_32>(image.height), 8,
                channels == 4 ? PNG_COLOR_TYPE_RGBA : PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
                PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);

@@ -1,12 +1,8 @@
-// Splats for the renderer, in batches with a common origin.
+// Splats: their kernels, their units, and how far they reach.
 #pragma once
 
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
-#include <span>
-#include <variant>
-#include <vector>
 
 #include "base/math.h"
 
@@ -40,32 +36,13 @@ struct DrawingUnits {
   return exponent >= -10 && exponent < 20 ? 1.0 : std::ldexp(1.0, exponent - 10);
 }
 
-/// A splat of the kernel `octant`, in the layout of the renderer's buffers. In DrawingUnits.
+/// A splat of the kernel `octant` in numbers, for what is not a rasterizer. In DrawingUnits.
 struct OctantSplat {
-  vec3 position;           // relative to its batch's origin
+  vec3 position;           // relative to an origin
   float value;             // stored value; NaN: missing, draws nothing
   float size;              // d: thickness and diameter scale
   std::uint32_t gradient;  // direction of the value's gradient, for lighting: 4 signed bytes / 127, the last 0; 0: none
 };
-static_assert(sizeof(OctantSplat) == 24);
-
-/// A splat of the kernel `moments`, in the layout of the renderer's buffers. In DrawingUnits.
-struct MomentsSplat {
-  vec3 position;               // centroid relative to its batch's origin
-  float mass;                  // volume of the material that has a value, times its density; 0 draws nothing
-  vec3 deviations;             // along the principal axes, descending
-  vec3 orientation;            // x, y, z of the unit quaternion that turns x, y, z onto the principal axes; w >= 1/2
-  float value;                 // mean, stored value
-  float value_deviation;       // standard deviation of the value
-  std::uint32_t correlations;  // 4 signed bytes / 127: of the value with each principal axis; then the residual, [0, 1]
-  std::uint32_t boundary;      // 3 signed numbers of 10 bits / 128, lowest first: format::SplatShape::boundary
-};
-static_assert(sizeof(MomentsSplat) == 56);
-
-/// Bytes of a splat.
-[[nodiscard]] constexpr std::size_t splat_bytes(KernelKind kernel) {
-  return kernel == KernelKind::octant ? sizeof(OctantSplat) : sizeof(MomentsSplat);
-}
 
 /// `octant`: how far a splat reaches from its centre, in units of its size (3 standard deviations of 0.4 d), and the
 /// least reach, in pixels: the renderer widens splats that could fall between the centres of pixels.
@@ -76,17 +53,5 @@ inline constexpr double octant_smallest_reach_pixels = 1.5;
 /// the low-pass filter adds to it, in pixels.
 inline constexpr double moments_reach = 2;
 inline constexpr double moments_smallest_reach_pixels = 1.5;
-
-/// Splats of one kind.
-using SplatSpan = std::variant<std::span<const OctantSplat>, std::span<const MomentsSplat>>;
-
-/// Consecutive splats of one node with a common origin: positions relative to it keep their detail in single precision,
-/// even far from the world's origin.
-struct SplatBatch {
-  dvec3 origin;  // world units
-  std::uint64_t first;
-  std::uint64_t count;
-  float weight = 1;  // [0, 1]: factor on the splats' mass, and so on their optical depth; 0 draws nothing
-};
 
 }  // namespace splatvol

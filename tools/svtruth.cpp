@@ -1,6 +1,7 @@
 // svtruth: the exact picture of a mesh.
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -24,6 +25,7 @@ struct Options {
   std::string cells = "averaged";
   std::vector<double> missing;
   int threads = 0;
+  int repeat = 1;
   bool json = false;
 };
 
@@ -81,12 +83,15 @@ Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& sce
   return render_reference(tet_mesh, scene, {threads, [&](double fraction) { bar.update(fraction); }});
 }
 
-void print_summary(const Options& options, const Mesh& mesh, const ReferencePicture& picture, double seconds) {
+// `seconds`: of each drawing, sorted.
+void print_summary(const Options& options, const Mesh& mesh, const ReferencePicture& picture,
+                   const std::vector<double>& seconds) {
+  const double median = seconds[seconds.size() / 2];
   const double segments_per_pixel =
       static_cast<double>(picture.segments) / static_cast<double>(picture.image.pixels.size());
   if (!options.json) {
     fmt::print("{}: {} x {} pixels, {} tetrahedra, {:.1f} segments a pixel, {:.2f} s\n", options.output,
-               picture.image.width, picture.image.height, mesh.tetrahedra.size(), segments_per_pixel, seconds);
+               picture.image.width, picture.image.height, mesh.tetrahedra.size(), segments_per_pixel, median);
     return;
   }
   const nlohmann::ordered_json document = {{"width", picture.image.width},
@@ -94,7 +99,9 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
                                            {"points", mesh.points.size()},
                                            {"tetrahedra", mesh.tetrahedra.size()},
                                            {"segments_per_pixel", segments_per_pixel},
-                                           {"seconds", seconds}};
+                                           {"seconds", median},
+                                           {"seconds_min", seconds.front()},
+                                           {"seconds_max", seconds.back()}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
@@ -105,10 +112,15 @@ Status draw(const Options& options) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
   SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing));
 
-  const double start = seconds_now();
-  const auto picture = render_with_progress(mesh, scene, options.threads);
-  if (!picture) return fail_in(options.meshes.front(), picture.error());
-  const double seconds = seconds_now() - start;
+  Result<ReferencePicture> picture;
+  std::vector<double> seconds;
+  for (int i = 0; i < options.repeat; ++i) {
+    const double start = seconds_now();
+    picture = render_with_progress(mesh, scene, options.threads);
+    if (!picture) return fail_in(options.meshes.front(), picture.error());
+    seconds.push_back(seconds_now() - start);
+  }
+  std::ranges::sort(seconds);
 
   const Provenance provenance = {{"software", "svtruth " SPLATVOL_VERSION},
                                  {"mesh", fmt::format("{}", fmt::join(options.meshes, " "))},
@@ -140,6 +152,8 @@ int main(int argc, char** argv) {
       ->type_name("V")
       ->allow_extra_args(false);
   app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
+  app.add_option("--repeat", options.repeat, "Pictures to draw for the time in the summary, which is their median")
+      ->check(CLI::Range(1, 1000000));
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });
 }

@@ -137,7 +137,8 @@ const WindowResized* last_size(const FrameInput& input) {
 struct ReplayTimes {
   double first_picture = 0;  // seconds from the program's start
   std::vector<double> frames;
-  double rest = 0;  // from the last event to the finest picture
+  std::vector<std::uint64_t> splats;  // of each frame
+  double rest = 0;                    // from the last event to the finest picture
 };
 
 // Returns the recording's frames. The first one has the window's size.
@@ -168,6 +169,8 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
     SPLATVOL_TRY(draw(input));
     glFinish();
     times.frames.push_back(seconds_now() - frame_start);
+    const FrameSplats* drawn = viewer.session() ? viewer.session()->frame() : nullptr;
+    times.splats.push_back(drawn ? drawn->splats : 0);
     if (times.first_picture == 0) times.first_picture = seconds_now() - start;
     stage.end();
   }
@@ -193,8 +196,10 @@ Status replay(const Options& options) {
   ReplayTimes times;
   SPLATVOL_TRY_ASSIGN(size, draw_inputs(inputs, start, *stage, *viewer, times));
   if (!options.stats.empty()) {
-    const nlohmann::ordered_json statistics = {
-        {"first_picture_seconds", times.first_picture}, {"frame_seconds", times.frames}, {"rest_seconds", times.rest}};
+    const nlohmann::ordered_json statistics = {{"first_picture_seconds", times.first_picture},
+                                               {"frame_seconds", times.frames},
+                                               {"frame_splats", times.splats},
+                                               {"rest_seconds", times.rest}};
     SPLATVOL_TRY(write_text_file(options.stats, statistics.dump(1) + "\n"));
   }
   if (options.screenshot.empty()) return {};

@@ -239,6 +239,15 @@ Status Session::fit_camera(int width, int height) {
   return {};
 }
 
+// Gives the frame's splats to the renderer. False if the device has no room for them: the next call asks for fewer.
+Result<bool> Session::set_splats(std::uint64_t splats) {
+  const Status set = renderer_->set_draw_list(frame_->list);
+  if (set) return true;
+  if (set.error().code != ErrorCode::out_of_budget || most_splats_ <= 1) return tl::unexpected(set.error());
+  most_splats_ = std::max<std::uint64_t>(splats / 8 * 7, 1);
+  return false;
+}
+
 Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
@@ -270,12 +279,8 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  const Status set = renderer_->set_draw_list(frame->list);
-  if (!set && set.error().code == ErrorCode::out_of_budget && most_splats_ > 1) {
-    most_splats_ = std::max<std::uint64_t>(std::min(most_splats, frame->splats) / 8 * 7, 1);  // for the next call
-    return {};
-  }
-  SPLATVOL_TRY(set);
+  SPLATVOL_TRY_ASSIGN(fits, set_splats(std::min(most_splats, frame->splats)));
+  if (!fits) return {};
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));

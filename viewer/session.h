@@ -122,6 +122,7 @@ class Session {
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply(const View& view);
+  [[nodiscard]] Result<bool> set_splats(std::uint64_t splats);
   [[nodiscard]] Status fit_camera(int width, int height);
 
   std::string path_;

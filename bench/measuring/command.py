@@ -12,7 +12,8 @@ from .measure import ProgramError, measure, mesh_of
 from .peers import PeerError
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ["equal", "scattered", "lit", "reference"]
+PARTS = ["equal", "scattered", "lit", "reference", "growth"]
+DEVICES = ["auto", "cpu", "gl"]  # of svrender
 EXTRAS = {
     "peers": ["vtk", "numpy", "OpenEXR"],
     "flip": ["flip_evaluator", "numpy", "OpenEXR"],
@@ -27,6 +28,8 @@ FULL = {
     "builds": 3,
     "parts": PARTS,
 }
+# Many points, drawn as so many splats, and then all.
+GROWTH = {"source": "gen:points:count=2e7,distribution=vortex,type=float32", "splats": [20000, 200000, 2000000]}
 QUICK = {
     "tolerances": [0, 1, 5],
     "resolutions": 1,
@@ -82,6 +85,12 @@ def parser():
     )
     run.add_argument("--views", type=words, help="comma-separated (default: all scenes; --quick: the first)")
     run.add_argument("--kernels", type=words, default=["octant", "moments"], help="default: octant,moments")
+    run.add_argument(
+        "--devices",
+        type=chosen_from(DEVICES),
+        default=["cpu", "gl"],
+        help="--device of svrender: the first draws all settings, the others the tolerances (default: cpu,gl)",
+    )
     run.add_argument("--tolerances", type=numbers, help="per cent, comma-separated")
     run.add_argument("--sorts", type=words, default=["none", "axis", "exact"], help="default: none,axis,exact")
     run.add_argument("--samplings", type=words, help="--sampling of svrender; always includes auto (default: auto,4)")
@@ -122,7 +131,7 @@ def plan_of(options):
     plan["tolerances"] = sorted({0, *plan["tolerances"]})
     plan["samplings"] = list(dict.fromkeys(["auto", *plan["samplings"]]))
     plan["pictured_tolerances"] = [t for t in plan["tolerances"] if t in (0, 1, 5)]
-    plan["kernels"], plan["sorts"] = options.kernels, options.sorts
+    plan["kernels"], plan["sorts"], plan["devices"] = options.kernels, options.sorts, options.devices
     plan["kernel"] = "moments" if "moments" in options.kernels else options.kernels[-1]
     plan["connectivities"] = ["delaunay", "none"]
     plan["equal_tolerances"] = [1, 2, 3, 5, 8, 12, 20]
@@ -135,6 +144,7 @@ def plan_of(options):
     plan["scattered"] = whole if "scattered" in parts else []
     plan["lit"] = whole if "lit" in parts else []
     plan["reference"] = views if "reference" in parts else []
+    plan["growth"] = GROWTH if "growth" in parts else None
     return plan
 
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity kernel tolerance resolution max_splats sort sampling sample_spacing points splats "
-    "nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s expected_error rmse "
-    "psnr max light flip"
+    "part view mesh connectivity device kernel tolerance resolution max_splats sort sampling sample_spacing points "
+    "splats nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s "
+    "expected_error rmse psnr max light flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
@@ -40,6 +40,7 @@ class Setting:
     sort: str = "exact"
     sampling: str = "auto"
     splats: int | None = None
+    device: str = "auto"
 
     def detail(self):
         if self.splats is not None:
@@ -49,7 +50,8 @@ class Setting:
         return {"resolution": self.resolution}
 
     def options(self):
-        return {"kernel": self.kernel, "sort": self.sort, "sampling": self.sampling, **self.detail()}
+        usual = {"device": self.device, "kernel": self.kernel, "sort": self.sort, "sampling": self.sampling}
+        return usual | self.detail()
 
     def row(self):
         return {"max_splats" if name == "splats" else name: value for name, value in self.options().items()}
@@ -197,6 +199,41 @@ class Splats(Contender):
         return {f"{name}_s": stats["seconds"][name] for name in names} | {"first_image_s": stats["first_image_seconds"]}
 
 
+class Exact(Contender):
+    """svtruth, which follows every pixel's ray through every tetrahedron."""
+
+    def __init__(self, bench, view):
+        super().__init__(bench, view, bench.scene(view), bench.truth(view), {"kernel": "svtruth"}, None)
+
+    def draw(self, exr, frames):
+        mesh = self.bench.mesh(self.row["mesh"])
+        return self.bench.run_json("svtruth", mesh, "--scene", self.scene, "-o", exr, "--repeat", frames, "--json")
+
+    def first_picture(self, exr):
+        return {"splats": self.draw(exr, 1)["tetrahedra"]}
+
+    def turn(self, frames):
+        stats = self.draw(self.bench.work / "turn.exr", frames)
+        return {f"frame{which}_s": stats[f"seconds{which}"] for which in ("", "_min", "_max")}
+
+
+class Growing(Splats):
+    """As many splats of one volume as the setting says, with memory enough for all. There is no exact picture."""
+
+    def __init__(self, bench, volume, scene, setting):
+        Contender.__init__(self, bench, volume.stem, scene, None, {"connectivity": "none", **setting.row()}, None)
+        self.volume = volume
+        self.setting = setting
+
+    def draw(self, exr, frames):
+        options = ["--scene", self.scene, "--size", "512x512", "-o", exr, "--repeat", frames, "--stats", "-"]
+        memory = ["--memory", "8G", "--gpu-memory", "8G"]
+        return self.bench.run_json("svrender", self.volume, *options, *memory, *self.setting.arguments())
+
+    def start(self):
+        self.row |= self.first_picture(self.bench.work / "picture.exr")
+
+
 class Peer(Contender):
     def __init__(self, bench, view, kind, process):
         super().__init__(bench, view, bench.scene(view), bench.truth(view), {"kernel": kind}, kind)
@@ -223,17 +260,19 @@ def take_turns(bench, part, points, contenders):
 
 def settings(plan, kernel, finest):
     """Yields tolerances and the resolutions below the finest, each with every sampling. Then the other ways to sort,
-    with all points."""
+    with all points, and the tolerances on other devices."""
+    device, *others = plan["devices"]
     resolutions = range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1)
     for sampling in plan["samplings"]:
-        yield from (Setting(kernel, tolerance, sampling=sampling) for tolerance in plan["tolerances"])
-        yield from (Setting(kernel, resolution=r, sampling=sampling) for r in resolutions)
-    yield from (Setting(kernel, 0, sort=sort) for sort in plan["sorts"] if sort != "exact")
+        yield from (Setting(kernel, t, sampling=sampling, device=device) for t in plan["tolerances"])
+        yield from (Setting(kernel, resolution=r, sampling=sampling, device=device) for r in resolutions)
+    yield from (Setting(kernel, 0, sort=sort, device=device) for sort in plan["sorts"] if sort != "exact")
+    yield from (Setting(kernel, t, device=other) for other in others for t in plan["tolerances"])
 
 
 def picture_label(plan, setting):
     """Returns the name of a setting's picture if the page shows it, else None."""
-    usual = setting.sort == "exact" and setting.sampling == "auto"
+    usual = setting.sort == "exact" and setting.sampling == "auto" and setting.device == plan["devices"][0]
     shown = usual and setting.resolution is None and setting.tolerance in plan["pictured_tolerances"]
     return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
 
@@ -247,11 +286,12 @@ def measure_view(bench, view, finest, points, note):
     ]
     bench.picture_of(f"{view}-exact", truth, contenders[0].background)
     with ExitStack() as stack:
+        contenders.append(Exact(bench, view))
         if "peers" in bench.extras:
             process = stack.enter_context(peers.Peers(bench.mesh(mesh_of(view)), scene))
             contenders += [Peer(bench, view, kind, process) for kind in peers.KINDS]
         rows = take_turns(bench, "view", points, contenders)
-    note["renderer"] = contenders[0].renderer
+    note["renderers"] = {c.setting.device: c.renderer for c in contenders if isinstance(c, Splats)}
     if "peers" in bench.extras:
         note["peers"] = contenders[-1].renderer
     return rows
@@ -260,13 +300,13 @@ def measure_view(bench, view, finest, points, note):
 def measure_equal(bench, view, finest, points):
     """Measures tolerances and fixed resolutions, each followed by the cut by expected error with as many splats.
     Measures no times."""
-    plan, kernel = bench.plan, bench.plan["kernel"]
-    plain = [Setting(kernel, tolerance, sampling="1") for tolerance in plan["equal_tolerances"]]
-    plain += [Setting(kernel, resolution=r, sampling="1") for r in range(1, finest)]
+    plan, kernel, device = bench.plan, bench.plan["kernel"], bench.plan["devices"][0]
+    plain = [Setting(kernel, tolerance, sampling="1", device=device) for tolerance in plan["equal_tolerances"]]
+    plain += [Setting(kernel, resolution=r, sampling="1", device=device) for r in range(1, finest)]
     for setting in plain:
         contender = Splats(bench, view, bench.scene(view), bench.truth(view), setting)
         contender.start()
-        by_error = Setting(kernel, splats=contender.row["splats"], sampling="1")
+        by_error = Setting(kernel, splats=contender.row["splats"], sampling="1", device=device)
         other = Splats(bench, view, bench.scene(view), bench.truth(view), by_error)
         other.start()
         yield from ({"part": "equal", "points": points, **c.row} for c in (contender, other))
@@ -276,7 +316,7 @@ def measure_scattered(bench, view, points):
     """Measures the mesh with its own cells, and the same points without them, against the mesh's exact picture."""
     scene, truth = bench.scene(view), bench.truth(view)
     contenders = [
-        Splats(bench, view, scene, truth, Setting(bench.plan["kernel"]), connectivity)
+        Splats(bench, view, scene, truth, Setting(bench.plan["kernel"], device=bench.plan["devices"][0]), connectivity)
         for connectivity in ("mesh", *bench.plan["connectivities"])
     ]
     return take_turns(bench, "scattered", points, contenders)
@@ -292,9 +332,25 @@ def measure_lit(bench, view, points):
         bench.run("svbuild", bench.mesh(mesh_of(view)), "-o", bench.volume(mesh_of(view)), "--gradients")
     bench.picture_of(f"{view}-lit-exact", truth, description.get("background", [0, 0, 0]))
     contenders = [
-        Splats(bench, view, scene, truth, Setting(kernel), label=f"lit-{kernel}") for kernel in bench.plan["kernels"]
+        Splats(bench, view, scene, truth, Setting(kernel, device=bench.plan["devices"][0]), label=f"lit-{kernel}")
+        for kernel in bench.plan["kernels"]
     ]
     return take_turns(bench, "lit", points, contenders)
+
+
+def measure_growth(bench):
+    """Measures frames of more and more splats of many points. Only the first device draws all of them."""
+    growth, kernel = bench.plan["growth"], "moments"
+    volume, scene = bench.work / "vortex.svol", bench.work / "vortex.json"
+    points = bench.run_json("svbuild", growth["source"], "--connectivity", "none", "-o", volume, "--json")["points"]
+    bench.run("svinfo", volume, "--scene", scene)
+    settings = [
+        Setting(kernel, splats=count, sampling="1", device=device)
+        for count in growth["splats"]
+        for device in bench.plan["devices"]
+    ]
+    settings.append(Setting(kernel, 0, sampling="1", device=bench.plan["devices"][0]))
+    return take_turns(bench, "growth", points, [Growing(bench, volume, scene, setting) for setting in settings])
 
 
 def measure_reference(bench, view):
@@ -370,3 +426,7 @@ def measure(programs, shared, out, plan, extras, say):
             write_csv(out / "frames.csv", FRAME_FIELDS, frames)
             write_csv(out / "reference.csv", REFERENCE_FIELDS, references)
             (out / "run.json").write_text(json.dumps(note, indent=1) + "\n")
+        if plan["growth"]:
+            say("growth")
+            frames += measure_growth(bench)
+            write_csv(out / "frames.csv", FRAME_FIELDS, frames)

@@ -2,7 +2,7 @@
 
 import math
 
-from .report import PEER_NAMES
+from .report import EXACT, NAMES, PEER_NAMES
 
 COLORS = {"moments": "#1f6fb4", "octant": "#e07b00"}
 PEER_MARKS = {"projected-tets": ("*", "#222222", 15), "ray-cast": ("D", "#8a2be2", 8)}
@@ -69,10 +69,13 @@ def _figure(results, x, x_label, y, y_label, timed, path):
     panels = figure.subplots(math.ceil((len(results.views) + 1) / columns), columns, squeeze=False).flatten()
     for panel, view in zip(panels, results.views):
         for kernel in results.kernels:
-            _splats(panel, results.of(view=view, kernel=kernel), x, y, COLORS.get(kernel, "#2a9d4a"), kernel)
+            rows = results.of(view=view, kernel=kernel, device=results.device)
+            _splats(panel, rows, x, y, COLORS.get(kernel, "#2a9d4a"), kernel)
         for kind in PEER_NAMES:
             if peer := results.one(view=view, kernel=kind):
                 _peer(panel, peer, x, y, kind, timed)
+        if timed and (exact := results.one(view=view, kernel=EXACT)):  # its error is 0, which has no position here
+            panel.axvline(x(exact), linestyle=":", color="#222222", label=NAMES[EXACT].replace("`", ""))
         panel.margins(0.1)
         panel.set(xscale="log", yscale="log", title=view, xlabel=x_label, ylabel=y_label)
         panel.grid(True, color="#e4e4e4", linewidth=0.6)

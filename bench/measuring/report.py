@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PEER_NAMES = {"projected-tets": "VTK projected tetrahedra", "ray-cast": "VTK ray cast"}
-TEXT = {"part", "view", "mesh", "connectivity", "kernel", "sort", "sampling", "resolutions"}
+EXACT = "svtruth"
+NAMES = PEER_NAMES | {EXACT: "`svtruth`: exact"}
+TEXT = {"part", "view", "mesh", "connectivity", "device", "kernel", "sort", "sampling", "resolutions"}
 
 
 class Row(dict):
@@ -34,7 +36,9 @@ class Results:
         self.note = json.loads((folder / "run.json").read_text())
         self.plan = self.note["plan"]
         self.prototype = json.loads(Path(__file__).with_name("prototype.json").read_text())
-        self.views = list(dict.fromkeys(row.view for row in self.frames))
+        self.views = list(dict.fromkeys(row.view for row in self.frames if row.part == "view"))
+        self.devices = self.plan["devices"]
+        self.device = self.devices[0]  # which draws all settings
         self.kernels = self.plan["kernels"]
         self.kernel = self.plan["kernel"]  # the kernel to compare with others
 
@@ -44,8 +48,9 @@ class Results:
     def one(self, **columns):
         return next(iter(self.of(**columns)), None)
 
-    def all_points(self, view, kernel, sort="exact"):
-        return self.one(view=view, kernel=kernel, tolerance=0, sort=sort, sampling="auto")
+    def all_points(self, view, kernel, sort="exact", device=None):
+        device = device or self.device
+        return self.one(view=view, kernel=kernel, tolerance=0, sort=sort, sampling="auto", device=device)
 
     def counts(self, view):
         """Points of each resolution of the view's mesh, coarse to fine."""
@@ -82,11 +87,11 @@ def milliseconds(row):
 
 
 def kernel_name(row):
-    return PEER_NAMES.get(row.kernel, f"`{row.kernel}`")
+    return NAMES.get(row.kernel, f"`{row.kernel}`")
 
 
 def setting(row):
-    if row.kernel in PEER_NAMES:
+    if row.kernel in NAMES:
         return None
     if row.get("max_splats") is not None:
         words = [f"{row.max_splats:.0f} splats"]
@@ -144,7 +149,8 @@ def matches(results, kind, widest=math.inf):
         peer, finest = results.one(view=view, kernel=kind), results.all_points(view, results.kernel)
         if peer is None or finest is None:
             continue
-        ours = [row for row in results.of(view=view, kernel=results.kernel) if row.sample_spacing <= widest]
+        ours = results.of(view=view, kernel=results.kernel, device=results.device)
+        ours = [row for row in ours if row.sample_spacing <= widest]
         as_close = [row for row in ours if row.rmse <= peer.rmse]
         yield Match(view, peer, min(as_close, key=lambda row: row.frame_s, default=None), finest)
 
@@ -208,6 +214,64 @@ def against_peer(results, kind):
     ]
 
 
+# All points on all devices, beside everything else.
+
+
+def all_beside(results):
+    columns = [("view", lambda view: view)]
+    kernel = results.kernel
+    contenders = [
+        (f"`{kernel}`, {device}", lambda view, device=device: results.all_points(view, kernel, device=device))
+        for device in results.devices
+    ]
+    contenders += [
+        (name, lambda view, kind=kind: results.one(view=view, kernel=kind)) for kind, name in NAMES.items()
+    ]
+    ratios = []
+    for title, find in contenders:
+        rows = [(results.all_points(view, results.kernel), find(view)) for view in results.views]
+        if any(row is None for pair in rows for row in pair):
+            continue
+        columns.append((f"{title}: frame ms", lambda view, find=find: milliseconds(find(view))))
+        columns.append(("RMSE", lambda view, find=find: f"{find(view).rmse:.1e}"))
+        ratios.append((title, geometric_mean([other.frame_s / ours.frame_s for ours, other in rows])))
+    if not ratios:
+        return []
+    return [
+        "## All points, by device, beside VTK and exact pictures",
+        "",
+        *paragraph(f"""`svrender --tolerance 0 --device DEVICE`, VTK's mappers, and `svtruth`, which draws the exact
+            picture: its error is 0 by definition, and the RMSE is that against an independent program. Geometric
+            means of frame times over those of `{results.kernel}`, {results.device}:
+            {", ".join(f"{title} {ratio:.2f}" for title, ratio in ratios[1:]) or "no others"}."""),
+        *table(columns, results.views),
+    ]
+
+
+def growth(results):
+    rows = results.of("growth")
+    if not rows:
+        return []
+    columns = [
+        ("device", text("device")),
+        ("setting", setting),
+        SPLATS,
+        FRAME,
+        ("cut ms", number("cut_s", ".1f", 1e3)),
+        ("sort ms", number("sort_s", ".1f", 1e3)),
+        ("draw ms", number("draw_s", ".1f", 1e3)),
+        ("ns a splat", lambda row: f"{1e9 * row.frame_s / row.splats:.0f}"),
+    ]
+    return [
+        "## More and more splats",
+        "",
+        *paragraph(f"""`{results.plan['growth']['source']}`: {rows[0].points:.0f} points, 512 x 512 pixels, the first
+            scene, a sample for every pixel, `--splats N` and all points. The data is resident and the camera
+            moves."""),
+        *table(columns, rows),
+    ]
+
+
 # Against the prototype.
 
 
@@ -217,7 +281,9 @@ def beside_prototype(results):
         counts = results.counts(view)
         for step, (figure, bar) in enumerate(zip(results.prototype["rmse"].get(view, []), results.prototype["bars"])):
             resolution = len(counts) - 1 - step
-            fixed = results.one(view=view, kernel="moments", resolution=resolution, sampling="auto")
+            fixed = results.one(
+                view=view, kernel="moments", resolution=resolution, sampling="auto", device=results.device
+            )
             if row := fixed if step else results.all_points(view, "moments"):
                 share, ratio = counts[resolution] / counts[-1], row.rmse / figure
                 yield Row(row, resolution=resolution, share=share, figure=figure, ratio=ratio, bar=bar)
@@ -258,6 +324,7 @@ def against_prototype(results):
 def every_frame(results):
     columns = [
         KERNEL,
+        ("device", text("device")),
         ("setting", setting),
         SPLATS,
         ("nodes", number("nodes")),
@@ -280,8 +347,9 @@ def every_frame(results):
         *paragraph(
             """RMSE and PSNR are of linear RGB. FLIP is the mean over the sRGB pictures on the background. Light is the
             mean of the picture over that of the exact one. The first picture includes everything from opening the file
-            to the finished pixels, and for `svrender` also starting OpenGL and compiling shaders. VTK has the mesh in
-            memory already, and its `splats` are cells. Frame, cut, sort and draw are of steady frames."""
+            to the finished pixels, and for `svrender --device gl` also starting OpenGL and compiling shaders. VTK has
+            the mesh in memory already; its `splats`, and those of `svtruth`, are cells. Frame, cut, sort and draw are
+            of steady frames."""
         ),
         *views,
     ]
@@ -447,12 +515,13 @@ def head(results, plotted):
     note, plan = results.note, results.plan
     left_out = sorted({"peers", "flip", "pictures"} - set(note["extras"])) + ([] if plotted else ["plots"])
     with_peers = f"; {note['peers']} with the same OpenGL" if "peers" in note else ""
+    renderers = "; ".join(f"{device}: {renderer}" for device, renderer in note["renderers"].items())
     lines = [
         "# Results",
         "",
-        *paragraph(f"""Made by `bench/svbench run --shared SHARED`: {note['software']}, {note['cores']} cores of
-            {note['processor']}, {note['renderer']}{with_peers}. Load of the machine before the run:
-            {note['load_before']:.2f}."""),
+        *paragraph(f"""Made by `bench/svbench run --shared SHARED --devices {",".join(plan["devices"])}`:
+            {note['software']}, {note['cores']} cores of {note['processor']}; {renderers}{with_peers}. Load of the
+            machine before the run: {note['load_before']:.2f}."""),
         *paragraph(f"""The settings of a view and the peers took turns ({plan['turns']}, of {plan['frames']} frames
             each), so that other work of the machine hits all alike. A time is the median of the turns' medians
             (fastest-slowest frame). Pictures have the size that their scene says. Frames are steady ones: the data is
@@ -478,7 +547,7 @@ def head(results, plotted):
 def write(results, docs, plotted):
     """Writes results.md and pictures/ in `docs`. `plotted`: names of the plots in plots/."""
     docs.mkdir(parents=True, exist_ok=True)
-    lines = head(results, plotted)
+    lines = head(results, plotted) + all_beside(results) + growth(results)
     for kind in PEER_NAMES:
         lines += against_peer(results, kind)
     lines += against_prototype(results) + gallery(results, docs)

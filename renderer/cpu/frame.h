@@ -38,7 +38,7 @@ struct TableView {
 };
 
 /// Largest relative error that a coarser level may have.
-inline constexpr float most_level_error = 1e-3F;
+inline constexpr float most_level_error = 2e-3F;
 
 /// The constants of a frame. View coordinates: x to the right, y up, z forwards, in drawing units, the eye at the
 /// origin. Pixels count from the lower left corner.
@@ -134,7 +134,7 @@ struct NearSplat {
   float inverse_slope;          // for the light; 0: no gradient
   std::array<float, 3> normal;  // of the boundary; 0: none
   float stretch;
-  std::array<float, 2> unused;
+  float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
 };
 static_assert(sizeof(NearSplat) == 160);
 

@@ -99,8 +99,8 @@ HWY_INLINE Float row_centres(const EllipseOutline& outline, const RowOutline& sh
   return fma(v, shape.shear, outline.x - static_cast<float>(area.left));
 }
 
-HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape, const TileArea& area, const Part& part,
-                         FarRows& rows) {
+HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape,
+                         const TileArea& area, const Part& part, FarRows& rows) {
   const auto& d = splat.depth;
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
@@ -369,6 +369,11 @@ HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& 
   NearSample sample;
   sample.depth = ray * root * q * q * mass * (splat.strength * by_whole);
   sample.mean = fma(along * root * half_chord, clamp(mean_u, begin, end), dot(gradient, middle) + splat.mean);
+  if (splat.spread >= 0) {
+    sample.spread = splat.spread;
+    sample.light = splat.light;
+    return sample;
+  }
   const Float stretch = normal_along * splat.stretch;
   sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);

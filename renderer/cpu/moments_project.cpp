@@ -562,17 +562,28 @@ HWY_INLINE void add_outline(const Screen& screen, Mask near, Fields<count>& fiel
   fields.add(select(near, -1.0F, screen.reach));
 }
 
-/// Sets the far form: moments_project.glsl explains it.
-HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, const Value& value, const Rays& rays,
-                               const Terms& terms, const Screen& screen, FarFields& fields) {
-  const Float square = dot(rays.d_0, rays.d_0), inverse_g = Float(1.0F) / terms.g;
-  const Vector3 along{dot(value.gradient, rays.d_0), dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2)};
+/// What the middle of an outline has; it serves all of an ellipse.
+struct Middle {
+  Float along;  // gradient . d'
+  Float spread, light;
+};
+
+HWY_INLINE Middle make_middle(const FrameConstants& frame, const Body& body, const Value& value, const Rays& rays,
+                              const Terms& terms) {
+  const Float square = dot(rays.d_0, rays.d_0), along = dot(value.gradient, rays.d_0);
   const Float stretched = body.stretch * dot(body.normal, rays.d_0);
   const Float spread =
-      sqrt(value.residual + along.x * along.x / (fma(stretched, stretched, square) * (half_axis * half_axis)));
+      sqrt(fma(along, along / (fma(stretched, stretched, square) * (half_axis * half_axis)), value.residual));
   const Float cosine =
-      select(value.slope > Float(0.0F), min(abs(along.x) / (rays.scale * terms.ray * value.slope), 1.0F), 1.0F);
-  const TableRow row = table_row(frame.table, spread);
+      select(value.slope > Float(0.0F), min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0F), 1.0F);
+  return {along, spread, fma(cosine, frame.diffuse, frame.ambient)};
+}
+
+/// Sets the far form: moments_project.glsl explains it.
+HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, const Value& value, const Rays& rays,
+                               const Terms& terms, const Middle& middle, const Screen& screen, FarFields& fields) {
+  const Float inverse_g = Float(1.0F) / terms.g;
+  const TableRow row = table_row(frame.table, middle.spread);
   const Float centre_column = fma(value.mean - 0.5F, row.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
   const Polynomial shift = scaled(chord_middle(value.gradient, rays), row.columns / rays.kappa);
   Polynomial column = scaled(product(power(terms.g_change, -1.0F), shift), inverse_g);
@@ -582,7 +593,7 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
                                   terms.depth * terms.ray * inverse_g * inverse_g * root_g);
   fields.add(in_pixels(depth, screen.to_pixels));
   fields.add(in_pixels(column, screen.to_pixels));
-  fields.add(fma(cosine, frame.diffuse, frame.ambient));
+  fields.add(middle.light);
 
   // The boundary.
   const Float root_kappa = inverse_sqrt(rays.kappa);
@@ -597,7 +608,7 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
   const Vector2 slope{(cutting.slope.x - turn * towards.y) * inverse_size,
                       (cutting.slope.y - turn * towards.z) * inverse_size};
   const ToPixels& m = screen.to_pixels;
-  const Float end = along.x * row.columns * root_kappa * inverse_g;
+  const Float end = middle.along * row.columns * root_kappa * inverse_g;
   fields.add(only(bounded, select(towards.x < Float(0.0F), -end, end)));
   fields.add(select(bounded, cutting.constant * inverse_size, 1e18F));
   fields.add(only(bounded, fma(slope.x, m.x_t, slope.y * m.y_t)));
@@ -611,8 +622,8 @@ HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const T
   fields.add(fma(by_x, m.x_v, by_y * m.y_v));
 }
 
-HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, Float strength,
-                                const Screen& screen, NearFields& fields) {
+HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, const Middle& middle,
+                                Float strength, const Screen& screen, NearFields& fields) {
   const ToPixels& m = screen.to_pixels;
   add_linear(rays.d_0, rays.d_1, rays.d_2, m, fields);
   fields.add(rays.along.x);
@@ -626,8 +637,8 @@ HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays
   fields.add(only(value.slope > Float(0.0F), Float(1.0F) / (rays.scale * value.slope)));
   fields.add(body.normal);
   fields.add(body.stretch);
-  fields.add(Float(0.0F));
-  fields.add(Float(0.0F));
+  fields.add(select(body.near, -1.0F, middle.spread));
+  fields.add(select(body.near, -1.0F, middle.light));
 }
 
 /// Returns where single precision holds all of the splat: else it is so large or so near that it overflows.
@@ -726,13 +737,14 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
         result.forms.data());
   result.far.used = result.near.used = 0;
+  const Middle middle = make_middle(frame, body, value, rays, terms);
   if (any(far)) {
     add_outline(screen, body.near, result.far);
-    set_far_fields(frame, body, value, rays, terms, screen, result.far);
+    set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
   }
   if (any(near)) {
     add_outline(screen, body.near, result.near);
-    set_near_fields(body, value, rays, strength, screen, result.near);
+    set_near_fields(body, value, rays, middle, strength, screen, result.near);
   }
 }
 

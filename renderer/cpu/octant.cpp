@@ -104,9 +104,8 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const Vector3 centre = position_in_view(frame, records);
   const Distance distance = distance_to_eye(frame, records, centre);
   const Float size = records.number(2);
-  const Material material = gather_from(
-      frame.table,
-      clamp(axis_position(frame, records.number(3)), 0.0F, 1.0F) * static_cast<float>(frame.table.columns - 1));
+  const Material material = gather_from(frame.table, clamp(axis_position(frame, records.number(3)), 0.0F, 1.0F) *
+                                                         static_cast<float>(frame.table.columns - 1));
   Float alpha = opacity(min(max(material.extinction * size, 0.0F), 1e30F));
 
   // A splat too small for the raster spreads the same light over more of it.

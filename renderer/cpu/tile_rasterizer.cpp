@@ -216,8 +216,8 @@ Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sam
     return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
                 max_sample_spacing);
   if (view.width < 1 || view.height < 1 || view.width > largest_tiled_side || view.height > largest_tiled_side)
-    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible", view.width,
-                view.height, largest_tiled_side);
+    return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible",
+                view.width, view.height, largest_tiled_side);
   FrameTimes times;
   resize(picture_, view.width, view.height);
   if (sample_spacing == 1) {

@@ -202,11 +202,20 @@ std::uint64_t GlRasterizer::list_bytes(std::uint64_t splats, std::uint64_t range
 std::uint64_t GlRasterizer::plan_picture(int width, int height) {
   // The picture; as much again for the samples and the rows between them, if samples are farther apart than pixels.
   picture_bytes_ = 2 * sizeof(vec4) * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
-  const std::uint64_t fixed = fixed_bytes();
-  // Slots that are not full take a quarter more, for ranges of some 60 splats. set_draw_list counts what is needed.
-  const std::uint64_t each = record_bytes(kernel_.kind) * 5 / 4 + 2 * sizeof(std::uint32_t) + 4;
-  return most_bytes_ > fixed ? std::min<std::uint64_t>((most_bytes_ - fixed) / each, most_splats) : 0;
+  return std::min(free_bytes() / splat_bytes(), most_splats);
 }
+
+// Returns what pictures and tables leave of the device's bytes.
+std::uint64_t GlRasterizer::free_bytes() const {
+  const std::uint64_t fixed = fixed_bytes();
+  return most_bytes_ > fixed ? most_bytes_ - fixed : 0;
+}
+
+// Returns the bytes of a splat's record. Slots that are not full take a quarter more, for ranges of some 60 splats.
+std::uint64_t GlRasterizer::padded_record_bytes() const { return record_bytes(kernel_.kind) * 5 / 4; }
+
+// Returns the bytes of a splat: its record, and its share of keys, order, entries and ranges.
+std::uint64_t GlRasterizer::splat_bytes() const { return padded_record_bytes() + 2 * sizeof(std::uint32_t) + 4; }
 
 GlRasterizer::RangeKey GlRasterizer::key_of(const DrawRange& range) {
   return {range.row.shapes->id(), range.row.values->id(), range.block, range.begin, range.count};
@@ -240,8 +249,12 @@ Status GlRasterizer::set_draw_list(const DrawList& list) {
   }
   forget_list();
   SPLATVOL_TRY(check_kernel(list));
-  const std::uint64_t taken = fixed_bytes() + list_bytes(list.splats, list.ranges.size());
-  SPLATVOL_TRY(pages_.hold(list.ranges, most_bytes_ > taken ? most_bytes_ - taken : 0));
+  // The share of the pages is the same for all lists: pages do not shrink.
+  const std::uint64_t free = free_bytes(), for_pages = free / splat_bytes() * padded_record_bytes();
+  if (const std::uint64_t needed = list_bytes(list.splats, list.ranges.size()); needed > free - for_pages)
+    return fail(ErrorCode::out_of_budget, "{} splats take {} bytes besides their records, {} are left on the device",
+                list.splats, needed, free - for_pages);
+  SPLATVOL_TRY(pages_.hold(list.ranges, for_pages));
   add_ranges(list);
   if (entries_.size() * records_of_entry > most_splats) {
     forget_list();

@@ -83,6 +83,9 @@ class GlRasterizer : public Rasterizer {
   void add_ranges(const DrawList& list);
   [[nodiscard]] Status upload_entries();
   [[nodiscard]] std::uint64_t fixed_bytes() const;
+  [[nodiscard]] std::uint64_t free_bytes() const;
+  [[nodiscard]] std::uint64_t padded_record_bytes() const;
+  [[nodiscard]] std::uint64_t splat_bytes() const;
   [[nodiscard]] std::uint64_t list_bytes(std::uint64_t splats, std::uint64_t ranges) const;
 
   // Numbers of splats in drawing order, in buffers that shaders can see.

@@ -16,6 +16,7 @@
 #include <limits>
 
 #include "base/file.h"
+#include "scene/srgb.h"
 
 namespace splatvol {
 namespace {
@@ -158,6 +159,23 @@ TEST_F(ImageFile, PngIsOverTheBackgroundThenSrgb) {
   // sRGB: 0.5 -> 188, 0.75 -> 225, 0.215861 -> 128, 0.25 -> 137, 0.0025 -> 8.2.
   const std::vector<png_byte> expected = {255, 188, 0, 128, 0, 0, 225, 137, 0, 255, 0, 0, 8, 0, 255, 255, 255, 255};
   EXPECT_EQ(bytes, expected);
+}
+
+// At the numbers where one byte becomes the next, and next to them.
+TEST_F(ImageFile, PngRoundsLikeTheCurve) {
+  Image image{257, 3, {}};
+  for (const float beyond : {-1.0F, 0.0F, 2.0F})
+    for (int i = 0; i < 257; ++i) {
+      const auto border = static_cast<float>(linear_of((i - 0.5) / 255));
+      image.pixels.emplace_back(vec3(std::nextafter(border, beyond)), 1);
+    }
+  ASSERT_TRUE(write_image(path("a.png"), image, dvec3(0), {}));
+  unsigned width = 0;
+  unsigned height = 0;
+  const auto bytes = read_png(path("a.png"), width, height);
+  ASSERT_EQ(bytes.size(), 3 * image.pixels.size());
+  for (std::size_t i = 0; i < image.pixels.size(); ++i)
+    EXPECT_EQ(bytes[3 * i], std::lround(255 * srgb_of(double{image.pixels[i].r}))) << i;
 }
 
 TEST_F(ImageFile, PngHoldsProvenance) {

@@ -47,11 +47,14 @@ void main() {
   float along = dot(gradient, d.xyz);
   float mean = form[5].w + dot(gradient, middle) + along * root * half_chord * clamp(part.y, begin, end);
   float stretch = form[7].w * dot(normal, d.xyz);  // of the ellipsoid, beyond the covariance's extent
-  float spread = sqrt(form[4].w + along * along / ((half_axis * half_axis) * (1.0 / r + stretch * stretch)));
+  // Negative numbers: an ellipse has one spread and one light.
+  float variance = form[4].w + along * along / ((half_axis * half_axis) * (1.0 / r + stretch * stretch));
+  float spread = sqrt(form[4].w < 0.0 ? -form[4].w : variance);
   float columns;
   float row = transfer_row(spread, columns);
   vec4 material = transfer((mean - 0.5) * columns + 0.5 * transfer_columns(), row);
   float alpha = opacity(depth * material.a);
   float cosine = form[6].w > 0.0 ? min(abs(along) * form[6].w / ray, 1.0) : 1.0;
-  pixel = vec4(material.rgb * (alpha * (frame.ambient + frame.diffuse * cosine)), alpha);
+  float light = form[6].w < 0.0 ? -1.0 - form[6].w : frame.ambient + frame.diffuse * cosine;
+  pixel = vec4(material.rgb * (alpha * light), alpha);
 }

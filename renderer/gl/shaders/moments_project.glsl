@@ -346,6 +346,7 @@ struct Terms {
   float g, ray;                     // g and |d| in the middle
   Polynomial g_change, ray_change;  // relative change of g and |d|^2 from the middle
   float depth;                      // optical depth at an extinction, |d|, g and 1 - s^2 of 1
+  float spread;                     // of the value
   float light, row, column;         // factor on the colour; the mean's row and column in the transfer function's table
   Polynomial shift;                 // times 1 / g: from `column` to the middle of the chord
   vec3 along;                       // linear in s; times sqrt(1 - s^2) / g: from the middle of the chord to its end
@@ -377,6 +378,7 @@ Terms make_terms(Body body, Value value, Outline outline, Rays rays, float stren
   float along = terms.along.x;
   float stretched = body.stretch * dot(body.normal, rays.d_0);
   float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
+  terms.spread = spread;
   float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0) : 1.0;
   terms.light = frame.ambient + frame.diffuse * cosine;
   float columns;
@@ -441,6 +443,9 @@ bool set_ellipse_forms(Body body, Value value, Outline outline, Rays rays, float
   quad.form = max(size(terms.g_change), size(terms.ray_change)) > most_change ? 1u : 0u;
   set_middle_form(terms, quad);
   set_far_form(terms, quad);
+  // A splat looks the same in any form: that of its run depends on its neighbours.
+  quad.near_form[4].w = -max(terms.spread * terms.spread, 1e-30);
+  quad.near_form[6].w = -1.0 - terms.light;
   return true;
 }
 
