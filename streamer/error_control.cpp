@@ -68,7 +68,7 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 }  // namespace
 
 ErrorControl::ErrorControl(const Options& options) : options_(options) {
-  next_.emplace();
+  next_ = Request{};
   next_->goal.max_error = options.max_error * options.learned.value_or(first_expected);
   next_->goal.max_splats = options.learned ? options.max_splats : std::min(options.max_splats, most_first_splats);
 }

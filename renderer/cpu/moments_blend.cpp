@@ -377,7 +377,8 @@ HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& 
   const Float stretch = normal_along * splat.stretch;
   sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);
-  sample.light = fma(cosine, frame.diffuse, frame.ambient);
+  const Float scatter = scatter_of(Float(splat.residual * (half_axis * half_axis)), dot(gradient, gradient));
+  sample.light = fma(mean_cosine(cosine, scatter), frame.diffuse, frame.ambient);
   return sample;
 }
 

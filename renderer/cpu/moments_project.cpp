@@ -152,6 +152,7 @@ struct Value {
   Vector3 gradient;
   Float residual;  // variance that the linear field leaves
   Float slope;     // length of the gradient in view coordinates
+  Float scatter;   // scatter_of
 };
 
 /// The outline on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
@@ -229,6 +230,7 @@ HWY_INLINE Value value_of(const FrameConstants& frame, const Records& records, V
   value.residual = t.deviation * t.deviation * (rest + smoothed);
   const Vector3 by_length{value.gradient.x / widened.x, value.gradient.y / widened.y, value.gradient.z / widened.z};
   value.slope = length(by_length) * (1.0F / half_axis);
+  value.scatter = only(t.deviation > Float(0.0F), scatter_of(rest, Float(1.0F) - rest));
   return value;
 }
 
@@ -574,9 +576,10 @@ HWY_INLINE Middle make_middle(const FrameConstants& frame, const Body& body, con
   const Float stretched = body.stretch * dot(body.normal, rays.d_0);
   const Float spread =
       sqrt(fma(along, along / (fma(stretched, stretched, square) * (half_axis * half_axis)), value.residual));
+  if (frame.diffuse == 0) return {along, spread, Float(frame.ambient)};
   const Float cosine =
       select(value.slope > Float(0.0F), min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0F), 1.0F);
-  return {along, spread, fma(cosine, frame.diffuse, frame.ambient)};
+  return {along, spread, fma(mean_cosine(cosine, value.scatter), frame.diffuse, frame.ambient)};
 }
 
 /// Sets the far form: moments_project.glsl explains it.

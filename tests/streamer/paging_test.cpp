@@ -136,10 +136,10 @@ const format::Bytes& large_volume_bytes() {
   return bytes;
 }
 
-// Bytes of all splats of the finest resolution. The budget of some tests is a twentieth of it.
+// A budget for about a seventh of the records of the finest resolution.
 std::uint64_t small_budget() {
   const auto file = format::Volume::open(memory_source(large_volume_bytes(), "large.svol")).value();
-  return file->info().point_count() * 2 * record_bytes(KernelKind::moments) / 20;
+  return file->info().point_count() * record_bytes(KernelKind::moments) * 3 / 20;
 }
 
 // A file with chunks of the usual size.

@@ -55,6 +55,8 @@ void main() {
   vec4 material = transfer((mean - 0.5) * columns + 0.5 * transfer_columns(), row);
   float alpha = opacity(depth * material.a);
   float cosine = form[6].w > 0.0 ? min(abs(along) * form[6].w / ray, 1.0) : 1.0;
-  float light = form[6].w < 0.0 ? -1.0 - form[6].w : frame.ambient + frame.diffuse * cosine;
+  float scatter = scatter_of(form[4].w * (half_axis * half_axis), dot(gradient, gradient));
+  float light =
+      form[6].w < 0.0 ? -1.0 - form[6].w : frame.ambient + frame.diffuse * mean_cosine(cosine, scatter);
   pixel = vec4(material.rgb * (alpha * light), alpha);
 }

@@ -47,6 +47,7 @@ struct Value {
   vec3 gradient;
   float residual;  // variance that the linear field leaves
   float slope;     // length of the gradient in view coordinates
+  float scatter;   // scatter_of
 };
 
 // The outline on the screen: k = middle + e_1 s.x + e_2 s.y; tangents (perspective) or pixels (orthographic).
@@ -172,6 +173,7 @@ bool make_body(Splat splat, out Body body, out Value value) {
   vec3 smoothed = correlations * correlations * (1.0 - kept * kept);
   value.residual = value_deviation * value_deviation * (unexplained + smoothed.x + smoothed.y + smoothed.z);
   value.slope = length(gradient / (half_axis * widened));
+  value.scatter = value_deviation > 0.0 ? scatter_of(unexplained, 1.0 - unexplained) : 0.0;
 
   body.normal = vec3(0.0);
   body.stretch = 0.0;
@@ -380,7 +382,7 @@ Terms make_terms(Body body, Value value, Outline outline, Rays rays, float stren
   float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
   terms.spread = spread;
   float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0) : 1.0;
-  terms.light = frame.ambient + frame.diffuse * cosine;
+  terms.light = frame.ambient + frame.diffuse * mean_cosine(cosine, value.scatter);
   float columns;
   terms.row = transfer_row(spread, columns);
   terms.column = (value.mean - 0.5) * columns + 0.5 * transfer_columns();
