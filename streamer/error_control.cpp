@@ -33,6 +33,11 @@ constexpr double least_share = 0.65;
 constexpr double enough = 0.93, too_much = 1.04;
 constexpr double near_each_other = 1.12;
 
+// Growing pictures begin with one of this expected error, of the wanted. Each tells the error of the next less exactly
+// than a finer reference would.
+constexpr double first_grown = 4, grown_enough = 0.8;
+constexpr double least_growth = 4;
+
 constexpr int most_candidates = 9;
 constexpr double most_change = 16;  // of splats, from one candidate to the next
 
@@ -69,7 +74,8 @@ std::uint64_t times(std::uint64_t splats, double factor) {
 
 ErrorControl::ErrorControl(const Options& options) : options_(options) {
   next_ = Request{};
-  next_->goal.max_error = options.max_error * options.learned.value_or(first_expected);
+  const double first = options.grows ? first_grown : first_expected;
+  next_->goal.max_error = options.max_error * options.learned.value_or(first);
   next_->goal.max_splats = options.learned ? options.max_splats : std::min(options.max_splats, most_first_splats);
 }
 
@@ -81,6 +87,10 @@ void ErrorControl::add(const Drawn& drawn) {
                   .splats = drawn.splats,
                   .expected = drawn.expected_error,
                   .finest = drawn.finest};
+  if (options_.grows) {
+    grow(std::move(picture));
+    return;
+  }
   shows_candidate_ = step_ == Step::candidate;
   switch (step_) {
     case Step::chosen:
@@ -98,6 +108,33 @@ void ErrorControl::add(const Drawn& drawn) {
       candidate_ = std::move(picture);
   }
   judge();
+}
+
+// Estimates the error of a picture from its distance to the one before, and asks for a finer one unless it will do.
+void ErrorControl::grow(Picture picture) {
+  picture.asked = std::max(pictures_ == 1 ? picture.splats : picture.asked, std::uint64_t{1});
+  double factor = least_growth;
+  if (candidate_) {
+    const double by = static_cast<double>(picture.splats) / std::max(static_cast<double>(candidate_->splats), 1.0);
+    const double share = std::pow(std::max(by, least_finer_to_estimate), -decay);
+    const double apart = distance(candidate_->samples, picture.samples);
+    picture.error = share * apart / std::sqrt(1 - share * share);
+    factor = std::clamp(std::pow(picture.error / options_.max_error, 1 / decay), least_growth, most_change);
+  }
+  tried_.push_back({picture.splats, picture.error});
+  const bool has_grown = candidate_ && static_cast<double>(picture.splats) >=
+                                           least_finer_to_estimate * static_cast<double>(candidate_->splats);
+  estimate_.error = picture.error;
+  estimate_.reached = picture.finest || (has_grown && picture.error <= grown_enough * options_.max_error);
+  learned_ = picture.expected / options_.max_error;
+  const std::uint64_t asked = std::min(times(picture.asked, factor), options_.max_splats);
+  if (estimate_.reached || asked <= picture.asked) {
+    next_.reset();
+    return;
+  }
+  // A picture that has hardly grown keeps the one before it, from which the next differs more.
+  if (!candidate_ || has_grown) candidate_ = std::move(picture);
+  next_ = Request{{0, asked}};
 }
 
 // Whether the reference is finer than a candidate by enough.

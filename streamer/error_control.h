@@ -12,9 +12,9 @@
 
 namespace splatvol {
 
-/// Measures what the error model only expects. It asks for pictures, one after another: of candidates, of a finer cut
-/// as their reference, and at most one of the whole file a resolution coarser. A candidate's distance to the reference
-/// gives its error. docs/accuracy.md says how well this holds.
+/// Measures what the error model only expects. If it need not grow, it asks for pictures, one after another: of
+/// candidates, of a finer cut as their reference, and at most one of the whole file a resolution coarser. A candidate's
+/// distance to the reference gives its error. docs/accuracy.md says how well this holds.
 ///
 /// Knows nothing of files and devices: the caller draws what `next` asks for, and adds it. The error is the root mean
 /// square of linear RGB against the exact picture.
@@ -26,6 +26,10 @@ class ErrorControl {
 
     /// The expected error of the first candidate, in units of max_error: what `learned` said of a view like this one.
     std::optional<double> learned = std::nullopt;
+
+    /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
+    /// several times the splats that it needs. Else looks for the cut with the fewest splats.
+    bool grows = false;
   };
 
   /// What to draw next.
@@ -86,6 +90,7 @@ class ErrorControl {
   };
   enum class Step { candidate, reference, coarser, chosen };
 
+  void grow(Picture picture);
   [[nodiscard]] bool serves(const Picture& candidate) const;
   void judge();
   [[nodiscard]] bool estimate_by_all(double apart);

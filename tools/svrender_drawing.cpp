@@ -15,6 +15,9 @@
 namespace splatvol {
 namespace {
 
+// All points of a small file are drawn sooner than pictures are compared.
+constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
+
 KernelKind kernel_of(const RenderOptions& options) {
   return options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
 }
@@ -122,7 +125,7 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
   still.turntable = 0;
   still.progress_frames.clear();
   ErrorControl control(
-      {*options.max_error, drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), {}});
+      {*drawing.max_error, drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), {}, options.grows});
   while (control.next()) {
     SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
@@ -132,7 +135,7 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
   drawing.estimate = control.estimate();
   drawing.tried = control.tried();
   drawing.pictures_for_error = control.pictures();
-  if (options.moves() || options.plays()) drawing.detail.goal = ErrorGoal{control.learned() * *options.max_error};
+  if (options.moves() || options.plays()) drawing.detail.goal = ErrorGoal{control.learned() * *drawing.max_error};
   return {};
 }
 
@@ -244,7 +247,7 @@ Status draw_steps(const RenderOptions& options, const Composition& composition, 
     const double start = seconds_now();
     const std::uint64_t before = drawing.streamer->volume().bytes_read();
     SPLATVOL_TRY(show_step(options, scene, step, drawing));
-    if (options.max_error && step == range.first) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
+    if (drawing.max_error && step == range.first) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
     const double seconds = seconds_now() - start;
     const std::uint64_t after = drawing.streamer->volume().bytes_read();
@@ -277,9 +280,14 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
-  if (options.max_error || options.splats || options.milliseconds)
+  drawing.max_error = options.max_error;
+  if (options.grows && drawing.streamer->info().point_count() <= points_drawn_at_once) {
+    drawing.max_error.reset();
+    drawing.detail.tolerance_percent = 0;
+  }
+  if (drawing.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
-        ErrorGoal{options.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
+        ErrorGoal{drawing.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
   drawing.detail.device_bytes = drawing.renderer->plan_picture(scene.width, scene.height) * record_bytes(kernel);
   if (drawing.detail.device_bytes == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
@@ -298,15 +306,15 @@ Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Comp
   }
   if (!options.moves() && !options.milliseconds && !options.progress_frames.empty()) {
     SPLATVOL_TRY_ASSIGN(errors, draw_progress(options, composition, view, drawing, timings, start));
-    if (options.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
+    if (drawing.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
     return errors;
   }
-  if (options.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
+  if (drawing.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
   if (options.moves())
     SPLATVOL_TRY(draw_path(options, composition, drawing, timings));
   else if (options.milliseconds)
     SPLATVOL_TRY(pace(options, scene, view, drawing, timings));
-  else if (!options.max_error)
+  else if (!drawing.max_error)
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));
   return std::vector<Error>();
 }

@@ -54,7 +54,8 @@ struct Drawing {
   std::unique_ptr<Streamer> streamer;
   std::unique_ptr<Rasterizer> renderer;
   DetailOptions detail;
-  std::optional<ErrorControl::Estimate> estimate;  // of --max-error, for the view that it was measured at
+  std::optional<double> max_error;                 // that is looked for by comparing pictures
+  std::optional<ErrorControl::Estimate> estimate;  // of max_error, for the view that it was measured at
   std::vector<ErrorControl::Tried> tried;          // cuts on the way to it
   int pictures_for_error = 0;
   const FrameSplats* frame = nullptr;

@@ -63,9 +63,11 @@ void add_detail_options(CLI::App& app, RenderOptions& options) {
                                     "One resolution for everything, 0 the coarsest, instead of an error")
                          ->check(CLI::NonNegativeNumber);
   auto* max_error =
-      app.add_option("--max-error", options.max_error,
-                     "Error of the picture (root mean square of linear RGB): draws about the fewest splats that reach "
-                     "it, which it finds by comparing pictures; 0.002 without any of these options")
+      app.add_option(
+             "--max-error", options.max_error,
+             "Error of the picture (root mean square of linear RGB): draws about the fewest splats that reach "
+             "it, which it finds by comparing pictures. Without any of these options: finer and finer pictures up to "
+             "an error of 0.002")
           ->type_name("RMSE")
           ->check(check_positive)
           ->excludes(tolerance)
@@ -140,7 +142,9 @@ void set_default_error(const CLI::App& app, RenderOptions& options) {
   constexpr double default_error = 0.002;
   for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
     if (app.count(other) > 0) return;
-  if (options.progress_frames.empty() || options.moves() || options.plays()) options.max_error = default_error;
+  if (!options.progress_frames.empty() && !options.moves() && !options.plays()) return;
+  options.max_error = default_error;
+  options.grows = !options.moves() && !options.plays();
 }
 
 void add_frame_options(CLI::App& app, RenderOptions& options) {

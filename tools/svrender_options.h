@@ -39,6 +39,7 @@ struct RenderOptions {
   std::string sampling = "auto";
   DetailOptions detail;
   std::optional<double> max_error;
+  bool grows = false;  // to max_error in finer and finer pictures, instead of looking for the fewest splats
   std::optional<std::uint64_t> splats;
   std::optional<double> milliseconds;
   int repeat = 1;

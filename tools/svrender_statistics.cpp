@@ -83,7 +83,7 @@ void add_frames(const Timings& timings, json& document) {
 void add_detail(const RenderOptions& options, const Drawing& drawing, const Timings& timings, json& document) {
   const FrameSplats& frame = *drawing.frame;
   if (frame.detail.goal) {
-    if (options.max_error) document["max_error"] = *options.max_error;
+    if (drawing.max_error) document["max_error"] = *drawing.max_error;
     if (drawing.estimate) {
       document["estimated_error"] = drawing.estimate->error;
       document["file_error"] = drawing.estimate->file_error;
@@ -118,11 +118,11 @@ void print_estimate(const RenderOptions& options, const Drawing& drawing) {
   const ErrorControl::Estimate& estimate = *drawing.estimate;
   fmt::print("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.output,
              drawing.frame->splats, estimate.error, drawing.pictures_for_error);
-  if (estimate.file_error > *options.max_error)
+  if (estimate.file_error > *drawing.max_error)
     fmt::print("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.output,
-               *options.max_error, estimate.file_error);
+               *drawing.max_error, estimate.file_error);
   else if (!estimate.reached)
-    fmt::print("{}: more than {:.2g}, to stay within {}\n", options.output, *options.max_error,
+    fmt::print("{}: more than {:.2g}, to stay within {}\n", options.output, *drawing.max_error,
                limits_of(options, drawing));
 }
 

@@ -67,6 +67,7 @@ class KnownView {
 
   [[nodiscard]] double splats(std::size_t cut) const { return cuts_[cut]; }
   [[nodiscard]] double drawn() const { return drawn_; }
+  [[nodiscard]] std::size_t last() const { return last_; }
 
  private:
   [[nodiscard]] double own_error(std::size_t cut) const {
@@ -179,6 +180,40 @@ TEST(ErrorControl, KeepsWhatItLearnedForTheNextView) {
   EXPECT_EQ(view.run(second), cut);
   EXPECT_LT(second.pictures(), first.pictures());
   EXPECT_LE(second.pictures(), 3);
+}
+
+TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
+  for (const double expects : {0.3, 1.0, 3.0}) {
+    KnownView view({.scale = 1, .expects = expects});
+    ErrorControl control({.max_error = 0.01, .grows = true});
+    std::uint64_t before = 0;
+    while (control.next()) {
+      view.draw(control);
+      EXPECT_GT(control.tried().back().splats, before) << "each picture is finer";
+      before = control.tried().back().splats;
+    }
+    EXPECT_TRUE(control.estimate().reached);
+    EXPECT_LE(view.error_of(view.last()), 0.0125) << expects;
+    EXPECT_LE(view.drawn(), 16 * view.fewest(0.01)) << expects;
+    EXPECT_NEAR(control.estimate().error / view.error_of(view.last()), 1, 0.3) << expects;
+  }
+}
+
+TEST(ErrorControl, GrowsToAllPointsOrToTheMostSplats) {
+  KnownView coarse({.coarsest = 500, .all = 5000});
+  ErrorControl to_all({.max_error = 1e-6, .grows = true});
+  EXPECT_EQ(coarse.splats(coarse.run(to_all)), 5000);
+  EXPECT_TRUE(to_all.estimate().reached) << "no more is in the file";
+
+  KnownView view({});
+  ErrorControl limited({.max_error = 1e-6, .max_splats = 20'000, .grows = true});
+  EXPECT_LE(view.splats(view.run(limited)), 20'000);
+  EXPECT_FALSE(limited.estimate().reached);
+
+  KnownView one_cut({.coarsest = 100, .all = 100});
+  ErrorControl only({.max_error = 0.01, .grows = true});
+  one_cut.run(only);
+  EXPECT_EQ(only.pictures(), 1);
 }
 
 TEST(ErrorControl, TakesASampleOfALargePicture) {
