@@ -43,7 +43,7 @@ class NormalDistribution {
   [[nodiscard]] At operator()(const Lanes& z) const {
     Lanes below_node, density_node, z_node;
     for (std::size_t l = 0; l < lanes; ++l) {
-      const auto node = static_cast<std::size_t>((z[l] + end) * nodes_per_unit + 0.5);
+      const auto node = static_cast<std::size_t>((z[l] + (end + half_a_node)) * nodes_per_unit);
       below_node[l] = below_[node];
       density_node[l] = density_[node];
       z_node[l] = static_cast<double>(node) * (1 / nodes_per_unit) - end;
@@ -67,7 +67,7 @@ class NormalDistribution {
   }
 
  private:
-  static constexpr double nodes_per_unit = 64;
+  static constexpr double nodes_per_unit = 64, half_a_node = 0.5 / nodes_per_unit;
   static constexpr std::size_t nodes = 2 * static_cast<std::size_t>(end * nodes_per_unit) + 1;
 
   NormalDistribution() {

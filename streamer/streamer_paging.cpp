@@ -213,7 +213,7 @@ Status Streamer::make_resident_frame(FadingCut fading, DetailOptions detail) {
     reservation = reserve();
   }
   if (!reservation) return make_coarsest_frame();
-  const Status assembled = assemble(std::move(fading), aim_->visibility, std::move(*reservation));
+  Status assembled = assemble(std::move(fading), aim_->visibility, std::move(*reservation));
   if (!assembled && assembled.error().code == ErrorCode::out_of_budget) return make_coarsest_frame();
   return assembled;
 }

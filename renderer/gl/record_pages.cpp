@@ -98,7 +98,7 @@ Status RecordPages::grow(std::uint64_t count, std::uint64_t budget) {
     const std::uint64_t wanted =
         std::max({fewest_slots, std::uint64_t{2} * page.slots, page.slots + needed - capacity()});
     const std::uint64_t slots = std::min({wanted, std::uint64_t{slots_per_page_}, page.slots + most - capacity()});
-    const Status resized = resize(page, static_cast<std::uint32_t>(slots));
+    Status resized = resize(page, static_cast<std::uint32_t>(slots));
     if (!resized) {
       if (page.slots == 0) pages_.pop_back();
       return resized;
