@@ -91,9 +91,9 @@ struct StreamerStatistics {
 /// records, packed bytes that are being read, and draw lists. A row is decoded once, and stays until its memory is
 /// needed.
 ///
-/// One rule tells which cuts fit, for `request` and `advance`: the rows that a cut touches, with their directory pages,
-/// the index pages from which it was chosen, its draw list and its clipped rows take at most three quarters of the
-/// budget that the fixed parts leave. The rest is for parts on their way. The rule counts rows as if all were visible.
+/// One rule tells which cuts fit, for `request` and `advance`. A cut costs the rows that it touches, their directory
+/// pages, the index pages from which it was chosen, its draw list, and its clipped rows. This is at most three quarters
+/// of what the fixed parts leave of the budget. The rest is for parts on their way. All rows count as visible.
 /// Not thread-safe; uses all processors, and its own threads for `advance`.
 class Streamer {
  public:

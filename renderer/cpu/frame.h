@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 
+#include "renderer/common.h"
 #include "streamer/record.h"
 
 namespace splatvol::tiles {
@@ -47,17 +48,11 @@ struct FrameConstants {
   float width = 0, height = 0;      // pixels
   float focal = 1;                  // pixels (perspective), or pixels per drawing unit (orthographic)
   bool orthographic = false;
-  float value_low = 0;             // the beginning of the transfer function's domain, on its axis, stored values
-  float inverse_domain = 1;        // 1 / (high - low), on the axis
   float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
-  int value_axis = 0;  // 0: the stored value x itself; 1: log(x - value_zero); 2: asinh((x - value_zero) * value_unit)
-  float value_zero = 0;  // the stored value of 0
-  float value_unit = 1;
+  StoredAxis axis;
   TableView table;
   const float* peaks = nullptr;  // make_peak_levels, one level after another
 };
-
-inline constexpr int peak_entries = 1024;  // of level 0
 
 /// A range of the draw list in the view.
 struct RangeInView {

@@ -115,10 +115,10 @@ struct Moments {
 /// Mean and deviation of t of normally distributed stored values: axis_moments of frame.glsl.
 HWY_INLINE Moments axis_moments(const FrameConstants& frame, Float mean, Float deviation) {
   const Float t = axis_position(frame, mean);
-  const Float inverse_domain(frame.inverse_domain);
-  if (frame.value_axis == 0) return {t, deviation * inverse_domain};
-  if (frame.value_axis == 1) {
-    const Float x = mean - frame.value_zero;
+  const Float inverse_domain(frame.axis.inverse_domain);
+  if (frame.axis.kind == 0) return {t, deviation * inverse_domain};
+  if (frame.axis.kind == 1) {
+    const Float x = mean - frame.axis.zero;
     const Mask positive = x > Float(0.0F);
     const Float share = min(deviation / max(x, 1.2e-38F), 1e9F);
     const Float square = share * share;

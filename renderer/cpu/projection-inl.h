@@ -50,14 +50,14 @@ HWY_INLINE Vector3 unpack_position(const FrameConstants& frame, Int low, Int hig
 /// t of a stored value: axis_position of frame.glsl.
 HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
   Float x = stored;
-  if (frame.value_axis == 1) {
-    x = x - frame.value_zero;
+  if (frame.axis.kind == 1) {
+    x = x - frame.axis.zero;
     const Mask positive = x > Float(0.0F);
-    x = (natural_log(max(x, 1.2e-38F)) - frame.value_low) * frame.inverse_domain;
+    x = (natural_log(max(x, 1.2e-38F)) - frame.axis.low) * frame.axis.inverse_domain;
     return select(positive, x, -1.0F);
   }
-  if (frame.value_axis == 2) {
-    x = (x - frame.value_zero) * frame.value_unit;
+  if (frame.axis.kind == 2) {
+    x = (x - frame.axis.zero) * frame.axis.unit;
     const Float size = abs(x);
     const Float sum = select(size > Float(1e4F), size + size, size + sqrt(fma(size, size, 1.0F)));
     // Near 0 the logarithm of 1 + size would lose its digits.
@@ -65,7 +65,7 @@ HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
     const Float bent = select(size < Float(0.02F), small, natural_log(sum));
     x = hn::CopySign(bent.v, x.v);
   }
-  return (x - frame.value_low) * frame.inverse_domain;
+  return (x - frame.axis.low) * frame.axis.inverse_domain;
 }
 
 /// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster

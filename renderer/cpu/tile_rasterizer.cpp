@@ -3,11 +3,11 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
 
+#include "renderer/common.h"
 #include "renderer/cpu/moments_kernel.h"
 #include "renderer/cpu/octant_kernel.h"
 #include "renderer/cpu/samples.h"
@@ -21,45 +21,6 @@ namespace {
 
 constexpr std::size_t splats_per_batch = std::size_t{1} << 16;
 constexpr std::size_t splats_per_task = std::size_t{1} << 10;
-
-/// Measures the seconds between calls of `lap`; the first call counts from construction.
-class Stopwatch {
- public:
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    return std::chrono::duration<double>(now - std::exchange(start_, now)).count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
-/// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
-float nearest_float(double number) {
-  constexpr double largest = std::numeric_limits<float>::max();
-  return static_cast<float>(std::clamp(number, -largest, largest));
-}
-
-/// Sets the axis of the transfer function for stored values.
-void set_axis(const TransferFunction& function, const DrawingUnits& units, FrameConstants& frame) {
-  frame.value_axis = 0;
-  frame.value_unit = 1;
-  frame.value_zero = nearest_float(-units.value_offset / units.value_scale);
-  double low = (function.lo - units.value_offset) / units.value_scale;
-  double width = (function.hi - function.lo) / units.value_scale;
-  if (function.axis == ValueAxis::log) {
-    frame.value_axis = 1;
-    low = std::log(function.lo / units.value_scale);
-    width = std::log(function.hi / function.lo);
-  } else if (function.axis == ValueAxis::asinh) {
-    frame.value_axis = 2;
-    frame.value_unit = nearest_float(units.value_scale / function.linear_width);
-    low = std::asinh(function.lo / function.linear_width);
-    width = std::asinh(function.hi / function.linear_width) - low;
-  }
-  frame.value_low = nearest_float(low);
-  frame.inverse_domain = nearest_float(1 / width);
-}
 
 Status check_range(const DrawRange& range, KernelKind kernel) {
   const bool moments = kernel == KernelKind::moments;
@@ -153,21 +114,17 @@ void resize(Image& image, int width, int height) {
 TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel) {}
 
 Status TileRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
-  TransferFunction function = world_function;
-  for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
-  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
-      (function.axis == ValueAxis::log && !(function.lo > 0)))
-    return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
+  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
   units_ = units;
-  set_axis(function, units, frame_);
+  frame_.axis = stored_axis(function, units);
   ordered_view_.reset();
   set_tables(function);
   return {};
 }
 
 void TileRasterizer::set_tables(const TransferFunction& function) {
-  const bool octant = kernel_ == KernelKind::octant;
-  const TransferTable table = make_transfer_table(function, octant ? 4097 : 513, octant ? 1 : 64);
+  const TableSize size = table_size(kernel_);
+  const TransferTable table = make_transfer_table(function, size.columns, size.rows);
   table_ = PackedTable(table);
   frame_.table = table_.view();
   peaks_.clear();
@@ -291,13 +248,10 @@ const std::vector<std::uint32_t>& TileRasterizer::order_along(int axis, const Vi
   std::vector<std::uint32_t>& order = axis_orders_[static_cast<std::size_t>(axis)];
   if (order.empty()) {
     // The view of an eye in the middle of the ranges.
-    View along_axis{};
-    along_axis.orthographic = true;
+    dvec3 eye(0);
     const auto count = static_cast<double>(list_.ranges.size());
-    for (const DrawRange& range : list_.ranges)
-      along_axis.eye += range.row.shapes->blocks()[range.block].origin / count;
-    along_axis.forward[axis] = 1;
-    set_view(along_axis);
+    for (const DrawRange& range : list_.ranges) eye += range.row.shapes->blocks()[range.block].origin / count;
+    set_view(view_along(axis, eye));
     KeySorter sorter;
     const std::span<const std::uint32_t> sorted = sort_keys(sorter, true);
     order.assign(sorted.begin(), sorted.end());

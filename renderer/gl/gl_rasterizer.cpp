@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
@@ -15,7 +14,6 @@ namespace splatvol {
 
 namespace {
 
-constexpr std::size_t peak_entries = 1024;
 constexpr std::size_t quads_per_run = std::size_t{1} << 12;         // projected and drawn at a time
 constexpr std::size_t indices_per_part = std::size_t{1} << 22;      // of an order; whole runs
 constexpr std::size_t entries_per_dispatch = std::size_t{1} << 16;  // OpenGL grants 65535 work groups
@@ -43,18 +41,6 @@ struct DrawCommand {
 using Run = std::array<DrawCommand, most_forms>;
 static_assert(sizeof(Run) == 60);
 
-/// Measures the seconds between calls of `lap`; the first call counts from construction.
-class Stopwatch {
- public:
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    return std::chrono::duration<double>(now - std::exchange(start_, now)).count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
 void bind(const Buffer& buffer, Binding binding) {
   buffer.bind(GL_SHADER_STORAGE_BUFFER, static_cast<GLuint>(binding));
 }
@@ -72,12 +58,6 @@ template <class Visit>
 void for_each_run(std::size_t count, const Visit& visit) {
   for (std::size_t first = 0; first < count; first += quads_per_run)
     visit(first, std::min(quads_per_run, count - first));
-}
-
-/// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
-float nearest_float(double number) {
-  constexpr double largest = std::numeric_limits<float>::max();
-  return static_cast<float>(std::clamp(number, -largest, largest));
 }
 
 }  // namespace
@@ -129,37 +109,13 @@ Status GlRasterizer::prepare_quads() {
   return {};
 }
 
-GlRasterizer::Axis GlRasterizer::axis_of(const TransferFunction& function, const DrawingUnits& units) {
-  Axis axis;
-  axis.zero = nearest_float(-units.value_offset / units.value_scale);
-  double low = (function.lo - units.value_offset) / units.value_scale;
-  double width = (function.hi - function.lo) / units.value_scale;
-  if (function.axis == ValueAxis::log) {
-    axis.kind = 1;
-    low = std::log(function.lo / units.value_scale);
-    width = std::log(function.hi / function.lo);
-  } else if (function.axis == ValueAxis::asinh) {
-    axis.kind = 2;
-    axis.unit = nearest_float(units.value_scale / function.linear_width);
-    low = std::asinh(function.lo / function.linear_width);
-    width = std::asinh(function.hi / function.linear_width) - low;
-  }
-  axis.low = nearest_float(low);
-  axis.inverse_domain = nearest_float(1 / width);
-  return axis;
-}
-
 Status GlRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
-  TransferFunction function = world_function;
-  for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
-  if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
-      (function.axis == ValueAxis::log && !(function.lo > 0)))
-    return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
+  SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
   units_ = units;
-  axis_ = axis_of(function, units);
+  axis_ = stored_axis(function, units);
   ordered_view_.reset();
 
-  const TransferTable table = make_transfer_table(function, kernel_.table_columns, kernel_.table_rows);
+  const TransferTable table = make_transfer_table(function, kernel_.table.columns, kernel_.table.rows);
   const auto columns = static_cast<GLsizei>(table.columns);
   const auto rows = static_cast<GLsizei>(table.rows);
   if (transfer_table_.name() == 0) {
@@ -172,7 +128,7 @@ Status GlRasterizer::set_transfer_function(const TransferFunction& world_functio
     glTextureStorage2D(name, 1, GL_RGBA32F, columns, rows);
     glCreateTextures(GL_TEXTURE_1D, 1, &name);
     peak_table_ = Texture(name);
-    glTextureStorage1D(name, std::bit_width(peak_entries), GL_R32F, peak_entries);
+    glTextureStorage1D(name, std::bit_width(unsigned{peak_entries}), GL_R32F, peak_entries);
   }
   glTextureSubImage2D(transfer_table_.name(), 0, 0, 0, columns, rows, GL_RGBA, GL_FLOAT, table.entries.data());
 
@@ -187,7 +143,7 @@ void GlRasterizer::set_lighting(const std::optional<Lighting>& lighting) { light
 
 std::uint64_t GlRasterizer::fixed_bytes() const {
   const std::uint64_t table =
-      kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
+      kernel_.table.columns * kernel_.table.rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
   return table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes() + picture_bytes_;
 }
 
@@ -358,7 +314,7 @@ Status GlRasterizer::upload_frame(const View& view) {
                          .inverse_domain = axis_.inverse_domain,
                          .ambient = lighting_ ? static_cast<float>(lighting_->ambient) : 1.0F,
                          .diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F,
-                         .value_axis = axis_.kind,
+                         .value_axis = static_cast<float>(axis_.kind),
                          .value_zero = axis_.zero,
                          .value_unit = axis_.unit};
   frame_.write(&block, sizeof(block));
@@ -382,8 +338,7 @@ Result<GlRasterizer::Sequence> GlRasterizer::prepare_order(const View& view, Sor
       return Sequence{nullptr, entries_.size() * records_of_entry};
     case SortMode::axis: {
       const dvec3 forward = view.forward;
-      const dvec3 size = glm::abs(forward);
-      const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+      const int axis = longest_axis(glm::abs(forward));
       SPLATVOL_TRY_ASSIGN(sequence, order_along(axis, view, times));
       sequence.from_end = forward[axis] < 0;
       return sequence;
@@ -403,11 +358,9 @@ Result<GlRasterizer::Sequence> GlRasterizer::order_along(int axis, const View& v
   std::optional<Order>& order = axis_orders_[axis];
   if (!order) {
     // The view of an eye in the middle of the blocks.
-    View along_axis{};
-    along_axis.orthographic = true;
-    for (const dvec3& origin : range_origins_) along_axis.eye += origin / static_cast<double>(range_origins_.size());
-    along_axis.forward[axis] = 1;
-    SPLATVOL_TRY(upload_frame(along_axis));
+    dvec3 eye(0);
+    for (const dvec3& origin : range_origins_) eye += origin / static_cast<double>(range_origins_.size());
+    SPLATVOL_TRY(upload_frame(view_along(axis, eye)));
     Order sorted;
     SPLATVOL_TRY(make_order(true, sorted, times));
     order = std::move(sorted);
@@ -539,7 +492,7 @@ Result<Image> GlRasterizer::read_image() const {
 std::uint64_t GlRasterizer::device_bytes() const {
   std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes() + pages_.bytes();
   if (transfer_table_.name() != 0)
-    bytes += kernel_.table_columns * kernel_.table_rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
+    bytes += kernel_.table.columns * kernel_.table.rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
   const auto add = [&](const Order& order) {
     for (const Buffer& part : order.parts) bytes += part.bytes();
   };

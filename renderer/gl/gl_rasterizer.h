@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "renderer/common.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/kernel.h"
@@ -99,11 +100,6 @@ class GlRasterizer : public Rasterizer {
     std::size_t count;
     bool from_end = false;
   };
-  // The transfer function's axis for stored values, as frame.glsl has it.
-  struct Axis {
-    float kind = 0, low = 0, inverse_domain = 0, zero = 0, unit = 1;
-  };
-  [[nodiscard]] static Axis axis_of(const TransferFunction& function, const DrawingUnits& units);
   [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
   [[nodiscard]] Status upload_frame(const View& view);
   [[nodiscard]] Result<Sequence> prepare_order(const View& view, SortMode sort, FrameTimes& times);
@@ -137,7 +133,7 @@ class GlRasterizer : public Rasterizer {
   Texture transfer_table_;
   Texture peak_table_;
   DrawingUnits units_;
-  Axis axis_;
+  StoredAxis axis_;
   std::optional<Lighting> lighting_;
 
   // Of the present frame.

@@ -32,8 +32,7 @@ Result<Kernel> make_octant_kernel() {
                 .project = std::move(project),
                 .forms = std::move(forms),
                 .quad_bytes = 48,
-                .table_columns = 4097,
-                .table_rows = 1};
+                .table = table_size(KernelKind::octant)};
 }
 
 Result<Kernel> make_moments_kernel() {
@@ -62,8 +61,7 @@ Result<Kernel> make_moments_kernel() {
                 .project = std::move(project),
                 .forms = std::move(forms),
                 .quad_bytes = 352,
-                .table_columns = 513,
-                .table_rows = 64};
+                .table = table_size(KernelKind::moments)};
 }
 
 }  // namespace

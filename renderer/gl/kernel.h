@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "renderer/common.h"
 #include "renderer/gl/gl_objects.h"
 #include "streamer/splat.h"
 
@@ -19,8 +20,7 @@ struct Kernel {
   Program project;
   std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
   std::size_t quad_bytes;      // of Quad, as std430 lays it out
-  std::size_t table_columns;   // of the transfer function
-  std::size_t table_rows;
+  TableSize table;             // of the transfer function
 };
 
 inline constexpr std::size_t most_forms = 3;
