@@ -736,18 +736,22 @@ TEST_P(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
   EXPECT_EQ(total_alpha(last), 0);
 }
 
+// A ball whose gradient is turned by `angle` from the line of sight, in a plane that contains it.
+Cluster with_gradient(double angle, double correlation) {
+  return {.position = {0, 0, -10},
+          .mass = 100,
+          .deviations = dvec3(1),
+          .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)),
+          .value = 500,
+          .value_deviation = 1,
+          .correlation = {0, 0, correlation}};
+}
+
 TEST_P(MomentsTest, LightFollowsTheGradient) {
-  // The gradient turns in a plane that contains the line of sight.
   const View view = orthographic_view(9, 9, 9);
   const TransferFunction function = uniform(10);
   for (const double angle : {0.0, 0.4, 1.0, 1.5}) {
-    const Cluster cluster{.position = {0, 0, -10},
-                          .mass = 100,
-                          .deviations = dvec3(1),
-                          .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)),
-                          .value = 500,
-                          .value_deviation = 1,
-                          .correlation = {0, 0, 1}};
+    const Cluster cluster = with_gradient(angle, 1);
     renderer_->set_lighting(Lighting{0.25, 0.5});
     const Image lit = picture({cluster}, view, function);
     EXPECT_NEAR(lit.at(4, 4).r, 0.25 + 0.5 * std::cos(angle), 1e-3);
@@ -768,13 +772,7 @@ TEST_P(MomentsTest, GradientsThatScatterHaveTheirMeanLight) {
   std::normal_distribution<double> normal;
   for (const double angle : {0.0, 0.7, 1.2, pi / 2}) {
     for (const double correlation : {1.0, 0.9, 0.6, 0.2, 0.0}) {
-      const Cluster cluster{.position = {0, 0, -10},
-                            .mass = 100,
-                            .deviations = dvec3(1),
-                            .orientation = glm::angleAxis(angle, dvec3(0, 1, 0)),
-                            .value = 500,
-                            .value_deviation = 1,
-                            .correlation = {0, 0, correlation}};
+      const Cluster cluster = with_gradient(angle, correlation);
       renderer_->set_lighting(Lighting{0, 1});
       const Image lit = picture({cluster}, view, uniform(10));
 
