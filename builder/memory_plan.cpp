@@ -24,7 +24,8 @@ std::size_t bytes_of_reduced_point(const BuildShape& shape) {
          SplatColumns::bytes_of_splat(shape.attributes, shape.gradients) + member / 2;
 }
 
-// Points of batches that are cut, and points that wait to be cut, in a vector that may be twice as large as it must.
+// Points of batches that are cut, and points that wait to be cut. The vector of the latter may be twice as large as it
+// must.
 struct PointsInWork {
   std::size_t reduced, waiting;
 };

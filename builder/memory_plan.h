@@ -8,7 +8,7 @@
 
 namespace splatvol {
 
-/// What decides on the bytes of a build, besides its memory.
+/// The numbers on which the bytes of a build depend, besides its memory.
 struct BuildShape {
   std::size_t attributes = 0;
   bool gradients = false;

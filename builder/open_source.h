@@ -31,8 +31,9 @@ namespace splatvol {
 /// or "NAME (points)" if cells are points of their own.
 ///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
-/// no arrays of numbers or lacks a selected attribute; the message lists its attributes. Refuses `columns` for all but
-/// .npy and .csv files, a `time` for files without time steps, and cells of their own for all but meshes in files.
+/// no arrays of numbers or lacks a selected attribute; the message lists its attributes. `columns` are
+/// for .npy and .csv files only, a `time` for files with time steps, and cells of their own for meshes in files: all
+/// others are refused.
 /// next() fails if two files have the same points, because these are time steps
 /// (builder/sources/repeated_pieces.h). As safe on untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,

@@ -107,7 +107,7 @@ class SeriesBuild {
   SeriesBuild(const BuildOptions& options, std::string folder, const BuildProgress& progress, Target& target,
               double first_number)
       : options_(options), folder_(std::move(folder)), progress_(progress), target_(target), number_(first_number) {
-    // What is the same in the steps of a group need not be the same in later ones.
+    // Attributes may be equal in all steps of a group, and differ in later steps.
     options_.join_attributes = false;
   }
 

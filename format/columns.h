@@ -85,7 +85,7 @@ struct SplatValue {
 /// Counts of values in each of the 64 bins.
 using Histogram = std::array<std::uint64_t, 64>;
 
-/// What pack_values did to the values of a chunk.
+/// The result of pack_values for the values of a chunk.
 struct StoredValues {
   Histogram histogram{};      // of the values as they come back
   std::uint64_t missing = 0;  // values that come back as missing

@@ -24,7 +24,7 @@ class Steps {
   /// file is damaged, or the index is none.
   [[nodiscard]] static Result<Steps> open(const std::string& path, OpenFile open);
 
-  /// Of the file or the index, for messages.
+  /// The name of the file or the index, for messages.
   [[nodiscard]] const std::string& name() const { return name_; }
 
   /// The times of the steps, which rise; none if the file is no time series.

@@ -1,4 +1,4 @@
-// What the rasterizers have in common.
+// Code that all rasterizers share.
 #pragma once
 
 #include <chrono>

@@ -1,4 +1,4 @@
-// What draws splats into pictures: one interface for OpenGL and for the processor.
+// Draws splats into pictures: one interface for OpenGL and for the processor.
 #pragma once
 
 #include <cstdint>

@@ -21,8 +21,8 @@ namespace splatvol {
 /// already.
 using AddMaterial = std::function<void(const PointBatch& held, std::size_t begin, std::size_t end, PointBatch& batch)>;
 
-/// A stream that returns these points, which have no material, some hundred at a time, and their material with them:
-/// that of all would take far more memory.
+/// A stream that returns these points, some hundred at a time. They have no material yet: the stream adds it, because
+/// the material of all would take far more memory.
 [[nodiscard]] NextPoints stream_with_material(PointBatch points, AddMaterial add_material);
 
 }  // namespace splatvol

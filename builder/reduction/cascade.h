@@ -140,7 +140,7 @@ class Cascade {
   std::vector<BoundaryPlane> planes_;
   std::vector<dvec3> shifts_;
 
-  // Scratch for the level whose nodes are being closed: members that go on to the next level, and those that end here.
+  // Scratch for the level whose nodes are being closed. Merged members go on to the next level, done ones end here.
   std::vector<MemberPool::Handle> merged_;
   std::vector<MemberPool::Handle> done_;
 };

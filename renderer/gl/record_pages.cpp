@@ -77,8 +77,8 @@ std::vector<RecordPages::Missing> RecordPages::find_missing(std::span<const Draw
   return missing;
 }
 
-// Makes sure that `count` slots are free. What nothing refers to leaves first, then pages grow, then rows leave that
-// the present list does not have.
+// Makes sure that `count` slots are free. Rows leave first to which nothing refers. Then pages grow. Rows that the
+// present list does not have leave last.
 Status RecordPages::make_room(std::uint64_t count, std::uint64_t budget) {
   if (available() >= count) return {};
   release_dropped();

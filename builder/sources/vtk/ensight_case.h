@@ -1,4 +1,4 @@
-// What an EnSight case says about its files.
+// The files that an EnSight case names, and their time steps.
 #pragma once
 
 #include <cstddef>

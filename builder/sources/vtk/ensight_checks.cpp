@@ -184,7 +184,7 @@ std::uint64_t nodes_of(std::string_view type) {
 std::string_view first_word(std::string_view line) { return line.substr(0, line.find_first_of(" \t")); }
 bool has_word(std::string_view line, std::string_view word) { return line.find(word) != std::string_view::npos; }
 
-/// What is common to walks through geometry and variables. A walk stops, without an error, at something unknown.
+/// The base of walks through geometry and variables. A walk stops, without an error, at something unknown.
 class EnsightWalk {
  public:
   EnsightWalk(std::string path, std::unique_ptr<ByteSource> file, EnsightEncoding encoding)

@@ -64,7 +64,7 @@ class LegacyFile {
   /// Whether all is there, except for a line end after the last number.
   [[nodiscard]] bool has_open_end() const { return open_end_; }
 
-  /// What does not fit together; empty if the file is cut off.
+  /// Names the parts that do not fit together; empty if the file is cut off.
   [[nodiscard]] const std::string& damage() const { return damage_; }
 
  private:

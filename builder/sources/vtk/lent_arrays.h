@@ -26,8 +26,8 @@ class LentArrays final : public LentValues {
   /// Adds the next attribute, with a value for each point.
   void add(std::vector<double> values) { columns_.push_back({nullptr, 0, std::move(values)}); }
 
-  /// Of the attribute that was added last, if it is an array's. The components of a vector mostly lack the same ones,
-  /// so the largest of their counts is that of the vector.
+  /// The number of missing values of the attribute that was added last, if it is an array's. The components of a
+  /// vector mostly lack the same values, so the largest of their counts is that of the vector.
   [[nodiscard]] std::uint64_t fills() const { return fills_; }
 
   void get(std::size_t attribute, std::span<const std::uint32_t> points, std::span<double> values) const override;
