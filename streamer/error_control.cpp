@@ -77,10 +77,12 @@ ErrorControl::ErrorControl(const Options& options) : options_(options) {
   const double first = options.grows ? first_grown : first_expected;
   next_->goal.max_error = options.max_error * options.learned.value_or(first);
   next_->goal.max_splats = options.learned ? options.max_splats : std::min(options.max_splats, most_first_splats);
+  if (options.first_splats > 0) next_->goal = {0, std::min(options.first_splats, options.max_splats)};
 }
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
+  options_.max_splats = std::min(options_.max_splats, std::max<std::uint64_t>(drawn.most_splats, 1));
   Picture picture{.samples = sample(drawn.image),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,

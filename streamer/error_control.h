@@ -12,6 +12,12 @@
 
 namespace splatvol {
 
+/// The error of a picture for which nothing else is asked.
+inline constexpr double default_max_error = 0.002;
+
+/// All points of a file with up to so many are drawn sooner than pictures are compared.
+inline constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
+
 /// Measures what the error model only expects. If it need not grow, it asks for pictures, one after another: of
 /// candidates, of a finer cut as their reference, and at most one of the whole file a resolution coarser. A candidate's
 /// distance to the reference gives its error. docs/accuracy.md says how well this holds.
@@ -30,6 +36,9 @@ class ErrorControl {
     /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
     /// several times the splats that it needs. Else looks for the cut with the fewest splats.
     bool grows = false;
+
+    /// If above 0: the splats of the first picture, whatever error is expected of it.
+    std::uint64_t first_splats = 0;
   };
 
   /// What to draw next.
@@ -44,6 +53,9 @@ class ErrorControl {
     std::uint64_t splats;
     double expected_error;  // as ErrorGoal counts it
     bool finest;            // more splats would not change it
+
+    /// The most splats that memory allows, as far as is known.
+    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
   };
 
   struct Estimate {

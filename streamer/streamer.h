@@ -67,8 +67,8 @@ struct FrameSplats {
   std::vector<std::uint64_t> splats_by_resolution;  // [resolution]
   DetailOptions detail;
   double expected_error = 0;  // root mean square of RGB against the exact picture
-  double goal_error = 0;      // of `request` with a goal: the same, as ErrorGoal counts it
-  bool finest = false;        // of `request` with a goal: more splats would not change the picture
+  double goal_error = 0;      // of a complete frame with a goal: the same, as ErrorGoal counts it
+  bool finest = false;        // of a complete frame with a goal: more splats would not change the picture
 
   FrameProgress progress;
 };

@@ -189,6 +189,11 @@ Status Streamer::show_resident(double change) {
     SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
   frame_->splats.detail = aim_->choice.detail;
   frame_->splats.progress = extract_progress();
+  if (frame_->splats.progress.complete) {
+    // The substitute that was drawn is the aim, about which more is known.
+    frame_->splats.goal_error = std::sqrt(aim_->choice.cut.squared_goal_error);
+    frame_->splats.finest = aim_->choice.cut.finest;
+  }
   return {};
 }
 

@@ -15,9 +15,6 @@
 namespace splatvol {
 namespace {
 
-// All points of a small file are drawn sooner than pictures are compared.
-constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
-
 KernelKind kernel_of(const RenderOptions& options) {
   return options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
 }
@@ -130,7 +127,10 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
     SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
     const FrameSplats& frame = *drawing.frame;
-    control.add({image, frame.splats, frame.goal_error, frame.finest});
+    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
+    if (frame.detail.goal && frame.detail.goal->max_splats < control.next()->goal.max_splats)
+      most_splats = frame.detail.goal->max_splats;
+    control.add({image, frame.splats, frame.goal_error, frame.finest, most_splats});
   }
   drawing.estimate = control.estimate();
   drawing.tried = control.tried();
