@@ -106,8 +106,9 @@ Status draw_request(const RenderOptions& still, const Scene& scene, const View& 
   const ErrorControl::Request& request = *control.next();
   drawing.detail.goal.reset();
   drawing.detail.resolution.reset();
-  if (request.one_coarser)
-    drawing.detail.resolution = std::max<std::size_t>(drawing.streamer->info().resolutions(), 2) - 2;
+  if (request.coarser > 0)
+    drawing.detail.resolution =
+        std::max(drawing.streamer->info().resolutions(), request.coarser + 1) - 1 - request.coarser;
   else
     drawing.detail.goal = request.goal;
   return draw_frame(still, scene, view, drawing, timings);
