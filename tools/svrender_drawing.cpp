@@ -49,8 +49,8 @@ Result<double> set_splats(const RenderOptions& options, const Scene& scene, cons
     if (set) return seconds_now() - start;
     if (set.error().code != ErrorCode::out_of_budget || frame->splats >= before) return tl::unexpected(set.error());
     before = frame->splats;
-    drawing.detail.device_bytes =
-        std::min(drawing.detail.device_bytes, frame->splats * record_bytes(drawing.streamer->kernel())) / 8 * 7;
+    drawing.detail.device_splats =
+        std::max<std::uint64_t>(std::min(drawing.detail.device_splats, frame->splats) / 8 * 7, 1);
   }
 }
 
@@ -122,8 +122,7 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
   still.path.clear();
   still.turntable = 0;
   still.progress_frames.clear();
-  ErrorControl control(
-      {*drawing.max_error, drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), {}, options.grows});
+  ErrorControl control({*drawing.max_error, drawing.detail.device_splats, {}, options.grows});
   while (control.next()) {
     SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
@@ -289,8 +288,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   if (drawing.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
         ErrorGoal{drawing.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
-  drawing.detail.device_bytes = drawing.renderer->plan_picture(scene.width, scene.height) * record_bytes(kernel);
-  if (drawing.detail.device_bytes == 0)
+  drawing.detail.device_splats = drawing.renderer->plan_picture(scene.width, scene.height);
+  if (drawing.detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);

@@ -295,10 +295,8 @@ void Session::begin_rest() {
 // Returns the detail of the next picture.
 DetailOptions Session::next_detail(int width, int height, bool moves) {
   DetailOptions detail = moves ? DetailOptions{} : sharpening_->detail();
-  const std::uint64_t record = record_bytes(settings.kernel);
-  const auto most_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
-  detail.device_bytes = std::min(most_splats, std::numeric_limits<std::uint64_t>::max() / record) * record;
-  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), most_splats)};
+  detail.device_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
+  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.device_splats)};
   return detail;
 }
 
