@@ -17,8 +17,8 @@ struct DetailOptions {
   std::optional<std::size_t> resolution = std::nullopt;  // fixed; at most the finest of the file
   std::optional<ErrorGoal> goal = std::nullopt;          // used instead of tolerance and resolution
 
-  /// For a device with memory of its own: the most bytes of records that may be drawn.
-  std::uint64_t device_bytes = std::numeric_limits<std::uint64_t>::max();
+  /// For a device with memory of its own: the most splats that it holds, as Rasterizer::plan_picture tells.
+  std::uint64_t device_splats = std::numeric_limits<std::uint64_t>::max();
 
   [[nodiscard]] bool operator==(const DetailOptions&) const = default;
 };

@@ -23,11 +23,13 @@ constexpr double jump = 8;  // the most by which resolutions differ
 constexpr std::uint64_t most_first_splats = std::uint64_t{1} << 15;
 constexpr double first_expected = 2;  // its expected error, of the wanted
 
-// The error of all points, of their distance to the resolution before: .3 to .6 where values are resolved.
-constexpr double of_last_resolution = 0.45;
+// The error of all points: at least so much of their distance to the resolution before, and of the distance from there
+// to the resolution before that.
+constexpr double of_last_resolution = 0.45, of_second_last = 0.25;
 
-// Near the file's own error a cut adds this share of the wanted error: more splats would not help much.
-constexpr double least_share = 0.65;
+// Near the file's own error a cut adds this share of the wanted error: more splats would not help much. Where all
+// points have more than twice the wanted error, it adds all of that, which is half of theirs.
+constexpr double least_share = 0.65, share_of_file_error = 0.5;
 
 // A candidate this near to the wanted error is the one. Two are near each other if their splats differ by less.
 constexpr double enough = 0.93, too_much = 1.04;
@@ -39,6 +41,7 @@ constexpr double first_grown = 4, grown_enough = 0.8;
 constexpr double least_growth = 4;
 
 constexpr int most_candidates = 9;
+constexpr int most_in_a_row = 2;
 constexpr double most_change = 16;  // of splats, from one candidate to the next
 
 constexpr std::size_t most_samples = std::size_t{1} << 18;
@@ -77,10 +80,12 @@ ErrorControl::ErrorControl(const Options& options) : options_(options) {
   const double first = options.grows ? first_grown : first_expected;
   next_->goal.max_error = options.max_error * options.learned.value_or(first);
   next_->goal.max_splats = options.learned ? options.max_splats : std::min(options.max_splats, most_first_splats);
+  if (options.first_splats > 0) next_->goal = {0, std::min(options.first_splats, options.max_splats)};
 }
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
+  options_.max_splats = std::min(options_.max_splats, std::max<std::uint64_t>(drawn.most_splats, 1));
   Picture picture{.samples = sample(drawn.image),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,
@@ -97,7 +102,8 @@ void ErrorControl::add(const Drawn& drawn) {
       next_.reset();
       return;
     case Step::coarser:
-      file_error_ = of_last_resolution * distance(picture.samples, reference_->samples);
+      add_coarser(std::move(picture));
+      if (!file_error_) return;
       break;
     case Step::reference:
       reference_ = std::move(picture);
@@ -143,6 +149,19 @@ bool ErrorControl::serves(const Picture& candidate) const {
                         static_cast<double>(reference_->splats) >= least_finer * static_cast<double>(candidate.splats));
 }
 
+// Estimates the error of all points from the two resolutions before. Their pictures tell more than one: where a
+// function is dense or narrow, the last step may be small by chance.
+void ErrorControl::add_coarser(Picture picture) {
+  if (coarser_samples_.empty()) {
+    last_apart_ = distance(picture.samples, reference_->samples);
+    coarser_samples_ = std::move(picture.samples);
+    next_ = Request{{}, 2};
+    return;
+  }
+  file_error_ =
+      std::max(of_last_resolution * last_apart_, of_second_last * distance(picture.samples, coarser_samples_));
+}
+
 // Estimates the error of the candidate, and decides what comes next.
 void ErrorControl::judge() {
   Picture& candidate = *candidate_;
@@ -158,7 +177,10 @@ void ErrorControl::judge() {
   if (!(reference_->finest ? estimate_by_all(apart) : estimate_by_finer(apart))) return;
   tried_.push_back({candidate.splats, candidate.error});
   estimate_.file_error = file_error_.value_or(0);
-  (candidate.ratio > too_much ? too_coarse_ : fine_) = candidate;
+  const bool is_fine = candidate.ratio <= too_much;
+  in_a_row_ = is_fine == last_is_fine_ ? in_a_row_ + 1 : 1;
+  last_is_fine_ = is_fine;
+  (is_fine ? fine_ : too_coarse_) = candidate;
   if ((candidate.ratio > enough && candidate.ratio <= too_much) || is_near_enough())
     choose(fine_ ? *fine_ : *too_coarse_);
   else
@@ -170,13 +192,14 @@ void ErrorControl::judge() {
 bool ErrorControl::estimate_by_all(double apart) {
   if (!file_error_ && apart < 2 * options_.max_error) {
     step_ = Step::coarser;
-    next_ = Request{{}, true};
+    next_ = Request{{}, 1};
     return false;
   }
   const double file = file_error_.value_or(0);
   const double left = std::sqrt(std::max(0.0, options_.max_error * options_.max_error - file * file));
   candidate_->error = std::hypot(apart, file);
-  candidate_->ratio = apart / std::max(left, least_share * options_.max_error);
+  const double least = std::clamp(share_of_file_error * file, least_share * options_.max_error, options_.max_error);
+  candidate_->ratio = apart / std::max(left, least);
   return true;
 }
 
@@ -228,11 +251,12 @@ std::uint64_t ErrorControl::next_splats() const {
     const std::uint64_t asked = fine_ ? std::min(from.asked, from.splats) : from.asked;
     return times(asked, std::clamp(factor, 1 / most_change, most_change));
   }
-  // Between two, on a straight line of logarithms; not too near to either.
+  // Between two, on a straight line of logarithms, not too near to either. In the middle, if the line has led to the
+  // same side again and again: there the error falls unlike a power.
   const double low = std::log(static_cast<double>(too_coarse_->asked)),
                high = std::log(static_cast<double>(fine_->asked));
   const double from = std::log(too_coarse_->ratio), to = std::log(std::max(fine_->ratio, 1e-3));
-  const double share = std::clamp(from / (from - to), 0.15, 0.85);
+  const double share = in_a_row_ > most_in_a_row ? 0.5 : std::clamp(from / (from - to), 0.15, 0.85);
   return static_cast<std::uint64_t>(std::exp(low + share * (high - low)));
 }
 

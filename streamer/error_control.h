@@ -1,6 +1,7 @@
 // Finds the cut whose picture has a wanted error, by looking at pictures.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -12,9 +13,15 @@
 
 namespace splatvol {
 
+/// The error of a picture for which nothing else is asked.
+inline constexpr double default_max_error = 0.002;
+
+/// All points of a file with up to so many are drawn sooner than pictures are compared.
+inline constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
+
 /// Measures what the error model only expects. If it need not grow, it asks for pictures, one after another: of
-/// candidates, of a finer cut as their reference, and at most one of the whole file a resolution coarser. A candidate's
-/// distance to the reference gives its error. docs/accuracy.md says how well this holds.
+/// candidates, of a finer cut as their reference, and perhaps of the whole file one and two resolutions coarser. A
+/// candidate's distance to the reference gives its error. docs/accuracy.md says how well this holds.
 ///
 /// Knows nothing of files and devices: the caller draws what `next` asks for, and adds it. The error is the root mean
 /// square of linear RGB against the exact picture.
@@ -30,12 +37,15 @@ class ErrorControl {
     /// Asks for finer and finer pictures, and ends with the first that has the wanted error: soon, but with up to
     /// several times the splats that it needs. Else looks for the cut with the fewest splats.
     bool grows = false;
+
+    /// If above 0: the splats of the first picture, whatever error is expected of it.
+    std::uint64_t first_splats = 0;
   };
 
   /// What to draw next.
   struct Request {
     ErrorGoal goal = {};
-    bool one_coarser = false;  // instead: everything at the resolution before the finest
+    std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest
   };
 
   /// A picture of a request.
@@ -44,6 +54,9 @@ class ErrorControl {
     std::uint64_t splats;
     double expected_error;  // as ErrorGoal counts it
     bool finest;            // more splats would not change it
+
+    /// The most splats that memory allows, as far as is known.
+    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
   };
 
   struct Estimate {
@@ -93,6 +106,7 @@ class ErrorControl {
   void grow(Picture picture);
   [[nodiscard]] bool serves(const Picture& candidate) const;
   void judge();
+  void add_coarser(Picture picture);
   [[nodiscard]] bool estimate_by_all(double apart);
   [[nodiscard]] bool estimate_by_finer(double apart);
   void ask_candidate(std::uint64_t splats);
@@ -108,7 +122,11 @@ class ErrorControl {
   bool shows_candidate_ = false;  // the last picture is that of candidate_
   std::optional<Picture> candidate_, reference_;
   std::optional<Picture> too_coarse_, fine_;  // the best candidates on both sides of the wanted error
+  bool last_is_fine_ = false;                 // whether the last candidate was fine enough
+  int in_a_row_ = 0;                          // candidates that were, or were not, as the last one
   std::optional<double> file_error_;
+  double last_apart_ = 0;              // of all points and the resolution before
+  std::vector<vec3> coarser_samples_;  // of the resolution before
   std::uint64_t reference_asked_ = 0;
   Estimate estimate_;
   std::vector<Tried> tried_;

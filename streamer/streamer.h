@@ -67,8 +67,8 @@ struct FrameSplats {
   std::vector<std::uint64_t> splats_by_resolution;  // [resolution]
   DetailOptions detail;
   double expected_error = 0;  // root mean square of RGB against the exact picture
-  double goal_error = 0;      // of `request` with a goal: the same, as ErrorGoal counts it
-  bool finest = false;        // of `request` with a goal: more splats would not change the picture
+  double goal_error = 0;      // of a complete frame with a goal: the same, as ErrorGoal counts it
+  bool finest = false;        // of a complete frame with a goal: more splats would not change the picture
 
   FrameProgress progress;
 };
@@ -110,7 +110,7 @@ class Streamer {
   ~Streamer();
 
   /// Returns the splats for a view: chooses a cut, and reads the rows that are not there. If the cut does not fit the
-  /// budget, or its records device_bytes, loses detail and never coverage: raises the tolerance, lowers the fixed
+  /// budget, or its splats device_splats, loses detail and never coverage: raises the tolerance, lowers the fixed
   /// resolution, or lowers the splats of a goal, until they fit. Fails with out_of_budget if not even the coarsest cut
   /// fits; the message names the number of bytes that would suffice. Fails with the reader's error if the file cannot
   /// be read or is damaged.

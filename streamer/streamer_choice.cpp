@@ -108,8 +108,8 @@ std::uint64_t Streamer::cut_bytes(const Cut& cut, std::uint64_t index_bytes) con
 
 // The rule of the budget: fails with out_of_budget if a cut does not fit.
 Status Streamer::check_fits(const Cut& cut, std::uint64_t index_bytes, const DetailOptions& detail) const {
-  if (cut.splats > detail.device_bytes / record_bytes(kernel_))
-    return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes of the device", detail.device_bytes);
+  if (cut.splats > detail.device_splats)
+    return fail(ErrorCode::out_of_budget, "the view needs more than the {} splats of the device", detail.device_splats);
   if (cut_bytes(cut, index_bytes) > cut_limit())
     return fail(ErrorCode::out_of_budget, "the view needs more than {} bytes", cut_limit());
   return {};
@@ -119,7 +119,7 @@ Status Streamer::check_fits(const Cut& cut, std::uint64_t index_bytes, const Det
 DetailOptions Streamer::first_detail(DetailOptions detail) const {
   if (detail.resolution) detail.resolution = std::min(*detail.resolution, info().resolutions() - 1);
   if (detail.goal) {
-    const std::uint64_t most = std::min(cut_limit(), detail.device_bytes) / record_bytes(kernel_);
+    const std::uint64_t most = std::min(cut_limit() / record_bytes(kernel_), detail.device_splats);
     detail.goal->max_splats =
         std::min({detail.goal->max_splats, info().point_count(), std::max<std::uint64_t>(most, 1)});
   }
@@ -172,10 +172,9 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   paged_.forget_used();
   const auto coarsest = select(paged_, nullptr, view, visibility, options);
   if (!coarsest) return tl::unexpected(coarsest.error());
-  const std::uint64_t records = coarsest->splats * record_bytes(kernel_);
-  if (records > detail.device_bytes)
-    return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture needs {} bytes of the device, more than {}",
-                volume_->name(), records, detail.device_bytes);
+  if (coarsest->splats > detail.device_splats)
+    return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture has {} splats, and the device holds {}",
+                volume_->name(), coarsest->splats, detail.device_splats);
   return fail(ErrorCode::out_of_budget, "{}: {} bytes of memory are too few: even the coarsest picture needs {}",
               volume_->name(), budget_.capacity(), budget_for(cut_bytes(*coarsest, paged_.used().bytes)));
 }

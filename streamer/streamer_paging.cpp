@@ -149,7 +149,7 @@ Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
   do {
     auto cut = select(*pager_, pager_.get(), aim_->view, aim_->visibility, cut_options(detail, limit));
     if (!cut && cut.error().code != ErrorCode::out_of_budget) return cut;
-    if (cut && cut->splats <= detail.device_bytes / record_bytes(kernel_)) return cut;
+    if (cut && cut->splats <= detail.device_splats) return cut;
   } while (make_coarser(detail));
   return choose_coarsest();
 }
@@ -169,7 +169,7 @@ Result<Cut> Streamer::choose_coarsest() {
 std::uint64_t Streamer::fading_splats(const Cut& cut) const {
   const std::uint64_t most_bytes = free_bytes() / 8 * 7;
   const std::uint64_t bytes = most_bytes - std::min(aim_->bytes, most_bytes);
-  const std::uint64_t splats = aim_->choice.detail.device_bytes / record_bytes(kernel_);
+  const std::uint64_t splats = aim_->choice.detail.device_splats;
   return std::min(bytes / (2 * record_bytes(kernel_)), splats - std::min(cut.splats, splats));
 }
 
@@ -189,6 +189,11 @@ Status Streamer::show_resident(double change) {
     SPLATVOL_TRY(make_resident_frame(std::move(fading), detail));
   frame_->splats.detail = aim_->choice.detail;
   frame_->splats.progress = extract_progress();
+  if (frame_->splats.progress.complete) {
+    // The substitute that was drawn is the aim, about which more is known.
+    frame_->splats.goal_error = std::sqrt(aim_->choice.cut.squared_goal_error);
+    frame_->splats.finest = aim_->choice.cut.finest;
+  }
   return {};
 }
 

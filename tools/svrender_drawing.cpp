@@ -15,9 +15,6 @@
 namespace splatvol {
 namespace {
 
-// All points of a small file are drawn sooner than pictures are compared.
-constexpr std::uint64_t points_drawn_at_once = std::uint64_t{1} << 19;
-
 KernelKind kernel_of(const RenderOptions& options) {
   return options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
 }
@@ -52,8 +49,8 @@ Result<double> set_splats(const RenderOptions& options, const Scene& scene, cons
     if (set) return seconds_now() - start;
     if (set.error().code != ErrorCode::out_of_budget || frame->splats >= before) return tl::unexpected(set.error());
     before = frame->splats;
-    drawing.detail.device_bytes =
-        std::min(drawing.detail.device_bytes, frame->splats * record_bytes(drawing.streamer->kernel())) / 8 * 7;
+    drawing.detail.device_splats =
+        std::max<std::uint64_t>(std::min(drawing.detail.device_splats, frame->splats) / 8 * 7, 1);
   }
 }
 
@@ -109,8 +106,9 @@ Status draw_request(const RenderOptions& still, const Scene& scene, const View& 
   const ErrorControl::Request& request = *control.next();
   drawing.detail.goal.reset();
   drawing.detail.resolution.reset();
-  if (request.one_coarser)
-    drawing.detail.resolution = std::max<std::size_t>(drawing.streamer->info().resolutions(), 2) - 2;
+  if (request.coarser > 0)
+    drawing.detail.resolution =
+        std::max(drawing.streamer->info().resolutions(), request.coarser + 1) - 1 - request.coarser;
   else
     drawing.detail.goal = request.goal;
   return draw_frame(still, scene, view, drawing, timings);
@@ -124,13 +122,15 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
   still.path.clear();
   still.turntable = 0;
   still.progress_frames.clear();
-  ErrorControl control(
-      {*drawing.max_error, drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), {}, options.grows});
+  ErrorControl control({*drawing.max_error, drawing.detail.device_splats, {}, options.grows});
   while (control.next()) {
     SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
     const FrameSplats& frame = *drawing.frame;
-    control.add({image, frame.splats, frame.goal_error, frame.finest});
+    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
+    if (frame.detail.goal && frame.detail.goal->max_splats < control.next()->goal.max_splats)
+      most_splats = frame.detail.goal->max_splats;
+    control.add({image, frame.splats, frame.goal_error, frame.finest, most_splats});
   }
   drawing.estimate = control.estimate();
   drawing.tried = control.tried();
@@ -288,8 +288,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   if (drawing.max_error || options.splats || options.milliseconds)
     drawing.detail.goal =
         ErrorGoal{drawing.max_error.value_or(0), options.splats.value_or(std::numeric_limits<std::uint64_t>::max())};
-  drawing.detail.device_bytes = drawing.renderer->plan_picture(scene.width, scene.height) * record_bytes(kernel);
-  if (drawing.detail.device_bytes == 0)
+  drawing.detail.device_splats = drawing.renderer->plan_picture(scene.width, scene.height);
+  if (drawing.detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} of GPU memory are too few for a picture of {} x {} pixels",
                 options.gpu_memory, scene.width, scene.height);
   drawing.renderer->set_lighting(scene.lighting);

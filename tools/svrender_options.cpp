@@ -3,6 +3,7 @@
 #include <cstdlib>
 
 #include "renderer/rasterizer.h"
+#include "streamer/error_control.h"
 #include "tools/movie.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"
@@ -139,11 +140,10 @@ void check_frames(const RenderOptions& options) {
 // The detail of a picture is an error, unless it is something else. Frames on the way to a picture have to begin
 // before an error can be measured.
 void set_default_error(const CLI::App& app, RenderOptions& options) {
-  constexpr double default_error = 0.002;
   for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
     if (app.count(other) > 0) return;
   if (!options.progress_frames.empty() && !options.moves() && !options.plays()) return;
-  options.max_error = default_error;
+  options.max_error = default_max_error;
   options.grows = !options.moves() && !options.plays();
 }
 

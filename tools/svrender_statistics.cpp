@@ -110,7 +110,7 @@ void add_detail(const RenderOptions& options, const Drawing& drawing, const Timi
 // The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
   return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory,
-                     drawing.detail.device_bytes / record_bytes(drawing.streamer->kernel()), options.gpu_memory);
+                     drawing.detail.device_splats, options.gpu_memory);
 }
 
 // Says what error was measured, and why it is more than the wanted one.

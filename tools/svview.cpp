@@ -26,7 +26,8 @@ struct Options {
   std::string gpu_memory = "1G";
   std::string device = "auto";
   std::string kernel = "moments";
-  double tolerance = 1;
+  double max_error = default_max_error;
+  std::optional<double> tolerance;
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
@@ -48,6 +49,7 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   setup.settings.gpu_memory = gpu_memory;
   setup.settings.device = device;
   setup.settings.kernel = options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+  setup.settings.max_error = options.max_error;
   setup.settings.tolerance = options.tolerance;
   return setup;
 }
@@ -214,6 +216,7 @@ Status play(const Options& options) {
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
   setup.settings.in_current_context = false;
+  setup.settings.hurries = false;
   SPLATVOL_TRY_ASSIGN(session, Session::open(setup.volume, setup.scene, setup.settings));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
   ProgressBar bar("draw");
@@ -250,9 +253,18 @@ void add_view_options(CLI::App& app, Options& options) {
        {std::tuple{"--memory", &options.memory, "Memory for the parts of the file that are read"},
         std::tuple{"--gpu-memory", &options.gpu_memory, "Memory of the graphics card for splats and picture"}})
     app.add_option(name, *value, what)->type_name("SIZE")->capture_default_str()->check(check_bytes);
-  app.add_option("--tolerance", options.tolerance, "Percent of the picture that a splat may cover, at rest")
+  auto* max_error =
+      app.add_option("--max-error", options.max_error,
+                     "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "
+                     "it; all points of a file with up to 524,288")
+          ->type_name("RMSE")
+          ->check(CLI::PositiveNumber)
+          ->capture_default_str();
+  app.add_option("--tolerance", options.tolerance,
+                 "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
+      ->type_name("PERCENT")
       ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
+      ->excludes(max_error);
   add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
 }

@@ -1,6 +1,7 @@
 #include "viewer/session.h"
 
 #include <algorithm>
+#include <bit>
 #include <cctype>
 #include <chrono>
 #include <cmath>
@@ -22,8 +23,8 @@ constexpr double pause_seconds = 0.15;
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
 
-// The first tolerance at rest.
-constexpr double first_percent_at_rest = 4;
+// The first picture at rest for an error has at least so many splats: it costs little.
+constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
 // Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
 constexpr double longest_wait_seconds = 2;
@@ -114,6 +115,7 @@ Status Session::open_streamer() {
 // Takes over what depends on the step: units and histogram.
 Status Session::use_step() {
   settled_ = false;
+  sharpening_.reset();
   SPLATVOL_TRY_ASSIGN(histograms, streamer_->volume().read_histograms());
   const auto index = static_cast<std::size_t>(info().find_attribute(scene.attribute));
   histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
@@ -219,9 +221,10 @@ Status Session::apply(const View& view) {
   const bool other_size = view.width != view_.width || view.height != view_.height;
   if (other_file || other_function || other_size || scene.camera != used_scene_.camera ||
       scene.lighting != used_scene_.lighting || scene.clip_box != used_scene_.clip_box ||
-      settings.tolerance != used_settings_.tolerance) {
+      settings.tolerance != used_settings_.tolerance || settings.max_error != used_settings_.max_error) {
     still_seconds_ = 0;
     settled_ = false;
+    sharpening_.reset();
   }
   used_scene_ = scene;
   used_settings_ = settings;
@@ -257,19 +260,9 @@ Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY(apply(view));
   if (settled_) return {};
 
-  // At rest the tolerance halves again and again: a user who moves again need not wait for the finest picture.
-  const bool moves = still_seconds_ < pause_seconds;
-  if (moves || shown_tolerance_ == 0)
-    shown_tolerance_ = std::max(first_percent_at_rest, settings.tolerance);
-  else if (frame_ && frame_->progress.settled && !frame_->detail.goal)
-    shown_tolerance_ = std::max(settings.tolerance, shown_tolerance_ / 2);
-
-  DetailOptions detail;
-  detail.tolerance_percent = shown_tolerance_;
-  const std::uint64_t record = record_bytes(settings.kernel);
-  const auto most_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
-  detail.device_bytes = std::min(most_splats, std::numeric_limits<std::uint64_t>::max() / record) * record;
-  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), most_splats)};
+  const bool moves = settings.hurries && still_seconds_ < pause_seconds;
+  if (!moves && !sharpening_) begin_rest();
+  const DetailOptions detail = next_detail(width, height, moves);
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
   SPLATVOL_TRY_ASSIGN(
@@ -279,7 +272,7 @@ Status Session::draw(int width, int height, double seconds) {
   awaited_seconds_ += seconds;
   awaits_step_ = awaits_step_ && !frame->progress.settled && awaited_seconds_ < longest_wait_seconds;
   if (awaits_step_) return {};  // the picture stays
-  SPLATVOL_TRY_ASSIGN(fits, set_splats(std::min(most_splats, frame->splats)));
+  SPLATVOL_TRY_ASSIGN(fits, set_splats(frame->splats));
   if (!fits) return {};
   const int spacing =
       moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
@@ -288,7 +281,29 @@ Status Session::draw(int width, int height, double seconds) {
   draw_seconds_ = seconds_since(start);
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(detail.goal->max_splats, draw_seconds_);
-  settled_ = !moves && !frame->detail.goal && frame->progress.settled && shown_tolerance_ == settings.tolerance;
+  return moves || !frame->progress.settled ? Status{} : finish_picture();
+}
+
+// Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.
+void Session::begin_rest() {
+  Sharpening::Options options{.max_error = settings.max_error, .tolerance = settings.tolerance};
+  if (!settings.tolerance && info().point_count() <= points_drawn_at_once) options.tolerance = 0;
+  if (settings.hurries && frame_) options.first_splats = std::bit_floor(std::max(frame_->splats, least_first_splats));
+  sharpening_.emplace(options);
+}
+
+// Returns the detail of the next picture.
+DetailOptions Session::next_detail(int width, int height, bool moves) {
+  DetailOptions detail = moves ? DetailOptions{} : sharpening_->detail();
+  detail.device_splats = std::clamp<std::uint64_t>(renderer_->plan_picture(width, height), 1, most_splats_);
+  if (moves) detail.goal = ErrorGoal{0, std::min(pacer_.splats(), detail.device_splats)};
+  return detail;
+}
+
+// Goes on to a finer picture, unless this one is the last.
+Status Session::finish_picture() {
+  SPLATVOL_TRY(sharpening_->add(*frame_, *renderer_));
+  settled_ = sharpening_->is_done();
   if (settled_) read_ahead(step_ + 1);
   return {};
 }

@@ -19,6 +19,7 @@
 #include "streamer/record.h"
 #include "streamer/streamer.h"
 #include "viewer/screen.h"
+#include "viewer/sharpening.h"
 
 namespace splatvol {
 
@@ -29,7 +30,9 @@ struct ViewSettings {
   Device device = Device::automatic;
   bool in_current_context = true;  // of OpenGL; else the renderer makes a context of its own if it needs one
   KernelKind kernel = KernelKind::moments;
-  double tolerance = 1;  // percent, at rest
+  double max_error = default_max_error;            // at rest; a small file shows all points
+  std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
+  bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
   SortMode sort = SortMode::exact;
 };
 
@@ -104,7 +107,10 @@ class Session {
   [[nodiscard]] Result<Image> page(const PageText& text, bool transparent = false) const;
 
   [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
-  [[nodiscard]] double tolerance_shown() const { return shown_tolerance_; }
+
+  /// Returns how the picture sharpens. None while something moves.
+  [[nodiscard]] const std::optional<Sharpening>& sharpening() const { return sharpening_; }
+
   [[nodiscard]] StreamerStatistics statistics() const { return streamer_->statistics(); }
   [[nodiscard]] std::uint64_t device_bytes() const { return renderer_->device_bytes(); }
   [[nodiscard]] DrawingUnits units() const { return streamer_->units(); }
@@ -124,6 +130,9 @@ class Session {
   [[nodiscard]] Status apply(const View& view);
   [[nodiscard]] Result<bool> set_splats(std::uint64_t splats);
   [[nodiscard]] Status fit_camera(int width, int height);
+  void begin_rest();
+  [[nodiscard]] DetailOptions next_detail(int width, int height, bool moves);
+  [[nodiscard]] Status finish_picture();
 
   std::string path_;
   Scene first_scene_;
@@ -155,7 +164,7 @@ class Session {
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{
       0.030};  // seconds of a frame while something moves: at least 20 frames a second with the window's share
-  double shown_tolerance_ = 0;
+  std::optional<Sharpening> sharpening_;  // at rest
   double draw_seconds_ = 0;
   std::vector<std::string> troubles_;
 };

@@ -12,6 +12,8 @@
 namespace splatvol {
 namespace {
 
+constexpr double usual_tolerance = 1;  // per cent
+
 std::string bytes_text(double bytes) {
   const char* units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
   int unit = 0;
@@ -22,6 +24,23 @@ std::string bytes_text(double bytes) {
 Status write_json(const std::string& path, const std::string& text) {
   if (!has_extension(path, ".json")) return fail(ErrorCode::invalid_argument, "{}: does not end in .json", path);
   return write_text_file(path, text);
+}
+
+// Tells how fine the picture is, and why it is not finer.
+std::string detail_text(const Session& session) {
+  const FrameSplats& frame = *session.frame();
+  const auto& sharpening = session.sharpening();
+  if (!sharpening) return fmt::format("coarse while it moves, an error of about {:.1g}", frame.expected_error);
+  if (const DetailOptions& asked = sharpening->detail(); !asked.goal) {
+    const double drawn = frame.detail.tolerance_percent;
+    const bool lacks = !frame.detail.goal && drawn > asked.tolerance_percent;
+    return (asked.tolerance_percent > 0 ? fmt::format("tolerance {:.3g} %", asked.tolerance_percent) : "all points") +
+           (lacks ? fmt::format(" (memory allows a tolerance of {:.3g} %)", drawn) : "");
+  }
+  const std::string error = sharpening->error() ? fmt::format("an error of about {:.2g}", *sharpening->error()) : "";
+  if (!sharpening->is_done()) return (error.empty() ? "" : error + ", ") + "it sharpens";
+  if (frame.finest) return "no more points would show";
+  return error + (sharpening->has_reached() ? "" : ": memory allows no less");
 }
 
 }  // namespace
@@ -83,9 +102,16 @@ void Viewer::draw_panel() {
 
 void Viewer::draw_detail_controls() {
   ViewSettings& settings = session_->settings;
-  const double finest = 0.1, coarsest = 20;
-  ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &settings.tolerance, &finest, &coarsest, "%.2g %%",
-                      ImGuiSliderFlags_Logarithmic);
+  int by = settings.tolerance ? 1 : 0;
+  if (ImGui::Combo("detail by", &by, "error\0tolerance\0"))
+    settings.tolerance = by == 0 ? std::nullopt : std::optional(usual_tolerance);
+  const double least_error = 0.0005, most_error = 0.05, finest = 0.1, coarsest = 20;
+  if (settings.tolerance)
+    ImGui::SliderScalar("tolerance", ImGuiDataType_Double, &*settings.tolerance, &finest, &coarsest, "%.2g %%",
+                        ImGuiSliderFlags_Logarithmic);
+  else
+    ImGui::SliderScalar("error", ImGuiDataType_Double, &settings.max_error, &least_error, &most_error, "%.2g",
+                        ImGuiSliderFlags_Logarithmic);
   // The streamer is opened again for another memory: only when the slider is let go.
   static constexpr std::uint64_t least = 16, most = 65536;
   std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
@@ -248,15 +274,11 @@ void Viewer::draw_hud() {
       resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
                                  frame->nodes_by_resolution[r]);
   const auto bytes = [](std::uint64_t count) { return bytes_text(static_cast<double>(count)); };
-  const double asked = session_->tolerance_shown(), drawn = frame->detail.tolerance_percent;
-  std::string detail = "coarse while it moves";
-  if (!frame->detail.goal) detail = fmt::format("tolerance {:.3g} %", asked);
-  if (!frame->detail.goal && drawn > asked) detail += fmt::format(" (memory allows {:.3g} %)", drawn);
   const FrameProgress& progress = frame->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
                                  1000 * session_->draw_seconds());
   text += fmt::format("{} points as {} splats\n{}", session_->info().point_count(), frame->splats, resolutions);
-  text += fmt::format("{}, an error of about {:.1g}\n", detail, frame->expected_error);
+  text += detail_text(*session_) + "\n";
   text += fmt::format("{} of {} in use, and {} to draw\n", bytes(statistics.bytes_resident),
                       bytes(session_->settings.memory), bytes(session_->device_bytes()));
   const std::string device = session_->device_text();

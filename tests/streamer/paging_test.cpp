@@ -235,7 +235,7 @@ TEST_P(Paging, AChangeForWhichThereIsNoRoomDoesNotFade) {
   const std::uint64_t splats = settle(*streamer, far_view(), 2).splats;
   settle(*streamer, far_view(), 10);
   DetailOptions detail = percent(2);
-  detail.device_bytes = splats * record_bytes(GetParam());
+  detail.device_splats = splats;
   const FrameSplats& frame = *streamer->advance(far_view(), test::opaque(), detail, long_enough, 0.1).value();
   EXPECT_EQ(frame.splats, splats);
   EXPECT_EQ(frame.progress.fading, 0u);

@@ -1,0 +1,205 @@
+// How a picture at rest gets finer.
+#include "viewer/sharpening.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+
+#include "builder/build.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+#include "viewer/session.h"
+
+namespace splatvol {
+namespace {
+
+constexpr double long_time = 1;  // seconds: longer than any change takes
+
+// Shows one pixel, of a given grey.
+class OnePixel final : public Rasterizer {
+ public:
+  Status set_transfer_function(const TransferFunction&, const DrawingUnits&) override { return {}; }
+  void set_lighting(const std::optional<Lighting>&) override {}
+  Status set_draw_list(const DrawList&) override { return {}; }
+  Result<FrameTimes> draw(const View&, SortMode, int) override { return FrameTimes{}; }
+  Result<Image> read_image() const override { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
+  std::uint64_t device_bytes() const override { return 0; }
+  std::string description() const override { return "one pixel"; }
+
+  float grey = 0;
+};
+
+FrameSplats frame_of(std::uint64_t splats, const DetailOptions& detail) {
+  FrameSplats frame;
+  frame.splats = splats;
+  frame.detail = detail;
+  return frame;
+}
+
+TEST(Sharpening, HalvesATolerance) {
+  Sharpening sharpening({.tolerance = 1.5});
+  const OnePixel pixel;
+  std::vector<double> tolerances;
+  while (!sharpening.is_done()) {
+    tolerances.push_back(sharpening.detail().tolerance_percent);
+    ASSERT_LT(tolerances.size(), 10U);
+    ASSERT_TRUE(sharpening.add(frame_of(100, sharpening.detail()), pixel));
+  }
+  EXPECT_EQ(tolerances, (std::vector<double>{4, 2, 1.5}));
+  EXPECT_FALSE(sharpening.error());
+}
+
+TEST(Sharpening, DrawsAllPointsAtOnce) {
+  Sharpening sharpening({.tolerance = 0});
+  EXPECT_EQ(sharpening.detail().tolerance_percent, 0);
+  ASSERT_TRUE(sharpening.add(frame_of(100, sharpening.detail()), OnePixel()));
+  EXPECT_TRUE(sharpening.is_done());
+}
+
+TEST(Sharpening, GrowsUntilPicturesDifferByLittle) {
+  Sharpening sharpening({.max_error = 0.01, .first_splats = 1000});
+  OnePixel pixel;
+  std::uint64_t before = 0;
+  int pictures = 0;
+  for (; !sharpening.is_done(); ++pictures) {
+    ASSERT_LT(pictures, 20);
+    const std::uint64_t splats = sharpening.detail().goal->max_splats;
+    EXPECT_GT(splats, before);
+    EXPECT_TRUE(pictures > 0 || splats == 1000);
+    pixel.grey = static_cast<float>(0.5 + 3 / std::sqrt(splats));
+    ASSERT_TRUE(sharpening.add(frame_of(splats, sharpening.detail()), pixel));
+    before = splats;
+  }
+  EXPECT_GE(pictures, 3);
+  EXPECT_TRUE(sharpening.has_reached());
+  EXPECT_LE(pixel.grey, 0.5 + 0.0125);
+  EXPECT_NEAR(*sharpening.error(), 3 / std::sqrt(before), 0.005);
+}
+
+TEST(Sharpening, EndsWhereMemoryDoes) {
+  Sharpening sharpening({.max_error = 0.001, .first_splats = 1000});
+  OnePixel pixel;
+  int pictures = 0;
+  for (; !sharpening.is_done(); ++pictures) {
+    ASSERT_LT(pictures, 20);
+    DetailOptions allowed = sharpening.detail();
+    allowed.goal->max_splats = std::min<std::uint64_t>(allowed.goal->max_splats, 5000);
+    pixel.grey = static_cast<float>(0.5 + 3 / std::sqrt(allowed.goal->max_splats));
+    ASSERT_TRUE(sharpening.add(frame_of(allowed.goal->max_splats, allowed), pixel));
+  }
+  EXPECT_LE(pictures, 4);
+  EXPECT_FALSE(sharpening.has_reached());
+  EXPECT_GT(*sharpening.error(), 0.001);
+}
+
+// A file with more points than are drawn at once.
+class SessionAtRest : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    ASSERT_NE(::mkdtemp(folder_.data()), nullptr);
+    const test::Mesh mesh = test::lattice(84, [](dvec3 p) { return p; });
+    test::PieceSource source(
+        {test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); })});
+    ASSERT_TRUE(build_volume(source, path(), {}, [](const char*, double) {}));
+  }
+  static void TearDownTestSuite() { std::filesystem::remove_all(folder_); }
+
+  static std::string path() { return folder_ + "/m.svol"; }
+
+  static std::unique_ptr<Session> open(const ViewSettings& settings) {
+    auto session = Session::open(path(), "", settings);
+    EXPECT_TRUE(session) << session.error().message;
+    return std::move(*session);
+  }
+  static ViewSettings on_processor() {
+    ViewSettings settings;
+    settings.device = Device::cpu;
+    settings.in_current_context = false;
+    return settings;
+  }
+  static void draw(Session& session, double seconds = long_time) {
+    const Status drawn = session.draw(200, 150, seconds);
+    ASSERT_TRUE(drawn) << drawn.error().message;
+  }
+  static Image settled(Session& session) {
+    int frames = 0;
+    do {
+      draw(session);
+    } while (!session.is_settled() && ++frames < 10000);
+    EXPECT_TRUE(session.is_settled());
+    return session.image().value();
+  }
+
+  static inline std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-viewer-rest-XXXXXX").string();
+};
+
+TEST_F(SessionAtRest, HasTheWantedError) {
+  ViewSettings exact = on_processor();
+  exact.tolerance = 0;
+  const auto of_all = open(exact);
+  const Image all = settled(*of_all);
+  EXPECT_EQ(of_all->frame()->splats, of_all->info().point_count());
+  for (const double error : {0.02, 0.005, default_max_error}) {
+    ViewSettings settings = on_processor();
+    settings.max_error = error;
+    const auto session = open(settings);
+    const Image image = settled(*session);
+    EXPECT_LE(compare_images(image, all)->rmse, 1.25 * error);
+    EXPECT_TRUE(session->sharpening()->has_reached());
+    EXPECT_LT(session->frame()->splats, session->info().point_count()) << error;
+  }
+}
+
+TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
+  ViewSettings settings = on_processor();
+  settings.max_error = 1e-4;
+  const auto session = open(settings);
+  settled(*session);
+  const std::uint64_t finest = session->frame()->splats;
+  session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
+  draw(*session, 0.01);
+  EXPECT_FALSE(session->sharpening()) << "it moves";
+  EXPECT_TRUE(session->frame()->detail.goal);
+
+  // The first picture at rest is not the finest: a user who moves again does not wait for it.
+  draw(*session, long_time);
+  ASSERT_TRUE(session->sharpening());
+  EXPECT_FALSE(session->is_settled());
+  EXPECT_LT(session->frame()->splats, finest / 4);
+  session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
+  draw(*session, 0.01);
+  EXPECT_FALSE(session->sharpening());
+  settled(*session);
+  EXPECT_GT(session->frame()->splats, finest / 4);
+
+  // Another error begins anew.
+  session->settings.max_error = 0.05;
+  draw(*session, 0.01);
+  EXPECT_FALSE(session->is_settled());
+  settled(*session);
+  EXPECT_LT(session->frame()->splats, finest);
+}
+
+TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
+  ViewSettings settings = on_processor();
+  settings.hurries = false;
+  const auto session = open(settings);
+  draw(*session, 0);
+  EXPECT_TRUE(session->sharpening());
+  const Image first = settled(*session);
+  const Camera camera = session->scene.camera;
+  session->scene.camera.position += dvec3(0.2);
+  const std::uint64_t finest = session->frame()->splats;
+  draw(*session, 0);
+  EXPECT_FALSE(session->is_settled());
+  EXPECT_LT(session->sharpening()->detail().goal->max_splats, finest / 2)
+      << "another view begins with a coarse picture";
+  settled(*session);
+  session->scene.camera = camera;
+  EXPECT_EQ(compare_images(first, settled(*session))->max, 0);
+}
+
+}  // namespace
+}  // namespace splatvol
