@@ -337,26 +337,64 @@ HWY_INLINE ChordRest rest_of_chord(Float u) {
 /// moments_near.frag: the splat's optical depth at an extinction of 1, and its value.
 struct NearSample {
   Float depth, mean, spread, light;
+  Mask inside;
 };
 
-HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& splat, Float t, float v, Float ray) {
-  const Vector3 d = vector_at(splat.direction, t, v), n = vector_at(splat.moment, t, v);
+/// What all forms of a near splat compute of a ray.
+struct NearChord {
+  Vector3 direction, middle;
+  Float square, root;  // of |d|, and its inverse
+  Float q;             // squared half length of the chord, in the ball
+};
+
+HWY_INLINE NearChord near_chord(const NearSplat& splat, Float t, float v) {
+  NearChord chord;
+  const Vector3 n = vector_at(splat.moment, t, v);
+  chord.direction = vector_at(splat.direction, t, v);
+  chord.square = dot(chord.direction, chord.direction);
+  chord.root = inverse_sqrt(chord.square);
+  const Float r = chord.root * chord.root;
+  chord.q = max(fnma(dot(n, n), r, 1.0F), 0.0F);
+  chord.middle = cross(chord.direction, n) * r;
+  return chord;
+}
+
+/// A splat that lies in front of the eye's plane: an ellipse, with one spread and one light.
+template <bool bounded>
+HWY_INLINE NearSample sample_ellipse(const NearSplat& splat, Float t, float v, Float ray) {
+  const NearChord chord = near_chord(splat, t, v);
+  const Vector3 gradient = vector_of(splat.gradient);
+  NearSample sample;
+  sample.depth = ray * chord.root * chord.q * chord.q * splat.strength;
+  sample.mean = dot(gradient, chord.middle) + splat.mean;
+  if constexpr (bounded) {
+    const Vector3 normal = vector_of(splat.normal);
+    const Float half_chord = max(sqrt(chord.q), 1e-20F);
+    const Float towards = dot(normal, chord.direction) * chord.root;
+    const ChordPart part = part_of_chord(-dot(normal, chord.middle) / (half_chord * max(abs(towards), 1e-12F)));
+    const Float along = dot(gradient, chord.direction) * chord.root * half_chord * part.mean;
+    sample.depth = sample.depth * part.share;
+    sample.mean = sample.mean + select(towards < Float(0.0F), -along, along);
+  }
+  return sample;
+}
+
+/// A splat that the eye's plane cuts or almost touches.
+HWY_INLINE NearSample sample_box(const FrameConstants& frame, const NearSplat& splat, const NearChord& at, Float t,
+                                 float v, Float ray) {
+  const Vector3 d = at.direction, gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
   const Float d_along = fma(t, splat.along[1], splat.along[0] + v * splat.along[2]);
-  const Vector3 gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
-  const Float square = dot(d, d), r = Float(1.0F) / square, root = sqrt(r);
-  const Float q = max(fnma(dot(n, n), r, 1.0F), 0.0F);
-  const Vector3 middle = cross(d, n) * r;
 
   // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
-  const Float half_chord = sqrt(q), least_half = max(half_chord, 1e-20F);
-  Float begin = clamp(d_along * root / least_half, -1.0F, 1.0F);
+  const Float half_chord = sqrt(at.q), least_half = max(half_chord, 1e-20F);
+  Float begin = clamp(d_along * at.root / least_half, -1.0F, 1.0F);
   Float end(1.0F);
   const Float normal_along = dot(normal, d);
   if (splat.stretch > 0) {
-    const Float towards = normal_along * root;
+    const Float towards = normal_along * at.root;
     const Mask enters = towards < Float(0.0F);
     const Float size = select(enters, min(towards, -1e-12F), max(towards, 1e-12F));
-    const Float cut = -dot(normal, middle) / (least_half * size);
+    const Float cut = -dot(normal, at.middle) / (least_half * size);
     end = select(enters, 1.0F, max(min(cut, 1.0F), begin));
     begin = select(enters, max(begin, min(cut, 1.0F)), begin);
   }
@@ -367,49 +405,99 @@ HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& 
   constexpr float by_whole = 0.848826363F;  // 8 / (3 pi)
   const Float along = dot(gradient, d);
   NearSample sample;
-  sample.depth = ray * root * q * q * mass * (splat.strength * by_whole);
-  sample.mean = fma(along * root * half_chord, clamp(mean_u, begin, end), dot(gradient, middle) + splat.mean);
-  if (splat.spread >= 0) {
-    sample.spread = splat.spread;
-    sample.light = splat.light;
-    return sample;
-  }
+  sample.depth = ray * at.root * at.q * at.q * mass * (splat.strength * by_whole);
+  sample.mean = fma(along * at.root * half_chord, clamp(mean_u, begin, end), dot(gradient, at.middle) + splat.mean);
   const Float stretch = normal_along * splat.stretch;
-  sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
+  sample.spread =
+      sqrt(fma(along, along / (fma(stretch, stretch, at.square) * (half_axis * half_axis)), splat.residual));
+  sample.light = frame.ambient;
+  if (frame.diffuse == 0) return sample;
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);
   const Float scatter = scatter_of(Float(splat.residual * (half_axis * half_axis)), dot(gradient, gradient));
   sample.light = fma(mean_cosine(cosine, scatter), frame.diffuse, frame.ambient);
   return sample;
 }
 
-HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
-                           TilePixels& pixels) {
-  const int lanes = lane_count();
-  const RowOutline shape(splat.outline);
-  NearRows rows;
-  for (int row = part.bottom; row < part.top; row += lanes) {
-    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
-    set_spans(span_of(splat.outline, shape, v), row_centres(splat.outline, shape, area, v), part, row, rows);
+HWY_INLINE void blend_near_sample(const NearSample& sample, Float light, const Material& material, Mask inside,
+                                  float* pixels) {
+  const Float depth = sample.depth * material.extinction;
+  const Mask sound = both(inside, is_finite(depth));
+  blend(only(sound, opacity(max(depth, 0.0F))), light, material, pixels);
+}
+
+HWY_INLINE Float column_of(const FrameConstants& frame, Float mean, Float columns) {
+  return fma(mean - 0.5F, columns, 0.5F * static_cast<float>(frame.table.columns - 1));
+}
+
+/// Blends a vector of pixels for each call.
+struct EllipseBlender {
+  const FrameConstants& frame;
+  const NearSplat& splat;
+  TableRow table;
+  std::int32_t row;
+
+  HWY_INLINE EllipseBlender(const FrameConstants& constants, const NearSplat& near)
+      : frame(constants), splat(near), table(table_row(constants.table, near.spread)), row(first_lane(table.row)) {}
+
+  template <bool bounded>
+  HWY_INLINE void blend_vector(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    const NearSample sample = sample_ellipse<bounded>(splat, t, v, ray);
+    const Float column = column_of(frame, sample.mean, table.columns);
+    blend_near_sample(sample, splat.light, look_up_row(frame.table, row, column, inside), inside, pixels);
   }
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    if (splat.stretch > 0)
+      blend_vector<true>(t, v, ray, inside, pixels);
+    else
+      blend_vector<false>(t, v, ray, inside, pixels);
+  }
+};
+
+struct BoxBlender {
+  const FrameConstants& frame;
+  const NearSplat& splat;
+
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    const NearChord chord = near_chord(splat, t, v);
+    inside = both(inside, chord.q > Float(0.0F));
+    if (!any(inside)) return;  // a box has many pixels beside its ellipsoid
+    const NearSample sample = sample_box(frame, splat, chord, t, v, ray);
+    const TableRow table = table_row(frame.table, sample.spread);
+    const Float column = column_of(frame, sample.mean, table.columns);
+    const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
+    blend_near_sample(sample, select(inside, sample.light, 0.0F), material, inside, pixels);
+  }
+};
+
+template <class Blender>
+HWY_INLINE void blend_near_rows(const FrameConstants& frame, const NearSplat& splat, const TileArea& area,
+                                const Part& part, const NearRows& rows, const Blender& blender, TilePixels& pixels) {
   const float by_focal = frame.orthographic ? 0.0F : 1.0F / frame.focal;
   for (int row = part.bottom; row < part.top; ++row) {
     const float y = static_cast<float>(area.bottom + row) + 0.5F;
     const float v = y - splat.outline.y, tangent_y = (y - 0.5F * frame.height) * by_focal;
-    for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
+    for (int x = rows.begin[row]; x < rows.end[row]; x += lane_count()) {
       const Float at = lane_numbers() + (static_cast<float>(x) + 0.5F);
       const Mask inside = at < Float(static_cast<float>(rows.end[row]));
       const Float tangent_x = (at + (static_cast<float>(area.left) - 0.5F * frame.width)) * by_focal;
       const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
-      const NearSample sample = sample_near(frame, splat, at - rows.centre[row], v, ray);
-      const TableRow table = table_row(frame.table, sample.spread);
-      const Float column = fma(sample.mean - 0.5F, table.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
-      const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
-      const Float depth = sample.depth * material.extinction;
-      const Mask sound = both(inside, is_finite(depth));
-      blend(only(sound, opacity(max(depth, 0.0F))), select(sound, sample.light, 0.0F), material,
-            pixels.values.data() + row * TilePixels::row_stride + x);
+      blender(at - rows.centre[row], v, ray, inside, pixels.values.data() + row * TilePixels::row_stride + x);
     }
   }
+}
+
+HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
+                           TilePixels& pixels) {
+  const RowOutline shape(splat.outline);
+  NearRows rows;
+  for (int row = part.bottom; row < part.top; row += lane_count()) {
+    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
+    set_spans(span_of(splat.outline, shape, v), row_centres(splat.outline, shape, area, v), part, row, rows);
+  }
+  if (splat.spread >= 0)
+    blend_near_rows(frame, splat, area, part, rows, EllipseBlender(frame, splat), pixels);
+  else
+    blend_near_rows(frame, splat, area, part, rows, BoxBlender{frame, splat}, pixels);
 }
 
 /// Splats of a tile are far apart in memory.
