@@ -4,7 +4,7 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
-#define SPLATVOL_LANES 8
+#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
 #include "renderer/cpu/targets.h"
