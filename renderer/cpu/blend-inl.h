@@ -73,20 +73,22 @@ HWY_INLINE Material select(Mask mask, const Material& yes, const Material& no) {
           select(mask, yes.extinction, no.extinction)};
 }
 
-/// Looks up any columns of a row in the lanes of the mask: window by window, which is faster than gathering.
+/// Looks up any columns of a row in the lanes of the mask: window by window, which is faster than gathering. Most often
+/// one window has all of them. Other lanes get some material.
 HWY_INLINE Material look_up_row(const TableView& table, int row, Float column, Mask inside) {
   const Float at = clamp(column, 0.0F, static_cast<float>(table.columns - 1));
   const Float rounded = (at - 0.5F) + rounding;
   const Float u = (at - 0.5F) - (rounded - rounding);
   const Int zero_bits = bits_as_int(Float(rounding));
-  Int left = max(min(bits_as_int(rounded) - zero_bits, Int(table.columns - 2)), Int(0));
-  const std::int32_t last = first_lane(largest_of(select_int(inside, left, 0)));
+  const Int left = max(min(bits_as_int(rounded) - zero_bits, Int(table.columns - 2)), Int(0));
+  const Int lanes(lane_count() - 1);
   std::int32_t first = first_lane(smallest_of(select_int(inside, left, table.columns)));
-  Material material{0.0F, 0.0F, 0.0F, 0.0F};
-  for (; first <= last; first += lane_count()) {
-    const Int local = left - Int(first);
-    const Mask here = mask_of(hn::And(hn::Gt(local.v, Int(-1).v), hn::Lt(local.v, Int(lane_count()).v)));
-    material = select(here, TableWindow(table.levels[0], row, first).look_up(local, u), material);
+  Material material = TableWindow(table.levels[0], row, first).look_up(left - Int(first), u);
+  Mask rest = both(inside, mask_of(hn::Gt(left.v, (lanes + Int(first)).v)));
+  while (any(rest)) {
+    first = first_lane(smallest_of(select_int(rest, left, table.columns)));
+    material = select(rest, TableWindow(table.levels[0], row, first).look_up(left - Int(first), u), material);
+    rest = both(rest, mask_of(hn::Gt(left.v, (lanes + Int(first)).v)));
   }
   return material;
 }

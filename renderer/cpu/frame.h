@@ -91,16 +91,19 @@ struct PixelBounds {
 
 /// Where a splat is drawn: pixel (x, y) + s.x (width, skew) + s.y (0, height), where s.x and s.y lie in [-reach, reach]
 /// and 1 - s^2 is positive. Polynomials have the variables v, the height over the centre, and t. In a row of pixels, t
-/// counts from the pixel with the smallest s^2.
+/// counts from the pixel with the smallest s^2. In other words, 1 - s^2 = 1 - v^2 inverse_height2 - t^2 inverse_width2.
 struct EllipseOutline {
-  float x, y;  // centre, pixels
-  float width, skew, height;
-  float reach;  // negative for a box: all pixels of the bounds are drawn, and t counts from the centre
+  float x, y;             // centre, pixels
+  float reach;            // negative for a box: all pixels of the bounds are drawn, and t counts from the centre
+  float shear;            // pixels from the centre to t = 0, by v
+  float inverse_width2;   // of the half width in the row through the centre; 0: a box
+  float inverse_height2;  // of the half height; 0: a box
+  float by_width, by_height, skew;  // 1 / width, 1 / height
 };
 
 /// A splat of the kernel moments that is far away (docs/design.md): polynomials of (t, v) with the coefficients of 1,
-/// t, v, t^2, t v, v^2.
-struct FarSplat {
+/// t, v, t^2, t v, v^2. Fills two cache lines.
+struct alignas(64) FarSplat {
   EllipseOutline outline;
   std::array<float, 6> depth;    // optical depth at an extinction and 1 - s^2 of 1
   std::array<float, 6> column;   // of the table, in the middle of the chord
@@ -108,8 +111,9 @@ struct FarSplat {
   float along;                   // columns from the middle to the end of the chord, at 1 - s^2 of 1; 0: no boundary
   std::array<float, 3> cutting;  // linear: where the boundary cuts the chord, times sqrt(1 - s^2)
   std::int32_t row;              // of the table: number of its first entry
+  float column_reach;            // columns lie at most so far from column[0]
 };
-static_assert(sizeof(FarSplat) == 96);
+static_assert(sizeof(FarSplat) == 128);
 
 /// A vector that is linear in (t, v).
 struct LinearVector {
@@ -131,7 +135,7 @@ struct NearSplat {
   float stretch;
   float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
 };
-static_assert(sizeof(NearSplat) == 160);
+static_assert(sizeof(NearSplat) == 172);
 
 /// A splat of the kernel octant: a round Gaussian, whose alpha falls as 2^-(distance^2).
 struct GaussianSplat {

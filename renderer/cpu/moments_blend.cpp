@@ -4,7 +4,7 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
-#define SPLATVOL_LANES 8
+#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
 #include "renderer/cpu/targets.h"
@@ -42,22 +42,6 @@ HWY_INLINE Part part_of(const PixelBounds& bounds, const TileArea& area) {
           std::min(bounds.right - area.left, area.width), std::min(bounds.top - area.bottom, area.height)};
 }
 
-/// An outline in rows of pixels.
-struct RowOutline {
-  float shear;            // where s^2 is smallest in a row, by v
-  float inverse_height2;  // of the ellipse's half height; 0: a box
-  float inverse_width2;   // of its half width in the row through the centre
-
-  HWY_INLINE explicit RowOutline(const EllipseOutline& outline) {
-    const float height2 = outline.skew * outline.skew + outline.height * outline.height;
-    inverse_height2 = 1 / height2;
-    shear = outline.width * outline.skew * inverse_height2;
-    const float by_width = 1 / (outline.width * outline.height);
-    inverse_width2 = height2 * by_width * by_width;
-    if (outline.reach < 0) inverse_height2 = inverse_width2 = 0;
-  }
-};
-
 /// An interval of t in each of some rows.
 struct Span {
   Float low, high;
@@ -73,15 +57,15 @@ HWY_INLINE void cut(Float constant, float slope, float reach, Span& span) {
 }
 
 /// Returns where the splat is drawn in rows of pixels.
-HWY_INLINE Span span_of(const EllipseOutline& outline, const RowOutline& shape, Float v) {
+HWY_INLINE Span span_of(const EllipseOutline& outline, Float v) {
   if (outline.reach < 0) return {-1e9F, 1e9F};
-  const Float rest = max(fma(v * v, -shape.inverse_height2, 1.0F), 0.0F);
-  const Float half = sqrt(rest * (1.0F / shape.inverse_width2));
+  const Float rest = max(fma(v * v, -outline.inverse_height2, 1.0F), 0.0F);
+  const Float half = sqrt(rest * (1.0F / outline.inverse_width2));
   Span span{-half, half};
   if (outline.reach < 1) {
-    const float by_width = 1 / outline.width, by_height = 1 / outline.height, turn = outline.skew * by_width;
-    cut(v * (shape.shear * by_width), by_width, outline.reach, span);
-    cut(v * ((1 - turn * shape.shear) * by_height), -turn * by_height, outline.reach, span);
+    const float by_width = outline.by_width, by_height = outline.by_height, turn = outline.skew * by_width;
+    cut(v * (outline.shear * by_width), by_width, outline.reach, span);
+    cut(v * ((1 - turn * outline.shear) * by_height), -turn * by_height, outline.reach, span);
   }
   return span;
 }
@@ -95,18 +79,18 @@ HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int 
   store(truncate(hn::Ceil(clamp(centre + span.high - 0.5F, left, right).v)), rows.end.data() + row);
 }
 
-HWY_INLINE Float row_centres(const EllipseOutline& outline, const RowOutline& shape, const TileArea& area, Float v) {
-  return fma(v, shape.shear, outline.x - static_cast<float>(area.left));
+HWY_INLINE Float row_centres(const EllipseOutline& outline, const TileArea& area, Float v) {
+  return fma(v, outline.shear, outline.x - static_cast<float>(area.left));
 }
 
-HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const RowOutline& shape,
-                         const TileArea& area, const Part& part, FarRows& rows) {
+HWY_INLINE void set_rows(const FarSplat& splat, const std::array<float, 6>& c, const TileArea& area, const Part& part,
+                         FarRows& rows) {
   const auto& d = splat.depth;
   for (int row = part.bottom; row < part.top; row += lane_count()) {
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
-    const Span span = span_of(splat.outline, shape, v);
-    set_spans(span, row_centres(splat.outline, shape, area, v), part, row, rows);
-    store(fma(v * v, -shape.inverse_height2, 1.0F), rows.ellipse.data() + row);
+    const Span span = span_of(splat.outline, v);
+    set_spans(span, row_centres(splat.outline, area, v), part, row, rows);
+    store(fma(v * v, -splat.outline.inverse_height2, 1.0F), rows.ellipse.data() + row);
     store(fma(v, fma(v, d[5], d[2]), d[0]), rows.depth.data() + row);
     store(fma(v, d[4], d[1]), rows.depth_slope.data() + row);
     store(fma(v, fma(v, c[5], c[2]), c[0]), rows.column.data() + row);
@@ -139,13 +123,8 @@ struct ColumnRange {
   float low, high;
 };
 
-HWY_INLINE ColumnRange column_range(const FarSplat& splat, const RowOutline& shape) {
-  const auto& c = splat.column;
-  const float height = std::sqrt(1 / shape.inverse_height2), width = std::sqrt(1 / shape.inverse_width2);
-  const float away = std::sqrt(c[1] * c[1] * width * width + c[2] * c[2] * height * height) +
-                     std::abs(c[3]) * width * width + std::abs(c[4]) * width * height * 0.5F +
-                     std::abs(c[5]) * height * height + std::abs(splat.along);
-  return {c[0] - away, c[0] + away};
+HWY_INLINE ColumnRange column_range(const FarSplat& splat) {
+  return {splat.column[0] - splat.column_reach, splat.column[0] + splat.column_reach};
 }
 
 /// The level of the table of which one window has all columns that a splat needs in a tile, and the window's first
@@ -184,10 +163,10 @@ struct FarSample {
 };
 
 template <bool bounded>
-HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float along, const RowOutline& shape,
-                                const FarRows& rows, int row, int x) {
+HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float along, const FarRows& rows, int row,
+                                int x) {
   const Float t = lane_numbers() + (static_cast<float>(x) + 0.5F - rows.centre[row]);
-  const Float w = max(fma(t * t, -shape.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
+  const Float w = max(fma(t * t, -splat.outline.inverse_width2, rows.ellipse[row]), bounded ? 1e-12F : 0.0F);
   FarSample sample;
   sample.inside = lane_numbers() < Float(static_cast<float>(rows.end[row] - x));
   sample.depth = fma(t, fma(t, splat.depth[3], rows.depth_slope[row]), rows.depth[row]) * (w * w);
@@ -219,26 +198,25 @@ HWY_INLINE std::array<float, 6> columns_of(const FarSplat& splat, const WindowCh
 /// Blends a splat that no row of pixels has more of than a vector has lanes. Rows need no spans: outside of the ellipse
 /// nothing is drawn.
 template <bool bounded, bool cut_off, bool one_window>
-HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
-                            const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
+                            const WindowChoice& choice, TilePixels& pixels) {
   const EllipseOutline& outline = splat.outline;
   const auto& d = splat.depth;
   const std::array<float, 6> c = columns_of(splat, choice);
   const float along = splat.along * choice.scale;
   const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
                            one_window ? static_cast<int>(choice.first) : 0);
-  const float by_width = 1 / outline.width, by_height = 1 / outline.height;
   const Float x = lane_numbers() + (static_cast<float>(area.left + part.left) + 0.5F - outline.x);
   const Mask in_part = lane_numbers() < Float(static_cast<float>(part.right - part.left));
   float v = static_cast<float>(area.bottom + part.bottom) + 0.5F - outline.y;
   for (int row = part.bottom; row < part.top; ++row, v += 1) {
-    const Float y(v), t = fma(y, -shape.shear, x);
-    const Float ellipse = fma(t * t, -shape.inverse_width2, fma(y * y, -shape.inverse_height2, 1.0F));
+    const Float y(v), t = fma(y, -outline.shear, x);
+    const Float ellipse = fma(t * t, -outline.inverse_width2, fma(y * y, -outline.inverse_height2, 1.0F));
     const Float w = max(ellipse, bounded ? 1e-12F : 0.0F);
     FarSample sample;
     sample.inside = in_part;
     if constexpr (cut_off) {
-      const Float s_x = x * by_width, s_y = fma(s_x, -outline.skew, y) * by_height;
+      const Float s_x = x * outline.by_width, s_y = fma(s_x, -outline.skew, y) * outline.by_height;
       sample.inside = both(in_part, max(abs(s_x), abs(s_y)) <= Float(outline.reach));
     }
     const Float slope = fma(y, d[4], d[1]), column_slope = fma(y, c[4], c[1]);
@@ -263,18 +241,18 @@ HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, 
 }
 
 template <bool bounded, bool one_window>
-HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, const RowOutline& shape,
-                           const TileArea& area, const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
+                           const WindowChoice& choice, TilePixels& pixels) {
   const int lanes = lane_count();
   const std::array<float, 6> columns = columns_of(splat, choice);
   FarRows rows;
-  set_rows(splat, columns, shape, area, part, rows);
+  set_rows(splat, columns, area, part, rows);
   const Float light(splat.light);
   const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
                            one_window ? static_cast<int>(choice.first) : 0);
   for (int row = part.bottom; row < part.top; ++row)
     for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
-      const FarSample sample = sample_far<bounded>(splat, columns[3], splat.along * choice.scale, shape, rows, row, x);
+      const FarSample sample = sample_far<bounded>(splat, columns[3], splat.along * choice.scale, rows, row, x);
       Material material;
       if constexpr (one_window) {
         const Float rounded = sample.column + rounding;
@@ -289,17 +267,16 @@ HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, c
 template <bool bounded>
 HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                           TilePixels& pixels) {
-  const RowOutline shape(splat.outline);
-  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat, shape));
+  const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat));
   const bool small = part.right - part.left <= lane_count(), one_window = choice.level >= 0;
   if (small && one_window && splat.outline.reach < 1)
-    blend_small<bounded, true, true>(frame, splat, shape, area, part, choice, pixels);
+    blend_small<bounded, true, true>(frame, splat, area, part, choice, pixels);
   else if (small && one_window)
-    blend_small<bounded, false, true>(frame, splat, shape, area, part, choice, pixels);
+    blend_small<bounded, false, true>(frame, splat, area, part, choice, pixels);
   else if (one_window)
-    blend_rows<bounded, true>(frame, splat, shape, area, part, choice, pixels);
+    blend_rows<bounded, true>(frame, splat, area, part, choice, pixels);
   else
-    blend_rows<bounded, false>(frame, splat, shape, area, part, choice, pixels);
+    blend_rows<bounded, false>(frame, splat, area, part, choice, pixels);
 }
 
 /// The rows of pixels of a splat in a tile.
@@ -337,26 +314,64 @@ HWY_INLINE ChordRest rest_of_chord(Float u) {
 /// moments_near.frag: the splat's optical depth at an extinction of 1, and its value.
 struct NearSample {
   Float depth, mean, spread, light;
+  Mask inside;
 };
 
-HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& splat, Float t, float v, Float ray) {
-  const Vector3 d = vector_at(splat.direction, t, v), n = vector_at(splat.moment, t, v);
+/// What all forms of a near splat compute of a ray.
+struct NearChord {
+  Vector3 direction, middle;
+  Float square, root;  // of |d|, and its inverse
+  Float q;             // squared half length of the chord, in the ball
+};
+
+HWY_INLINE NearChord near_chord(const NearSplat& splat, Float t, float v) {
+  NearChord chord;
+  const Vector3 n = vector_at(splat.moment, t, v);
+  chord.direction = vector_at(splat.direction, t, v);
+  chord.square = dot(chord.direction, chord.direction);
+  chord.root = inverse_sqrt(chord.square);
+  const Float r = chord.root * chord.root;
+  chord.q = max(fnma(dot(n, n), r, 1.0F), 0.0F);
+  chord.middle = cross(chord.direction, n) * r;
+  return chord;
+}
+
+/// A splat that lies in front of the eye's plane: an ellipse, with one spread and one light.
+template <bool bounded>
+HWY_INLINE NearSample sample_ellipse(const NearSplat& splat, Float t, float v, Float ray) {
+  const NearChord chord = near_chord(splat, t, v);
+  const Vector3 gradient = vector_of(splat.gradient);
+  NearSample sample;
+  sample.depth = ray * chord.root * chord.q * chord.q * splat.strength;
+  sample.mean = dot(gradient, chord.middle) + splat.mean;
+  if constexpr (bounded) {
+    const Vector3 normal = vector_of(splat.normal);
+    const Float half_chord = max(sqrt(chord.q), 1e-20F);
+    const Float towards = dot(normal, chord.direction) * chord.root;
+    const ChordPart part = part_of_chord(-dot(normal, chord.middle) / (half_chord * max(abs(towards), 1e-12F)));
+    const Float along = dot(gradient, chord.direction) * chord.root * half_chord * part.mean;
+    sample.depth = sample.depth * part.share;
+    sample.mean = sample.mean + select(towards < Float(0.0F), -along, along);
+  }
+  return sample;
+}
+
+/// A splat that the eye's plane cuts or almost touches.
+HWY_INLINE NearSample sample_box(const FrameConstants& frame, const NearSplat& splat, const NearChord& at, Float t,
+                                 float v, Float ray) {
+  const Vector3 d = at.direction, gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
   const Float d_along = fma(t, splat.along[1], splat.along[0] + v * splat.along[2]);
-  const Vector3 gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
-  const Float square = dot(d, d), r = Float(1.0F) / square, root = sqrt(r);
-  const Float q = max(fnma(dot(n, n), r, 1.0F), 0.0F);
-  const Vector3 middle = cross(d, n) * r;
 
   // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
-  const Float half_chord = sqrt(q), least_half = max(half_chord, 1e-20F);
-  Float begin = clamp(d_along * root / least_half, -1.0F, 1.0F);
+  const Float half_chord = sqrt(at.q), least_half = max(half_chord, 1e-20F);
+  Float begin = clamp(d_along * at.root / least_half, -1.0F, 1.0F);
   Float end(1.0F);
   const Float normal_along = dot(normal, d);
   if (splat.stretch > 0) {
-    const Float towards = normal_along * root;
+    const Float towards = normal_along * at.root;
     const Mask enters = towards < Float(0.0F);
     const Float size = select(enters, min(towards, -1e-12F), max(towards, 1e-12F));
-    const Float cut = -dot(normal, middle) / (least_half * size);
+    const Float cut = -dot(normal, at.middle) / (least_half * size);
     end = select(enters, 1.0F, max(min(cut, 1.0F), begin));
     begin = select(enters, max(begin, min(cut, 1.0F)), begin);
   }
@@ -367,49 +382,98 @@ HWY_INLINE NearSample sample_near(const FrameConstants& frame, const NearSplat& 
   constexpr float by_whole = 0.848826363F;  // 8 / (3 pi)
   const Float along = dot(gradient, d);
   NearSample sample;
-  sample.depth = ray * root * q * q * mass * (splat.strength * by_whole);
-  sample.mean = fma(along * root * half_chord, clamp(mean_u, begin, end), dot(gradient, middle) + splat.mean);
-  if (splat.spread >= 0) {
-    sample.spread = splat.spread;
-    sample.light = splat.light;
-    return sample;
-  }
+  sample.depth = ray * at.root * at.q * at.q * mass * (splat.strength * by_whole);
+  sample.mean = fma(along * at.root * half_chord, clamp(mean_u, begin, end), dot(gradient, at.middle) + splat.mean);
   const Float stretch = normal_along * splat.stretch;
-  sample.spread = sqrt(fma(along, along / (fma(stretch, stretch, square) * (half_axis * half_axis)), splat.residual));
+  sample.spread =
+      sqrt(fma(along, along / (fma(stretch, stretch, at.square) * (half_axis * half_axis)), splat.residual));
+  sample.light = frame.ambient;
+  if (frame.diffuse == 0) return sample;
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);
   const Float scatter = scatter_of(Float(splat.residual * (half_axis * half_axis)), dot(gradient, gradient));
   sample.light = fma(mean_cosine(cosine, scatter), frame.diffuse, frame.ambient);
   return sample;
 }
 
-HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
-                           TilePixels& pixels) {
-  const int lanes = lane_count();
-  const RowOutline shape(splat.outline);
-  NearRows rows;
-  for (int row = part.bottom; row < part.top; row += lanes) {
-    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
-    set_spans(span_of(splat.outline, shape, v), row_centres(splat.outline, shape, area, v), part, row, rows);
+HWY_INLINE void blend_near_sample(const NearSample& sample, Float light, const Material& material, Mask inside,
+                                  float* pixels) {
+  const Float depth = sample.depth * material.extinction;
+  const Mask sound = both(inside, is_finite(depth));
+  blend(only(sound, opacity(max(depth, 0.0F))), light, material, pixels);
+}
+
+HWY_INLINE Float column_of(const FrameConstants& frame, Float mean, Float columns) {
+  return fma(mean - 0.5F, columns, 0.5F * static_cast<float>(frame.table.columns - 1));
+}
+
+/// Blends a vector of pixels for each call.
+struct EllipseBlender {
+  const FrameConstants& frame;
+  const NearSplat& splat;
+  TableRow table;
+  std::int32_t row;
+
+  HWY_INLINE EllipseBlender(const FrameConstants& constants, const NearSplat& near)
+      : frame(constants), splat(near), table(table_row(constants.table, near.spread)), row(first_lane(table.row)) {}
+
+  template <bool bounded>
+  HWY_INLINE void blend_vector(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    const NearSample sample = sample_ellipse<bounded>(splat, t, v, ray);
+    const Float column = column_of(frame, sample.mean, table.columns);
+    blend_near_sample(sample, splat.light, look_up_row(frame.table, row, column, inside), inside, pixels);
   }
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    if (splat.stretch > 0)
+      blend_vector<true>(t, v, ray, inside, pixels);
+    else
+      blend_vector<false>(t, v, ray, inside, pixels);
+  }
+};
+
+struct BoxBlender {
+  const FrameConstants& frame;
+  const NearSplat& splat;
+
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+    const NearChord chord = near_chord(splat, t, v);
+    inside = both(inside, chord.q > Float(0.0F));
+    if (!any(inside)) return;  // a box has many pixels beside its ellipsoid
+    const NearSample sample = sample_box(frame, splat, chord, t, v, ray);
+    const TableRow table = table_row(frame.table, sample.spread);
+    const Float column = column_of(frame, sample.mean, table.columns);
+    const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
+    blend_near_sample(sample, select(inside, sample.light, 0.0F), material, inside, pixels);
+  }
+};
+
+template <class Blender>
+HWY_INLINE void blend_near_rows(const FrameConstants& frame, const NearSplat& splat, const TileArea& area,
+                                const Part& part, const NearRows& rows, const Blender& blender, TilePixels& pixels) {
   const float by_focal = frame.orthographic ? 0.0F : 1.0F / frame.focal;
   for (int row = part.bottom; row < part.top; ++row) {
     const float y = static_cast<float>(area.bottom + row) + 0.5F;
     const float v = y - splat.outline.y, tangent_y = (y - 0.5F * frame.height) * by_focal;
-    for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
+    for (int x = rows.begin[row]; x < rows.end[row]; x += lane_count()) {
       const Float at = lane_numbers() + (static_cast<float>(x) + 0.5F);
       const Mask inside = at < Float(static_cast<float>(rows.end[row]));
       const Float tangent_x = (at + (static_cast<float>(area.left) - 0.5F * frame.width)) * by_focal;
       const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
-      const NearSample sample = sample_near(frame, splat, at - rows.centre[row], v, ray);
-      const TableRow table = table_row(frame.table, sample.spread);
-      const Float column = fma(sample.mean - 0.5F, table.columns, 0.5F * static_cast<float>(frame.table.columns - 1));
-      const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
-      const Float depth = sample.depth * material.extinction;
-      const Mask sound = both(inside, is_finite(depth));
-      blend(only(sound, opacity(max(depth, 0.0F))), select(sound, sample.light, 0.0F), material,
-            pixels.values.data() + row * TilePixels::row_stride + x);
+      blender(at - rows.centre[row], v, ray, inside, pixels.values.data() + row * TilePixels::row_stride + x);
     }
   }
+}
+
+HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
+                           TilePixels& pixels) {
+  NearRows rows;
+  for (int row = part.bottom; row < part.top; row += lane_count()) {
+    const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
+    set_spans(span_of(splat.outline, v), row_centres(splat.outline, area, v), part, row, rows);
+  }
+  if (splat.spread >= 0)
+    blend_near_rows(frame, splat, area, part, rows, EllipseBlender(frame, splat), pixels);
+  else
+    blend_near_rows(frame, splat, area, part, rows, BoxBlender{frame, splat}, pixels);
 }
 
 /// Splats of a tile are far apart in memory.

@@ -1,6 +1,7 @@
 // Projects splats of the kernel moments: a splat in each lane.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 
 #include "renderer/cpu/moments_kernel.h"
@@ -528,7 +529,7 @@ struct Fields {
     std::memcpy(to, line.data(), sizeof(line));
   }
 };
-using FarFields = Fields<sizeof(FarSplat) / 4>;
+using FarFields = Fields<(offsetof(FarSplat, column_reach) + sizeof(float)) / 4>;
 using NearFields = Fields<sizeof(NearSplat) / 4>;
 
 /// A splat between outline and fields.
@@ -536,6 +537,7 @@ struct Screen {
   Float x, y;        // centre, pixels
   Vector2 e_1, e_2;  // of the outline, pixels
   Float reach;
+  Float height2;  // of the half height, squared
   ToPixels to_pixels;
 };
 
@@ -545,8 +547,8 @@ HWY_INLINE Screen make_screen(const Outline& outline, Vector2 half_image, float 
   screen.y = (outline.middle.y + half_image.y) * focal;
   screen.e_1 = outline.e_1 * focal;
   screen.e_2 = outline.e_2 * focal;
-  const Float height2 = fma(screen.e_1.y, screen.e_1.y, screen.e_2.y * screen.e_2.y);
-  const Float inverse_height2 = Float(1.0F) / height2;
+  screen.height2 = fma(screen.e_1.y, screen.e_1.y, screen.e_2.y * screen.e_2.y);
+  const Float inverse_height2 = Float(1.0F) / screen.height2;
   const Float by_width = Float(1.0F) / screen.e_1.x;
   screen.to_pixels = {by_width, screen.e_1.y * inverse_height2, -(screen.e_1.y * by_width) / screen.e_2.y,
                       screen.e_2.y * inverse_height2};
@@ -556,12 +558,17 @@ HWY_INLINE Screen make_screen(const Outline& outline, Vector2 half_image, float 
 
 template <int count>
 HWY_INLINE void add_outline(const Screen& screen, Mask near, Fields<count>& fields) {
+  const Float by_width = screen.to_pixels.x_t, by_height = Float(1.0F) / screen.e_2.y;
+  const Float inverse_height2 = Float(1.0F) / screen.height2, by_area = by_width * by_height;
   fields.add(screen.x);
   fields.add(screen.y);
-  fields.add(screen.e_1.x);
-  fields.add(screen.e_1.y);
-  fields.add(screen.e_2.y);
   fields.add(select(near, -1.0F, screen.reach));
+  fields.add(screen.e_1.x * screen.e_1.y * inverse_height2);
+  fields.add(select(near, 0.0F, screen.height2 * by_area * by_area));
+  fields.add(select(near, 0.0F, inverse_height2));
+  fields.add(by_width);
+  fields.add(by_height);
+  fields.add(screen.e_1.y);
 }
 
 /// What the middle of an outline has; it serves all of an ellipse.
@@ -582,6 +589,16 @@ HWY_INLINE Middle make_middle(const FrameConstants& frame, const Body& body, con
   return {along, spread, fma(mean_cosine(cosine, value.scatter), frame.diffuse, frame.ambient)};
 }
 
+/// Returns the most columns between the middle of an outline and any of its pixels. `end`: from the middle to the end
+/// of a chord there.
+HWY_INLINE Float reach_of(const Polynomial& column, Float end, const Screen& screen) {
+  const Float width2 = screen.e_1.x * screen.e_1.x * screen.e_2.y * screen.e_2.y / screen.height2;
+  const Float height2 = screen.height2;
+  const Float linear = sqrt(fma(column.slope.x * column.slope.x, width2, column.slope.y * column.slope.y * height2));
+  const Float bent = fma(abs(column.bend.x), width2, abs(column.bend.z) * height2);
+  return linear + bent + fma(abs(column.bend.y) * 0.5F, sqrt(width2 * height2), abs(end));
+}
+
 /// Sets the far form: moments_project.glsl explains it.
 HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, const Value& value, const Rays& rays,
                                const Terms& terms, const Middle& middle, const Screen& screen, FarFields& fields) {
@@ -596,7 +613,8 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
   const Polynomial depth = scaled(product(power(terms.g_change, -2.5F), power(terms.ray_change, 0.5F)),
                                   terms.depth * terms.ray * inverse_g * inverse_g * root_g);
   fields.add(in_pixels(depth, screen.to_pixels));
-  fields.add(in_pixels(column, screen.to_pixels));
+  const Polynomial column_in_pixels = in_pixels(column, screen.to_pixels);
+  fields.add(column_in_pixels);
   fields.add(middle.light);
 
   // The boundary.
@@ -613,11 +631,13 @@ HWY_INLINE void set_far_fields(const FrameConstants& frame, const Body& body, co
                       (cutting.slope.y - turn * towards.z) * inverse_size};
   const ToPixels& m = screen.to_pixels;
   const Float end = middle.along * row.columns * root_kappa * inverse_g;
-  fields.add(only(bounded, select(towards.x < Float(0.0F), -end, end)));
+  const Float signed_end = only(bounded, select(towards.x < Float(0.0F), -end, end));
+  fields.add(signed_end);
   fields.add(select(bounded, cutting.constant * inverse_size, 1e18F));
   fields.add(only(bounded, fma(slope.x, m.x_t, slope.y * m.y_t)));
   fields.add(only(bounded, fma(slope.x, m.x_v, slope.y * m.y_v)));
   fields.add(bits_as_float(row.row));
+  fields.add(reach_of(column_in_pixels, signed_end, screen));
 }
 
 HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const ToPixels& m, NearFields& fields) {
