@@ -95,6 +95,8 @@ TEST_F(Svview, SaysWhatIsWrong) {
   refuses(path("v.svol") + " --replay " + path("bad.jsonl"), 1, "bad.jsonl:1");
   refuses(path("v.svol") + " --screenshot " + path("a.txt"), 2, "a.txt");
   refuses(path("v.svol") + " --size 0x5", 2, "0x5");
+  refuses(path("v.svol") + " --max-error 0 --screenshot " + path("a.png"), 2, "not a number above 0");
+  refuses(path("v.svol") + " --max-error 0.01 --tolerance 1 --screenshot " + path("a.png"), 2, "excludes");
   refuses(path("v.svol") + " --play " + path("none.json") + " --frames " + path("."), 1, "none.json");
   refuses(path("v.svol"), 1, "no window");  // without a display
   EXPECT_FALSE(fs::exists(path("a.png")));

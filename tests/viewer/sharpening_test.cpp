@@ -98,15 +98,15 @@ TEST(Sharpening, EndsWhereMemoryDoes) {
 class SessionAtRest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    ASSERT_NE(::mkdtemp(folder_.data()), nullptr);
+    ASSERT_NE(::mkdtemp(folder.data()), nullptr);
     const test::Mesh mesh = test::lattice(84, [](dvec3 p) { return p; });
     test::PieceSource source(
         {test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); })});
     ASSERT_TRUE(build_volume(source, path(), {}, [](const char*, double) {}));
   }
-  static void TearDownTestSuite() { std::filesystem::remove_all(folder_); }
+  static void TearDownTestSuite() { std::filesystem::remove_all(folder); }
 
-  static std::string path() { return folder_ + "/m.svol"; }
+  static std::string path() { return folder + "/m.svol"; }
 
   static std::unique_ptr<Session> open(const ViewSettings& settings) {
     auto session = Session::open(path(), "", settings);
@@ -132,7 +132,7 @@ class SessionAtRest : public testing::Test {
     return session.image().value();
   }
 
-  static inline std::string folder_ = (std::filesystem::temp_directory_path() / "splatvol-viewer-rest-XXXXXX").string();
+  static inline std::string folder = (std::filesystem::temp_directory_path() / "splatvol-viewer-rest-XXXXXX").string();
 };
 
 TEST_F(SessionAtRest, HasTheWantedError) {
