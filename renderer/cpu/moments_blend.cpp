@@ -281,28 +281,35 @@ HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, c
     }
 }
 
-template <bool bounded, bool paired>
+template <bool bounded, bool one_window, bool paired>
 HWY_INLINE void blend_small_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area,
                                 const Part& part, const WindowChoice& choice, TilePixels& pixels) {
   if (splat.outline.reach < 1)
-    blend_small<bounded, true, true, paired>(frame, splat, area, part, choice, pixels);
+    blend_small<bounded, true, one_window, paired>(frame, splat, area, part, choice, pixels);
   else
-    blend_small<bounded, false, true, paired>(frame, splat, area, part, choice, pixels);
+    blend_small<bounded, false, one_window, paired>(frame, splat, area, part, choice, pixels);
+}
+
+template <bool bounded, bool one_window>
+HWY_INLINE void blend_far_by(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
+                             const WindowChoice& choice, TilePixels& pixels) {
+  const int width = part.right - part.left;
+  if (width <= lane_count() / 2)
+    blend_small_far<bounded, one_window, true>(frame, splat, area, part, choice, pixels);
+  else if (width <= lane_count())
+    blend_small_far<bounded, one_window, false>(frame, splat, area, part, choice, pixels);
+  else
+    blend_rows<bounded, one_window>(frame, splat, area, part, choice, pixels);
 }
 
 template <bool bounded>
 HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                           TilePixels& pixels) {
   const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat));
-  const int width = part.right - part.left;
   if (choice.level < 0)
-    blend_rows<bounded, false>(frame, splat, area, part, choice, pixels);
-  else if (width <= lane_count() / 2)
-    blend_small_far<bounded, true>(frame, splat, area, part, choice, pixels);
-  else if (width <= lane_count())
-    blend_small_far<bounded, false>(frame, splat, area, part, choice, pixels);
+    blend_far_by<bounded, false>(frame, splat, area, part, choice, pixels);
   else
-    blend_rows<bounded, true>(frame, splat, area, part, choice, pixels);
+    blend_far_by<bounded, true>(frame, splat, area, part, choice, pixels);
 }
 
 /// The rows of pixels of a splat in a tile.
