@@ -1,6 +1,7 @@
 #include "base/http_source.h"
 
 #include <curl/curl.h>
+#include <dlfcn.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -13,6 +14,7 @@
 #include <optional>
 #include <string_view>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -25,6 +27,7 @@ using std::chrono::milliseconds;
 constexpr std::size_t head_bytes = 32u << 10;
 constexpr long max_redirects = 8;
 constexpr const char* protocols = "http,https";
+constexpr const char* library_name = "libcurl.so.4";  // of all versions since 2006
 
 bool is_url(std::string_view text) { return text.starts_with("http://") || text.starts_with("https://"); }
 
@@ -62,22 +65,55 @@ class NoSigpipe {
   bool was_pending_;
 };
 
+// The functions of libcurl. The library is loaded when the first address is opened: with the libraries that it needs,
+// it would take a third of the time in which a program starts.
+struct Curl {
+  decltype(&::curl_global_init) global_init = nullptr;
+  decltype(&::curl_easy_init) easy_init = nullptr;
+  decltype(&::curl_easy_cleanup) easy_cleanup = nullptr;
+  decltype(&::curl_easy_getinfo) easy_getinfo = nullptr;
+  decltype(&::curl_easy_header) easy_header = nullptr;
+  decltype(&::curl_easy_perform) easy_perform = nullptr;
+  decltype(&::curl_easy_setopt) easy_setopt = nullptr;
+  decltype(&::curl_easy_strerror) easy_strerror = nullptr;
+  bool started = false;
+
+  Curl() {
+    void* library = ::dlopen(library_name, RTLD_NOW | RTLD_LOCAL);  // never closed
+    if (library == nullptr) return;
+    const auto find = [&](auto& function, const char* name) {
+      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(::dlsym(library, name));
+      return function != nullptr;
+    };
+    started = find(global_init, "curl_global_init") && find(easy_init, "curl_easy_init") &&
+              find(easy_cleanup, "curl_easy_cleanup") && find(easy_getinfo, "curl_easy_getinfo") &&
+              find(easy_header, "curl_easy_header") && find(easy_perform, "curl_easy_perform") &&
+              find(easy_setopt, "curl_easy_setopt") && find(easy_strerror, "curl_easy_strerror") &&
+              global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
+  }
+};
+
+const Curl& libcurl() {
+  static const Curl curl;
+  return curl;
+}
+
 struct CloseHandle {
-  void operator()(CURL* handle) const { ::curl_easy_cleanup(handle); }
+  void operator()(CURL* handle) const { libcurl().easy_cleanup(handle); }
 };
 using Handle = std::unique_ptr<CURL, CloseHandle>;  // a connection with its settings
 
 template <class T>
 T info_of(CURL* handle, CURLINFO which) {
   T value{};
-  ::curl_easy_getinfo(handle, which, &value);
+  libcurl().easy_getinfo(handle, which, &value);
   return value;
 }
 
 // Returns a header field of the last answer (redirects give several answers); "" if it is absent.
 std::string header_of(CURL* handle, const char* field) {
   curl_header* header = nullptr;
-  return ::curl_easy_header(handle, field, 0, CURLH_HEADER, -1, &header) == CURLHE_OK ? header->value : "";
+  return libcurl().easy_header(handle, field, 0, CURLH_HEADER, -1, &header) == CURLHE_OK ? header->value : "";
 }
 
 // The numbers of a header such as "Content-Range: bytes 0-99/1234".
@@ -158,21 +194,21 @@ class Exchange {
   std::optional<Failure> run() {
     const std::string range = fmt::format("{}-{}", offset_, offset_ + out_.size() - 1);
     std::array<char, CURL_ERROR_SIZE> text{};
-    ::curl_easy_setopt(handle_, CURLOPT_RANGE, range.c_str());
-    ::curl_easy_setopt(handle_, CURLOPT_WRITEFUNCTION, &Exchange::receive);
-    ::curl_easy_setopt(handle_, CURLOPT_WRITEDATA, this);
-    ::curl_easy_setopt(handle_, CURLOPT_ERRORBUFFER, text.data());
+    libcurl().easy_setopt(handle_, CURLOPT_RANGE, range.c_str());
+    libcurl().easy_setopt(handle_, CURLOPT_WRITEFUNCTION, &Exchange::receive);
+    libcurl().easy_setopt(handle_, CURLOPT_WRITEDATA, this);
+    libcurl().easy_setopt(handle_, CURLOPT_ERRORBUFFER, text.data());
     const CURLcode code = [&] {
       const NoSigpipe guard;
-      return ::curl_easy_perform(handle_);
+      return libcurl().easy_perform(handle_);
     }();
-    ::curl_easy_setopt(handle_, CURLOPT_ERRORBUFFER, nullptr);
+    libcurl().easy_setopt(handle_, CURLOPT_ERRORBUFFER, nullptr);
 
     if (code == CURLE_OK) check_once();
     if (failure_) return failure_;
     if (checked_ && received_ == expected_) return {};
     if (code == CURLE_OK) return Failure{fmt::format("{} bytes came instead of {}", received_, expected_), true};
-    return Failure{text[0] != '\0' ? text.data() : ::curl_easy_strerror(code), may_pass(code)};
+    return Failure{text[0] != '\0' ? text.data() : libcurl().easy_strerror(code), may_pass(code)};
   }
 
   // Bytes that have been received, from the beginning of `out`; valid after a failure too.
@@ -293,10 +329,9 @@ class HttpSource final : public ByteSource {
         return handle;
       }
     }
-    static const CURLcode started = ::curl_global_init(CURL_GLOBAL_DEFAULT);
-    Handle handle(started == CURLE_OK ? ::curl_easy_init() : nullptr);
-    if (!handle) return fail(ErrorCode::io, "{}: cannot start libcurl", name_);
-    const auto set = [&](CURLoption option, auto value) { ::curl_easy_setopt(handle.get(), option, value); };
+    Handle handle(libcurl().started ? libcurl().easy_init() : nullptr);
+    if (!handle) return fail(ErrorCode::io, "{}: cannot load or start libcurl; install {}", name_, library_name);
+    const auto set = [&](CURLoption option, auto value) { libcurl().easy_setopt(handle.get(), option, value); };
     set(CURLOPT_URL, url_.c_str());
     set(CURLOPT_PROTOCOLS_STR, protocols);
     set(CURLOPT_REDIR_PROTOCOLS_STR, protocols);

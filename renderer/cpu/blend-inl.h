@@ -105,15 +105,34 @@ HWY_INLINE Material look_up_rows(const TableView& table, Int row, Float column, 
   return material;
 }
 
+using HalfTag = hn::Half<FloatTag>;
+
+/// Read and write a vector of pixels: neighbours in a row, or if `paired`, half a vector in each of two rows.
+template <bool paired>
+HWY_INLINE Float load_pixels(const float* pixels) {
+  if constexpr (!paired) return load(pixels);
+  const auto lower = hn::LoadU(HalfTag(), pixels);
+  return hn::Combine(FloatTag(), hn::LoadU(HalfTag(), pixels + TilePixels::row_stride), lower);
+}
+template <bool paired>
+HWY_INLINE void store_pixels(Float numbers, float* pixels) {
+  if constexpr (!paired) return store(numbers, pixels);
+  hn::StoreU(hn::LowerHalf(HalfTag(), numbers.v), HalfTag(), pixels);
+  hn::StoreU(hn::UpperHalf(HalfTag(), numbers.v), HalfTag(), pixels + TilePixels::row_stride);
+}
+
 /// Puts material of this alpha behind what the pixels hold.
+template <bool paired = false>
 HWY_INLINE void blend(Float alpha, Float light, const Material& material, float* pixels) {
   float* transmittances = pixels + TilePixels::transmittance;
-  const Float transmittance = load(transmittances);
+  const Float transmittance = load_pixels<paired>(transmittances);
   const Float seen = transmittance * alpha, lit = seen * light;
-  store(fma(lit, material.r, load(pixels)), pixels);
-  store(fma(lit, material.g, load(pixels + TilePixels::plane)), pixels + TilePixels::plane);
-  store(fma(lit, material.b, load(pixels + 2 * TilePixels::plane)), pixels + 2 * TilePixels::plane);
-  store(transmittance - seen, transmittances);
+  const auto add = [lit](Float colour, float* to)
+                       HWY_ATTR { store_pixels<paired>(fma(lit, colour, load_pixels<paired>(to)), to); };
+  add(material.r, pixels);
+  add(material.g, pixels + TilePixels::plane);
+  add(material.b, pixels + 2 * TilePixels::plane);
+  store_pixels<paired>(transmittance - seen, transmittances);
 }
 
 /// Whether nothing behind the tile's pixels can be seen.

@@ -164,13 +164,13 @@ struct ScreenSplats {
 };
 
 /// The pixels of a tile while splats are blended, front to back. Rows are longer than tiles, so that vectors may begin
-/// at any pixel.
+/// at any pixel. A row follows the last plane, so that two rows may be read and written together from any row on.
 struct TilePixels {
   static constexpr int row_stride = tile_size + most_lanes;
   static constexpr int plane = tile_size * row_stride;
   static constexpr int transmittance = 3 * plane;  // the first three planes are r, g, b, premultiplied
 
-  alignas(64) std::array<float, 4 * plane> values;
+  alignas(64) std::array<float, 4 * plane + row_stride> values;
 };
 
 /// What can no longer be seen behind a pixel: its transmittance ends the tile's loop.

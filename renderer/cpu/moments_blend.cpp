@@ -180,10 +180,11 @@ HWY_INLINE FarSample sample_far(const FarSplat& splat, float column_bend, float 
   return sample;
 }
 
+template <bool paired = false>
 HWY_INLINE void blend_sample(const FarSample& sample, Float light, const Material& material, int row, int x,
                              TilePixels& pixels) {
   const Float alpha = only(sample.inside, opacity(max(sample.depth * material.extinction, 0.0F)));
-  blend(alpha, light, material, pixels.values.data() + row * TilePixels::row_stride + x);
+  blend<paired>(alpha, light, material, pixels.values.data() + row * TilePixels::row_stride + x);
 }
 
 /// Returns the polynomial of columns, counted from the middle of the window's first two.
@@ -195,9 +196,23 @@ HWY_INLINE std::array<float, 6> columns_of(const FarSplat& splat, const WindowCh
   return columns;
 }
 
-/// Blends a splat that no row of pixels has more of than a vector has lanes. Rows need no spans: outside of the ellipse
-/// nothing is drawn.
-template <bool bounded, bool cut_off, bool one_window>
+/// Where the lanes of a vector are in a tile, from its first pixel on.
+struct LanePixels {
+  Float x, y;
+  int rows;
+};
+
+template <bool paired>
+HWY_INLINE LanePixels lane_pixels() {
+  if constexpr (!paired) return {lane_numbers(), 0.0F, 1};
+  const Float half(static_cast<float>(lane_count() / 2));
+  const Float y = select(lane_numbers() < half, 0.0F, 1.0F);
+  return {lane_numbers() - y * half, y, 2};
+}
+
+/// Blends a splat that no row of pixels has more of than a vector has lanes; if `paired`, than it has in a half. Rows
+/// need no spans: outside of the ellipse nothing is drawn.
+template <bool bounded, bool cut_off, bool one_window, bool paired>
 HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                             const WindowChoice& choice, TilePixels& pixels) {
   const EllipseOutline& outline = splat.outline;
@@ -206,11 +221,13 @@ HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, 
   const float along = splat.along * choice.scale;
   const TableWindow window(frame.table.levels[one_window ? choice.level : 0], splat.row,
                            one_window ? static_cast<int>(choice.first) : 0);
-  const Float x = lane_numbers() + (static_cast<float>(area.left + part.left) + 0.5F - outline.x);
-  const Mask in_part = lane_numbers() < Float(static_cast<float>(part.right - part.left));
-  float v = static_cast<float>(area.bottom + part.bottom) + 0.5F - outline.y;
-  for (int row = part.bottom; row < part.top; ++row, v += 1) {
-    const Float y(v), t = fma(y, -outline.shear, x);
+  const LanePixels lanes = lane_pixels<paired>();
+  const Float x = lanes.x + (static_cast<float>(area.left + part.left) + 0.5F - outline.x);
+  const Mask in_row = lanes.x < Float(static_cast<float>(part.right - part.left));
+  Float y = lanes.y + (static_cast<float>(area.bottom + part.bottom) + 0.5F - outline.y);
+  for (int row = part.bottom; row < part.top; row += lanes.rows, y = y + static_cast<float>(lanes.rows)) {
+    const Mask in_part = paired ? both(in_row, lanes.y < Float(static_cast<float>(part.top - row))) : in_row;
+    const Float t = fma(y, -outline.shear, x);
     const Float ellipse = fma(t * t, -outline.inverse_width2, fma(y * y, -outline.inverse_height2, 1.0F));
     const Float w = max(ellipse, bounded ? 1e-12F : 0.0F);
     FarSample sample;
@@ -236,7 +253,7 @@ HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, 
     } else {
       material = look_up_row(frame.table, splat.row, sample.column, both(sample.inside, ellipse > Float(0.0F)));
     }
-    blend_sample(sample, splat.light, material, row, part.left, pixels);
+    blend_sample<paired>(sample, splat.light, material, row, part.left, pixels);
   }
 }
 
@@ -264,19 +281,35 @@ HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, c
     }
 }
 
+template <bool bounded, bool one_window, bool paired>
+HWY_INLINE void blend_small_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area,
+                                const Part& part, const WindowChoice& choice, TilePixels& pixels) {
+  if (splat.outline.reach < 1)
+    blend_small<bounded, true, one_window, paired>(frame, splat, area, part, choice, pixels);
+  else
+    blend_small<bounded, false, one_window, paired>(frame, splat, area, part, choice, pixels);
+}
+
+template <bool bounded, bool one_window>
+HWY_INLINE void blend_far_by(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
+                             const WindowChoice& choice, TilePixels& pixels) {
+  const int width = part.right - part.left;
+  if (width <= lane_count() / 2)
+    blend_small_far<bounded, one_window, true>(frame, splat, area, part, choice, pixels);
+  else if (width <= lane_count())
+    blend_small_far<bounded, one_window, false>(frame, splat, area, part, choice, pixels);
+  else
+    blend_rows<bounded, one_window>(frame, splat, area, part, choice, pixels);
+}
+
 template <bool bounded>
 HWY_INLINE void blend_far(const FrameConstants& frame, const FarSplat& splat, const TileArea& area, const Part& part,
                           TilePixels& pixels) {
   const WindowChoice choice = choose_window(frame.table, splat.row, column_range(splat));
-  const bool small = part.right - part.left <= lane_count(), one_window = choice.level >= 0;
-  if (small && one_window && splat.outline.reach < 1)
-    blend_small<bounded, true, true>(frame, splat, area, part, choice, pixels);
-  else if (small && one_window)
-    blend_small<bounded, false, true>(frame, splat, area, part, choice, pixels);
-  else if (one_window)
-    blend_rows<bounded, true>(frame, splat, area, part, choice, pixels);
+  if (choice.level < 0)
+    blend_far_by<bounded, false>(frame, splat, area, part, choice, pixels);
   else
-    blend_rows<bounded, false>(frame, splat, area, part, choice, pixels);
+    blend_far_by<bounded, true>(frame, splat, area, part, choice, pixels);
 }
 
 /// The rows of pixels of a splat in a tile.

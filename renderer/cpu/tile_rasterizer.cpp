@@ -283,10 +283,10 @@ void TileRasterizer::reserve_batch() {
   bounds_.resize(count);
   forms_.resize(count);
   if (kernel_ == KernelKind::moments) {
-    far_.resize(count);
-    near_.resize(count);
+    far_.reserve(count);
+    near_.reserve(count);
   } else {
-    gaussians_.resize(count);
+    gaussians_.reserve(count);
   }
 }
 
@@ -332,7 +332,7 @@ Result<Image> TileRasterizer::read_image() const {
 std::uint64_t TileRasterizer::device_bytes() const {
   std::uint64_t bytes = table_.memory_bytes() + bytes_of(peaks_) + bytes_of(ranges_) + bytes_of(first_ranges_) +
                         bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
-                        bytes_of(forms_) + bytes_of(far_) + bytes_of(near_) + bytes_of(gaussians_) +
+                        bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() + gaussians_.memory_bytes() +
                         bins_.memory_bytes() + bytes_of(closed_);
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
   for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);

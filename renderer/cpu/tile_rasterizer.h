@@ -19,6 +19,24 @@ namespace splatvol {
 /// Largest width or height of a picture.
 inline constexpr int largest_tiled_side = 16384;
 
+/// Numbers that are written before they are read: memory that no splat needs is never touched.
+template <class Element>
+class Scratch {
+ public:
+  /// Loses what it held if it grows.
+  void reserve(std::size_t count) {
+    if (count <= size_) return;
+    elements_ = std::make_unique_for_overwrite<Element[]>(count);
+    size_ = count;
+  }
+  [[nodiscard]] Element* data() { return elements_.get(); }
+  [[nodiscard]] std::uint64_t memory_bytes() const { return sizeof(Element) * size_; }
+
+ private:
+  std::unique_ptr<Element[]> elements_;
+  std::size_t size_ = 0;
+};
+
 /// Reads the records of a draw list where they lie, and blends front to back until nothing behind can be seen. Works on
 /// all processors; the picture does not depend on their number. Uses the newest instructions of the processor that it
 /// knows (SSE4, AVX2, AVX-512, NEON). Not thread-safe.
@@ -83,9 +101,9 @@ class TileRasterizer final : public Rasterizer {
   std::vector<std::uint32_t> numbers_;
   std::vector<tiles::PixelBounds> bounds_;
   std::vector<tiles::Form> forms_;
-  std::vector<tiles::FarSplat> far_;
-  std::vector<tiles::NearSplat> near_;
-  std::vector<tiles::GaussianSplat> gaussians_;
+  Scratch<tiles::FarSplat> far_;
+  Scratch<tiles::NearSplat> near_;
+  Scratch<tiles::GaussianSplat> gaussians_;
   tiles::Bins bins_;
 
   tiles::TileGrid grid_;

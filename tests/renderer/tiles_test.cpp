@@ -206,7 +206,8 @@ TEST(Tiles, DrawTheSamePictureWithAnyInstructions) {
     hwy::SetSupportedTargetsForTest(target);
     hwy::GetChosenTarget().Update(target);
     const ImageDifference result = compare_images(newest, draw_by_tiles(drawing)).value();
-    EXPECT_LT(result.rmse, 1e-5) << hwy::TargetName(target);
+    // Shorter vectors have shorter windows of the transfer table, and so take coarser levels of it.
+    EXPECT_LT(result.rmse, bar) << hwy::TargetName(target);
   }
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
