@@ -32,6 +32,57 @@ double determinant(const SymmetricMatrix& c) {
   return c.xx * (c.yy * c.zz - c.yz * c.yz) - c.xy * (c.xy * c.zz - c.yz * c.xz) + c.xz * (c.xy * c.yz - c.yy * c.xz);
 }
 
+using Face = std::array<std::size_t, 3>;
+
+// Directions, and triangles between directions side by side.
+struct DirectionMesh {
+  std::vector<dvec3> vertices;
+  std::vector<Face> faces;
+
+  // The number of a direction, which is added if there is none such.
+  std::size_t number_of(const dvec3& direction) {
+    const auto same =
+        std::ranges::find_if(vertices, [&](const dvec3& v) { return glm::distance(v, direction) < 1e-6; });
+    const auto number = static_cast<std::size_t>(same - vertices.begin());
+    if (same == vertices.end()) vertices.push_back(direction);
+    return number;
+  }
+};
+
+DirectionMesh divided_icosahedron() {
+  DirectionMesh mesh;
+  auto& [vertices, faces] = mesh;
+  const double g = std::numbers::phi;
+  for (int axis = 0; axis < 3; ++axis)
+    for (int signs = 0; signs < 4; ++signs) {
+      dvec3 corner(0);
+      corner[axis] = (signs & 1) != 0 ? 1 : -1;
+      corner[(axis + 1) % 3] = (signs & 2) != 0 ? g : -g;
+      mesh.number_of(glm::normalize(corner));
+    }
+  const double edge = 2 / std::sqrt(1 + g * g);
+  const auto are_neighbours = [&](std::size_t a, std::size_t b) {
+    return glm::distance(vertices[a], vertices[b]) < 1.01 * edge;
+  };
+  for (std::size_t a = 0; a < 12; ++a)
+    for (std::size_t b = a + 1; b < 12; ++b)
+      for (std::size_t c = b + 1; c < 12; ++c)
+        if (are_neighbours(a, b) && are_neighbours(b, c) && are_neighbours(a, c)) faces.push_back({a, b, c});
+  for (int level = 0; level < 2; ++level) {
+    std::vector<Face> finer;
+    for (const Face& face : faces) {
+      const std::size_t a = face[0], b = face[1], c = face[2];
+      const auto middle = [&](std::size_t i, std::size_t j) {
+        return mesh.number_of(glm::normalize(vertices[i] + vertices[j]));
+      };
+      const std::size_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      finer.insert(finer.end(), {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
+    }
+    faces = std::move(finer);
+  }
+  return mesh;
+}
+
 }  // namespace
 
 // The vertices of an icosahedron whose faces are divided into 16 triangles each.
@@ -45,42 +96,9 @@ struct CellRays::Sphere {
 };
 
 CellRays::Sphere::Sphere() {
-  std::vector<dvec3> vertices;
-  const auto number_of = [&](const dvec3& direction) {
-    const auto same =
-        std::ranges::find_if(vertices, [&](const dvec3& v) { return glm::distance(v, direction) < 1e-6; });
-    if (same == vertices.end()) return vertices.push_back(direction), vertices.size() - 1;
-    return static_cast<std::size_t>(same - vertices.begin());
-  };
-  using Face = std::array<std::size_t, 3>;
-  std::vector<Face> faces;
-  const double g = std::numbers::phi;
-  for (int axis = 0; axis < 3; ++axis)
-    for (int signs = 0; signs < 4; ++signs) {
-      dvec3 corner(0);
-      corner[axis] = (signs & 1) != 0 ? 1 : -1;
-      corner[(axis + 1) % 3] = (signs & 2) != 0 ? g : -g;
-      number_of(glm::normalize(corner));
-    }
-  const double edge = 2 / std::sqrt(1 + g * g);
-  const auto are_neighbours = [&](std::size_t a, std::size_t b) {
-    return glm::distance(vertices[a], vertices[b]) < 1.01 * edge;
-  };
-  for (std::size_t a = 0; a < 12; ++a)
-    for (std::size_t b = a + 1; b < 12; ++b)
-      for (std::size_t c = b + 1; c < 12; ++c)
-        if (are_neighbours(a, b) && are_neighbours(b, c) && are_neighbours(a, c)) faces.push_back({a, b, c});
-  for (int level = 0; level < 2; ++level) {
-    std::vector<Face> finer;
-    for (const auto& [a, b, c] : faces) {
-      const auto middle = [&](std::size_t i, std::size_t j) {
-        return number_of(glm::normalize(vertices[i] + vertices[j]));
-      };
-      const std::size_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
-      finer.insert(finer.end(), {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
-    }
-    faces = std::move(finer);
-  }
+  DirectionMesh mesh = divided_icosahedron();
+  const std::vector<dvec3>& vertices = mesh.vertices;
+  const std::vector<Face>& faces = mesh.faces;
   std::vector<double> solid_angles(vertices.size());
   for (const Face& face : faces) {
     const dvec3 &a = vertices[face[0]], &b = vertices[face[1]], &c = vertices[face[2]];
@@ -92,7 +110,7 @@ CellRays::Sphere::Sphere() {
   std::size_t pairs = 0;
   for (std::size_t v = 0; v < vertices.size(); ++v) {
     const dvec3& d = vertices[v];
-    const std::size_t opposite = number_of(-d);
+    const std::size_t opposite = mesh.number_of(-d);
     if (opposite < v) continue;
     directions.x[pairs / lanes][pairs % lanes] = static_cast<float>(d.x);
     directions.y[pairs / lanes][pairs % lanes] = static_cast<float>(d.y);
