@@ -61,6 +61,19 @@ dvec3 vortex_point(const Random& random, std::uint64_t point) {
   return {r * turn.cos, r * turn.sin, across.y};
 }
 
+// A cluster's centre and deviation have numbers that no point has.
+dvec3 cluster_point(const Random& random, std::uint64_t point) {
+  constexpr std::uint64_t clusters = 200, first = std::uint64_t{1} << 60;
+  if (random.at(point, 7) < 0.5) return random.vector_at(point);
+  const std::uint64_t cluster = first + static_cast<std::uint64_t>(clusters * random.at(point, 6));
+  const double deviation = std::pow(10, -3 + 2 * random.at(cluster, 3));
+  // Two numbers make two normal ones (Box and Muller 1958); the logarithm's argument is never 0.
+  const auto radius = [&](std::uint64_t n) { return std::sqrt(-2 * std::log(1 - random.at(point, n))); };
+  const auto angle = [&](std::uint64_t n) { return 2 * std::numbers::pi * random.at(point, n); };
+  const dvec3 normal(radius(0) * std::cos(angle(1)), radius(0) * std::sin(angle(1)), radius(2) * std::cos(angle(3)));
+  return random.vector_at(cluster) + deviation * normal;
+}
+
 dvec3 point_of(Distribution distribution, const Random& random, std::uint64_t point) {
   constexpr dvec3 on_strand{ring_radius + strand_radius, 0, 0};
   const dvec3 u = random.vector_at(point);
@@ -78,6 +91,8 @@ dvec3 point_of(Distribution distribution, const Random& random, std::uint64_t po
       return box_low + box_size * u + dvec3(second ? 1e9 * box_size.x : 0, 0, 0);
     case Distribution::line:
       return dvec3(4, 2, 1) * (u.x - 0.5);  // without rounding
+    case Distribution::clusters:
+      return cluster_point(random, point);
     case Distribution::layer:
       break;
   }

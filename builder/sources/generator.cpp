@@ -95,7 +95,7 @@ Result<std::unique_ptr<Source>> parse_input(std::string_view text) {
 
 const std::vector<std::string>& distribution_names() {
   static const std::vector<std::string> names = {"uniform",      "vortex", "half-tiny", "equal",
-                                                 "two-clusters", "line",   "layer"};
+                                                 "two-clusters", "line",   "layer",     "clusters"};
   return names;
 }
 

@@ -27,6 +27,8 @@ enum class Distribution {
   two_clusters,  // half in B, half in B moved by 1e9 times B's width
   line,          // uniform on a line, without rounding
   layer,         // uniform in x and y, the logarithm of z uniform from 1e-8 to 1
+  clusters,      // half uniform in [0, 1]^3, half normal round 200 centres there; the logarithm of a cluster's
+                 // deviation is uniform from 1e-3 to 1e-1
 };
 
 /// The names of the distributions in the order of the enum, with "-" for "_".

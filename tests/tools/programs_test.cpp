@@ -154,7 +154,7 @@ TEST_F(Programs, MemoryDoesNotChangeTheResult) {
 }
 
 TEST_F(Programs, HardDistributionsAreBuiltWhole) {
-  for (const std::string distribution : {"half-tiny", "equal", "two-clusters", "line", "layer"}) {
+  for (const std::string distribution : {"half-tiny", "equal", "two-clusters", "line", "layer", "clusters"}) {
     const Outcome outcome =
         run("svbuild gen:points:count=1100000,distribution=" + distribution + " --json -o " + path("hard.svol"));
     ASSERT_EQ(outcome.code, 0) << distribution << outcome.err;

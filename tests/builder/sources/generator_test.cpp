@@ -180,6 +180,33 @@ TEST(GeneratedPoints, HardOnesAreHard) {
   EXPECT_EQ(share(layer.positions, [](const dvec3& p) { return p.z > 0.99e-8 && p.z <= 1; }), 1);
 }
 
+TEST(GeneratedPoints, HalfOfThoseWithClustersLieInClusters) {
+  const Points points = generate(Distribution::clusters, many, false, 5);
+  // Uniform points have 1e-3 of theirs in a cell of this grid; a fifth of the clusters has nine tenths in one.
+  std::map<std::array<int, 3>, double> shares;
+  std::size_t outside = 0;
+  for (const dvec3& p : points.positions) {
+    const bool inside = glm::all(glm::greaterThanEqual(p, dvec3(0))) && glm::all(glm::lessThan(p, dvec3(1)));
+    outside += inside ? 0 : 1;
+    const dvec3 cell = glm::floor(p * 100.0);
+    shares[{static_cast<int>(cell.x), static_cast<int>(cell.y), static_cast<int>(cell.z)}] +=
+        1 / static_cast<double>(points.positions.size());
+  }
+  EXPECT_GT(outside, 0u);
+  EXPECT_LT(static_cast<double>(outside), 0.1 * static_cast<double>(points.positions.size()));
+  // A cluster has 1/400 of all points. The smallest fill one cell or a few.
+  double in_dense = 0;
+  int dense = 0;
+  for (const auto& [cell, part] : shares)
+    if (part > 0.0003) in_dense += part, ++dense;
+  EXPECT_GT(dense, 30);
+  EXPECT_GT(in_dense, 0.05);
+  EXPECT_LT(in_dense, 0.5 + deviation);
+  // As many points are left in the first half of the numbers as in the second: clusters do not depend on the count.
+  const Points few = generate(Distribution::clusters, 1000, false, 5);
+  for (std::size_t i = 0; i < few.positions.size(); ++i) ASSERT_EQ(few.positions[i], points.positions[i]);
+}
+
 struct Less {
   bool operator()(const dvec3& a, const dvec3& b) const { return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z); }
 };
