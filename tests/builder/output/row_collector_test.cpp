@@ -29,7 +29,7 @@ const GroupSizes group_sizes = {{96, 64, 72}};  // [segment]
 void run(PointBatch points, std::uint64_t index_leaf_points, ReductionPass& pass, RowCollector& rows,
          const RowPacker& packer, RowFiles& files) {
   BatchCutter batches(stream_of(std::move(points)), 1, index_leaf_points);
-  EXPECT_TRUE(run_reduction({batches, pass, rows, packer, files}, 1, [](std::uint64_t) {}));
+  EXPECT_TRUE(run_reduction({batches, nullptr, pass, rows, packer, files}, 1, [](std::uint64_t) {}));
 }
 
 // Points with random material, every other one a cube that overlaps others. Each point's value is its number.
