@@ -4,7 +4,7 @@
 #include <cmath>
 #include <random>
 
-#include "builder/scattered/cell_estimate.h"
+#include "builder/scattered/box_estimate.h"
 #include "builder/scattered/scattered.h"
 
 namespace splatvol {
@@ -25,19 +25,28 @@ std::vector<double> values_at(std::span<const dvec3> points) {
   return values;
 }
 
-// The points of one subdomain.
-void cell_estimate(benchmark::State& state) {
-  const auto points = random_points(std::size_t{1} << 15);
+// 10^7 points by estimate nodes of a given number of points. The nodes differ, so that the processor cannot learn
+// branches by heart.
+void box_estimate(benchmark::State& state) {
+  const auto node_points = static_cast<std::size_t>(state.range(0));
+  constexpr std::size_t total = 10'000'000;
+  const auto points = random_points(total);
   const auto values = values_at(points);
-  CellEstimate estimate;
-  for (auto run : state) {
-    estimate.find(points, 0, {dvec3(0), dvec3(1)}, nullptr);
-    for (std::size_t i = 0; i < points.size(); ++i) benchmark::DoNotOptimize(estimate.value(i, {values, {}}));
-  }
-  state.counters["points"] =
-      benchmark::Counter(static_cast<double>(points.size()), benchmark::Counter::kIsIterationInvariantRate);
+  BoxEstimate estimate;
+  std::vector<SpatialMoments> moments(node_points);
+  std::vector<ValueMoments> value_moments(node_points);
+  std::vector<dvec3> gradients(node_points);
+  const EstimatedMaterial material{moments, {value_moments}, {gradients}};
+  for (auto run : state)
+    for (std::size_t begin = 0; begin + node_points <= total; begin += node_points) {
+      const std::span<const double> part = std::span(values).subspan(begin, node_points);
+      estimate.estimate(std::span(points).subspan(begin, node_points), {&part, 1}, {dvec3(0), dvec3(1)}, material);
+      benchmark::DoNotOptimize(material.moments.data());
+    }
+  state.counters["points"] = benchmark::Counter(static_cast<double>(total / node_points * node_points),
+                                                benchmark::Counter::kIsIterationInvariantRate);
 }
-BENCHMARK(cell_estimate)->Unit(benchmark::kMillisecond);
+BENCHMARK(box_estimate)->Arg(64)->Arg(512)->Arg(4096)->Unit(benchmark::kMillisecond);
 
 void voronoi_cells(benchmark::State& state) {
   const auto points = random_points(20'000);

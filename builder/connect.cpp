@@ -10,7 +10,6 @@
 
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
-#include "builder/points/cell_subdomains.h"
 #include "builder/points/held_points.h"
 #include "builder/reduction/cascade.h"
 #include "builder/scattered/scattered.h"
@@ -125,14 +124,9 @@ Result<Connection> connect_mesh(PointStream& points) {
 }
 
 Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder) {
-  if (options.connectivity != Connectivity::delaunay) {
-    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 4, folder));
-    const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
-    return Connection{.used = Connectivity::none,
-                      .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
-                      .points = points.count(),
-                      .least_memory = CellSubdomains::bytes_of_subdomain(points.summary().attributes.size())};
-  }
+  if (options.connectivity != Connectivity::delaunay)
+    return Connection{
+        .used = Connectivity::none, .next = next_of(points), .points = points.count(), .needs_estimate = true};
   SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
   const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));
   return Connection{.used = Connectivity::delaunay,

@@ -29,13 +29,13 @@ std::size_t bytes_of_reduced_point(const BuildShape& shape) {
 struct PointsInWork {
   std::size_t reduced, waiting;
 };
-PointsInWork points_in_work(const BuildShape& shape, const BatchShape& batches, std::size_t count) {
-  const std::size_t most = batches.points + shape.index_leaf_points;
+PointsInWork points_in_work(const BatchShape& batches, std::size_t count) {
+  const std::size_t most = batches.points + batches.node_points;
   return {count * most, 2 * (most + 512)};
 }
 
 std::uint64_t bytes_in_work(const BuildShape& shape, const BatchShape& batches, std::size_t count) {
-  const PointsInWork points = points_in_work(shape, batches, count);
+  const PointsInWork points = points_in_work(batches, count);
   return points.reduced * bytes_of_reduced_point(shape) +
          points.waiting * bytes_of_batch_point(shape.attributes, shape.gradients);
 }
@@ -54,13 +54,15 @@ std::size_t bytes_of_batch_point(std::size_t attributes, bool gradients) {
 }
 
 MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
+  const std::size_t node_points =
+      std::max<std::size_t>(shape.estimates ? estimate_node_points : 0, shape.index_leaf_points);
   const std::uint64_t fitting = shape.fitted_points * sizeof(FittedSplat);
   const std::uint64_t rest = memory - std::min(memory, fitting);
   const auto fits = [&](std::size_t points, std::size_t count) {
-    return bytes_in_work(shape, {points}, count) <= rest / 8 * 3;
+    return bytes_in_work(shape, {points, node_points}, count) <= rest / 8 * 3;
   };
   MemoryPlan plan;
-  plan.batches = {usual_batch_points};
+  plan.batches = {usual_batch_points, node_points};
   plan.most_batches = usual_batches;
   while (plan.batches.points > least_batch_points && !fits(plan.batches.points, plan.most_batches)) {
     // Small batches cost more time than few of them.
@@ -74,7 +76,7 @@ MemoryPlan plan_memory(std::uint64_t memory, const BuildShape& shape) {
   plan.rows = rest > in_work ? std::min<std::uint64_t>(rest / 4, rest - in_work) : 0;
   plan.most_open_leaves = std::clamp<std::uint64_t>(rest / 16 / bytes_of_leaf(shape), 256, std::uint64_t{1} << 14);
 
-  const std::uint64_t least_in_work = bytes_in_work(shape, {least_batch_points}, 2);
+  const std::uint64_t least_in_work = bytes_in_work(shape, {least_batch_points, node_points}, 2);
   // The allocator keeps about as much again, at most 1.2 times as much, of what was held before the fit.
   plan.least = std::max(fitting + least_in_work + least_in_work / 2,
                         shape.fitted_points * bytes_of_fit / 5 * 11 + least_in_work);

@@ -12,6 +12,7 @@ namespace splatvol {
 struct BuildShape {
   std::size_t attributes = 0;
   bool gradients = false;
+  bool estimates = false;                 // material, by estimate nodes
   std::uint64_t index_leaf_points = 512;  // most in an index leaf
   std::uint64_t fitted_points = 0;        // whose densities are fitted
 };

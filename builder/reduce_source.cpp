@@ -9,6 +9,7 @@
 #include "builder/memory_plan.h"
 #include "builder/output/row_collector.h"
 #include "builder/points/batch_cutter.h"
+#include "builder/points/material_estimator.h"
 #include "builder/reduction/reduction_pipeline.h"
 #include "format/volume_info.h"
 
@@ -68,6 +69,7 @@ class Reducer {
   [[nodiscard]] BuildShape shape() const {
     return {.attributes = input().attributes.size(),
             .gradients = options_.gradients,
+            .estimates = connection_.needs_estimate,
             .index_leaf_points = index_leaf_points(),
             .fitted_points = fits_ ? connection_.points : 0};
   }
@@ -86,7 +88,8 @@ class Reducer {
   Status reduce(ReductionPass& pass, RowCollector& rows, const RowPacker& packer, RowFiles& files) const {
     const std::size_t attributes = input().attributes.size();
     BatchCutter batches(connection_.next, attributes, index_leaf_points(), plan_.batches);
-    const ReductionStages stages{batches, pass, rows, packer, files};
+    MaterialEstimator estimator(input().box, input().cube, options_.gradients);
+    const ReductionStages stages{batches, connection_.needs_estimate ? &estimator : nullptr, pass, rows, packer, files};
     const auto progress = [&](std::uint64_t done) {
       progress_("reducing", static_cast<double>(done) / static_cast<double>(points_->count()));
     };

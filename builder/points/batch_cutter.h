@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/error.h"
@@ -12,10 +13,15 @@ namespace splatvol {
 
 /// How large batches are. Rows and index leaves do not depend on it.
 struct BatchShape {
-  std::size_t points = 4096;  // a batch ends with the index leaf, or part of one, that makes it so large
+  std::size_t points = 4096;       // a batch ends with the estimate node that makes it so large
+  std::size_t node_points = 4096;  // most points in an estimate node; at least so many as in an index leaf are allowed
 };
 
-/// Cuts a stream of points into index leaves, and returns them in batches.
+/// The most points in an estimate node if material is estimated. The estimate is worse at borders of nodes, and larger
+/// nodes have fewer borders.
+inline constexpr std::size_t estimate_node_points = 4096;
+
+/// Cuts a stream of points into index leaves, and returns them in batches of whole estimate nodes.
 class BatchCutter {
  public:
   /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because
@@ -27,8 +33,9 @@ class BatchCutter {
 
  private:
   [[nodiscard]] Status hold(std::size_t points);
-  [[nodiscard]] NodePart part_at(std::size_t begin) const;
-  [[nodiscard]] std::size_t cut_index_leaves(std::vector<NodePart>& parts);
+  [[nodiscard]] NodePart part_at(std::size_t begin, std::size_t most) const;
+  [[nodiscard]] std::size_t cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const;
+  void cut_index_leaves(std::span<const NodePart> nodes, std::vector<NodePart>& parts);
   void copy_points(std::size_t end, PointBatch& batch) const;
   void forget_returned_points();
 

@@ -19,7 +19,7 @@ namespace splatvol {
 struct NodePart {
   std::size_t begin, end;  // points of the batch
   int depth;               // of the node
-  std::uint64_t leaf;      // number of the index leaf
+  std::uint64_t leaf;      // number of the index leaf; 0 for a part of an estimate node
   bool continued;          // not the node's first part
 };
 
@@ -35,6 +35,7 @@ struct PointBatch {
   std::vector<std::vector<dvec3>> gradients;             // [attribute], of any length; 0: none. Empty if not wanted
   std::vector<BoundaryPlane> planes;                     // empty if no point has one
   std::vector<NodePart> leaf_parts;                      // of index leaves
+  std::vector<NodePart> estimate_parts;                  // of estimate nodes
   std::optional<dvec3> before, behind;                   // positions of the neighbours in Morton order
 
   [[nodiscard]] std::size_t size() const { return positions.size(); }

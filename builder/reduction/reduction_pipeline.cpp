@@ -79,6 +79,7 @@ class ReductionPipeline {
   }
 
   Item* reduce(Item* item) {
+    if (stages_.estimator) stages_.estimator->estimate(item->batch);
     stages_.pass.reduce(item->batch, item->reduced);
     return item;
   }

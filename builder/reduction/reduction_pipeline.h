@@ -10,6 +10,7 @@
 #include "builder/output/row_files.h"
 #include "builder/output/row_packer.h"
 #include "builder/points/batch_cutter.h"
+#include "builder/points/material_estimator.h"
 #include "builder/reduction/reduction_pass.h"
 
 namespace splatvol {
@@ -17,6 +18,7 @@ namespace splatvol {
 /// The stages of a reduction, from points to packed rows.
 struct ReductionStages {
   BatchCutter& batches;
+  MaterialEstimator* estimator;  // null: the points have their material
   ReductionPass& pass;
   RowCollector& rows;
   const RowPacker& packer;

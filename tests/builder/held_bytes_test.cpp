@@ -143,7 +143,7 @@ TEST(HeldBytes, LentValuesGiveTheSameFile) {
 }
 
 TEST(MemoryPlan, LittleMemoryGivesSmallBatchesAndLeastTellsWhatTheyTake) {
-  BuildShape shape{.attributes = 27, .gradients = false, .index_leaf_points = 512};
+  BuildShape shape{.attributes = 27, .gradients = false, .estimates = false, .index_leaf_points = 512};
   const MemoryPlan large = plan_memory(std::uint64_t{8} << 30, shape), small = plan_memory(1, shape);
   EXPECT_EQ(large.batches.points, 4096u);
   EXPECT_EQ(small.batches.points, 64u);
