@@ -9,6 +9,7 @@
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "tests/streamer/fixture.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -20,9 +21,8 @@ class Bluntfin : public testing::TestWithParam<KernelKind> {
     if (!std::filesystem::exists(mesh)) return;
     path_ = (std::filesystem::temp_directory_path() / fmt::format("splatvol_bluntfin_{}.svol", ::getpid())).string();
     auto source = open_source({mesh}, {});
-    ASSERT_TRUE(source) << source.error().message;
-    const auto report = build_volume(**source, path_, {}, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
+    test::require(source);
+    test::require(build_volume(**source, path_, {}, [](const char*, double) {}));
   }
   static void TearDownTestSuite() {
     if (!path_.empty()) std::filesystem::remove(path_);

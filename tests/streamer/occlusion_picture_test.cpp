@@ -11,6 +11,7 @@
 #include "builder/open_source.h"
 #include "renderer/device/device.h"
 #include "streamer/streamer.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -61,9 +62,8 @@ class RendererTestOcclusion : public testing::Test {
   static void make(const std::string& file, const std::string& input, const SourceOptions& options,
                    const BuildOptions& build) {
     const auto source = open_source({input}, options);
-    ASSERT_TRUE(source) << source.error().message;
-    const auto report = build_volume(**source, file, build, [](const char*, double) {});
-    ASSERT_TRUE(report) << report.error().message;
+    test::require(source);
+    test::require(build_volume(**source, file, build, [](const char*, double) {}));
   }
 
   static void TearDownTestSuite() {

@@ -12,6 +12,7 @@
 #include "tests/builder/support/piece_source.h"
 #include "tests/streamer/fixture.h"
 #include "tests/support/fault_source.h"
+#include "tests/support/require.h"
 
 namespace splatvol {
 namespace {
@@ -28,9 +29,9 @@ class StepsOfAFile : public testing::TestWithParam<KernelKind> {
     for (std::size_t step = 0; step < step_count; ++step) {
       steps.push_back(step_at(step));
       const auto source = steps.back().open().value();
-      ASSERT_TRUE(build_volume(*source, single(step), options, [](const char*, double) {}));
+      test::require(build_volume(*source, single(step), options, [](const char*, double) {}));
     }
-    ASSERT_TRUE(build_series(std::move(steps), path(), options, [](const char*, double) {}));
+    test::require(build_series(std::move(steps), path(), options, [](const char*, double) {}));
   }
   static void TearDownTestSuite() { std::filesystem::remove_all(folder_); }
 

@@ -10,6 +10,7 @@
 #include "builder/build.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/require.h"
 #include "viewer/session.h"
 
 namespace splatvol {
@@ -98,11 +99,11 @@ TEST(Sharpening, EndsWhereMemoryDoes) {
 class SessionAtRest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    ASSERT_NE(::mkdtemp(folder.data()), nullptr);
+    test::require(::mkdtemp(folder.data()) != nullptr, folder);
     const test::Mesh mesh = test::lattice(84, [](dvec3 p) { return p; });
     test::PieceSource source(
         {test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); })});
-    ASSERT_TRUE(build_volume(source, path(), {}, [](const char*, double) {}));
+    test::require(build_volume(source, path(), {}, [](const char*, double) {}));
   }
   static void TearDownTestSuite() { std::filesystem::remove_all(folder); }
 
