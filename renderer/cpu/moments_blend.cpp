@@ -205,7 +205,8 @@ struct LanePixels {
 template <bool paired>
 HWY_INLINE LanePixels lane_pixels() {
   if constexpr (!paired) return {lane_numbers(), 0.0F, 1};
-  const Float half(static_cast<float>(lane_count() / 2));
+  const int half_count = lane_count() / 2;
+  const Float half(static_cast<float>(half_count));
   const Float y = select(lane_numbers() < half, 0.0F, 1.0F);
   return {lane_numbers() - y * half, y, 2};
 }
