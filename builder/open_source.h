@@ -31,11 +31,10 @@ namespace splatvol {
 /// or "NAME (points)" if cells are points of their own.
 ///
 /// Fails if a file is missing or damaged, or of a kind or version that cannot be read right. Fails also if a file has
-/// no arrays of numbers or lacks a selected attribute; the message lists its attributes. `columns` are
-/// for .npy and .csv files only, a `time` for files with time steps, and cells of their own for meshes in files: all
-/// others are refused.
-/// next() fails if two files have the same points, because these are time steps
-/// (builder/sources/repeated_pieces.h). As safe on untrusted files as VTK's and OpenVDB's readers.
+/// no arrays of numbers or lacks a selected attribute; the message lists its attributes. Only .npy
+/// and .csv files may have `columns`, only files with time steps a `time`, and only meshes in files cells of their own.
+/// next() fails if two files have the same points: these are time steps (builder/sources/repeated_pieces.h). As safe on
+/// untrusted files as VTK's and OpenVDB's readers.
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 

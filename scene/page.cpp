@@ -205,11 +205,12 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
     }
 }
 
-Result<Image> compose_page(const Page& page, const Image& picture, const PageText& text,
-                           const TransferFunction& function, const dvec3& ink, bool halo) {
+Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const TransferFunction& function,
+                           const dvec3& ink, bool halo) {
   if (picture.width != page.picture_width || picture.height != page.picture_height)
     return fail(ErrorCode::invalid_argument, "a picture of {} x {} on a page for {} x {}", picture.width,
                 picture.height, page.picture_width, page.picture_height);
+  if (text.title.empty() && !text.bar && page.width == picture.width && page.height == picture.height) return picture;
   Image words{page.width, page.height, std::vector<vec4>(static_cast<std::size_t>(page.width) * page.height)};
   SPLATVOL_TRY_ASSIGN(font, Font::create(page.text_height));
   if (!text.title.empty())

@@ -45,7 +45,7 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
 
 /// Returns the page with its picture, which must have the page's picture_width and picture_height.
 /// `halo`: words and lines beside it stand out from any background: a soft edge of the opposite colour is round them.
-[[nodiscard]] Result<Image> compose_page(const Page& page, const Image& picture, const PageText& text,
+[[nodiscard]] Result<Image> compose_page(const Page& page, Image picture, const PageText& text,
                                          const TransferFunction& function, const dvec3& ink, bool halo = false);
 
 }  // namespace splatvol

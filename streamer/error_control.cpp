@@ -85,7 +85,8 @@ ErrorControl::ErrorControl(const Options& options) : options_(options) {
 
 void ErrorControl::add(const Drawn& drawn) {
   ++pictures_;
-  options_.max_splats = std::min(options_.max_splats, std::max<std::uint64_t>(drawn.most_splats, 1));
+  if (drawn.allowed_splats < next_->goal.max_splats)
+    options_.max_splats = std::min(options_.max_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
   Picture picture{.samples = sample(drawn.image),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,

@@ -55,8 +55,8 @@ class ErrorControl {
     double expected_error;  // as ErrorGoal counts it
     bool finest;            // more splats would not change it
 
-    /// The most splats that memory allows, as far as is known.
-    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
+    /// The splats that were allowed: fewer than the request's if memory has no room for more.
+    std::uint64_t allowed_splats = std::numeric_limits<std::uint64_t>::max();
   };
 
   struct Estimate {

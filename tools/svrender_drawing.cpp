@@ -127,10 +127,8 @@ Status find_cut(const RenderOptions& options, const Scene& scene, const View& vi
     SPLATVOL_TRY(draw_request(still, scene, view, control, drawing, timings));
     SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
     const FrameSplats& frame = *drawing.frame;
-    std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
-    if (frame.detail.goal && frame.detail.goal->max_splats < control.next()->goal.max_splats)
-      most_splats = frame.detail.goal->max_splats;
-    control.add({image, frame.splats, frame.goal_error, frame.finest, most_splats});
+    const std::uint64_t allowed = frame.detail.goal.value_or(ErrorGoal{}).max_splats;
+    control.add({image, frame.splats, frame.goal_error, frame.finest, allowed});
   }
   drawing.estimate = control.estimate();
   drawing.tried = control.tried();

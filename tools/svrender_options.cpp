@@ -16,10 +16,6 @@ std::string check_not_negative(const std::string& text) {
   return std::strtod(text.c_str(), nullptr) >= 0 ? "" : "'" + text + "' is not a number from 0 up";
 }
 
-std::string check_positive(const std::string& text) {
-  return std::strtod(text.c_str(), nullptr) > 0 ? "" : "'" + text + "' is not a number above 0";
-}
-
 std::string check_sampling(const std::string& text) {
   return text == "auto" ? "" : CLI::Range(1, max_sample_spacing)(text);
 }

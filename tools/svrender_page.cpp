@@ -132,10 +132,8 @@ Status write_page(const Composition& composition, const View& view, Image image,
   const dvec3 ink = ink_on(scene.background);
   const bool transparent = composition.transparent;
   if (composition.outline) draw_outline(image, view, *composition.outline, transparent ? ink_on_any() : ink);
-  if (composition.text.title.empty() && !composition.text.bar)  // the page is the picture
-    return write_image(path, image, scene.background, provenance, transparent);
-  SPLATVOL_TRY_ASSIGN(
-      page, compose_page(composition.page, image, composition.text, scene.transfer_function, ink, transparent));
+  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, std::move(image), composition.text, scene.transfer_function,
+                                         ink, transparent));
   return write_image(path, page, scene.background, provenance, composition.transparent);
 }
 

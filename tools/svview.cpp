@@ -1,6 +1,5 @@
 // svview: a .svol file in a window.
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -259,9 +258,7 @@ void add_view_options(CLI::App& app, Options& options) {
                      "Error of the picture at rest (root mean square of linear RGB): finer and finer pictures up to "
                      "it; all points of a file with up to 524,288")
           ->type_name("RMSE")
-          ->check([](const std::string& text) {
-            return std::strtod(text.c_str(), nullptr) > 0 ? "" : "'" + text + "' is not a number above 0";
-          })
+          ->check(check_positive)
           ->capture_default_str();
   app.add_option("--tolerance", options.tolerance,
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")

@@ -322,7 +322,7 @@ Result<Image> Session::page(const PageText& text, bool transparent) const {
   const dvec3 ink = ink_on(used_scene_.background);
   if (used_scene_.outline) draw_outline(image, view_, bounds_, transparent ? ink_on_any() : ink);
   SPLATVOL_TRY_ASSIGN(page, lay_out_round(image.width, image.height, text, used_scene_.transfer_function));
-  return compose_page(page, image, text, used_scene_.transfer_function, ink, transparent);
+  return compose_page(page, std::move(image), text, used_scene_.transfer_function, ink, transparent);
 }
 
 std::string Session::explain() const {

@@ -1,7 +1,6 @@
 #include "viewer/sharpening.h"
 
 #include <algorithm>
-#include <limits>
 
 namespace splatvol {
 namespace {
@@ -37,10 +36,8 @@ Status Sharpening::add(const FrameSplats& frame, const Rasterizer& renderer) {
     return {};
   }
   SPLATVOL_TRY_ASSIGN(image, renderer.read_image());
-  std::uint64_t most_splats = std::numeric_limits<std::uint64_t>::max();
-  if (frame.detail.goal && frame.detail.goal->max_splats < detail_.goal->max_splats)
-    most_splats = frame.detail.goal->max_splats;
-  control_->add({image, frame.splats, frame.goal_error, frame.finest, most_splats});
+  const std::uint64_t allowed = frame.detail.goal.value_or(ErrorGoal{}).max_splats;
+  control_->add({image, frame.splats, frame.goal_error, frame.finest, allowed});
   ask();
   return {};
 }

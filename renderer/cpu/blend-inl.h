@@ -54,6 +54,12 @@ struct TableWindow {
     }
   }
 
+  /// `column`: counted from the middle of the window's first two.
+  [[nodiscard]] HWY_INLINE Material look_up(Float column) const {
+    const Float rounded = column + rounding;
+    return look_up(bits_as_int(rounded), column - (rounded - rounding));
+  }
+
   /// `left`: the column to the left, from the window's first on, by its last bits.
   [[nodiscard]] HWY_INLINE Material look_up(Int left, Float u) const {
     const auto index = hn::IndicesFromVec(FloatTag(), (left & Int(lane_count() - 1)).v);

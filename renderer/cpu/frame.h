@@ -1,4 +1,4 @@
-// What a frame of tiles consists of: the view's constants, records in the view, and splats on the screen. Internal to
+// A frame of tiles: the view's constants, records in the view, and splats on the screen. Internal to
 // the tiles. Plain data, so that the code for each instruction set is the only one that computes with it.
 #pragma once
 
@@ -173,7 +173,7 @@ struct TilePixels {
   alignas(64) std::array<float, 4 * plane + row_stride> values;
 };
 
-/// What can no longer be seen behind a pixel: its transmittance ends the tile's loop.
+/// The transmittance of a pixel behind which nothing can be seen. It ends the tile's loop.
 inline constexpr float least_transmittance = 1e-4F;
 
 /// Where a tile lies in the picture, in pixels.

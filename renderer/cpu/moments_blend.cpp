@@ -4,7 +4,6 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
-#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_blend.cpp"
 #include "renderer/cpu/targets.h"
@@ -156,7 +155,7 @@ HWY_INLINE WindowChoice choose_window(const TableView& table, int row, const Col
   return none;
 }
 
-/// What the far form has for some pixels of a row.
+/// Values of the far form at some pixels of a row.
 struct FarSample {
   Float depth, column;
   Mask inside;
@@ -247,13 +246,9 @@ HWY_INLINE void blend_small(const FrameConstants& frame, const FarSplat& splat, 
       sample.depth = sample.depth * chord.share;
       sample.column = fma(w * inverse_root * along, chord.mean, sample.column);
     }
-    Material material;
-    if constexpr (one_window) {
-      const Float rounded = sample.column + rounding;
-      material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
-    } else {
-      material = look_up_row(frame.table, splat.row, sample.column, both(sample.inside, ellipse > Float(0.0F)));
-    }
+    const Material material =
+        one_window ? window.look_up(sample.column)
+                   : look_up_row(frame.table, splat.row, sample.column, both(sample.inside, ellipse > Float(0.0F)));
     blend_sample<paired>(sample, splat.light, material, row, part.left, pixels);
   }
 }
@@ -271,13 +266,8 @@ HWY_INLINE void blend_rows(const FrameConstants& frame, const FarSplat& splat, c
   for (int row = part.bottom; row < part.top; ++row)
     for (int x = rows.begin[row]; x < rows.end[row]; x += lanes) {
       const FarSample sample = sample_far<bounded>(splat, columns[3], splat.along * choice.scale, rows, row, x);
-      Material material;
-      if constexpr (one_window) {
-        const Float rounded = sample.column + rounding;
-        material = window.look_up(bits_as_int(rounded), sample.column - (rounded - rounding));
-      } else {
-        material = look_up_row(frame.table, splat.row, sample.column, sample.inside);
-      }
+      const Material material = one_window ? window.look_up(sample.column)
+                                           : look_up_row(frame.table, splat.row, sample.column, sample.inside);
       blend_sample(sample, light, material, row, x, pixels);
     }
 }
@@ -348,10 +338,9 @@ HWY_INLINE ChordRest rest_of_chord(Float u) {
 /// moments_near.frag: the splat's optical depth at an extinction of 1, and its value.
 struct NearSample {
   Float depth, mean, spread, light;
-  Mask inside;
 };
 
-/// What all forms of a near splat compute of a ray.
+/// The chord of a ray through a near splat, for all its forms.
 struct NearChord {
   Vector3 direction, middle;
   Float square, root;  // of |d|, and its inverse
@@ -433,7 +422,7 @@ HWY_INLINE void blend_near_sample(const NearSample& sample, Float light, const M
                                   float* pixels) {
   const Float depth = sample.depth * material.extinction;
   const Mask sound = both(inside, is_finite(depth));
-  blend(only(sound, opacity(max(depth, 0.0F))), light, material, pixels);
+  blend(only(sound, opacity(max(depth, 0.0F))), select(sound, light, 0.0F), material, pixels);
 }
 
 HWY_INLINE Float column_of(const FrameConstants& frame, Float mean, Float columns) {
@@ -476,7 +465,7 @@ struct BoxBlender {
     const TableRow table = table_row(frame.table, sample.spread);
     const Float column = column_of(frame, sample.mean, table.columns);
     const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
-    blend_near_sample(sample, select(inside, sample.light, 0.0F), material, inside, pixels);
+    blend_near_sample(sample, sample.light, material, inside, pixels);
   }
 };
 

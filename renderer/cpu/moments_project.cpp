@@ -6,7 +6,6 @@
 
 #include "renderer/cpu/moments_kernel.h"
 
-#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/moments_project.cpp"
 #include "renderer/cpu/targets.h"

@@ -5,7 +5,6 @@
 
 #include "renderer/cpu/octant_kernel.h"
 
-#define SPLATVOL_LANES 16
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/octant.cpp"
 #include "renderer/cpu/targets.h"

@@ -15,7 +15,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-using FloatTag = hn::CappedTag<float, SPLATVOL_LANES>;
+using FloatTag = hn::CappedTag<float, most_lanes>;
 using IntTag = hn::RebindToSigned<FloatTag>;
 using Mask = hn::Mask<FloatTag>;
 
