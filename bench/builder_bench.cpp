@@ -5,6 +5,7 @@
 #include <random>
 
 #include "builder/scattered/box_estimate.h"
+#include "builder/scattered/sampled_cells.h"
 #include "builder/scattered/scattered.h"
 
 namespace splatvol {
@@ -47,6 +48,20 @@ void box_estimate(benchmark::State& state) {
                                                 benchmark::Counter::kIsIterationInvariantRate);
 }
 BENCHMARK(box_estimate)->Arg(64)->Arg(512)->Arg(4096)->Unit(benchmark::kMillisecond);
+
+// The points of two subdomains, at once.
+void sampled_cells(benchmark::State& state) {
+  const auto points = random_points(std::size_t{1} << 16);
+  const auto values = values_at(points);
+  SampledCells cells;
+  for (auto run : state) {
+    cells.find(points, points.size(), 0);
+    for (std::size_t i = 0; i < points.size(); ++i) benchmark::DoNotOptimize(cells.value(i, values));
+  }
+  state.counters["points"] =
+      benchmark::Counter(static_cast<double>(points.size()), benchmark::Counter::kIsIterationInvariantRate);
+}
+BENCHMARK(sampled_cells)->Unit(benchmark::kMillisecond);
 
 void voronoi_cells(benchmark::State& state) {
   const auto points = random_points(20'000);

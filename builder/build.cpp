@@ -36,6 +36,8 @@ const char* connectivity_name(Connectivity connectivity) {
       return "mesh";
     case Connectivity::delaunay:
       return "delaunay";
+    case Connectivity::boxes:
+      return "boxes";
     case Connectivity::none:
       return "none";
     default:

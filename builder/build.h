@@ -28,7 +28,7 @@ struct BuildOptions {
   ExactColumns exact = {};                              // what is stored as it is given
   bool join_attributes = true;                          // with the same values: stored once, with an alias
   bool gradients = false;                               // the column `gradient`: lights the kernel octant
-  Connectivity connectivity = Connectivity::automatic;  // delaunay and none ignore the input's cells
+  Connectivity connectivity = Connectivity::automatic;  // only the first two use the input's cells
   std::vector<std::string> inputs;                      // names for the provenance
   std::vector<std::pair<std::string, std::string>> units = {};  // attribute, unit: instead of the source's
   std::string builder = "splatvol";                             // name and version of the program

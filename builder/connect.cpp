@@ -10,6 +10,7 @@
 
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
+#include "builder/points/cell_subdomains.h"
 #include "builder/points/held_points.h"
 #include "builder/reduction/cascade.h"
 #include "builder/scattered/scattered.h"
@@ -22,6 +23,9 @@ constexpr std::uint64_t joined_point_bytes = 900, joined_value_bytes = 16;
 
 // Points up to this number are joined whatever the memory.
 constexpr std::uint64_t always_joined = std::uint64_t{1} << 16;
+
+// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
+constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
 
 // Points whose material one task finds.
 constexpr std::size_t task_points = 64;
@@ -124,9 +128,18 @@ Result<Connection> connect_mesh(PointStream& points) {
 }
 
 Result<Connection> connect_many(const BuildOptions& options, PointStream& points, const std::string& folder) {
-  if (options.connectivity != Connectivity::delaunay)
+  const bool choose = options.connectivity == Connectivity::automatic;
+  if (options.connectivity == Connectivity::boxes || (choose && points.count() > most_cells))
     return Connection{
-        .used = Connectivity::none, .next = next_of(points), .points = points.count(), .needs_estimate = true};
+        .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
+  if (options.connectivity == Connectivity::none || choose) {
+    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 4, folder));
+    const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
+    return Connection{.used = Connectivity::none,
+                      .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
+                      .points = points.count(),
+                      .least_memory = CellSubdomains::bytes_of_subdomain(points.summary().attributes.size())};
+  }
   SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
   const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));
   return Connection{.used = Connectivity::delaunay,
@@ -168,7 +181,8 @@ Result<Connection> connect(const BuildOptions& options, PointStream& points, con
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())
     return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
                 no_volume);
-  if (points.count() > options.held_points) return connect_many(options, points, folder);
+  if (points.count() > options.held_points || options.connectivity == Connectivity::boxes)
+    return connect_many(options, points, folder);
   return connect_held(options, points);
 }
 

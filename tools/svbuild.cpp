@@ -50,7 +50,8 @@ struct Options {
 };
 
 Connectivity connectivity_of(const std::string& name) {
-  for (const Connectivity connectivity : {Connectivity::mesh, Connectivity::delaunay, Connectivity::none})
+  for (const Connectivity connectivity :
+       {Connectivity::mesh, Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
     if (name == connectivity_name(connectivity)) return connectivity;
   return Connectivity::automatic;
 }
@@ -296,10 +297,10 @@ void add_reduction_options(CLI::App& app, Options& options) {
       })
       ->capture_default_str();
   app.add_option("--connectivity", options.connectivity,
-                 "What joins points to a volume: auto (the input's cells; else delaunay, or none beyond 2^20 points), "
-                 "mesh (the cells), delaunay (exact and slow for any number of points), none (an estimate from the "
-                 "points alone)")
-      ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none"}))
+                 "What joins points to a volume: auto (the input's cells; else delaunay, beyond 2^20 points none, "
+                 "beyond 2^26 boxes), mesh (the cells), delaunay (tetrahedra, slow), none (the points' Voronoi cells), "
+                 "boxes (a coarse estimate, fast)")
+      ->check(CLI::IsMember({"auto", "mesh", "delaunay", "none", "boxes"}))
       ->capture_default_str();
 }
 

@@ -221,7 +221,7 @@ class Growing(Splats):
     """As many splats of one volume as the setting says, with memory enough for all. There is no exact picture."""
 
     def __init__(self, bench, volume, scene, setting):
-        Contender.__init__(self, bench, volume.stem, scene, None, {"connectivity": "none", **setting.row()}, None)
+        Contender.__init__(self, bench, volume.stem, scene, None, {"connectivity": "boxes", **setting.row()}, None)
         self.volume = volume
         self.setting = setting
 
@@ -342,7 +342,7 @@ def measure_growth(bench):
     """Measures frames of more and more splats of many points. Only the first device draws all of them."""
     growth, kernel = bench.plan["growth"], "moments"
     volume, scene = bench.work / "vortex.svol", bench.work / "vortex.json"
-    points = bench.run_json("svbuild", growth["source"], "--connectivity", "none", "-o", volume, "--json")["points"]
+    points = bench.run_json("svbuild", growth["source"], "--connectivity", "boxes", "-o", volume, "--json")["points"]
     bench.run("svinfo", volume, "--scene", scene)
     settings = [
         Setting(kernel, splats=count, sampling="1", device=device)

@@ -179,7 +179,7 @@ def compare_reductions(paper):
     counts = (10000, 100000, 1000000)
     build_columns = ("s", "CPU s", "peak MiB", "points of the resolutions", "file MB")
     table("input", "reduction", *build_columns, *(f"{count} splats" for count in counts))
-    for mesh in (*large_meshes(paper), Mesh(POINTS, POINTS, None, ("--connectivity", "none"))):
+    for mesh in (*large_meshes(paper), Mesh(POINTS, POINTS, None, ("--connectivity", "boxes"))):
         for reduction in ("octree", "kdtree", "mis"):
             # The octree is svbuild's default, so its builds of the meshes exist already.
             file, built = build(paper, mesh, *(() if reduction == "octree" else ("--reduction", reduction)))

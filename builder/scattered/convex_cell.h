@@ -1,6 +1,8 @@
 // A convex polyhedron that planes cut down, one after the other.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -11,7 +13,8 @@
 
 namespace splatvol {
 
-/// A convex polyhedron. Keeps its scratch memory, so that a cell costs no allocation. Not thread-safe.
+/// A convex polyhedron of which every vertex has three edges: where more planes meet, vertices coincide. Keeps its
+/// scratch memory, so that a cell costs no allocation. Not thread-safe.
 class ConvexCell {
  public:
   static constexpr std::uint32_t no_label = std::numeric_limits<std::uint32_t>::max();
@@ -28,10 +31,20 @@ class ConvexCell {
   /// Each vertex is put on one side once, so that rounding may choose the wrong side but never breaks the polyhedron.
   bool clip(const dvec3& normal, double offset, std::uint32_t label);
 
-  [[nodiscard]] std::span<const dvec3> vertices() const { return vertices_; }
-  [[nodiscard]] std::span<const Face> faces() const { return faces_; }
+  [[nodiscard]] std::span<const dvec3> vertices() const { return std::span(vertices_).first(count_); }
 
-  /// The vertices of a face, in their order round it.
+  /// Whether a vertex lies on a face without a label.
+  [[nodiscard]] bool is_on_border(std::size_t vertex) const {
+    return std::ranges::any_of(edges_[vertex], [&](const Edge& edge) { return planes_[edge.plane].label == no_label; });
+  }
+
+  /// The square of the length of the longest normal of a face with a label; 0 if there is none.
+  [[nodiscard]] double largest_normal_squared() const;
+
+  /// The faces, until the next cut.
+  [[nodiscard]] std::span<const Face> faces() const;
+
+  /// The vertices of one of these faces, in their order round it, seen from outside counterclockwise.
   [[nodiscard]] std::span<const std::uint32_t> loop(const Face& face) const {
     return std::span(loops_).subspan(face.begin, face.end - face.begin);
   }
@@ -40,26 +53,38 @@ class ConvexCell {
   [[nodiscard]] SpatialMoments moments() const;
 
  private:
-  struct Crossing {
-    std::uint32_t inside, outside;  // the ends of the edge, by their old numbers
-    std::uint32_t vertex;           // on the edge, by its new number
-    std::uint32_t next;             // the next crossing round the new face
+  // One of a vertex' three edges, which go round the vertex counterclockwise, seen from outside.
+  struct Edge {
+    std::uint32_t to;      // the vertex at its other end
+    std::uint32_t number;  // of this edge there
+    std::uint32_t plane;   // of the face to the left
   };
-  [[nodiscard]] std::uint32_t cross(std::uint32_t inside, std::uint32_t outside);
-  void clip_face(const Face& face);
-  void add_cap(const dvec3& normal, std::uint32_t label);
+  using Edges = std::array<Edge, 3>;
+  struct Plane {
+    dvec3 normal;
+    std::uint32_t label;
+  };
+  // An outside vertex, and its edge that the plane of the current cut crosses.
+  struct Crossing {
+    std::uint32_t vertex, edge;
+  };
+  void make_room(std::size_t count);
+  void cross_edges();
+  void join_crossings(std::uint32_t first);
+  void forget_outside();
 
-  std::vector<dvec3> vertices_;
-  std::vector<Face> faces_;
-  std::vector<std::uint32_t> loops_;
-
-  // The current cut.
-  std::vector<double> heights_;         // of the vertices over the plane
-  std::vector<std::uint32_t> renamed_;  // new number of each vertex that stays
+  std::uint32_t count_ = 0;      // of vertices; arrays may be longer, so that nothing is made that is not used
+  std::vector<dvec3> vertices_;  // [vertex], as the next two
+  std::vector<Edges> edges_;
+  std::vector<double> heights_;  // over the plane of the current cut
+  std::vector<Plane> planes_;
+  std::vector<std::uint32_t> outside_;  // of the current cut: vertices, ascending
   std::vector<Crossing> crossings_;
-  std::vector<dvec3> new_vertices_;
-  std::vector<Face> new_faces_;
-  std::vector<std::uint32_t> new_loops_;
+
+  mutable std::vector<Face> faces_;  // empty: not found yet
+  mutable std::vector<std::uint32_t> loops_;
+  mutable std::vector<std::uint8_t> seen_;
+  mutable std::vector<double> weights_;  // [vertex]: volume of the tetrahedra at it
 };
 
 }  // namespace splatvol

@@ -13,9 +13,8 @@
 #include <tuple>
 #include <utility>
 
-#include "builder/scattered/convex_cell.h"
-#include "builder/scattered/gradient_fit.h"
 #include "builder/scattered/trimming.h"
+#include "builder/scattered/voronoi_cell.h"
 
 namespace splatvol {
 namespace {
@@ -90,18 +89,6 @@ class PointTree {
   std::vector<Box> boxes_;  // [number of a tree node]
 };
 
-double quantile(std::vector<double>& items, double share) {
-  const auto middle = items.begin() + static_cast<std::ptrdiff_t>(static_cast<double>(items.size() - 1) * share);
-  std::ranges::nth_element(items, middle);
-  return *middle;
-}
-
-double farthest_squared(const ConvexCell& cell) {
-  double largest = 0;
-  for (const dvec3& v : cell.vertices()) largest = std::max(largest, squared_length(v));
-  return largest;
-}
-
 /// Makes the Voronoi cell of a point, relative to the point. Another point can matter only if it is nearer to a vertex
 /// of the cell than this point is: so the search skips whole boxes of long rows in boundary layers.
 void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uint32_t point, const Box& domain,
@@ -121,70 +108,6 @@ void find_cell(const PointTree& tree, std::span<const dvec3> positions, std::uin
     if (other == point || square >= reach || !cell.clip(d, square / 2, other)) return;
     reach = 4 * farthest_squared(cell);
   });
-}
-
-/// Makes the Voronoi cell of a point whose neighbours are known.
-void rebuild_cell(std::span<const dvec3> positions, std::uint32_t point, std::span<const std::uint32_t> neighbours,
-                  const Box& domain, ConvexCell& cell) {
-  const dvec3 center = positions[point];
-  cell.reset(domain.low - center, domain.high - center);
-  for (const std::uint32_t other : neighbours) {
-    const dvec3 d = positions[other] - center;
-    cell.clip(d, squared_length(d) / 2, other);
-  }
-}
-
-/// Returns the usual distance of a cell's vertices, which are the centres of Delaunay tetrahedra: the lower quartile,
-/// as in trimming.h. Points on a plane have vertices only on the domain's box, or at random far away. Then the distance
-/// to the farthest neighbour stands in.
-double usual_radius(const ConvexCell& cell, std::vector<double>& items) {
-  std::vector<bool> on_box(cell.vertices().size());
-  double farthest_neighbour = 0;
-  for (const auto& face : cell.faces())
-    if (face.label != ConvexCell::no_label)
-      farthest_neighbour = std::max(farthest_neighbour, glm::length(face.normal));
-    else
-      for (const std::uint32_t v : cell.loop(face)) on_box[v] = true;
-  items.clear();
-  for (std::size_t v = 0; v < on_box.size(); ++v)
-    if (!on_box[v]) items.push_back(glm::length(cell.vertices()[v]));
-  if (farthest_neighbour == 0) return glm::length(cell.vertices()[0]);
-  return items.empty() ? farthest_neighbour : std::min(quantile(items, 0.25), farthest_neighbour);
-}
-
-// Least cosine of the angle between a face's normal and the direction away from a vertex, if the face lies on the other
-// side of the point.
-constexpr double min_facing = 0.4;
-
-/// Cuts off vertices that are out of proportion, as they fill holes and concavities of the domain. A cut runs through
-/// the point, parallel to the nearest face on the other side: so a boundary layer ends along the wall, however thin it
-/// is. If nothing is on the other side (points on a plane), the cell gets the thickness of the spacing.
-void trim(ConvexCell& cell, std::span<const double> usual, double own) {
-  for (int cuts = 0; cuts < 32; ++cuts) {
-    // The farthest of the vertices that are too far away.
-    std::vector<double> limit(cell.vertices().size(), own);
-    for (const auto& face : cell.faces())
-      if (face.label != ConvexCell::no_label)
-        for (const std::uint32_t v : cell.loop(face)) limit[v] = std::max(limit[v], usual[face.label]);
-    const dvec3* farthest = nullptr;
-    double distance = 0;
-    for (std::size_t v = 0; v < limit.size(); ++v) {
-      const double length = glm::length(cell.vertices()[v]);
-      if (length > max_radius_ratio * limit[v] && length > distance) farthest = &cell.vertices()[v], distance = length;
-    }
-    if (!farthest) return;
-    const ConvexCell::Face* opposite = nullptr;
-    double nearest = infinity;
-    for (const auto& face : cell.faces()) {
-      const double length = glm::length(face.normal);
-      if (face.label == ConvexCell::no_label || length >= nearest) continue;
-      if (glm::dot(face.normal, *farthest) < -min_facing * length * distance) opposite = &face, nearest = length;
-    }
-    if (opposite)
-      cell.clip(-opposite->normal, 0, ConvexCell::no_label);
-    else
-      cell.clip(*farthest / distance, own / 2, ConvexCell::no_label);
-  }
 }
 
 }  // namespace
@@ -289,7 +212,7 @@ class ScatteredEstimate::Builder {
       ConvexCell cell;
       for (const std::uint32_t point : points) {
         if (farthest_[point] <= max_radius_ratio * usual[point]) continue;
-        rebuild_cell(positions_, point, estimate_.neighbours(point), domain_, cell);
+        make_cell(positions_, point, estimate_.neighbours(point), domain_, cell);
         trim(cell, usual, usual[point]);
         estimate_.spatial_[point] = cell.moments();
       }
@@ -317,34 +240,9 @@ Result<ScatteredEstimate> ScatteredEstimate::create(std::span<const dvec3> posit
   return estimate;
 }
 
-// Fits over the neighbours, weighted by the square of their inverse distance. The normal matrix is then a sum of
-// squares of unit vectors, which is well conditioned in boundary layers too.
-ScatteredEstimate::Fit ScatteredEstimate::fit(std::size_t point, std::span<const double> values) const {
-  Fit result;
-  result.min = result.max = values[point];
-  GradientFit fit;
-  for (const std::uint32_t neighbour : neighbours(point)) {
-    const double difference = values[neighbour] - values[point];
-    if (std::isnan(difference)) continue;
-    const dvec3 offset = positions_[neighbour] - positions_[point];
-    const double length = glm::length(offset);
-    fit.add(offset / length, difference / length);
-    result.min = std::min(result.min, values[neighbour]);
-    result.max = std::max(result.max, values[neighbour]);
-  }
-  if (!fit.empty()) result.gradient = fit.gradient();
-  return result;
-}
-
 ValueMoments ScatteredEstimate::value(std::size_t point, std::span<const double> values) const {
-  const SpatialMoments& cell = spatial_[point];
-  if (cell.mass == 0 || std::isnan(values[point])) return {};
-  const Fit line = fit(point, values);
-  const dvec3& g = line.gradient;
-  const SymmetricMatrix& s = cell.covariance;
-  const dvec3 covariance(s.xx * g.x + s.xy * g.y + s.xz * g.z, s.xy * g.x + s.yy * g.y + s.yz * g.z,
-                         s.xz * g.x + s.yz * g.y + s.zz * g.z);
-  return linear_value_moments(cell, values[point], g, covariance, line.min, line.max);
+  if (spatial_[point].mass == 0 || std::isnan(values[point])) return {};
+  return value_in_cell(spatial_[point], values[point], fit(point, values));
 }
 
 std::vector<ValueMoments> ScatteredEstimate::values(std::span<const double> values) const {

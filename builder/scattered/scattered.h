@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/math.h"
 #include "builder/mesh/moments.h"
+#include "builder/scattered/voronoi_cell.h"
 
 namespace splatvol {
 
@@ -17,7 +18,8 @@ enum class Connectivity {
   automatic,  // the input's cells if it has any, else delaunay or none by the number of points
   mesh,
   delaunay,  // delaunay_tetrahedra
-  none,      // ScatteredEstimate
+  none,      // Voronoi cells: ScatteredEstimate, or SampledCells if there are many
+  boxes,     // BoxEstimate
 };
 
 /// Returns the first point at each position, by ascending x, then y, then z. Requires finite positions, and no more
@@ -62,12 +64,9 @@ class ScatteredEstimate {
  private:
   class Builder;
 
-  // A point's gradient, and the range of its own and its neighbours' values.
-  struct Fit {
-    dvec3 gradient{0};
-    double min, max;
-  };
-  [[nodiscard]] Fit fit(std::size_t point, std::span<const double> values) const;
+  [[nodiscard]] ValueFit fit(std::size_t point, std::span<const double> values) const {
+    return fit_value(positions_, static_cast<std::uint32_t>(point), neighbours(point), values);
+  }
 
   [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t point) const {
     return std::span(neighbours_).subspan(begins_[point], begins_[point + 1] - begins_[point]);

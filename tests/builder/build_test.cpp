@@ -673,6 +673,7 @@ TEST(BuildConnectivity, IsAsAskedForAndSaidInTheReportAndTheFile) {
   EXPECT_EQ(used(mesh, Connectivity::none), "none");
   EXPECT_EQ(used(points, Connectivity::automatic), "delaunay");
   EXPECT_EQ(used(points, Connectivity::none), "none");
+  EXPECT_EQ(used(points, Connectivity::boxes), "boxes");
   EXPECT_NE(used(points, Connectivity::mesh).find("no cells"), std::string::npos);
   // No four points span a volume.
   EXPECT_EQ(used(scattered({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}), Connectivity::automatic), "none");

@@ -1,0 +1,166 @@
+#include "builder/scattered/point_leaves.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint32_t leaf_points = 4, block_points = 32;
+
+// Points in a box so many times smaller than theirs are cut out of it at once, instead of by halving.
+constexpr double cut_ratio = 64;
+
+}  // namespace
+
+void PointLeaves::build(std::span<const dvec3> positions, std::uint32_t own, const Box& domain) {
+  own_ = own;
+  own_box_ = {};
+  entries_.clear();
+  nodes_.clear();
+  leaves_.clear();
+  blocks_.clear();
+  kept_.assign(positions.size(), 0);
+  for (std::uint32_t i = 0; i < positions.size(); ++i) {
+    const dvec3& p = positions[i];
+    entries_.push_back({Entry::Lanes{p.x, p.y, p.z, static_cast<double>(i)}});
+    if (i < own) own_box_.include(p);
+  }
+  split(0, static_cast<std::uint32_t>(entries_.size()), domain, {true, none});
+}
+
+void PointLeaves::add_leaf(const Box& cell, const Origin& origin, bool has_points) {
+  if (origin.wanted && origin.block != none) leaves_.push_back({cell, origin.block, has_points});
+}
+
+// Cuts `cell`, which has these entries.
+void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin origin) {
+  Entry low = entries_[begin], high = low;
+  std::uint32_t first = low.point();
+  for (std::uint32_t i = begin + 1; i < end; ++i) {
+    const Entry::Lanes& lanes = entries_[i].lanes;
+    low.lanes = lanes < low.lanes ? lanes : low.lanes;
+    high.lanes = lanes > high.lanes ? lanes : high.lanes;
+    first = std::min(first, entries_[i].point());
+  }
+  const Box box{low.position(), high.position()};
+  const std::size_t number = nodes_.size();
+  nodes_.push_back({box, begin, end, 0});
+  // Every location of the cell is nearer to its entries.
+  if (first >= own_ && squared_distance(box, own_box_) > squared_length(cell.extent())) origin.wanted = false;
+  if (end - begin <= leaf_points || box.low == box.high) {
+    nodes_[number].end = keep_distinct(begin, end, box);
+    for (std::uint32_t i = begin; i < nodes_[number].end; ++i) kept_[entries_[i].point()] = 1;
+    return add_leaf(cell, origin, true);
+  }
+  if (origin.block == none && end - begin <= block_points) {
+    origin.block = static_cast<std::uint32_t>(blocks_.size());
+    blocks_.push_back(cell);
+  }
+  int axis = 0;
+  double middle = 0;
+  for (;;) {
+    cut_to_entries(box, cell, origin);
+    axis = longest_axis(cell.extent());
+    middle = (cell.low[axis] + cell.high[axis]) / 2;
+    if (middle <= cell.low[axis] || middle >= cell.high[axis]) {  // the cell is as small as rounding
+      axis = longest_axis(box.extent());
+      middle = box.high[axis];
+      break;
+    }
+    Box empty = cell;
+    if (middle <= box.low[axis])
+      empty.high[axis] = cell.low[axis] = middle;
+    else if (middle > box.high[axis])
+      empty.low[axis] = cell.high[axis] = middle;
+    else
+      break;
+    add_leaf(empty, origin);
+  }
+  const auto at = [&](std::uint32_t i) { return entries_.begin() + i; };
+  const auto cut = std::partition(at(begin), at(end), [&](const Entry& entry) { return entry[axis] < middle; });
+  const auto half = static_cast<std::uint32_t>(cut - entries_.begin());
+  Box lower = cell, upper = cell;
+  lower.high[axis] = upper.low[axis] = middle;
+  split(begin, half, lower, origin);
+  nodes_[number].upper = static_cast<std::uint32_t>(nodes_.size());
+  split(half, end, upper, origin);
+}
+
+// Leaves a cell that is not much larger than the box of its entries. Up to six leaves are cut off.
+void PointLeaves::cut_to_entries(const Box& entries, Box& cell, const Origin& origin) {
+  const dvec3 extent = entries.extent(), whole = cell.extent();
+  const double width = extent[longest_axis(extent)];
+  if (cut_ratio * width > whole[longest_axis(whole)]) return;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = entries.low[axis] - width, high = entries.high[axis] + width;
+    Box off = cell;
+    if (low > cell.low[axis]) {
+      off.high[axis] = cell.low[axis] = low;
+      add_leaf(off, origin);
+    }
+    off = cell;
+    if (high < cell.high[axis]) {
+      off.low[axis] = cell.high[axis] = high;
+      add_leaf(off, origin);
+    }
+  }
+}
+
+// Moves the first of coincident entries to the front, and returns their end. Requires few entries, or one position.
+std::uint32_t PointLeaves::keep_distinct(std::uint32_t begin, std::uint32_t end, const Box& box) {
+  const auto first = entries_.begin() + begin, last = entries_.begin() + end;
+  const auto comes_before = [](const Entry& a, const Entry& b) { return a.point() < b.point(); };
+  if (box.low == box.high) {
+    std::iter_swap(first, std::min_element(first, last, comes_before));
+    return begin + 1;
+  }
+  std::sort(first, last, comes_before);
+  auto kept = first;
+  for (auto entry = first; entry != last; ++entry)
+    if (std::none_of(first, kept, [&](const Entry& other) { return other.position() == entry->position(); }))
+      *kept++ = *entry;
+  return static_cast<std::uint32_t>(kept - entries_.begin());
+}
+
+const PointLeaves::Entry* PointLeaves::nearest(const dvec3& from, double distance, std::uint32_t but) const {
+  Search search{from, but, distance * distance, nullptr};
+  this->search(0, search);
+  return search.best;
+}
+
+void PointLeaves::search(std::uint32_t number, Search& search) const {
+  const Node& node = nodes_[number];
+  if (node.upper == 0) {
+    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+      const double square = squared_length(entries_[i].position() - search.from);
+      if (square < search.square && entries_[i].point() != search.but)
+        search.square = square, search.best = &entries_[i];
+    }
+    return;
+  }
+  std::uint32_t near = number + 1, far = node.upper;
+  double to_near = squared_distance(nodes_[near].box, search.from),
+         to_far = squared_distance(nodes_[far].box, search.from);
+  if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
+  if (to_near < search.square) this->search(near, search);
+  if (to_far < search.square) this->search(far, search);
+}
+
+void PointLeaves::find(const Box& box, std::vector<Entry>& found) const { find(0, box, found); }
+
+void PointLeaves::find(std::uint32_t number, const Box& box, std::vector<Entry>& found) const {
+  const auto is_outside = [&](const dvec3& low, const dvec3& high) {
+    return glm::any(glm::lessThan(high, box.low)) || glm::any(glm::greaterThan(low, box.high));
+  };
+  const Node& node = nodes_[number];
+  if (is_outside(node.box.low, node.box.high)) return;
+  if (node.upper != 0) {
+    find(number + 1, box, found);
+    return find(node.upper, box, found);
+  }
+  for (std::uint32_t i = node.begin; i < node.end; ++i)
+    if (!is_outside(entries_[i].position(), entries_[i].position())) found.push_back(entries_[i]);
+}
+
+}  // namespace splatvol
