@@ -43,8 +43,8 @@ class PointLeaves {
   /// Whether a point is the first at its position.
   [[nodiscard]] bool is_kept(std::uint32_t point) const { return kept_[point] != 0; }
 
-  /// Returns the entry nearest to a location, of those nearer than `distance`; null if there is none. The entry of point
-  /// `but` does not count.
+  /// Returns the entry nearest to a location, of those nearer than `distance`; null if there is none. The entry of
+  /// point `but` does not count.
   [[nodiscard]] const Entry* nearest(const dvec3& from, double distance = std::numeric_limits<double>::infinity(),
                                      std::uint32_t but = none) const;
 
