@@ -27,7 +27,7 @@ struct Times {
   double all = 0, read = 0, shapes = 0, values = 0;
 };
 
-// Of the thread, on a processor.
+// Processor time of this thread, in seconds.
 double processor_seconds() {
   timespec time{};
   ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);

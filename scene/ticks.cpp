@@ -43,7 +43,7 @@ std::string label_of_power(int digit, int exponent, bool plain) {
   return (digit == 1 ? "" : fmt::format("{} × ", digit)) + "10" + superscript(exponent);
 }
 
-// Appends ticks at these digits times powers of ten in [low, high], both above 0; of the powers, every `stride`-th.
+// Appends ticks at these digits times powers of ten in [low, high], both above 0. Takes every `stride`-th power.
 void append_powers(Ticks& ticks, double low, double high, std::initializer_list<int> digits, int stride,
                    bool negative) {
   const int first = static_cast<int>(std::floor(std::log10(low))), last = static_cast<int>(std::ceil(std::log10(high)));

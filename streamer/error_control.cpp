@@ -27,8 +27,8 @@ constexpr double first_expected = 2;  // its expected error, of the wanted
 // to the resolution before that.
 constexpr double of_last_resolution = 0.45, of_second_last = 0.25;
 
-// Near the file's own error a cut adds this share of the wanted error: more splats would not help much. Where all
-// points have more than twice the wanted error, it adds all of that, which is half of theirs.
+// Near the file's own error a cut adds this share of the wanted error: more splats would not help much. If all
+// points have more than twice the wanted error, the cut adds the whole wanted error.
 constexpr double least_share = 0.65, share_of_file_error = 0.5;
 
 // A candidate this near to the wanted error is the one. Two are near each other if their splats differ by less.

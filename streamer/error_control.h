@@ -42,7 +42,7 @@ class ErrorControl {
     std::uint64_t first_splats = 0;
   };
 
-  /// What to draw next.
+  /// The picture to draw next.
   struct Request {
     ErrorGoal goal = {};
     std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest

@@ -111,7 +111,8 @@ Ball main_clump(const std::vector<SurveySplat>& splats) {
     std::ranges::transform(splats, distances.begin(),
                            [&](const SurveySplat& splat) { return glm::length(splat.center - from); });
   };
-  // The smallest balls round a splat that hold the share; of those of about one size, that with most different values.
+  // The smallest ball round a splat that holds the share. Among balls of about one size, the one with most different
+  // values.
   Ball ball;
   double variance = -1;
   for (std::size_t i = 0; i < splats.size(); i += std::max<std::size_t>(splats.size() / tried, 1)) {

@@ -117,7 +117,7 @@ Axis choose_axis(const std::vector<SurveySplat>& splats) {
   return spans_decades(sizes, 100) ? Axis{ValueAxis::asinh, quantile(sizes, 0.25), 0} : Axis{};
 }
 
-// What is known of the values, on their axis, before colours and densities are chosen.
+// Findings on the values, on their axis, before colours and densities are chosen.
 struct Findings {
   Interval range{};           // the domain
   Interval clear{};           // values that draw least: those of the surroundings, or one value
@@ -185,8 +185,8 @@ Findings study(const Values& values, bool from_below) {
 }
 
 // Returns the least density. If the material fills little of its box, or the box is flat, its shape is worth a look,
-// and no value of it is clear. If it fills the box, a least density would be a fog. Nor must surroundings of larger
-// cells be seen.
+// and no value of it is clear. If it fills the box, a least density would be a fog. Surroundings of larger cells
+// must not be seen either.
 double least_density(const std::vector<SurveySplat>& splats, const Axis& axis, const Findings& findings) {
   constexpr double filled = 0.3, deep = 0.1, most = 0.5;
   const Box box = bounds_of(splats);

@@ -171,7 +171,7 @@ struct DrawRange {
   [[nodiscard]] bool operator==(const DrawRange&) const = default;
 };
 
-/// What a frame draws, back to front: no splat of a node hides one of a node that comes later.
+/// The ranges that a frame draws, back to front: no splat of a node hides one of a node that comes later.
 struct DrawList {
   std::vector<DrawRange> ranges;
   std::uint64_t splats = 0;

@@ -54,7 +54,7 @@ struct FrameProgress {
   std::vector<Error> errors;  // of parts that could not be read since the frame before; each part once
 };
 
-/// What to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget counts
+/// The splats to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget counts
 /// them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
 struct FrameSplats {
   DrawList list;
@@ -138,8 +138,8 @@ class Streamer {
                                                    const DetailOptions& detail, double wait_seconds = 0,
                                                    double change = 1);
 
-  /// Changes to another step of a time series. What all steps share stays in memory, and so do parts of other steps
-  /// while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged, or if
+  /// Changes to another step of a time series. Parts that all steps share stay in memory, and so do parts of other
+  /// steps while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged, or if
   /// it does not fit the budget; then only destruction is allowed.
   [[nodiscard]] Status set_step(std::size_t step);
 

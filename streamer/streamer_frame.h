@@ -1,4 +1,4 @@
-// What a streamer keeps of a frame, and of the frame that it aims at. Internal to the streamer.
+// A streamer's data on a frame, and on the frame that it aims at. Internal to the streamer.
 #pragma once
 
 #include <cstdint>

@@ -80,8 +80,8 @@ void ConvexCell::cross_edges() {
     }
 }
 
-// Goes along each cut face, over its outside vertices, from the crossing where it leaves the inside to that where it
-// returns. `first`: the first new vertex.
+// Goes along the outside vertices of each cut face: from the crossing out of the inside to the crossing back.
+// `first`: the first new vertex.
 void ConvexCell::join_crossings(std::uint32_t first) {
   const auto cap = static_cast<std::uint32_t>(planes_.size() - 1);
   for (std::uint32_t c = 0; c < crossings_.size(); ++c) {

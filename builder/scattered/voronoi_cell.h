@@ -1,4 +1,4 @@
-// What exact and sampled Voronoi cells have in common: cells from known neighbours, their trimming, and their values.
+// Voronoi cells from known neighbours, their trimming, and their values: for exact and sampled cells alike.
 #pragma once
 
 #include <cstdint>

@@ -323,7 +323,7 @@ struct ChordRest {
 };
 
 HWY_INLINE ChordRest rest_of_chord(Float u) {
-  // Of the part beyond |u|, x^(5/2) times a polynomial of x = 1 - |u|.
+  // The part beyond |u| is x^(5/2) times a polynomial of x = 1 - |u|.
   constexpr float whole = 1.17809725F;  // 3 pi / 8
   const Float x = Float(1.0F) - abs(u);
   Float p = fma(x, 0.0012168689F, 0.0034301744F);

@@ -570,7 +570,7 @@ HWY_INLINE void add_outline(const Screen& screen, Mask near, Fields<count>& fiel
   fields.add(screen.e_1.y);
 }
 
-/// What the middle of an outline has; it serves all of an ellipse.
+/// Properties at the middle of an outline. They serve all of an ellipse.
 struct Middle {
   Float along;  // gradient . d'
   Float spread, light;

@@ -1,4 +1,4 @@
-// What the projections of both kernels have in common. Included once for each instruction set.
+// Parts that the projections of both kernels share. Included once for each instruction set.
 #if defined(SPLATVOL_RENDERER_CPU_PROJECTION_INL_H) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATVOL_RENDERER_CPU_PROJECTION_INL_H
 #undef SPLATVOL_RENDERER_CPU_PROJECTION_INL_H
@@ -15,7 +15,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace splatvol::tiles::HWY_NAMESPACE {
 
-/// What records have from their ranges; one record in each lane.
+/// Properties that records have from their ranges; one record in each lane.
 struct RangesInLanes {
   alignas(64) std::array<float, most_lanes> x, y, z, step, weight, mass_scale, deviation_scale, value_deviation_scale;
 

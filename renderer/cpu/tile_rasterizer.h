@@ -86,7 +86,7 @@ class TileRasterizer final : public Rasterizer {
   tiles::PackedTable table_;
   std::vector<float> peaks_;
 
-  // Of the draw list.
+  // The draw list.
   DrawList list_;
   std::vector<tiles::RangeInView> ranges_;
   std::vector<std::uint32_t> first_ranges_;                // of SplatNumbers

@@ -118,7 +118,7 @@ class GlRasterizer : public Rasterizer {
   std::uint64_t most_bytes_;
   std::uint64_t picture_bytes_ = 0;  // of the planned picture
 
-  // Of the draw list.
+  // The draw list.
   RecordPages pages_;
   std::vector<RangeKey> range_keys_;
   std::vector<dvec3> range_origins_;  // world units
@@ -136,7 +136,7 @@ class GlRasterizer : public Rasterizer {
   StoredAxis axis_;
   std::optional<Lighting> lighting_;
 
-  // Of the present frame.
+  // The present frame.
   Buffer frame_{"frame"};
   Buffer range_buffer_{"ranges of the draw list"};
   Buffer key_buffer_{"sort keys"};

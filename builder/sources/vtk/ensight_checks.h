@@ -11,8 +11,8 @@ namespace splatvol {
 
 /// Walks through the geometry and all variables of a case at a time step, text or binary. Fails if a file ends before
 /// an array or a time step that it declares does, or a variable has values for a part that the geometry lacks. Says
-/// nothing about files that are not there, nor about what follows something unknown. Of the older format EnSight 6,
-/// refuses rectilinear and uniform blocks, and checks nothing else. Safe on untrusted files.
+/// nothing about files that are not there, nor about what follows something unknown. For the older format EnSight 6,
+/// it refuses rectilinear and uniform blocks, and checks nothing else. Safe on untrusted files.
 ///
 /// A file of values may lack parts. One that is cut right before a part is whole by the rules of the format: then the
 /// part has no values.
