@@ -138,7 +138,7 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
     return Connection{.used = Connectivity::none,
                       .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
                       .points = points.count(),
-                      .least_memory = CellSubdomains::bytes_of_subdomain(points.summary().attributes.size())};
+                      .least_memory = subdomains->least_memory()};
   }
   SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
   const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));

@@ -61,6 +61,11 @@ class Reducer {
  private:
   [[nodiscard]] const InputSummary& input() const { return input_; }
 
+  // The points are joined while they are reduced, and forgotten before densities are fitted.
+  [[nodiscard]] std::uint64_t least_memory() const {
+    return fits_ ? std::max(plan_.least, connection_.least_memory) : plan_.least + connection_.least_memory;
+  }
+
   // Most points in an index leaf.
   [[nodiscard]] std::uint64_t index_leaf_points() const {
     return std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
@@ -108,7 +113,7 @@ class Reducer {
                        .points = input().census,
                        .cells = input().cells,
                        .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
-                       .least_memory = std::max({plan_.least, connection_.least_memory, input().bytes_to_read})};
+                       .least_memory = std::max(least_memory(), input().bytes_to_read)};
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       info_.attributes[a].missing = stored.values[a].missing;
       info_.attributes[a].error = stored.values[a].error * info_.attributes[a].scale;

@@ -25,6 +25,11 @@ constexpr double reach_in_spacings = 2;
 // The middle of a box stands for all points in it if the box is smaller than this share of that reach.
 constexpr double stand_in_share = 0.125;
 
+// Cells, their neighbours, and the points outside: about as many as own ones.
+std::uint64_t bytes_of_subdomain(std::size_t attributes) {
+  return CellSubdomains::default_subdomain_points * (800 + 16 * attributes);
+}
+
 }  // namespace
 
 // One subdomain, and points near it.
@@ -101,20 +106,11 @@ bool CellSubdomains::Subdomain::has_own_bucket(std::size_t number) const {
   return first < end_bucket_ && last >= first_bucket_;
 }
 
-// Looks round every node above buckets of the subdomain.
 void CellSubdomains::Subdomain::look_round() {
   const auto& nodes = points_.nodes();
   seen_.clear();
-  if (points_.bucket_count() == 1) return;
-  std::size_t last = nodes.size();
-  for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket) {
-    const std::size_t parent = nodes[bucket].parent;
-    if (parent == last) continue;
-    last = parent;
-    const auto points = static_cast<double>(nodes[nodes[parent].end - 1].end - nodes[nodes[parent].begin].begin);
-    const Box& box = nodes[parent].box;
-    look_at(nodes.size() - 1, {box, reach_in_spacings * glm::length(box.extent()) / std::cbrt(points)});
-  }
+  for (std::size_t bucket = first_bucket_; bucket < end_bucket_; ++bucket)
+    look_at(nodes.size() - 1, {nodes[bucket].box, reach_in_spacings * points_.spacing(bucket)});
 }
 
 void CellSubdomains::Subdomain::look_at(std::size_t number, const Around& around) {
@@ -189,9 +185,8 @@ CellSubdomains::CellSubdomains(CellSubdomains&&) noexcept = default;
 CellSubdomains& CellSubdomains::operator=(CellSubdomains&&) noexcept = default;
 CellSubdomains::~CellSubdomains() = default;
 
-std::uint64_t CellSubdomains::bytes_of_subdomain(std::size_t attributes) {
-  // Cells, their neighbours, and the points outside: about as many as own ones.
-  return default_subdomain_points * (800 + 16 * attributes);
+std::uint64_t CellSubdomains::least_memory() const {
+  return points_->memory() + bytes_of_subdomain(points_->layout().attributes());
 }
 
 Result<CellSubdomains> CellSubdomains::create(PointStream& stream, std::uint64_t memory, const std::string& folder,

@@ -33,8 +33,8 @@ class CellSubdomains {
   /// As PointStream::next(), some thousand points at a time, with material. Uses all threads.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
-  /// Bytes that one subdomain of points with so many attributes takes.
-  [[nodiscard]] static std::uint64_t bytes_of_subdomain(std::size_t attributes);
+  /// About the bytes that this holds with one subdomain at a time.
+  [[nodiscard]] std::uint64_t least_memory() const;
 
  private:
   class Subdomain;
