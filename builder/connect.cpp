@@ -133,12 +133,13 @@ Result<Connection> connect_many(const BuildOptions& options, PointStream& points
     return Connection{
         .used = Connectivity::boxes, .next = next_of(points), .points = points.count(), .needs_estimate = true};
   if (options.connectivity == Connectivity::none || choose) {
-    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 4, folder));
+    SPLATVOL_TRY_ASSIGN(created, CellSubdomains::create(points, options.memory / 2, folder));
     const auto subdomains = std::make_shared<CellSubdomains>(std::move(created));
     return Connection{.used = Connectivity::none,
                       .next = [subdomains](PointBatch& batch) { return subdomains->next(batch); },
                       .points = points.count(),
-                      .least_memory = subdomains->least_memory()};
+                      .least_memory = subdomains->least_memory(),
+                      .memory = subdomains->memory()};
   }
   SPLATVOL_TRY_ASSIGN(created, DelaunaySubdomains::create(points, options.memory / 2, folder));
   const auto subdomains = std::make_shared<DelaunaySubdomains>(std::move(created));

@@ -20,6 +20,7 @@ struct Connection {
   std::uint64_t points;                                            // how many; some of these may be merged yet
   bool needs_estimate = false;                                     // the points come without material
   std::uint64_t least_memory = 0;                                  // BuildReport::least_memory, to join them
+  std::uint64_t memory = 0;                                        // bytes held beside those of a reduction's plan
   std::shared_ptr<const DelaunaySubdomains> subdomains = nullptr;  // null unless the points come from there
 };
 

@@ -33,7 +33,7 @@ class Reducer {
         progress_(progress),
         info_(describe_volume(options, input().cube, input().attributes)),
         fits_(connection_.points <= most_fitted_points),
-        plan_(plan_memory(options.memory, shape())) {}
+        plan_(plan_memory(memory(), shape())) {}
 
   Result<BuildReport> run(RowFiles& files, const WriteReduced& write) {
     const RowPacker packer(info_, options_.exact);
@@ -61,15 +61,18 @@ class Reducer {
  private:
   [[nodiscard]] const InputSummary& input() const { return input_; }
 
-  // The points are joined while they are reduced, and forgotten before densities are fitted.
   [[nodiscard]] std::uint64_t least_memory() const {
-    return fits_ ? std::max(plan_.least, connection_.least_memory) : plan_.least + connection_.least_memory;
+    return connection_.memory > 0 ? plan_.least + connection_.least_memory
+                                  : std::max(plan_.least, connection_.least_memory);
   }
 
   // Most points in an index leaf.
   [[nodiscard]] std::uint64_t index_leaf_points() const {
     return std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
   }
+
+  // Bytes for the reduction.
+  [[nodiscard]] std::uint64_t memory() const { return options_.memory - std::min(options_.memory, connection_.memory); }
 
   [[nodiscard]] BuildShape shape() const {
     return {.attributes = input().attributes.size(),

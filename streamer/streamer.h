@@ -54,8 +54,8 @@ struct FrameProgress {
   std::vector<Error> errors;  // of parts that could not be read since the frame before; each part once
 };
 
-/// The splats to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget counts
-/// them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
+/// The splats to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget
+/// counts them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
 struct FrameSplats {
   DrawList list;
   std::uint64_t serial = 0;  // changes when the list changes, besides its weights
@@ -139,8 +139,8 @@ class Streamer {
                                                    double change = 1);
 
   /// Changes to another step of a time series. Parts that all steps share stay in memory, and so do parts of other
-  /// steps while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged, or if
-  /// it does not fit the budget; then only destruction is allowed.
+  /// steps while there is room. The last result is no longer valid. Fails if there is no such step, if it is damaged,
+  /// or if it does not fit the budget; then only destruction is allowed.
   [[nodiscard]] Status set_step(std::size_t step);
 
   /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.

@@ -25,9 +25,9 @@ constexpr double reach_in_spacings = 2;
 // The middle of a box stands for all points in it if the box is smaller than this share of that reach.
 constexpr double stand_in_share = 0.125;
 
-// Cells, their neighbours, and the points outside: about as many as own ones.
+// Cells, their neighbours, and the points outside, which may be several times as many as own ones.
 std::uint64_t bytes_of_subdomain(std::size_t attributes) {
-  return CellSubdomains::default_subdomain_points * (800 + 16 * attributes);
+  return CellSubdomains::default_subdomain_points * (1600 + 32 * attributes);
 }
 
 }  // namespace
@@ -184,6 +184,10 @@ CellSubdomains::CellSubdomains(std::unique_ptr<StoredPoints> points, const Cube&
 CellSubdomains::CellSubdomains(CellSubdomains&&) noexcept = default;
 CellSubdomains& CellSubdomains::operator=(CellSubdomains&&) noexcept = default;
 CellSubdomains::~CellSubdomains() = default;
+
+std::uint64_t CellSubdomains::memory() const {
+  return points_->memory() + at_once_ * bytes_of_subdomain(points_->layout().attributes());
+}
 
 std::uint64_t CellSubdomains::least_memory() const {
   return points_->memory() + bytes_of_subdomain(points_->layout().attributes());

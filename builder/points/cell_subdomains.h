@@ -33,7 +33,8 @@ class CellSubdomains {
   /// As PointStream::next(), some thousand points at a time, with material. Uses all threads.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
-  /// About the bytes that this holds with one subdomain at a time.
+  /// About the bytes that this holds at most, and with one subdomain at a time.
+  [[nodiscard]] std::uint64_t memory() const;
   [[nodiscard]] std::uint64_t least_memory() const;
 
  private:

@@ -14,6 +14,7 @@
 #include "builder/build.h"
 #include "builder/memory_plan.h"
 #include "builder/points/point_stream.h"
+#include "builder/sources/generator.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/format/allocation_counter.h"
@@ -116,6 +117,26 @@ TEST(HeldBytes, AreBoundedForAnyNumberOfAttributes) {
         EXPECT_TRUE(read_all(path) == expected) << attributes << " attributes, " << memory << " bytes";
       }
     }
+}
+
+// Cells are found in one subdomain at a time if the memory has no room for more.
+TEST(HeldBytes, OfSampledCellsAreBounded) {
+  const std::string path = testing::TempDir() + "held_cells.svol";
+  std::string expected;
+  for (const std::uint64_t memory : {std::uint64_t{64} << 20, std::uint64_t{1}}) {
+    BuildOptions options;
+    options.memory = memory;
+    options.held_points = 1;
+    options.connectivity = Connectivity::none;
+    const auto source = generate_points({300'000, Distribution::clusters, 1, false});
+    test::start_counting_allocations();
+    const auto report = build_volume(*source, path, options, [](const char*, double) {});
+    ASSERT_TRUE(report) << report.error().message;
+    // The sorted points keep a part of the memory, too.
+    EXPECT_LE(test::most_bytes_allocated(), std::max(memory, report->least_memory) + (std::size_t{14} << 20)) << memory;
+    if (expected.empty()) expected = read_all(path);
+    EXPECT_TRUE(read_all(path) == expected) << memory;
+  }
 }
 
 TEST(HeldBytes, OfAPieceAreCounted) {
