@@ -162,8 +162,7 @@ class Session {
   std::uint64_t most_splats_ = 0;  // that the device had room for, as far as is known
   bool settled_ = false;
   double still_seconds_ = 0;  // since the scene changed last
-  FramePacer pacer_{
-      0.030};  // seconds of a frame while something moves: at least 20 frames a second with the window's share
+  FramePacer pacer_{0.011};   // seconds of a frame while something moves: 60 frames a second with the window's share
   std::optional<Sharpening> sharpening_;  // at rest
   double draw_seconds_ = 0;
   std::vector<std::string> troubles_;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 namespace splatvol::tiles {
@@ -27,10 +28,17 @@ Neighbours neighbours_of(int pixel, int pixels, int samples, int spacing) {
   return result;
 }
 
+// The channels of a pixel side by side.
+using Channels [[gnu::vector_size(sizeof(vec4))]] = float;
+
+Channels channels(const vec4& pixel) { return std::bit_cast<Channels>(pixel); }
+
 /// Colours stay between black and white of their alpha.
-vec4 sound_pixel(const vec4& sum) {
-  const float alpha = std::clamp(sum.a, 0.0F, 1.0F);
-  return {std::clamp(sum.r, 0.0F, alpha), std::clamp(sum.g, 0.0F, alpha), std::clamp(sum.b, 0.0F, alpha), alpha};
+vec4 sound_pixel(const Channels& sum) {
+  const float alpha = std::clamp(sum[3], 0.0F, 1.0F);
+  const Channels zero{}, white = {alpha, alpha, alpha, alpha};
+  const Channels above = sum < zero ? zero : sum;
+  return std::bit_cast<vec4>(above > white ? white : above);
 }
 
 }  // namespace
@@ -52,8 +60,8 @@ void interpolate(const Image& samples, int spacing, Image& rows, Image& picture)
     // Pictures begin with the upper row, samples count from the lower left corner: the middle is common to both.
     const Neighbours from = neighbours_of(y, picture.height, samples.height, spacing);
     for (int x = 0; x < rows.width; ++x) {
-      vec4 sum(0);
-      for (int k = 0; k < 4; ++k) sum += from.weights[k] * samples.at(x, from.at[k]);
+      Channels sum{};
+      for (int k = 0; k < 4; ++k) sum += from.weights[k] * channels(samples.at(x, from.at[k]));
       rows.at(x, y) = sound_pixel(sum);
     }
   });
@@ -64,8 +72,8 @@ void interpolate(const Image& samples, int spacing, Image& rows, Image& picture)
   tbb::parallel_for(0, picture.height, [&](int y) {
     for (int x = 0; x < picture.width; ++x) {
       const Neighbours& from = columns[static_cast<std::size_t>(x)];
-      vec4 sum(0);
-      for (int k = 0; k < 4; ++k) sum += from.weights[k] * rows.at(from.at[k], y);
+      Channels sum{};
+      for (int k = 0; k < 4; ++k) sum += from.weights[k] * channels(rows.at(from.at[k], y));
       picture.at(x, y) = sound_pixel(sum);
     }
   });
