@@ -220,6 +220,7 @@ class Streamer {
   [[nodiscard]] Status choose_aim(const View& view, const ValueVisibility& visibility, const DetailOptions& detail);
   void want_stages(const View& view, const ValueVisibility& visibility);
   void want_ahead(const View& last, const View& view, const ValueVisibility& visibility);
+  [[nodiscard]] bool holds_aim();
   [[nodiscard]] Result<Cut> choose_resident(DetailOptions& detail);
   [[nodiscard]] Result<Cut> choose_coarsest();
   [[nodiscard]] std::uint64_t fading_splats(const Cut& cut) const;

@@ -90,7 +90,7 @@ Status Streamer::choose_aim(const View& view, const ValueVisibility& visibility,
   pager_->keep_pages(std::move(pages));
   pager_->want(choice->cut, 0);
   aim_ = std::make_unique<Aim>(Aim{view, visibility, detail, std::move(*choice), aimed_bytes});
-  want_stages(view, visibility);
+  if (!holds_aim()) want_stages(view, visibility);
   return {};
 }
 
@@ -140,10 +140,18 @@ void Streamer::want_ahead(const View& last, const View& view, const ValueVisibil
   pager_->ask();
 }
 
+// Whether the aim can be drawn as it is.
+bool Streamer::holds_aim() {
+  const Cut& aimed = aim_->choice.cut;
+  return aimed.complete &&
+         std::ranges::all_of(aimed.items, [&](const CutItem& item) { return pager_->holds(aimed.ranges_of(item)); });
+}
+
 // Chooses the best resident cut, or else the coarsest. It has little more splats than the aim, unless the coarsest has.
 // Makes `detail` coarser if it must.
 Result<Cut> Streamer::choose_resident(DetailOptions& detail) {
   const Cut& aimed = aim_->choice.cut;
+  if (holds_aim()) return aimed;
   const std::uint64_t limit =
       std::max(aimed.memory_bytes() + aimed.splats * record_bytes(kernel_) + free_bytes() / 16, coarsest_cut_bytes());
   do {
