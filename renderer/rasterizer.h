@@ -20,6 +20,12 @@ enum class SortMode {
   exact,  // back to front, by distance to the eye (perspective) or depth (orthographic)
 };
 
+/// How splats that overlap become a picture.
+enum class Compositing {
+  splats,  // one is drawn over the other
+  slabs,   // those in a slab of depth are mixed, and their density is divided by its sum; kernel `moments` only
+};
+
 inline constexpr int max_sample_spacing = 64;
 
 /// The parts of a frame's time, in seconds. Each part is waited for.

@@ -275,7 +275,10 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   drawing.streamer = std::move(streamer);
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
+  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel,
+                                                         .compositing = options.raster == "slabs" ? Compositing::slabs
+                                                                                                  : Compositing::splats,
+                                                         .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
   drawing.detail = options.detail;
   drawing.max_error = options.max_error;
@@ -341,6 +344,7 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
                            {"attribute", scene.attribute},
                            {"kernel", options.kernel},
                            {"sort", options.sort},
+                           {"raster", options.raster},
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
                            {"renderer", drawing.renderer->description()}};

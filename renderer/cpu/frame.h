@@ -70,6 +70,13 @@ struct RangeInView {
   float value_deviation_scale = 0;
 };
 
+/// By what splats are sorted.
+enum class SortKey {
+  distance,  // to the eye; depth in orthographic projection
+  depth,
+  front,  // a depth that the splat does not reach, if it is not behind the eye
+};
+
 inline constexpr unsigned splats_per_group = 64;
 
 /// The splats of a draw list by number. Every range has splats.
@@ -137,6 +144,19 @@ struct NearSplat {
 };
 static_assert(sizeof(NearSplat) == 172);
 
+/// What slabs need of a near splat besides. Depths are in drawing units.
+struct SlabSplat {
+  float front, back;  // depths between which it lies
+  float depth;        // of k = 1
+  float chord;        // through its centre, as a difference of depths
+  float weight;       // about its optical depth; 0: nothing of it can be seen
+};
+
+/// A part of a tile between two depths, in drawing units.
+struct Slab {
+  float front, back;
+};
+
 /// A splat of the kernel octant: a round Gaussian, whose alpha falls as 2^-(distance^2).
 struct GaussianSplat {
   float x, y;     // centre, pixels
@@ -156,10 +176,15 @@ struct ScreenSplats {
   FarSplat* far = nullptr;
   NearSplat* near = nullptr;
   GaussianSplat* gaussians = nullptr;
+  SlabSplat* slab = nullptr;  // null: splats are not mixed in slabs
 
   [[nodiscard]] ScreenSplats from(std::size_t slot) const {
-    return {bounds + slot, forms + slot, far ? far + slot : nullptr, near ? near + slot : nullptr,
-            gaussians ? gaussians + slot : nullptr};
+    return {bounds + slot,
+            forms + slot,
+            far ? far + slot : nullptr,
+            near ? near + slot : nullptr,
+            gaussians ? gaussians + slot : nullptr,
+            slab ? slab + slot : nullptr};
   }
 };
 

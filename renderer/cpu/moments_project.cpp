@@ -1,5 +1,6 @@
 // Projects splats of the kernel moments: a splat in each lane.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -530,6 +531,7 @@ struct Fields {
 };
 using FarFields = Fields<(offsetof(FarSplat, column_reach) + sizeof(float)) / 4>;
 using NearFields = Fields<sizeof(NearSplat) / 4>;
+using SlabFields = Fields<sizeof(SlabSplat) / 4>;
 
 /// A splat between outline and fields.
 struct Screen {
@@ -712,6 +714,7 @@ struct Projection {
   Bounds bounds;
   FarFields far;
   NearFields near;
+  SlabFields slab;
   alignas(64) std::array<std::int32_t, most_lanes> forms;  // as Form
 };
 
@@ -723,8 +726,20 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
   return both(both(positive, is_finite(mass)), is_finite(bits_as_float(records.word(7))));
 }
 
+/// `peak`: the largest extinction in the splat.
+HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, SlabFields& fields) {
+  const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
+  const Float depth = rays.scale * body.pixel_size;
+  const Float root = inverse_sqrt(dot(rays.d_0, rays.d_0));
+  fields.add(middle - reach);
+  fields.add(middle + reach);
+  fields.add(depth);
+  fields.add(min(root * depth * 2.0F, reach * 2.0F));
+  fields.add(max(root * strength * peak, 1e-12F));
+}
+
 /// Projects a splat in each lane.
-void project(const FrameConstants& frame, const Records& records, Projection& result) {
+void project(const FrameConstants& frame, const Records& records, bool in_slabs, Projection& result) {
   Float mass;
   Mask drawn = masses_of(records, mass);
   const Vector3 centre = position_in_view(frame, records);
@@ -735,7 +750,7 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   drawn = both(drawn, make_body(frame, records, centre, body, value));
   const Float extent = fma(sqrt(value.residual), 4.0F, length(value.gradient));
   const Float peak = peak_extinction(frame, value.mean - extent, value.mean + extent);
-  drawn = both(drawn, peak > Float(0.0F));
+  if (!in_slabs) drawn = both(drawn, peak > Float(0.0F));  // the others are mixed with their neighbours
 
   const float focal = frame.orthographic ? 1.0F : frame.focal;
   const Vector2 half_image{0.5F * frame.width / focal, 0.5F * frame.height / focal};
@@ -757,17 +772,22 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   Float cut_strength = strength;
   const Mask bright = cut_rim(body, rays, peak, cut_strength, terms, screen);
   const Mask bright_near = peak * strength / rays.scale * body.longest > Float(least_depth);
-  drawn = both(drawn, either(both(body.near, bright_near), hn::AndNot(body.near, bright)));
-  screen.reach = select(body.near, 1.0F, screen.reach);
-  strength = select(body.near, strength, cut_strength);
+  if (in_slabs) {
+    screen.reach = 1.0F;
+  } else {
+    drawn = both(drawn, either(both(body.near, bright_near), hn::AndNot(body.near, bright)));
+    screen.reach = select(body.near, 1.0F, screen.reach);
+    strength = select(body.near, strength, cut_strength);
+  }
 
   const Mask changing = max(size_of(terms.g_change), size_of(terms.ray_change)) > Float(most_change);
-  const Mask near = both(drawn, either(body.near, changing)), far = hn::AndNot(near, drawn);
+  const Mask near = in_slabs ? drawn : both(drawn, either(body.near, changing)), far = hn::AndNot(near, drawn);
   set_bounds(frame, screen, body.near, result.bounds);
   store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
         result.forms.data());
   const Middle middle = make_middle(frame, body, value, rays, terms);
-  result.far.used = result.near.used = 0;
+  result.far.used = result.near.used = result.slab.used = 0;
+  if (in_slabs) set_slab_fields(body, rays, strength, peak, result.slab);
   if (any(far)) set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
   if (any(near)) set_near_fields(body, value, rays, middle, strength, screen, result.near);
 }
@@ -781,7 +801,9 @@ void write_splat(const Projection& projection, int lane, const ScreenSplats& scr
   screen.bounds[slot] = pixels;
   screen.forms[slot] = pixels.left == pixels.right ? Form::none : form;
   if (screen.forms[slot] == Form::far) projection.far.copy(lane, &screen.far[slot]);
-  if (screen.forms[slot] == Form::near) projection.near.copy(lane, &screen.near[slot]);
+  if (screen.forms[slot] != Form::near) return;
+  projection.near.copy(lane, &screen.near[slot]);
+  if (screen.slab) projection.slab.copy(lane, &screen.slab[slot]);
 }
 
 void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,
@@ -789,29 +811,34 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
   Records records{};
   Projection projection{};
   for_each_group(splats, numbers, records, [&](std::size_t first, std::size_t count) HWY_ATTR {
-    project(frame, records, projection);
+    project(frame, records, screen.slab != nullptr, projection);
     for (std::size_t lane = 0; lane < count; ++lane)
       write_splat(projection, static_cast<int>(lane), screen, first + lane);
   });
 }
 
-Int keys_of(const FrameConstants& frame, const Records& records, bool by_depth) {
+Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
   const Vector3 centre = position_in_view(frame, records);
-  if (by_depth) return key_of(centre.z);
-  const Float distance = max(frame.orthographic ? centre.z : length(centre), 0.0F);
+  if (kind == SortKey::depth) return key_of(centre.z);
   const Int mass = bits_of<0, 16>(records.word(4)), coverage = bits_of<16, 8>(records.word(8));
   const Float longest = log_number(bits_of<16, 16>(records.word(4))) * load(records.ranges.deviation_scale.data());
   const Float foot = length(boundary_foot(records));
   const Float radius = longest * fma(fma(foot, 1.1F, 1.0F), half_axis, foot);
   Mask hidden = either(is_outside(frame, centre, radius), either(is_zero(mass), is_zero(coverage)));
   hidden = either(hidden, hn::Not(is_finite(bits_as_float(records.word(7)))));
-  return select_int(hidden, -1, key_of(distance));
+  Float distance = frame.orthographic ? centre.z : length(centre);
+  if (kind == SortKey::front) {
+    const Float pixel = (frame.orthographic ? Float(1.0F) : max(centre.z, 0.0F) + radius) * (1.0F / frame.focal);
+    // The raster widens a splat by at most so many pixels.
+    const Float widened = pixel * fma(foot, 1.1F, 1.0F) * (half_axis * 0.45F);
+    distance = centre.z - (radius + widened) * 1.001F;
+  }
+  return select_int(hidden, -1, key_of(max(distance, 0.0F)));
 }
 
-void keys_of_range(const FrameConstants& frame, const RangeInView& range, bool by_depth,
-                   std::span<std::uint32_t> keys) {
+void keys_of_range(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
   Records records{};
-  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, by_depth); });
+  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
 }
 
 const char* target_name() { return hwy::TargetName(HWY_TARGET); }
@@ -827,9 +854,11 @@ HWY_EXPORT(project_all);
 HWY_EXPORT(keys_of_range);
 HWY_EXPORT(target_name);
 
-void moments_keys(const FrameConstants& frame, const RangeInView& range, bool by_depth, std::span<std::uint32_t> keys) {
-  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, by_depth, keys);
+void moments_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
+  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, kind, keys);
 }
+
+float front_of_key(std::uint32_t key) { return std::bit_cast<float>(key ^ 0x7fffffffU); }  // projection-inl.h: key_of
 
 void project_moments(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,
                      const ScreenSplats& screen) {

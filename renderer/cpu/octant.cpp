@@ -59,9 +59,9 @@ HWY_INLINE Distance distance_to_eye(const FrameConstants& frame, const Records& 
   return {frame.orthographic ? centre.z : max(length(centre), centre.z), drawn};
 }
 
-Int keys_of(const FrameConstants& frame, const Records& records, bool by_depth) {
+Int keys_of(const FrameConstants& frame, const Records& records, SortKey kind) {
   const Vector3 centre = position_in_view(frame, records);
-  if (by_depth) return key_of(centre.z);
+  if (kind == SortKey::depth) return key_of(centre.z);
   const Distance distance = distance_to_eye(frame, records, centre);
   const Float widened = fma(records.number(2), sigma_per_size * largest_cut, 0.0F);
   const Mask seen = hn::AndNot(is_outside(frame, centre, widened), distance.drawn);
@@ -158,10 +158,9 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
   });
 }
 
-void keys_of_range(const FrameConstants& frame, const RangeInView& range, bool by_depth,
-                   std::span<std::uint32_t> keys) {
+void keys_of_range(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
   Records records{};
-  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, by_depth); });
+  for_each_group(range, keys, records, [&]() HWY_ATTR { return keys_of(frame, records, kind); });
 }
 
 /// Returns 2^-x. Requires x >= 0.
@@ -233,8 +232,8 @@ HWY_EXPORT(project_all);
 HWY_EXPORT(keys_of_range);
 HWY_EXPORT(blend_all);
 
-void octant_keys(const FrameConstants& frame, const RangeInView& range, bool by_depth, std::span<std::uint32_t> keys) {
-  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, by_depth, keys);
+void octant_keys(const FrameConstants& frame, const RangeInView& range, SortKey kind, std::span<std::uint32_t> keys) {
+  HWY_DYNAMIC_DISPATCH(keys_of_range)(frame, range, kind, keys);
 }
 
 void project_octant(const FrameConstants& frame, const SplatNumbers& splats, std::span<const std::uint32_t> numbers,

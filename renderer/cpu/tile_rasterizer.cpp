@@ -1,5 +1,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
@@ -111,7 +112,14 @@ void resize(Image& image, int width, int height) {
 
 }  // namespace
 
-TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel) {}
+struct TileRasterizer::Workspaces {
+  tbb::enumerable_thread_specific<SlabWorkspace> of_threads;
+};
+
+TileRasterizer::TileRasterizer(KernelKind kernel, Compositing compositing)
+    : kernel_(kernel), compositing_(compositing), workspaces_(std::make_unique<Workspaces>()) {}
+
+TileRasterizer::~TileRasterizer() = default;
 
 Status TileRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
   SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
@@ -223,13 +231,15 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
 
   grid_ = {view.width, view.height};
   closed_.assign(grid_.size(), 0);
-  reserve_batch();
+  carried_ = 0;
+  depths_ = {0, 0};
   for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch)
     draw_batch(sequence, first, target);
   times.draw += stopwatch.lap();
 }
 
 TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode sort) {
+  if (compositing_ == Compositing::slabs) sort = SortMode::exact;  // by front
   if (sort == SortMode::axis) {
     const int axis = longest_axis(glm::abs(view.forward));
     // Orders run back to front along the axis.
@@ -238,7 +248,7 @@ TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode 
   }
   if (sort == SortMode::none) return {nullptr, list_.splats, true};
   if (ordered_view_ != view) {
-    order_ = sort_keys(sorter_, false);
+    order_ = sort_keys(sorter_, compositing_ == Compositing::slabs ? SortKey::front : SortKey::distance);
     ordered_view_ = view;
   }
   return {order_.data(), order_.size(), true};
@@ -253,14 +263,14 @@ const std::vector<std::uint32_t>& TileRasterizer::order_along(int axis, const Vi
     for (const DrawRange& range : list_.ranges) eye += range.row.shapes->blocks()[range.block].origin / count;
     set_view(view_along(axis, eye));
     KeySorter sorter;
-    const std::span<const std::uint32_t> sorted = sort_keys(sorter, true);
+    const std::span<const std::uint32_t> sorted = sort_keys(sorter, SortKey::depth);
     order.assign(sorted.begin(), sorted.end());
     set_view(view);
   }
   return order;
 }
 
-std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, bool by_depth) {
+std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, SortKey kind) {
   const auto compute = kernel_ == KernelKind::moments ? moments_keys : octant_keys;
   keys_.resize(list_.splats);
   const SplatNumbers numbers{ranges_, first_ranges_};
@@ -270,40 +280,60 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, bool
     const auto end = static_cast<std::uint32_t>(std::min((task + 1) * splats_per_task, keys_.size()));
     for (const RangeInView* range = &numbers.range_of(begin); range != &*ranges_.end() && range->first < end; ++range) {
       const RangeInView part = part_of(*range, begin, end);
-      compute(frame_, part, by_depth, std::span(keys_).subspan(part.first, part.count));
+      compute(frame_, part, kind, std::span(keys_).subspan(part.first, part.count));
     }
   });
   return sorter.sort(keys_);
 }
 
+/// Makes room for a batch behind the slots that were carried over.
 void TileRasterizer::reserve_batch() {
-  const std::size_t count = std::min<std::size_t>(splats_per_batch, list_.splats);
-  if (bounds_.size() >= count) return;
-  numbers_.resize(count);
-  bounds_.resize(count);
-  forms_.resize(count);
-  if (kernel_ == KernelKind::moments) {
-    far_.reserve(count);
-    near_.reserve(count);
-  } else {
-    gaussians_.reserve(count);
+  const std::size_t batch = std::min<std::size_t>(splats_per_batch, list_.splats), slots = carried_ + batch;
+  if (numbers_.size() < batch) numbers_.resize(batch);
+  if (bounds_.size() >= slots) return;
+  bounds_.resize(slots);
+  forms_.resize(slots);
+  if (kernel_ == KernelKind::octant) {
+    gaussians_.reserve(slots);
+    return;
   }
+  near_.reserve(slots, carried_);
+  if (compositing_ == Compositing::slabs)
+    slab_.reserve(slots, carried_);
+  else
+    far_.reserve(slots);
 }
 
 ScreenSplats TileRasterizer::screen() {
-  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data()};
+  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data(), slab_.data()};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
-  const std::size_t count = std::min(splats_per_batch, sequence.count - first);
+  const std::size_t count = std::min(splats_per_batch, sequence.count - first), slots = carried_ + count;
+  reserve_batch();
+  project_batch(sequence, first, count);
+  if (compositing_ == Compositing::slabs) {
+    const std::size_t next = first + count;
+    const float end = next < sequence.count ? front_of_key(keys_[sequence[next]]) : std::numeric_limits<float>::max();
+    depths_ = {depths_.back, end};
+  }
+  draw_tiles(slots, target);
+  if (compositing_ == Compositing::slabs) carry_over(slots);
+}
+
+/// Projects splats into the slots behind those that were carried over.
+void TileRasterizer::project_batch(const Sequence& sequence, std::size_t first, std::size_t count) {
   const SplatNumbers numbers{ranges_, first_ranges_};
   const auto project = kernel_ == KernelKind::moments ? project_moments : project_octant;
   tbb::parallel_for(std::size_t{0}, (count + splats_per_task - 1) / splats_per_task, [&](std::size_t task) {
     const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, count);
     for (std::size_t i = begin; i < end; ++i) numbers_[i] = sequence[first + i];
-    project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(begin));
+    project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(carried_ + begin));
   });
-  bins_.fill(grid_, std::span(bounds_).first(count), closed_);
+}
+
+void TileRasterizer::draw_tiles(std::size_t slots, Image& target) {
+  bins_.fill(grid_, std::span(bounds_).first(slots), closed_);
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, grid_.size(), 1),
       [&](const tbb::blocked_range<std::size_t>& range) {
@@ -315,13 +345,31 @@ void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Ima
 
 void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
   const TileArea area = grid_.area(tile);
+  const std::span<const std::uint32_t> slots = bins_.slots(tile);
   TilePixels pixels;
   pixels.values.fill(0);
   load_pixels(target, area, pixels);
-  const bool opaque = kernel_ == KernelKind::moments ? blend_moments(frame_, screen(), bins_.slots(tile), area, pixels)
-                                                     : blend_octant(screen(), bins_.slots(tile), area, pixels);
+  bool opaque = false;
+  if (compositing_ == Compositing::slabs)
+    opaque = blend_slabs(frame_, screen(), slots, depths_, area, workspaces_->of_threads.local(), pixels);
+  else if (kernel_ == KernelKind::moments)
+    opaque = blend_moments(frame_, screen(), slots, area, pixels);
+  else
+    opaque = blend_octant(screen(), slots, area, pixels);
   closed_[tile] = opaque ? 1 : 0;
   store_pixels(pixels, area, target);
+}
+
+/// Moves the splats that reach behind the batch into its first slots.
+void TileRasterizer::carry_over(std::size_t slots) {
+  carried_ = 0;
+  for (std::size_t slot = 0; slot < slots; ++slot) {
+    if (forms_[slot] != Form::near || slab_.data()[slot].back <= depths_.back) continue;
+    bounds_[carried_] = bounds_[slot];
+    forms_[carried_] = forms_[slot];
+    near_.data()[carried_] = near_.data()[slot];
+    slab_.data()[carried_++] = slab_.data()[slot];
+  }
 }
 
 Result<Image> TileRasterizer::read_image() const {
@@ -334,6 +382,8 @@ std::uint64_t TileRasterizer::device_bytes() const {
                         bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
                         bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() + gaussians_.memory_bytes() +
                         bins_.memory_bytes() + bytes_of(closed_);
+  bytes += slab_.memory_bytes();
+  for (const SlabWorkspace& workspace : workspaces_->of_threads) bytes += workspace.memory_bytes();
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
   for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);
   return bytes;

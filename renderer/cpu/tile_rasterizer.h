@@ -1,11 +1,14 @@
 // Draws splats into a picture with the processor, tile by tile.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "renderer/cpu/bins.h"
@@ -23,10 +26,12 @@ inline constexpr int largest_tiled_side = 16384;
 template <class Element>
 class Scratch {
  public:
-  /// Loses what it held if it grows.
-  void reserve(std::size_t count) {
+  /// Keeps the first elements, and loses the others if it grows.
+  void reserve(std::size_t count, std::size_t kept = 0) {
     if (count <= size_) return;
-    elements_ = std::make_unique_for_overwrite<Element[]>(count);
+    auto elements = std::make_unique_for_overwrite<Element[]>(count);
+    std::copy_n(elements_.get(), kept, elements.get());
+    elements_ = std::move(elements);
     size_ = count;
   }
   [[nodiscard]] Element* data() { return elements_.get(); }
@@ -42,7 +47,11 @@ class Scratch {
 /// knows (SSE4, AVX2, AVX-512, NEON). Not thread-safe.
 class TileRasterizer final : public Rasterizer {
  public:
-  explicit TileRasterizer(KernelKind kernel);
+  /// Slabs have no order of splats: `draw` then ignores its sort mode. Requires `moments` for slabs.
+  explicit TileRasterizer(KernelKind kernel, Compositing compositing = Compositing::splats);
+  TileRasterizer(const TileRasterizer&) = delete;
+  TileRasterizer& operator=(const TileRasterizer&) = delete;
+  ~TileRasterizer() override;
 
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
@@ -71,15 +80,20 @@ class TileRasterizer final : public Rasterizer {
   void set_view(const View& view);
   void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
   [[nodiscard]] Sequence sequence_of(const View& view, SortMode sort);
-  [[nodiscard]] std::span<const std::uint32_t> sort_keys(KeySorter& sorter, bool by_depth);
+  [[nodiscard]] std::span<const std::uint32_t> sort_keys(KeySorter& sorter, tiles::SortKey kind);
   [[nodiscard]] const std::vector<std::uint32_t>& order_along(int axis, const View& view);
   void reserve_batch();
   void draw_batch(const Sequence& sequence, std::size_t first, Image& target);
-  void project_batch();
+  void project_batch(const Sequence& sequence, std::size_t first, std::size_t count);
+  void draw_tiles(std::size_t slots, Image& target);
   void draw_tile(std::size_t tile, Image& target);
+  void carry_over(std::size_t slots);
   [[nodiscard]] tiles::ScreenSplats screen();
 
+  struct Workspaces;  // of slabs, one for each thread
+
   KernelKind kernel_;
+  Compositing compositing_;
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;
@@ -104,6 +118,10 @@ class TileRasterizer final : public Rasterizer {
   Scratch<tiles::FarSplat> far_;
   Scratch<tiles::NearSplat> near_;
   Scratch<tiles::GaussianSplat> gaussians_;
+  Scratch<tiles::SlabSplat> slab_;
+  std::size_t carried_ = 0;   // slots at the beginning of a batch, whose splats reach behind the batch before
+  tiles::Slab depths_{0, 0};  // of a batch
+  std::unique_ptr<Workspaces> workspaces_;
   tiles::Bins bins_;
 
   tiles::TileGrid grid_;

@@ -51,6 +51,12 @@ HWY_INLINE Float clamp(Float x, Float low, Float high) { return min(max(x, low),
 HWY_INLINE Float abs(Float a) { return hn::Abs(a.v); }
 HWY_INLINE Float sqrt(Float a) { return hn::Sqrt(a.v); }
 HWY_INLINE Float inverse_sqrt(Float a) { return Float(1.0F) / sqrt(a); }
+/// The same and the square root, faster, with a relative error of 1e-6. Require a >= 1e-36.
+HWY_INLINE Float fast_inverse_sqrt(Float a) {
+  const Float guess = hn::ApproximateReciprocalSqrt(a.v);
+  return guess * fnma(a * guess, guess * 0.5F, 1.5F);
+}
+HWY_INLINE Float fast_sqrt(Float a) { return a * fast_inverse_sqrt(a); }
 HWY_INLINE Float select(Mask mask, Float yes, Float no) { return hn::IfThenElse(mask, yes.v, no.v); }
 HWY_INLINE Float only(Mask mask, Float yes) { return hn::IfThenElseZero(mask, yes.v); }
 HWY_INLINE Mask both(Mask a, Mask b) { return hn::And(a, b); }

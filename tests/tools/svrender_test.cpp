@@ -97,6 +97,11 @@ TEST_F(Svrender, TakesOneGoalOnly) {
   }
 }
 
+TEST_F(Svrender, SlabsNeedTheProcessorAndMoments) {
+  expect_refusal("v.svol --scene s.json -o out.png --raster slabs --device gl", "cpu");
+  expect_refusal("v.svol --scene s.json -o out.png --raster slabs --kernel octant", "take the kernel moments");
+}
+
 TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   const auto statistics = [&](const std::string& options) {
     const Outcome outcome = run("v.svol --scene s.json -o out.png --stats - " + options);
@@ -119,6 +124,8 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
+  EXPECT_EQ(statistics("--raster slabs").at("raster"), "slabs");
+  EXPECT_EQ(statistics("").at("raster"), "splats");
   EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
   EXPECT_EQ(statistics("").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels

@@ -1,0 +1,369 @@
+// Splats mixed in slabs, against closed forms: bodies of box-shaped cells with one extinction, whose rays are known.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <hwy/targets.h>
+#include <oneapi/tbb/global_control.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <random>
+
+#include "renderer/cpu/tile_rasterizer.h"
+#include "tests/renderer/draw_parts.h"
+
+namespace splatvol {
+namespace {
+
+/// A box of material, in points that own what is nearest to them, as a mesh's vertices do.
+struct Body {
+  dvec3 low, high;
+  glm::ivec3 cells;  // points along an axis: one more
+};
+
+/// The value of the tests: linear.
+constexpr dvec3 gradient{0.2, -0.1, 0.15};
+double value_at(dvec3 position) { return 0.5 + glm::dot(gradient, position); }
+
+/// The splat of a box. `face`: the distance from the middle of the box to the boundary, along one axis; 0: none.
+Material box_splat(dvec3 centre, dvec3 size, dvec3 face) {
+  std::array<int, 3> axes{0, 1, 2};
+  std::ranges::stable_sort(axes, std::greater(), [&](int axis) { return size[axis]; });
+  glm::dmat3 turn(0);
+  for (int k = 0; k < 3; ++k) turn[k][axes[static_cast<std::size_t>(k)]] = 1;
+  if (glm::determinant(turn) < 0) turn[2] = -turn[2];
+  Material splat;
+  splat.center = centre;
+  splat.mass = size.x * size.y * size.z;
+  splat.orientation = glm::quat_cast(turn);
+  splat.value = value_at(centre);
+  const dvec3 slopes = gradient * size / std::sqrt(12);
+  splat.value_deviation = glm::length(slopes);
+  for (int k = 0; k < 3; ++k) {
+    splat.deviations[k] = size[axes[static_cast<std::size_t>(k)]] / std::sqrt(12);
+    splat.boundary[k] = glm::dot(face, turn[k]) / splat.deviations[k];
+    splat.correlations[k] = glm::dot(slopes, turn[k]) / splat.value_deviation;
+  }
+  return splat;
+}
+
+/// Appends the splats of a body's points.
+void add_splats(const Body& body, std::vector<Material>& splats) {
+  const dvec3 step = (body.high - body.low) / dvec3(body.cells);
+  for (int z = 0; z <= body.cells.z; ++z)
+    for (int y = 0; y <= body.cells.y; ++y)
+      for (int x = 0; x <= body.cells.x; ++x) {
+        const dvec3 point = body.low + step * dvec3(x, y, z);
+        const dvec3 low = glm::max(point - 0.5 * step, body.low), high = glm::min(point + 0.5 * step, body.high);
+        dvec3 face(0);  // a splat has one boundary at most
+        for (int axis = 0; axis < 3 && face == dvec3(0); ++axis) {
+          if (high[axis] == body.high[axis]) face[axis] = 0.5 * (high - low)[axis];
+          if (low[axis] == body.low[axis]) face[axis] = -0.5 * (high - low)[axis];
+        }
+        splats.push_back(box_splat(0.5 * (low + high), high - low, face));
+      }
+}
+
+std::vector<Material> splats_of(const std::vector<Body>& bodies) {
+  std::vector<Material> splats;
+  for (const Body& body : bodies) add_splats(body, splats);
+  return splats;
+}
+
+TransferFunction uniform(double extinction) {
+  TransferFunction function;
+  function.colors = {{0, {1, 1, 1}}, {1, {1, 1, 1}}};
+  function.densities = {{0, extinction}, {1, extinction}};
+  return function;
+}
+
+View view_from(dvec3 eye, bool orthographic = false, int width = 128, int height = 96) {
+  Camera camera;
+  camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
+  camera.parallel_height = 2.6;
+  camera.vertical_fov_degrees = 40;
+  camera.position = eye;
+  return make_view(camera, width, height).value();
+}
+
+Image draw(const DrawList& list, const TransferFunction& function, const View& view,
+           Compositing compositing = Compositing::slabs, const std::optional<Lighting>& lighting = {},
+           int spacing = 1) {
+  TileRasterizer tiles(KernelKind::moments, compositing);
+  tiles.set_lighting(lighting);
+  EXPECT_TRUE(tiles.set_transfer_function(function, {}));
+  EXPECT_TRUE(tiles.set_draw_list(list));
+  EXPECT_TRUE(tiles.draw(view, SortMode::exact, spacing));
+  return tiles.read_image().value();
+}
+
+DrawList list_of(const std::vector<Material>& splats) {
+  return test::make_list(splats, {{dvec3(0), 0, splats.size()}});
+}
+
+/// A pixel's ray.
+struct Ray {
+  dvec3 origin, direction;  // of length 1
+};
+
+Ray ray_of(const View& view, int x, int y) {
+  const double a = (x + 0.5 - 0.5 * view.width) / view.focal, b = (y + 0.5 - 0.5 * view.height) / view.focal;
+  if (view.orthographic) return {view.eye + a * view.right + b * view.up, view.forward};
+  return {view.eye, glm::normalize(a * view.right + b * view.up + view.forward)};
+}
+
+/// The way of a ray through a body, in front of the eye: from its first to its second number.
+std::pair<double, double> crossing(const Ray& ray, const Body& body) {
+  const dvec3 a = (body.low - ray.origin) / ray.direction, b = (body.high - ray.origin) / ray.direction;
+  const dvec3 near = glm::min(a, b), far = glm::max(a, b);
+  const double begin = std::max({near.x, near.y, near.z, 0.0}), end = std::min({far.x, far.y, far.z});
+  return {begin, std::max(begin, end)};
+}
+
+/// The exact picture of bodies that do not overlap.
+Image exact(const std::vector<Body>& bodies, double extinction, const View& view) {
+  Image image{view.width, view.height, {}};
+  image.pixels.resize(static_cast<std::size_t>(view.width) * view.height);
+  for (int y = 0; y < view.height; ++y)
+    for (int x = 0; x < view.width; ++x) {
+      double length = 0;
+      for (const Body& body : bodies) {
+        const auto [begin, end] = crossing(ray_of(view, x, y), body);
+        length += end - begin;
+      }
+      image.at(x, view.height - 1 - y) = vec4(static_cast<float>(-std::expm1(-extinction * length)));
+    }
+  return image;
+}
+
+double rmse(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
+
+struct Case {
+  const char* name;
+  std::vector<Body> bodies;
+  double slabs;  // the largest RMSE, over all views
+};
+
+const std::vector<Case>& cases() {
+  static const std::vector<Case> all = {
+      {"a cube", {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}}, 0.004},
+      {"flat cells", {{dvec3(-0.8), dvec3(0.8), glm::ivec3(3, 30, 8)}}, 0.007},
+      {"a layer thinner than its cells",
+       {{dvec3(-0.9, -0.02, -0.9), dvec3(0.9, 0.02, 0.9), glm::ivec3(9, 1, 9)}},
+       0.0035},
+      {"a needle", {{dvec3(-0.9, -0.05, -0.05), dvec3(0.9, 0.05, 0.05), glm::ivec3(9, 1, 1)}}, 0.0018},
+      {"a gap of a tenth of a cell",
+       {{dvec3(-0.8), dvec3(-0.01, 0.8, 0.8), glm::ivec3(4, 8, 8)},
+        {dvec3(0.01, -0.8, -0.8), dvec3(0.8), glm::ivec3(4, 8, 8)}},
+       0.0057},
+      {"two bodies that touch",
+       {{dvec3(-0.8), dvec3(0, 0.8, 0.8), glm::ivec3(4, 8, 8)},
+        {dvec3(0, -0.8, -0.8), dvec3(0.8), glm::ivec3(4, 8, 8)}},
+       0.0065},
+      {"a hole of one cell",
+       {{dvec3(-0.9), dvec3(0.9, 0.9, -0.1), glm::ivec3(9, 9, 4)},
+        {dvec3(-0.9, -0.9, 0.1), dvec3(0.9), glm::ivec3(9, 9, 4)},
+        {dvec3(-0.9, -0.9, -0.1), dvec3(-0.1, 0.9, 0.1), glm::ivec3(4, 9, 1)},
+        {dvec3(0.1, -0.9, -0.1), dvec3(0.9, 0.9, 0.1), glm::ivec3(4, 9, 1)}},
+       0.017},
+      {"large beside small cells",
+       {{dvec3(-0.8), dvec3(0, 0.8, 0.8), glm::ivec3(2, 4, 4)},
+        {dvec3(0, -0.8, -0.8), dvec3(0.8), glm::ivec3(12, 24, 24)}},
+       0.0145},
+  };
+  return all;
+}
+
+TEST(Slabs, BodiesAreAsTheirRaysSay) {
+  for (const Case& body : cases())
+    for (const bool orthographic : {false, true})
+      for (const dvec3 eye : {dvec3(0.03, 0.02, 4), dvec3(2, 1.5, 3), dvec3(-3, 0.4, 1.2)}) {
+        SCOPED_TRACE(testing::Message() << body.name << ", orthographic " << orthographic << ", eye " << eye.x);
+        const View view = view_from(eye, orthographic);
+        const DrawList list = list_of(splats_of(body.bodies));
+        const Image truth = exact(body.bodies, 1, view);
+        const double by_slabs = rmse(draw(list, uniform(1), view), truth);
+        const double one_by_one = rmse(draw(list, uniform(1), view, Compositing::splats), truth);
+        EXPECT_LT(by_slabs, body.slabs);
+        EXPECT_LT(by_slabs, 1.05 * one_by_one + 1e-3);
+      }
+}
+
+TEST(Slabs, TheEyeInsideSeesTheRest) {
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  const View view = view_from(dvec3(0.1, 0.2, 0.3));
+  const DrawList list = list_of(splats_of(bodies));
+  const Image truth = exact(bodies, 1, view);
+  EXPECT_LT(rmse(draw(list, uniform(1), view), truth), 0.006);
+}
+
+/// The standard deviation of a picture's middle over its mean.
+double ripple(const Image& image) {
+  double sum = 0, squares = 0, count = 0;
+  for (int y = image.height / 3; y < 2 * image.height / 3; ++y)
+    for (int x = image.width / 3; x < 2 * image.width / 3; ++x, ++count) {
+      sum += image.at(x, y).a;
+      squares += image.at(x, y).a * image.at(x, y).a;
+    }
+  return std::sqrt(std::max(squares / count - sum * sum / (count * count), 0.0)) / (sum / count);
+}
+
+TEST(Slabs, ALatticeSeenAlongAnAxisIsSmooth) {
+  for (const int cells : {9, 48}) {  // the latter: more splats than are projected at once
+    const DrawList list = list_of(splats_of({{dvec3(-0.8), dvec3(0.8), glm::ivec3(cells)}}));
+    const View view = view_from(dvec3(0, 0, 4), true);
+    EXPECT_LT(ripple(draw(list, uniform(1), view)), 3e-4) << cells;
+    EXPECT_GT(ripple(draw(list, uniform(1), view, Compositing::splats)), 0.02) << cells;
+  }
+}
+
+TEST(Slabs, ANarrowFunctionIsASharpSurface) {
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  TransferFunction function = uniform(0);
+  function.densities = {{0, 0}, {0.5, 0}, {0.52, 60}, {0.54, 0}, {1, 0}};
+  const View view = view_from(dvec3(2, 1.5, 3));
+  Image truth = exact({}, 1, view);
+  for (int y = 0; y < view.height; ++y)
+    for (int x = 0; x < view.width; ++x) {
+      const Ray ray = ray_of(view, x, y);
+      const auto [begin, end] = crossing(ray, bodies[0]);
+      constexpr int steps = 2000;
+      double depth = 0;
+      for (int i = 0; i < steps; ++i) {
+        const double value = value_at(ray.origin + ray.direction * (begin + (end - begin) * (i + 0.5) / steps));
+        depth += std::max(0.0, 60 * (1 - std::abs(value - 0.52) / 0.02)) * (end - begin) / steps;
+      }
+      truth.at(x, view.height - 1 - y) = vec4(static_cast<float>(-std::expm1(-depth)));
+    }
+  const DrawList list = list_of(splats_of(bodies));
+  const double by_slabs = rmse(draw(list, function, view), truth);
+  EXPECT_LT(by_slabs, 0.018);
+  EXPECT_LT(by_slabs, 0.8 * rmse(draw(list, function, view, Compositing::splats), truth));
+}
+
+TEST(Slabs, TwoResolutionsOfAFadeLookLikeOne) {
+  const std::vector<Body> fine = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(12)}},
+                          coarse = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(5)}};
+  std::vector<Material> both = splats_of(fine);
+  const std::size_t count = both.size();
+  add_splats(coarse[0], both);
+  const View view = view_from(dvec3(2, 1.5, 3));
+  const DrawList list =
+      test::make_list(both, {{dvec3(0), 0, count, 0.3F}, {dvec3(0), count, both.size() - count, 0.7F}});
+  const Image truth = exact(fine, 1, view);
+  const double by_slabs = rmse(draw(list, uniform(1), view), truth);
+  EXPECT_LT(by_slabs, 0.005);
+  EXPECT_LT(by_slabs, rmse(draw(list, uniform(1), view, Compositing::splats), truth));
+}
+
+TEST(Slabs, ALinearFieldIsLitAsItsGradientSays) {
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  const View view = view_from(dvec3(2, 1.5, 3), true);
+  const Lighting lighting{0.3, 0.7};
+  const Image lit = draw(list_of(splats_of(bodies)), uniform(1), view, Compositing::slabs, lighting);
+  const double factor = lighting.factor(view.forward, glm::normalize(gradient));
+  const vec4 middle = lit.at(view.width / 2, view.height / 2);
+  EXPECT_NEAR(middle.r, factor * middle.a, 0.02);
+}
+
+/// Ellipsoids of many sizes, a part of them at boundaries.
+std::vector<Material> random_splats(std::size_t count) {
+  std::mt19937 generator(7);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  const auto direction = [&] { return dvec3(unit(generator), unit(generator), unit(generator)); };
+  std::vector<Material> splats(count);
+  for (Material& splat : splats) {
+    const double size = 0.002 * std::pow(100, 0.5 + 0.5 * unit(generator));
+    splat.center = direction();
+    splat.deviations = size * dvec3(1, 0.6 + 0.4 * unit(generator), 0.1);
+    splat.mass = 2 * size * size * size;
+    splat.orientation = glm::normalize(glm::dquat(1.5, direction()));
+    splat.value = 0.5 + 0.4 * unit(generator);
+    splat.value_deviation = 0.1;
+    splat.correlations = 0.5 * direction();
+    if (unit(generator) > 0.6) splat.boundary = direction();
+  }
+  return splats;
+}
+
+TransferFunction lively() {
+  TransferFunction function;
+  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 0}, {0.3, 20}, {0.5, 4}, {1, 20}};
+  return function;
+}
+
+TEST(Slabs, TheOrderOfTheSplatsDoesNotMatter) {
+  std::vector<Material> splats = random_splats(5000);
+  const View view = view_from(dvec3(0.3, 0.2, 4));
+  const Image one = draw(list_of(splats), lively(), view);
+  std::ranges::shuffle(splats, std::mt19937(3));
+  EXPECT_LT(rmse(one, draw(list_of(splats), lively(), view)), 1e-5);
+}
+
+TEST(Slabs, AreTheSameBitsWithAnyNumberOfThreads) {
+  const DrawList list = list_of(random_splats(90'000));  // two batches
+  std::optional<Image> first;
+  for (const std::size_t threads : {1, 2, 5}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const Image image = draw(list, lively(), view_from(dvec3(0.3, 0.2, 4)));
+    if (!first) first = image;
+    EXPECT_EQ(std::memcmp(image.pixels.data(), first->pixels.data(), image.pixels.size() * sizeof(vec4)), 0) << threads;
+  }
+}
+
+TEST(Slabs, AreTheSamePictureWithAnyInstructions) {
+  const DrawList list = list_of(random_splats(20'000));
+  const View view = view_from(dvec3(0.3, 0.2, 4));
+  const Image newest = draw(list, lively(), view);
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(target);
+    EXPECT_LT(rmse(newest, draw(list, lively(), view)), 1e-4) << hwy::TargetName(target);
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+TEST(Slabs, DrawListsOfAnySizeFollowEachOther) {
+  TileRasterizer tiles(KernelKind::moments, Compositing::slabs);
+  ASSERT_TRUE(tiles.set_transfer_function(lively(), {}));
+  const View view = view_from(dvec3(0.3, 0.2, 4));
+  for (const std::size_t count : {1'000, 40'000, 150'000, 70'000, 10}) {
+    const DrawList list = list_of(random_splats(count));
+    ASSERT_TRUE(tiles.set_draw_list(list));
+    ASSERT_TRUE(tiles.draw(view, SortMode::exact, 1));
+    EXPECT_EQ(rmse(tiles.read_image().value(), draw(list, lively(), view)), 0) << count;
+  }
+}
+
+TEST(Slabs, SamplesApartShowTheSame) {
+  const std::vector<Body> bodies = {{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}};
+  const View view = view_from(dvec3(2, 1.5, 3));
+  const DrawList list = list_of(splats_of(bodies));
+  EXPECT_LT(rmse(draw(list, uniform(1), view, Compositing::slabs, {}, 2), exact(bodies, 1, view)), 0.02);
+}
+
+TEST(Slabs, HardSplatsDrawNoNonsense) {
+  std::vector<Material> splats = random_splats(300);
+  splats[0].deviations = dvec3(0);        // a point
+  splats[1].deviations = dvec3(1, 0, 0);  // a line
+  splats[2].deviations = dvec3(1, 1, 0);  // a disc
+  splats[3].mass = 1e30;
+  splats[4].center = dvec3(0, 0, 4);  // at the eye
+  splats[5].value = std::numeric_limits<double>::quiet_NaN();
+  splats[6].deviations = dvec3(1e6);
+  splats[7].mass = 0;
+  for (const bool orthographic : {false, true}) {
+    const Image image = draw(list_of(splats), lively(), view_from(dvec3(0, 0, 4), orthographic));
+    for (const vec4& pixel : image.pixels)
+      for (int i = 0; i < 4; ++i) ASSERT_TRUE(pixel[i] >= -1e-5F && pixel[i] <= 1.0001F) << pixel[i];
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
