@@ -111,6 +111,21 @@ HWY_INLINE Material look_up_rows(const TableView& table, Int row, Float column, 
   return material;
 }
 
+/// Where the lanes of a vector are in a tile, from its first pixel on.
+struct LanePixels {
+  Float x, y;
+  int rows;
+};
+
+template <bool paired>
+HWY_INLINE LanePixels lane_pixels() {
+  if constexpr (!paired) return {lane_numbers(), 0.0F, 1};
+  const int half_count = lane_count() / 2;
+  const Float half(static_cast<float>(half_count));
+  const Float y = select(lane_numbers() < half, 0.0F, 1.0F);
+  return {lane_numbers() - y * half, y, 2};
+}
+
 using HalfTag = hn::Half<FloatTag>;
 
 /// Read and write a vector of pixels: neighbours in a row, or if `paired`, half a vector in each of two rows.

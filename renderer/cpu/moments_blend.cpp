@@ -145,21 +145,6 @@ HWY_INLINE std::array<float, 6> columns_of(const FarSplat& splat, const WindowCh
   return columns;
 }
 
-/// Where the lanes of a vector are in a tile, from its first pixel on.
-struct LanePixels {
-  Float x, y;
-  int rows;
-};
-
-template <bool paired>
-HWY_INLINE LanePixels lane_pixels() {
-  if constexpr (!paired) return {lane_numbers(), 0.0F, 1};
-  const int half_count = lane_count() / 2;
-  const Float half(static_cast<float>(half_count));
-  const Float y = select(lane_numbers() < half, 0.0F, 1.0F);
-  return {lane_numbers() - y * half, y, 2};
-}
-
 /// Blends a splat that no row of pixels has more of than a vector has lanes; if `paired`, than it has in a half. Rows
 /// need no spans: outside of the ellipse nothing is drawn.
 template <bool bounded, bool cut_off, bool one_window, bool paired>

@@ -1,7 +1,6 @@
 // The kernel moments on tiles, for the instruction set of this machine. Internal to the tiles.
 #pragma once
 
-#include <compare>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -27,20 +26,23 @@ bool blend_moments(const FrameConstants& frame, const ScreenSplats& screen, std:
 
 /// What mixing needs for a tile. Kept between tiles for its memory.
 struct SlabWorkspace {
-  struct End {
-    float depth;
+  struct Splat {
+    float front, back;  // depths
+    float weight, by_chord;
     std::uint32_t slot;
-
-    [[nodiscard]] auto operator<=>(const End&) const = default;
+    std::uint8_t grid;  // 2^grid: the spacing of its samples
+    bool bounded;
   };
   std::vector<float> planes;
-  std::vector<End> fronts, backs;  // sorted
-  std::vector<std::uint32_t> active;
+  std::vector<std::uint64_t> keys;
+  std::vector<Splat> splats;          // by front
+  std::vector<std::uint32_t> active;  // numbers of splats
   std::vector<Slab> slabs;
 
   [[nodiscard]] std::uint64_t memory_bytes() const {
-    return sizeof(float) * planes.capacity() + sizeof(Slab) * slabs.capacity() +
-           sizeof(End) * (fronts.capacity() + backs.capacity()) + sizeof(std::uint32_t) * active.capacity();
+    return sizeof(float) * planes.capacity() + sizeof(std::uint64_t) * keys.capacity() +
+           sizeof(Splat) * splats.capacity() + sizeof(std::uint32_t) * active.capacity() +
+           sizeof(Slab) * slabs.capacity();
   }
 };
 

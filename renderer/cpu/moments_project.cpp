@@ -698,16 +698,17 @@ struct Bounds {
   alignas(64) std::array<std::int32_t, most_lanes> left, bottom, right, top;
 };
 
-HWY_INLINE void set_bounds(const FrameConstants& frame, const Screen& screen, Mask near, Bounds& bounds) {
+/// `margin`: of pixels around the outline that belong to it.
+HWY_INLINE void set_bounds(const FrameConstants& frame, const Screen& screen, Mask near, Float margin, Bounds& bounds) {
   const Float reach_x = screen.e_1.x * screen.reach;
   const Float half_height = sqrt(fma(screen.e_1.y, screen.e_1.y, screen.e_2.y * screen.e_2.y));
   const Float reach_y = select(near, screen.e_2.y, min(half_height, (abs(screen.e_1.y) + screen.e_2.y) * screen.reach));
   const auto pixel = [](Float at, float end)
                          HWY_ATTR { return max(truncate(hn::Ceil(clamp(at - 0.5F, 0.0F, end).v)), Int(0)); };
-  store(pixel(screen.x - reach_x, frame.width), bounds.left.data());
-  store(pixel(screen.x + reach_x, frame.width), bounds.right.data());
-  store(pixel(screen.y - reach_y, frame.height), bounds.bottom.data());
-  store(pixel(screen.y + reach_y, frame.height), bounds.top.data());
+  store(pixel(screen.x - reach_x - margin, frame.width), bounds.left.data());
+  store(pixel(screen.x + reach_x + margin, frame.width), bounds.right.data());
+  store(pixel(screen.y - reach_y - margin, frame.height), bounds.bottom.data());
+  store(pixel(screen.y + reach_y + margin, frame.height), bounds.top.data());
 }
 
 struct Projection {
@@ -726,16 +727,32 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
   return both(both(positive, is_finite(mass)), is_finite(bits_as_float(records.word(7))));
 }
 
+/// Returns the spacing of the pixels at which a splat is sampled in slabs. What lies between them is interpolated: sums
+/// of many splats are smooth where each of them is. Boundaries are not.
+HWY_INLINE Float sample_spacing(const Body& body, const Screen& screen) {
+  constexpr float samples_across = 3.0F;  // of the smaller half of the outline's chords through its centre
+  const Float half_width = screen.e_1.x * screen.e_2.y / sqrt(screen.height2);
+  const Float most = min(half_width, screen.e_2.y) * (1.0F / samples_across);
+  const Mask smooth = both(body.stretch <= Float(0.0F), body.centre.z > length(body.l_z));
+  Float spacing(1.0F);
+  for (int doubled = 2; doubled <= coarsest_samples; doubled *= 2)
+    spacing = select(both(smooth, most >= Float(static_cast<float>(doubled))), static_cast<float>(doubled), spacing);
+  return spacing;
+}
+
 /// `peak`: the largest extinction in the splat.
-HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, SlabFields& fields) {
+HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, Float spacing, SlabFields& fields) {
   const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
   const Float depth = rays.scale * body.pixel_size;
   const Float root = inverse_sqrt(dot(rays.d_0, rays.d_0));
   fields.add(middle - reach);
   fields.add(middle + reach);
   fields.add(depth);
+  fields.add(Float(1.0F) / depth);
   fields.add(min(root * depth * 2.0F, reach * 2.0F));
   fields.add(max(root * strength * peak, 1e-12F));
+  fields.add(spacing);
+  fields.add(body.stretch);
 }
 
 /// Projects a splat in each lane.
@@ -782,12 +799,13 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
 
   const Mask changing = max(size_of(terms.g_change), size_of(terms.ray_change)) > Float(most_change);
   const Mask near = in_slabs ? drawn : both(drawn, either(body.near, changing)), far = hn::AndNot(near, drawn);
-  set_bounds(frame, screen, body.near, result.bounds);
+  const Float spacing = in_slabs ? sample_spacing(body, screen) : 1.0F;
+  set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
   store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
         result.forms.data());
   const Middle middle = make_middle(frame, body, value, rays, terms);
   result.far.used = result.near.used = result.slab.used = 0;
-  if (in_slabs) set_slab_fields(body, rays, strength, peak, result.slab);
+  if (in_slabs) set_slab_fields(body, rays, strength, peak, spacing, result.slab);
   if (any(far)) set_far_fields(frame, body, value, rays, terms, middle, screen, result.far);
   if (any(near)) set_near_fields(body, value, rays, middle, strength, screen, result.near);
 }

@@ -49,13 +49,15 @@ HWY_INLINE Span span_of(const EllipseOutline& outline, Float v) {
   return span;
 }
 
-/// Sets begin and end of the pixels in each row, and where t is 0 in it.
+/// Sets begin and end of the pixels in each row, and where t is 0 in it. If only each `spacing`th pixel is sampled, from
+/// the tile's first on, they count samples.
 template <class Rows>
-HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int row, Rows& rows) {
+HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int row, Rows& rows, int spacing = 1) {
   const Float left(static_cast<float>(part.left)), right(static_cast<float>(part.right));
+  const float inverse = 1.0F / static_cast<float>(spacing);
   store(centre, rows.centre.data() + row);
-  store(truncate(hn::Ceil(clamp(centre + span.low - 0.5F, left, right).v)), rows.begin.data() + row);
-  store(truncate(hn::Ceil(clamp(centre + span.high - 0.5F, left, right).v)), rows.end.data() + row);
+  store(truncate(hn::Ceil(clamp((centre + span.low - 0.5F) * inverse, left, right).v)), rows.begin.data() + row);
+  store(truncate(hn::Ceil(clamp((centre + span.high - 0.5F) * inverse, left, right).v)), rows.end.data() + row);
 }
 
 HWY_INLINE Float row_centres(const EllipseOutline& outline, const TileArea& area, Float v) {
@@ -68,10 +70,12 @@ struct NearRows {
   alignas(64) std::array<std::int32_t, tile_size + most_lanes> begin, end;
 };
 
-HWY_INLINE Vector3 vector_at(const LinearVector& linear, Float t, float v) {
-  return {fma(t, linear.by_t[0], linear.constant[0] + v * linear.by_v[0]),
-          fma(t, linear.by_t[1], linear.constant[1] + v * linear.by_v[1]),
-          fma(t, linear.by_t[2], linear.constant[2] + v * linear.by_v[2])};
+/// `v`: a Float, or a float for all lanes.
+template <class Height>
+HWY_INLINE Vector3 vector_at(const LinearVector& linear, Float t, Height v) {
+  return {fma(t, linear.by_t[0], v * linear.by_v[0] + linear.constant[0]),
+          fma(t, linear.by_t[1], v * linear.by_v[1] + linear.constant[1]),
+          fma(t, linear.by_t[2], v * linear.by_v[2] + linear.constant[2])};
 }
 
 HWY_INLINE Vector3 vector_of(const std::array<float, 3>& numbers) { return {numbers[0], numbers[1], numbers[2]}; }
@@ -83,8 +87,8 @@ struct NearChord {
   Float q;             // squared half length of the chord, in the ball
 };
 
-template <bool fast = false>
-HWY_INLINE NearChord near_chord(const NearSplat& splat, Float t, float v) {
+template <bool fast = false, class Height>
+HWY_INLINE NearChord near_chord(const NearSplat& splat, Float t, Height v) {
   NearChord chord;
   const Vector3 n = vector_at(splat.moment, t, v);
   chord.direction = vector_at(splat.direction, t, v);
