@@ -148,12 +148,12 @@ inline constexpr int coarsest_samples = 8;
 
 /// What slabs need of a near splat besides. Depths are in drawing units.
 struct SlabSplat {
-  float front, back;  // depths between which it lies
+  float front, back;           // depths between which it lies
   float depth, inverse_depth;  // of k = 1
-  float chord;        // through its centre, as a difference of depths
-  float weight;       // about its optical depth; 0: nothing of it can be seen
-  float spacing;      // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
-  float stretch;      // as the near splat's
+  float chord;                 // through its centre, as a difference of depths
+  float weight;                // about its optical depth; 0: nothing of it can be seen
+  float spacing;               // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
+  float stretch;               // as the near splat's
 };
 
 /// A part of a tile between two depths, in drawing units.

@@ -730,7 +730,7 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
 /// Returns the spacing of the pixels at which a splat is sampled in slabs. What lies between them is interpolated: sums
 /// of many splats are smooth where each of them is. Boundaries are not.
 HWY_INLINE Float sample_spacing(const Body& body, const Screen& screen) {
-  constexpr float samples_across = 3.0F;  // of the smaller half of the outline's chords through its centre
+  constexpr float samples_across = 4.0F;  // of the smaller half of the outline's chords through its centre
   const Float half_width = screen.e_1.x * screen.e_2.y / sqrt(screen.height2);
   const Float most = min(half_width, screen.e_2.y) * (1.0F / samples_across);
   const Mask smooth = both(body.stretch <= Float(0.0F), body.centre.z > length(body.l_z));
@@ -741,7 +741,8 @@ HWY_INLINE Float sample_spacing(const Body& body, const Screen& screen) {
 }
 
 /// `peak`: the largest extinction in the splat.
-HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, Float spacing, SlabFields& fields) {
+HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, Float spacing,
+                                SlabFields& fields) {
   const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
   const Float depth = rays.scale * body.pixel_size;
   const Float root = inverse_sqrt(dot(rays.d_0, rays.d_0));

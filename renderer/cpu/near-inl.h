@@ -49,8 +49,8 @@ HWY_INLINE Span span_of(const EllipseOutline& outline, Float v) {
   return span;
 }
 
-/// Sets begin and end of the pixels in each row, and where t is 0 in it. If only each `spacing`th pixel is sampled, from
-/// the tile's first on, they count samples.
+/// Sets begin and end of the pixels in each row, and where t is 0 in it. If only each `spacing`th pixel is sampled,
+/// from the tile's first on, they count samples.
 template <class Rows>
 HWY_INLINE void set_spans(const Span& span, Float centre, const Part& part, int row, Rows& rows, int spacing = 1) {
   const Float left(static_cast<float>(part.left)), right(static_cast<float>(part.right));

@@ -51,12 +51,11 @@ HWY_INLINE Float clamp(Float x, Float low, Float high) { return min(max(x, low),
 HWY_INLINE Float abs(Float a) { return hn::Abs(a.v); }
 HWY_INLINE Float sqrt(Float a) { return hn::Sqrt(a.v); }
 HWY_INLINE Float inverse_sqrt(Float a) { return Float(1.0F) / sqrt(a); }
-/// The same and the square root, faster, with a relative error of 1e-6. Require a >= 1e-36.
+/// The same, faster, with a relative error of 1e-6. Requires a >= 1e-36.
 HWY_INLINE Float fast_inverse_sqrt(Float a) {
   const Float guess = hn::ApproximateReciprocalSqrt(a.v);
   return guess * fnma(a * guess, guess * 0.5F, 1.5F);
 }
-HWY_INLINE Float fast_sqrt(Float a) { return a * fast_inverse_sqrt(a); }
 /// The same with a relative error of 4e-4.
 HWY_INLINE Float rough_inverse_sqrt(Float a) { return hn::ApproximateReciprocalSqrt(a.v); }
 HWY_INLINE Float select(Mask mask, Float yes, Float no) { return hn::IfThenElse(mask, yes.v, no.v); }
@@ -209,17 +208,15 @@ struct TableRow {
   Int row;
   Float columns;
 };
-HWY_INLINE TableRow row_of(const TableView& table, Float spread, Int row) {
-  const Float row_spread = gather(table.row_spreads, row);
-  const Mask is_last = mask_of(hn::Eq(row.v, Int(table.rows - 1).v));
-  const Float used = select(is_last, max(spread, row_spread), row_spread);
-  return {row, Float(static_cast<float>(table.columns - 1)) / fma(used, 8.0F, 1.0F)};
-}
 HWY_INLINE TableRow table_row(const TableView& table, Float spread) {
   constexpr float rows_per_octave = 1.0F / 9.00281502F;  // 1 / log2(513)
   const int last = table.rows - 1;
   const Float share = min(log2(fma(spread, 64.0F, 1.0F)) * rows_per_octave, 1.0F);
-  return row_of(table, spread, min(truncate(fma(share, static_cast<float>(last), 0.5F)), Int(last)));
+  const Int row = min(truncate(fma(share, static_cast<float>(last), 0.5F)), Int(last));
+  const Float row_spread = gather(table.row_spreads, row);
+  const Mask is_last = mask_of(hn::Eq(row.v, Int(last).v));
+  const Float used = select(is_last, max(spread, row_spread), row_spread);
+  return {row, Float(static_cast<float>(table.columns - 1)) / fma(used, 8.0F, 1.0F)};
 }
 
 }  // namespace splatvol::tiles::HWY_NAMESPACE
