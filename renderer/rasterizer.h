@@ -23,7 +23,7 @@ enum class SortMode {
 /// How splats that overlap become a picture.
 enum class Compositing {
   splats,  // one is drawn over the other
-  slabs,   // those in a slab of depth are mixed, and their density is divided by its sum; kernel `moments` only
+  slabs,   // those in a slab of depth are mixed, and their density is divided by its sum: no order, no ripple
 };
 
 inline constexpr int max_sample_spacing = 64;
@@ -49,14 +49,21 @@ class Rasterizer {
   /// Sets a light at the eye, or none: colours as they are.
   virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;
 
+  /// Sets how splats that overlap become a picture: `splats` until then. Fails for `slabs` unless the processor draws
+  /// and the kernel is `moments`.
+  [[nodiscard]] virtual Status set_compositing(Compositing compositing) {
+    if (compositing == Compositing::splats) return {};
+    return fail(ErrorCode::invalid_argument, "OpenGL does not draw in slabs: take the device cpu");
+  }
+
   /// Sets what is drawn from now on, back to front. Holds the rows until the next call. Only rows that were not in the
   /// list before cost more than their range. Fails if the rows are of another kernel, and with ErrorCode::device if
   /// the device cannot hold them; then nothing is drawn.
   [[nodiscard]] virtual Status set_draw_list(const DrawList& list) = 0;
 
   /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows.
-  /// A splat draws nothing if its value is NaN, or if its extinction or its weight is 0. A splat of `octant` draws
-  /// nothing either if its centre is not in front of the eye.
+  /// A splat draws nothing if its value is NaN, or if its weight is 0, or its extinction unless it is mixed with
+  /// others. A splat of `octant` draws nothing either if its centre is not in front of the eye.
   ///
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.

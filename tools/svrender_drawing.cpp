@@ -24,9 +24,9 @@ SortMode sort_of(const RenderOptions& options) {
   return options.sort == "axis" ? SortMode::axis : SortMode::exact;
 }
 
-int sample_spacing(const RenderOptions& options, const View& view, const FrameSplats& frame) {
+int sample_spacing(const RenderOptions& options, const View& view, const Drawing& drawing) {
   if (options.sampling != "auto") return std::atoi(options.sampling.c_str());
-  return automatic_sample_spacing(view, frame.detail);
+  return automatic_sample_spacing(view, drawing.frame->detail, drawing.compositing);
 }
 
 // Returns the splats of the next frame. Alone with --progress-frames, only those that are there already.
@@ -59,7 +59,7 @@ Status draw_frame(const RenderOptions& options, const Scene& scene, const View& 
                   Timings& timings) {
   const double start = seconds_now();
   SPLATVOL_TRY_ASSIGN(upload_seconds, set_splats(options, scene, view, drawing));
-  drawing.sample_spacing = sample_spacing(options, view, *drawing.frame);
+  drawing.sample_spacing = sample_spacing(options, view, drawing);
   SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
 
   timings.cut.push_back(drawing.streamer->statistics().cut_seconds);
@@ -275,11 +275,13 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   drawing.streamer = std::move(streamer);
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel,
-                                                         .compositing = options.raster == "slabs" ? Compositing::slabs
-                                                                                                  : Compositing::splats,
-                                                         .gpu_bytes = gpu_memory}));
+  if (device == Device::automatic && options.raster == "slabs") device = Device::cpu;
+  SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
+  if (options.raster == "slabs") SPLATVOL_TRY(drawing.renderer->set_compositing(Compositing::slabs));
+  const bool mixed = options.raster == "slabs" || (options.raster == "auto" && options.sort == "exact" &&
+                                                   drawing.renderer->set_compositing(Compositing::slabs));
+  if (mixed) drawing.compositing = Compositing::slabs;
   drawing.detail = options.detail;
   drawing.max_error = options.max_error;
   if (options.grows && drawing.streamer->info().point_count() <= points_drawn_at_once) {
@@ -344,7 +346,7 @@ Provenance provenance_of(const RenderOptions& options, const Scene& scene, const
                            {"attribute", scene.attribute},
                            {"kernel", options.kernel},
                            {"sort", options.sort},
-                           {"raster", options.raster},
+                           {"raster", drawing.raster()},
                            {"sample_spacing", fmt::format("{}", drawing.sample_spacing)},
                            {"splats", fmt::format("{}", frame.splats)},
                            {"renderer", drawing.renderer->description()}};

@@ -60,6 +60,9 @@ struct Drawing {
   int pictures_for_error = 0;
   const FrameSplats* frame = nullptr;
   int sample_spacing = 1;  // of the last frame
+  Compositing compositing = Compositing::splats;
+
+  [[nodiscard]] const char* raster() const { return compositing == Compositing::slabs ? "slabs" : "splats"; }
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.

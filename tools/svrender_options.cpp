@@ -98,12 +98,13 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
       ->capture_default_str();
   app.add_option("--raster", options.raster,
                  "splats: one drawn over the other, in their order; slabs: splats in a slab of depth are mixed, and "
-                 "their density is divided by its sum: no ripple, but slower, by the processor, kernel moments only")
-      ->check(CLI::IsMember({"splats", "slabs"}))
+                 "their density is divided by its sum: no ripple, but slower. auto: slabs by the processor for the "
+                 "kernel moments and the exact order, else splats")
+      ->check(CLI::IsMember({"auto", "splats", "slabs"}))
       ->capture_default_str();
   app.add_option("--sampling", options.sampling,
                  "Pixels from one sample of the picture to the next, 1 to 64; the rest is interpolated. auto: a "
-                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance")
+                 "twelfth of what the tolerance lets a splat cover, at most 6; 1 without a tolerance, and in slabs")
       ->type_name("PIXELS")
       ->check(check_sampling)
       ->capture_default_str();

@@ -35,7 +35,7 @@ struct RenderOptions {
   std::string gpu_memory = "1G";
   std::string device = "auto";
   std::string sort = "exact";
-  std::string raster = "splats";
+  std::string raster = "auto";
   std::string kernel = "moments";
   std::string sampling = "auto";
   DetailOptions detail;

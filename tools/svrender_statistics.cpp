@@ -45,7 +45,7 @@ json picture_of(const RenderOptions& options, const Scene& scene, const Drawing&
           {"height", scene.height},
           {"kernel", options.kernel},
           {"sort", options.sort},
-          {"raster", options.raster},
+          {"raster", drawing.raster()},
           {"lighting", lighting_of(scene)},
           {"sample_spacing", drawing.sample_spacing},
           {"splats", frame.splats},

@@ -102,6 +102,7 @@ Status Session::open_streamer() {
                                                           .gpu_bytes = settings.gpu_memory,
                                                           .in_current_context = settings.in_current_context}));
     renderer_ = std::move(renderer);
+    can_mix_ = renderer_->set_compositing(Compositing::slabs).has_value();
     most_splats_ = std::numeric_limits<std::uint64_t>::max();
   }
   SPLATVOL_TRY(use_step());
@@ -221,7 +222,8 @@ Status Session::apply(const View& view) {
   const bool other_size = view.width != view_.width || view.height != view_.height;
   if (other_file || other_function || other_size || scene.camera != used_scene_.camera ||
       scene.lighting != used_scene_.lighting || scene.clip_box != used_scene_.clip_box ||
-      settings.tolerance != used_settings_.tolerance || settings.max_error != used_settings_.max_error) {
+      settings.tolerance != used_settings_.tolerance || settings.max_error != used_settings_.max_error ||
+      settings.mixes != used_settings_.mixes) {
     still_seconds_ = 0;
     settled_ = false;
     sharpening_.reset();
@@ -274,8 +276,12 @@ Status Session::draw(int width, int height, double seconds) {
   if (awaits_step_) return {};  // the picture stays
   SPLATVOL_TRY_ASSIGN(fits, set_splats(frame->splats));
   if (!fits) return {};
+  // Slabs take several times as long: a hand that turns the data gets more splats instead.
+  const bool mixes = !moves && can_mix_ && settings.mixes && settings.sort == SortMode::exact;
+  const Compositing compositing = mixes ? Compositing::slabs : Compositing::splats;
+  SPLATVOL_TRY(renderer_->set_compositing(compositing));
   const int spacing =
-      moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail);
+      moves ? moving_sample_spacing(view, frame->splats) : automatic_sample_spacing(view, frame->detail, compositing);
   SPLATVOL_TRY(renderer_->draw(view, settings.sort, spacing).map([](auto) {}));
   texture_is_old_ = true;
   draw_seconds_ = seconds_since(start);

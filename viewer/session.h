@@ -34,6 +34,7 @@ struct ViewSettings {
   std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
   bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
   SortMode sort = SortMode::exact;
+  bool mixes = true;  // at rest, in slabs, where the device can
 };
 
 /// Draws one file. Draws only after a change. Needs the context that was current at `open`, if
@@ -148,6 +149,7 @@ class Session {
   bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> renderer_;
+  bool can_mix_ = false;    // whether it draws in slabs
   PictureTexture texture_;  // of a picture that the processor drew
   bool texture_is_old_ = true;
   std::array<std::uint64_t, 64> histogram_{};

@@ -125,6 +125,7 @@ void Viewer::draw_detail_controls() {
   int kernel = settings.kernel == KernelKind::moments ? 0 : 1;
   if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
     settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
+  ImGui::Checkbox("slabs at rest", &settings.mixes);
 }
 
 void Viewer::draw_lighting_controls() {

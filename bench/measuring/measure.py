@@ -18,9 +18,9 @@ from pathlib import Path
 from . import peers, pictures
 
 FRAME_FIELDS = (
-    "part view mesh connectivity device kernel tolerance resolution max_splats sort sampling sample_spacing points "
+    "part view mesh connectivity device kernel tolerance resolution max_splats sort raster sampling sample_spacing points "
     "splats nodes bytes_read file_bytes first_image_s frame_s frame_min_s frame_max_s cut_s sort_s draw_s "
-    "expected_error rmse psnr max light flip"
+    "expected_error rmse psnr max light ripple outline flip"
 ).split()
 BUILD_FIELDS = "mesh connectivity points resolutions seconds seconds_min seconds_max file_bytes input_bytes".split()
 REFERENCE_FIELDS = "view tetrahedra segments_per_pixel seconds rmse max".split()
@@ -38,6 +38,7 @@ class Setting:
     tolerance: float = 0
     resolution: int | None = None
     sort: str = "exact"
+    raster: str = "splats"
     sampling: str = "auto"
     splats: int | None = None
     device: str = "auto"
@@ -50,8 +51,8 @@ class Setting:
         return {"resolution": self.resolution}
 
     def options(self):
-        usual = {"device": self.device, "kernel": self.kernel, "sort": self.sort, "sampling": self.sampling}
-        return usual | self.detail()
+        names = ("device", "kernel", "sort", "raster", "sampling")
+        return {name: getattr(self, name) for name in names} | self.detail()
 
     def row(self):
         return {"max_splats" if name == "splats" else name: value for name, value in self.options().items()}
@@ -104,7 +105,8 @@ class Bench:
     def errors(self, truth, exr, background):
         difference = self.run_json("svdiff", truth, exr, "--json")
         mean_truth, mean = difference["mean"]
-        row = {name: difference[name] for name in ("rmse", "psnr", "max")} | {"light": mean / mean_truth}
+        row = {name: difference[name] for name in ("rmse", "psnr", "max", "ripple", "outline")}
+        row["light"] = mean / mean_truth
         if "flip" in self.extras:
             row["flip"] = pictures.mean_flip(pictures.read_exr(truth), pictures.read_exr(exr), background)
         return row
@@ -260,7 +262,7 @@ def take_turns(bench, part, points, contenders):
 
 def settings(plan, kernel, finest):
     """Yields tolerances and the resolutions below the finest, each with every sampling. Then the other ways to sort,
-    with all points, and the tolerances on other devices."""
+    with all points, the tolerances on other devices, and those mixed in slabs."""
     device, *others = plan["devices"]
     resolutions = range(finest - 1, max(finest - 1 - plan["resolutions"], -1), -1)
     for sampling in plan["samplings"]:
@@ -268,13 +270,16 @@ def settings(plan, kernel, finest):
         yield from (Setting(kernel, resolution=r, sampling=sampling, device=device) for r in resolutions)
     yield from (Setting(kernel, 0, sort=sort, device=device) for sort in plan["sorts"] if sort != "exact")
     yield from (Setting(kernel, t, device=other) for other in others for t in plan["tolerances"])
+    if kernel == "moments" and device != "gl":
+        yield from (Setting(kernel, t, raster="slabs", device=device) for t in plan["tolerances"])
 
 
 def picture_label(plan, setting):
     """Returns the name of a setting's picture if the page shows it, else None."""
     usual = setting.sort == "exact" and setting.sampling == "auto" and setting.device == plan["devices"][0]
     shown = usual and setting.resolution is None and setting.tolerance in plan["pictured_tolerances"]
-    return f"{setting.kernel}-{setting.tolerance:g}" if shown else None
+    name = setting.kernel if setting.raster == "splats" else setting.raster
+    return f"{name}-{setting.tolerance:g}" if shown else None
 
 
 def measure_view(bench, view, finest, points, note):

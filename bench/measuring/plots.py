@@ -9,7 +9,7 @@ PEER_MARKS = {"projected-tets": ("*", "#222222", 15), "ray-cast": ("D", "#8a2be2
 
 
 def _splats(panel, rows, x, y, color, kernel):
-    usual = [row for row in rows if row.sort == "exact" and row.sampling == "auto"]
+    usual = [row for row in rows if row.sort == "exact" and row.raster == "splats" and row.sampling == "auto"]
     sampled = [row for row in rows if row.sampling == "4"]
     by_tolerance = sorted((row for row in usual if row.tolerance is not None), key=lambda row: row.tolerance)
     panel.plot(
@@ -21,6 +21,17 @@ def _splats(panel, rows, x, y, color, kernel):
         linewidth=1.5,
         label=f"{kernel}, by tolerance",
     )
+    mixed = sorted((row for row in rows if row.raster == "slabs"), key=lambda row: row.tolerance)
+    if mixed:
+        panel.plot(
+            [x(row) for row in mixed],
+            [row[y] for row in mixed],
+            "s--",
+            color=color,
+            markersize=4,
+            linewidth=1,
+            label="slabs, by tolerance",
+        )
     by_resolution = [row for row in usual if row.resolution is not None]
     panel.plot(
         [x(row) for row in by_resolution],

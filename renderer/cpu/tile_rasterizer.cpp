@@ -116,8 +116,7 @@ struct TileRasterizer::Workspaces {
   tbb::enumerable_thread_specific<SlabWorkspace> of_threads;
 };
 
-TileRasterizer::TileRasterizer(KernelKind kernel, Compositing compositing)
-    : kernel_(kernel), compositing_(compositing), workspaces_(std::make_unique<Workspaces>()) {}
+TileRasterizer::TileRasterizer(KernelKind kernel) : kernel_(kernel), workspaces_(std::make_unique<Workspaces>()) {}
 
 TileRasterizer::~TileRasterizer() = default;
 
@@ -139,6 +138,14 @@ void TileRasterizer::set_tables(const TransferFunction& function) {
   for (const std::vector<float>& level : make_peak_levels(function, peak_entries))
     peaks_.insert(peaks_.end(), level.begin(), level.end());
   frame_.peaks = peaks_.data();
+}
+
+Status TileRasterizer::set_compositing(Compositing compositing) {
+  if (compositing == Compositing::slabs && kernel_ != KernelKind::moments)
+    return fail(ErrorCode::invalid_argument, "the kernel octant is not drawn in slabs: take the kernel moments");
+  if (compositing != compositing_) ordered_view_.reset();
+  compositing_ = compositing;
+  return {};
 }
 
 void TileRasterizer::set_lighting(const std::optional<Lighting>& lighting) { lighting_ = lighting; }
@@ -290,9 +297,8 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, Sort
 void TileRasterizer::reserve_batch() {
   const std::size_t batch = std::min<std::size_t>(splats_per_batch, list_.splats), slots = carried_ + batch;
   if (numbers_.size() < batch) numbers_.resize(batch);
-  if (bounds_.size() >= slots) return;
-  bounds_.resize(slots);
-  forms_.resize(slots);
+  if (bounds_.size() < slots) bounds_.resize(slots);
+  if (forms_.size() < slots) forms_.resize(slots);
   if (kernel_ == KernelKind::octant) {
     gaussians_.reserve(slots);
     return;
@@ -305,7 +311,8 @@ void TileRasterizer::reserve_batch() {
 }
 
 ScreenSplats TileRasterizer::screen() {
-  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data(), slab_.data()};
+  return {bounds_.data(), forms_.data(),     far_.data(),
+          near_.data(),   gaussians_.data(), compositing_ == Compositing::slabs ? slab_.data() : nullptr};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {

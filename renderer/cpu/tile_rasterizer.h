@@ -47,14 +47,15 @@ class Scratch {
 /// knows (SSE4, AVX2, AVX-512, NEON). Not thread-safe.
 class TileRasterizer final : public Rasterizer {
  public:
-  /// Slabs have no order of splats: `draw` then ignores its sort mode. Requires `moments` for slabs.
-  explicit TileRasterizer(KernelKind kernel, Compositing compositing = Compositing::splats);
+  explicit TileRasterizer(KernelKind kernel);
   TileRasterizer(const TileRasterizer&) = delete;
   TileRasterizer& operator=(const TileRasterizer&) = delete;
   ~TileRasterizer() override;
 
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
+  /// Slabs have no order of splats: `draw` then ignores its sort mode.
+  [[nodiscard]] Status set_compositing(Compositing compositing) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
@@ -93,7 +94,7 @@ class TileRasterizer final : public Rasterizer {
   struct Workspaces;  // of slabs, one for each thread
 
   KernelKind kernel_;
-  Compositing compositing_;
+  Compositing compositing_ = Compositing::splats;
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;

@@ -37,13 +37,6 @@ Result<Device> parse_device(std::string_view name) {
 }
 
 Result<std::unique_ptr<Rasterizer>> make_rasterizer(Device device, const RasterizerOptions& options) {
-  if (options.compositing == Compositing::slabs) {
-    if (options.kernel != KernelKind::moments)
-      return fail(ErrorCode::invalid_argument, "the kernel octant is not drawn in slabs: take the kernel moments");
-    if (device == Device::gl)
-      return fail(ErrorCode::invalid_argument, "OpenGL does not draw in slabs: take the device cpu");
-    device = Device::cpu;
-  }
 #ifdef SPLATVOL_OPENGL
   if (device == Device::gl) return make_gl_rasterizer(options, ContextKind::any);
   if (device == Device::automatic)
@@ -51,7 +44,7 @@ Result<std::unique_ptr<Rasterizer>> make_rasterizer(Device device, const Rasteri
 #else
   if (device == Device::gl) return fail(ErrorCode::device, "this program was built without OpenGL");
 #endif
-  return std::make_unique<TileRasterizer>(options.kernel, options.compositing);
+  return std::make_unique<TileRasterizer>(options.kernel);
 }
 
 }  // namespace splatvol

@@ -21,13 +21,11 @@ enum class Device {
 
 struct RasterizerOptions {
   KernelKind kernel = KernelKind::moments;
-  Compositing compositing = Compositing::splats;     // slabs: by the processor only
   std::uint64_t gpu_bytes = std::uint64_t{1} << 30;  // that OpenGL may take
   bool in_current_context = false;                   // of OpenGL; else the rasterizer makes a context of its own
 };
 
-/// Makes a rasterizer. `automatic` cannot fail, and takes the processor for slabs. `gl` fails with ErrorCode::device if
-/// there is no OpenGL 4.5. Slabs fail on `gl` and with the kernel `octant`.
+/// Makes a rasterizer. `automatic` cannot fail. `gl` fails with ErrorCode::device if there is no OpenGL 4.5.
 /// A rasterizer with a context of its own belongs to this thread, whose current context it becomes.
 [[nodiscard]] Result<std::unique_ptr<Rasterizer>> make_rasterizer(Device device, const RasterizerOptions& options);
 

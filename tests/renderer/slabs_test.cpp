@@ -93,7 +93,8 @@ View view_from(dvec3 eye, bool orthographic = false, int width = 128, int height
 Image draw(const DrawList& list, const TransferFunction& function, const View& view,
            Compositing compositing = Compositing::slabs, const std::optional<Lighting>& lighting = {},
            int spacing = 1) {
-  TileRasterizer tiles(KernelKind::moments, compositing);
+  TileRasterizer tiles(KernelKind::moments);
+  EXPECT_TRUE(tiles.set_compositing(compositing));
   tiles.set_lighting(lighting);
   EXPECT_TRUE(tiles.set_transfer_function(function, {}));
   EXPECT_TRUE(tiles.set_draw_list(list));
@@ -330,14 +331,17 @@ TEST(Slabs, AreTheSamePictureWithAnyInstructions) {
 }
 
 TEST(Slabs, DrawListsOfAnySizeFollowEachOther) {
-  TileRasterizer tiles(KernelKind::moments, Compositing::slabs);
+  TileRasterizer tiles(KernelKind::moments);
   ASSERT_TRUE(tiles.set_transfer_function(lively(), {}));
   const View view = view_from(dvec3(0.3, 0.2, 4));
   for (const std::size_t count : {1'000, 40'000, 150'000, 70'000, 10}) {
     const DrawList list = list_of(random_splats(count));
     ASSERT_TRUE(tiles.set_draw_list(list));
-    ASSERT_TRUE(tiles.draw(view, SortMode::exact, 1));
-    EXPECT_EQ(rmse(tiles.read_image().value(), draw(list, lively(), view)), 0) << count;
+    for (const Compositing compositing : {Compositing::slabs, Compositing::splats, Compositing::slabs}) {
+      ASSERT_TRUE(tiles.set_compositing(compositing));
+      ASSERT_TRUE(tiles.draw(view, SortMode::exact, 1));
+      EXPECT_EQ(rmse(tiles.read_image().value(), draw(list, lively(), view, compositing)), 0) << count;
+    }
   }
 }
 

