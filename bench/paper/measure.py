@@ -51,11 +51,10 @@ class Paper:
         return self.built[mesh, *options]
 
     def render(self, file, scene, *options):
-        """Draws. Returns the picture and svrender's statistics."""
+        """Draws one splat over the other, as the paper does. Returns the picture and svrender's statistics."""
         picture = self.new_file(".exr")
-        return picture, json.loads(
-            self.run("svrender", file, "--scene", scene, "-o", picture, "--stats", "-", *options)
-        )
+        usual = ["--scene", scene, "-o", picture, "--stats", "-", "--raster", "splats"]
+        return picture, json.loads(self.run("svrender", file, *usual, *options))
 
     def new_file(self, ending):
         return self.work / f"{len(list(self.work.iterdir()))}{ending}"
