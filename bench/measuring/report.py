@@ -296,7 +296,8 @@ def slabs(results):
         return []
 
     def ratio(which):
-        return f"{geometric_mean([mixed[which] / plain[which] for plain, mixed in pairs if plain.tolerance == 0]):.2f}"
+        of_all_points = [pair for pair in pairs if pair[0].tolerance == 0 and pair[0][which]]
+        return f"{geometric_mean([mixed[which] / plain[which] for plain, mixed in of_all_points]):.2f}"
 
     columns = [("view", lambda pair: pair[0].view), ("setting", lambda pair: setting(pair[0]))]
     for place, title in enumerate(("splats", "slabs")):

@@ -50,7 +50,12 @@ HWY_INLINE Float length_of(const Neighbours& n, bool bounded, Float mass, int at
     within = max(fma(max(leaves, enters), between - thickness, thickness), n.thickness * 1e-6F);
   }
   // Inside, the sum of densities only ripples. Where material ends without a boundary, it falls from 1 to 0.
-  return within * clamp(fma(mass / within, 1.5F, -0.25F), 0.0F, 1.0F);
+  const auto filled = [](Float length, Float held)
+                          HWY_ATTR { return length * clamp(fma(held / length, 1.5F, -0.25F), 0.0F, 1.0F); };
+  if (!bounded) return filled(within, mass);
+  // A boundary may be one of some cells only, as at hanging nodes: then more mass lies beyond it.
+  const Float beyond = max(thickness - within, n.thickness * 1e-6F);
+  return filled(within, mass) + filled(beyond, mass - within);
 }
 
 /// The mean value in a slab, and where there is one.
