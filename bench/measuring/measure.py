@@ -102,6 +102,12 @@ class Bench:
         if "pictures" in self.extras:
             pictures.write_png(self.out / "pictures" / f"{name}.png", pictures.read_exr(exr), background)
 
+    def difference_of(self, name, truth, exr):
+        """Keeps the difference from the exact picture for the page."""
+        if "pictures" in self.extras:
+            path = self.out / "pictures" / f"{name}-difference.png"
+            pictures.write_difference(path, pictures.read_exr(truth), pictures.read_exr(exr))
+
     def errors(self, truth, exr, background):
         difference = self.run_json("svdiff", truth, exr, "--json")
         mean_truth, mean = difference["mean"]
@@ -168,6 +174,8 @@ class Contender:
         self.row |= self.bench.errors(self.truth, exr, self.background)
         if self.label:
             self.bench.picture_of(f"{self.row['view']}-{self.label}", exr, self.background)
+        if self.label in ("moments-0", "slabs-0"):
+            self.bench.difference_of(f"{self.row['view']}-{self.label}", self.truth, exr)
 
     def take_turn(self, frames):
         self.turns.append(self.turn(frames))

@@ -46,3 +46,14 @@ def write_png(path, rgba, background, longest=256):
     height, width = (extent // step for extent in rgba.shape[:2])
     small = rgba[: height * step, : width * step].reshape(height, step, width, step, 4).mean(axis=(1, 3))
     Image.fromarray(numpy.rint(255 * displayed(small, background)).astype(numpy.uint8)).save(path, optimize=True)
+
+
+def write_difference(path, exact, picture, factor=8, size=256):
+    """Writes the middle of a picture less the exact one as a PNG: grey is no difference, white 1 / (2 factor)."""
+    import numpy
+    from PIL import Image
+
+    top, left = (max(extent - size, 0) // 2 for extent in exact.shape[:2])
+    shown = numpy.s_[top : top + size, left : left + size, :3]
+    grey = numpy.clip(0.5 + factor * (picture[shown] - exact[shown]), 0, 1)
+    Image.fromarray(numpy.rint(255 * grey).astype(numpy.uint8)).save(path, optimize=True)

@@ -308,7 +308,7 @@ def slabs(results):
         "",
         *paragraph(f"""`--raster splats` draws one splat over the other; `--raster slabs` mixes them (docs/accuracy.md).
             Ripple is the error beside the outline of the exact picture that is narrower than about 16 pixels, outline
-            the error within 3 pixels of it (`svdiff`). Geometric means with all points, slabs over splats: frame times
+            the error within 3 pixels of it (`svdiff`). Section Pictures shows the differences. Geometric means with all points, slabs over splats: frame times
             {ratio("frame_s")}, RMSE {ratio("rmse")}, ripple {ratio("ripple")}, outline {ratio("outline")}."""),
         *table(columns, pairs),
     ]
@@ -527,8 +527,9 @@ def picture_names(results):
             pictures[f"{kernel}-{tolerance:g}"] = f"`{kernel}`, " + (f"{tolerance:g} %" if tolerance else "all points")
     for tolerance in results.plan["pictured_tolerances"]:
         pictures[f"slabs-{tolerance:g}"] = "slabs, " + (f"{tolerance:g} %" if tolerance else "all points")
+    differences = {"moments-0-difference": "one by one, difference x 8", "slabs-0-difference": "slabs, difference x 8"}
     lit_names = {f"lit-{kernel}": f"lit, `{kernel}`" for kernel in reversed(results.kernels)}
-    return [{**pictures, **PEER_NAMES}, {"lit-exact": "lit, exact", **lit_names}]
+    return [{**pictures, **PEER_NAMES}, differences, {"lit-exact": "lit, exact", **lit_names}]
 
 
 def gallery(results, docs):
