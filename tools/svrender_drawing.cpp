@@ -59,6 +59,9 @@ Status draw_frame(const RenderOptions& options, const Scene& scene, const View& 
                   Timings& timings) {
   const double start = seconds_now();
   SPLATVOL_TRY_ASSIGN(upload_seconds, set_splats(options, scene, view, drawing));
+  const bool mixes = drawing.can_mix && (options.raster == "slabs" || is_worth_mixing(view, drawing.frame->splats));
+  drawing.compositing = mixes ? Compositing::slabs : Compositing::splats;
+  SPLATVOL_TRY(drawing.renderer->set_compositing(drawing.compositing));
   drawing.sample_spacing = sample_spacing(options, view, drawing);
   SPLATVOL_TRY_ASSIGN(times, drawing.renderer->draw(view, sort_of(options), drawing.sample_spacing));
 
@@ -279,9 +282,8 @@ Result<Drawing> prepare_drawing(const RenderOptions& options, const Scene& scene
   SPLATVOL_TRY_ASSIGN(renderer, make_rasterizer(device, {.kernel = kernel, .gpu_bytes = gpu_memory}));
   drawing.renderer = std::move(renderer);
   if (options.raster == "slabs") SPLATVOL_TRY(drawing.renderer->set_compositing(Compositing::slabs));
-  const bool mixed = options.raster == "slabs" || (options.raster == "auto" && options.sort == "exact" &&
-                                                   drawing.renderer->set_compositing(Compositing::slabs));
-  if (mixed) drawing.compositing = Compositing::slabs;
+  drawing.can_mix = options.raster == "slabs" || (options.raster == "auto" && options.sort == "exact" &&
+                                                  drawing.renderer->set_compositing(Compositing::slabs));
   drawing.detail = options.detail;
   drawing.max_error = options.max_error;
   if (options.grows && drawing.streamer->info().point_count() <= points_drawn_at_once) {

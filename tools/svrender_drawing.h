@@ -59,8 +59,9 @@ struct Drawing {
   std::vector<ErrorControl::Tried> tried;          // cuts on the way to it
   int pictures_for_error = 0;
   const FrameSplats* frame = nullptr;
-  int sample_spacing = 1;  // of the last frame
-  Compositing compositing = Compositing::splats;
+  int sample_spacing = 1;                         // of the last frame
+  bool can_mix = false;                           // in slabs, as the options want it
+  Compositing compositing = Compositing::splats;  // of the last frame
 
   [[nodiscard]] const char* raster() const { return compositing == Compositing::slabs ? "slabs" : "splats"; }
 };

@@ -99,7 +99,7 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--raster", options.raster,
                  "splats: one drawn over the other, in their order; slabs: splats in a slab of depth are mixed, and "
                  "their density is divided by its sum: no ripple, but slower. auto: slabs by the processor for the "
-                 "kernel moments and the exact order, else splats")
+                 "kernel moments, the exact order and up to 8 splats a pixel, else splats")
       ->check(CLI::IsMember({"auto", "splats", "slabs"}))
       ->capture_default_str();
   app.add_option("--sampling", options.sampling,

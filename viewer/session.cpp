@@ -277,7 +277,8 @@ Status Session::draw(int width, int height, double seconds) {
   SPLATVOL_TRY_ASSIGN(fits, set_splats(frame->splats));
   if (!fits) return {};
   // Slabs take several times as long: a hand that turns the data gets more splats instead.
-  const bool mixes = !moves && can_mix_ && settings.mixes && settings.sort == SortMode::exact;
+  const bool mixes =
+      !moves && can_mix_ && settings.mixes && settings.sort == SortMode::exact && is_worth_mixing(view, frame->splats);
   const Compositing compositing = mixes ? Compositing::slabs : Compositing::splats;
   SPLATVOL_TRY(renderer_->set_compositing(compositing));
   const int spacing =

@@ -128,6 +128,8 @@ TEST_F(Svrender, OptionsChangeWhatIsDrawn) {
   for (const char* other : {"--raster splats", "--device gl", "--kernel octant", "--sort axis"})
     EXPECT_EQ(statistics(other).at("raster"), "splats") << other;
   EXPECT_EQ(statistics("--raster slabs --sort none").at("raster"), "slabs");
+  EXPECT_EQ(statistics("--device cpu --size 16x15").at("raster"), "splats") << "2000 splats, over 8 a pixel";
+  EXPECT_EQ(statistics("--raster slabs --size 16x15").at("raster"), "slabs");
   EXPECT_EQ(statistics("--sampling 3").at("sample_spacing"), 3);
   EXPECT_EQ(statistics("").at("sample_spacing"), 1);
   EXPECT_EQ(statistics("--raster splats --tolerance 12.5 --size 400x500").at("sample_spacing"), 4);  // of 50 pixels
