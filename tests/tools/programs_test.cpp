@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -301,6 +302,20 @@ TEST_F(Programs, WrongUsageExitsWithTwo) {
     EXPECT_EQ(version.code, 0) << program;
     EXPECT_THAT(version.out, HasSubstr(program));
   }
+}
+
+TEST_F(Programs, SvdiffTellsRippleAndOutline) {
+  // The left part is white, the rest is empty.
+  for (const int part : {32, 33}) {
+    Image image{64, 8, {}};
+    for (int i = 0; i < 64 * 8; ++i) image.pixels.emplace_back(i % 64 < part ? 1.0F : 0.0F);
+    ASSERT_TRUE(write_image(path(std::to_string(part) + ".exr"), image, dvec3(0), {}));
+  }
+  const std::string command = "svdiff " + path("32.exr") + " " + path("33.exr");
+  EXPECT_EQ(run(command).out, "rmse 0.125\npsnr 18.0618 dB\nmax 1\nmean 0.5 0.515625\nripple 0\noutline 0.353553\n");
+  const json document = json::parse(run(command + " --json").out);
+  EXPECT_EQ(document.at("ripple"), 0);
+  EXPECT_NEAR(document.at("outline"), std::sqrt(1.0 / 8), 1e-12);
 }
 
 TEST_F(Programs, DemoEndsInAPicture) {
