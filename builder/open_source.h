@@ -38,10 +38,4 @@ namespace splatvol {
 [[nodiscard]] Result<std::unique_ptr<Source>> open_source(const std::vector<std::string>& inputs,
                                                           const SourceOptions& options);
 
-/// Returns the axis that points upwards by the convention of the inputs' format: 2 (z) for OpenFOAM; -1: no convention.
-[[nodiscard]] int usual_up(const std::vector<std::string>& inputs);
-
-/// Replaces folders by the files in them, as open_source does.
-[[nodiscard]] Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs);
-
 }  // namespace splatvol

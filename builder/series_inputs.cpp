@@ -5,6 +5,8 @@
 #include <filesystem>
 #include <limits>
 
+#include "builder/input_files.h"
+
 namespace splatvol {
 namespace {
 
@@ -29,8 +31,8 @@ Result<TimeRange> parse_times(const std::string& text) {
 }
 
 Result<std::vector<SeriesStep>> steps_of_input(const std::vector<std::string>& inputs, const SourceOptions& options,
-                                               const TimeRange& times) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(inputs, options));
+                                               const TimeRange& times, const OpenSource& open) {
+  SPLATVOL_TRY_ASSIGN(source, open(inputs, options));
   const auto step = source->time_step();
   if (!step) return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
   std::vector<SeriesStep> steps;
@@ -39,7 +41,7 @@ Result<std::vector<SeriesStep>> steps_of_input(const std::vector<std::string>& i
     SourceOptions at_time = options;
     at_time.time = time;
     const std::string name = fmt::format("{} at {}", std::filesystem::path(inputs[0]).filename().string(), time);
-    steps.push_back({name, time, [inputs, at_time] { return open_source(inputs, at_time); }});
+    steps.push_back({name, time, [inputs, at_time, open] { return open(inputs, at_time); }});
   }
   if (steps.empty())
     return fail(ErrorCode::invalid_argument, "{}: none of its {} steps is in this range; they reach from {} to {}",
@@ -47,12 +49,13 @@ Result<std::vector<SeriesStep>> steps_of_input(const std::vector<std::string>& i
   return steps;
 }
 
-Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& inputs, const SourceOptions& options) {
+Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& inputs, const SourceOptions& options,
+                                               const OpenSource& open) {
   SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
   std::vector<SeriesStep> steps;
   for (const std::string& path : paths)
     steps.push_back({std::filesystem::path(path).filename(), std::nullopt,
-                     [path, options] { return open_source({path}, options); }});
+                     [path, options, open] { return open({path}, options); }});
   return steps;
 }
 

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "base/error.h"
-#include "builder/open_source.h"
 #include "builder/sources/step_group.h"
 
 namespace splatvol {
@@ -20,10 +19,11 @@ struct TimeRange {
 
 /// Returns the steps of an input that holds several, with times in the range. Fails if there is none.
 [[nodiscard]] Result<std::vector<SeriesStep>> steps_of_input(const std::vector<std::string>& inputs,
-                                                             const SourceOptions& options, const TimeRange& times);
+                                                             const SourceOptions& options, const TimeRange& times,
+                                                             const OpenSource& open);
 
 /// Returns each input, and each file of a folder, as a step.
 [[nodiscard]] Result<std::vector<SeriesStep>> steps_of_files(const std::vector<std::string>& inputs,
-                                                             const SourceOptions& options);
+                                                             const SourceOptions& options, const OpenSource& open);
 
 }  // namespace splatvol

@@ -4,8 +4,8 @@ cmake_minimum_required(VERSION 3.25)
 
 set(layers
     base scene reference format
-    builder/sorting builder/mesh builder/scattered builder/sources builder/sources/vtk builder/output builder/points
-    builder/reduction builder
+    builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
+    builder/output builder/points builder/reduction builder
     exporter streamer renderer renderer/cpu renderer/gl renderer/device viewer tools)
 
 # What each layer may include, besides itself.
@@ -17,12 +17,13 @@ set(builder/sorting_knows base format)
 set(builder/mesh_knows base format)
 set(builder/scattered_knows base format builder/mesh)
 set(builder/sources_knows base format builder/mesh builder/sorting)
+set(builder/sources/process_knows base format builder/mesh builder/sources)
 set(builder/sources/vtk_knows base format builder/mesh builder/sources)
 set(builder/output_knows base format builder/mesh builder/sorting)
 set(builder/points_knows base format builder/sorting builder/mesh builder/scattered builder/sources)
 set(builder/reduction_knows base format builder/sorting builder/mesh builder/scattered builder/output builder/points)
-set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/vtk builder/output
-                  builder/points builder/reduction)
+set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
+                  builder/sources/vtk builder/output builder/points builder/reduction)
 set(builder_knows base format ${builder_rooms})
 set(exporter_knows base format)
 set(streamer_knows base scene format)

@@ -12,12 +12,14 @@
 #include "base/file.h"
 #include "base/memory_limit.h"
 #include "builder/build.h"
-#include "builder/open_source.h"
+#include "builder/input_files.h"
+#include "builder/open_own.h"
 #include "builder/series_build.h"
 #include "builder/series_files.h"
 #include "builder/series_inputs.h"
 #include "format/steps.h"
 #include "tools/cells_option.h"
+#include "tools/reading.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -46,6 +48,7 @@ struct Options {
   bool append = false;
   std::vector<std::string> units;
   unsigned threads = 0;
+  ReadingOptions reading;
   bool json = false;
 };
 
@@ -206,16 +209,17 @@ SourceOptions source_options_of(const Options& options, const std::vector<std::s
   return {selection, options.columns, options.time, cell_values_of(options.cells), options.missing};
 }
 
-Result<std::vector<SeriesStep>> steps_of(const Options& options) {
+Result<std::vector<SeriesStep>> steps_of(const Options& options, const OpenSource& open) {
   SPLATVOL_TRY_ASSIGN(selection, selection_of(options));
   const SourceOptions source_options = source_options_of(options, selection);
-  if (options.times.empty()) return steps_of_files(options.inputs, source_options);
+  if (options.times.empty()) return steps_of_files(options.inputs, source_options, open);
   SPLATVOL_TRY_ASSIGN(range, parse_times(options.times));
-  return steps_of_input(options.inputs, source_options, range);
+  return steps_of_input(options.inputs, source_options, range, open);
 }
 
-Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(steps, steps_of(options));
+Result<BuildReport> build_steps(const Options& options, const BuildOptions& build_options, const OpenSource& open,
+                                InputNotes& notes) {
+  SPLATVOL_TRY_ASSIGN(steps, steps_of(options, open));
   StageBar bar(0);
   const BuildProgress progress = [&](const char* stage, double fraction) { bar.update(stage, fraction); };
   const auto report = options.series_of_files
@@ -229,8 +233,9 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
   return report->build;
 }
 
-Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.inputs, source_options_of(options, options.attributes)));
+Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, const OpenSource& open,
+                              InputNotes& notes) {
+  SPLATVOL_TRY_ASSIGN(source, open(options.inputs, source_options_of(options, options.attributes)));
   StageBar bar(source->point_count().value_or(0));
   auto report = build_volume(*source, options.output, build_options,
                              [&](const char* stage, double fraction) { bar.update(stage, fraction); });
@@ -250,8 +255,13 @@ Status build(const Options& options) {
   limit_allocator(build_options.memory);
   InputNotes notes;
   notes.memory = build_options.memory;
-  const auto report =
-      is_series(options) ? build_steps(options, build_options, notes) : build_one(options, build_options, notes);
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
+  ReaderProcess reader(reader_options);
+  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
+    return open_safely(reader, inputs, source_options);
+  };
+  const auto report = is_series(options) ? build_steps(options, build_options, open, notes)
+                                         : build_one(options, build_options, open, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
     const bool named = report.error().message.starts_with(options.output) ||
@@ -379,6 +389,7 @@ void add_machine_options(CLI::App& app, Options& options) {
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   app.add_option("--threads", options.threads, "Threads to use (default: all cores)")->check(CLI::Range(1u, 4096u));
+  add_reading_options(app, options.reading);
   app.add_flag("--json", options.json, "Print the result as JSON");
 }
 

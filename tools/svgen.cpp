@@ -9,10 +9,11 @@
 #include <utility>
 
 #include "base/file.h"
-#include "builder/open_source.h"
+#include "builder/open_own.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/refined_source.h"
 #include "builder/sources/vtk/writer.h"
+#include "tools/reading.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -32,6 +33,7 @@ struct Options {
   std::string distribution = "uniform";
   std::uint64_t seed = 1;
   bool float32 = false;
+  ReadingOptions reading;
 };
 
 /// Calls `use` with each piece and its number.
@@ -163,7 +165,9 @@ Status write_mesh(const Options& options) {
 }
 
 Status write_refined(const Options& options) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(options.meshes, {options.attributes, {}}));
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, 0));
+  ReaderProcess reader(reader_options);
+  SPLATVOL_TRY_ASSIGN(source, open_safely(reader, options.meshes, {options.attributes, {}}));
   for (const std::string& name : source->attributes())
     if (name.find_first_of("&<>\"") != std::string::npos)
       return fail(ErrorCode::unsupported, "{}: attribute '{}': VTK's writer makes no file of such a name",
@@ -218,6 +222,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, most_refinements))
       ->capture_default_str();
   refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)");
+  add_reading_options(*refined, options.reading);
   return run_tool(app, argc, argv, [&] {
     if (*refined) return write_refined(options);
     return *points ? write_points(options) : write_mesh(options);

@@ -5,11 +5,12 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "builder/open_source.h"
+#include "builder/open_own.h"
 #include "reference/reference.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "tools/cells_option.h"
+#include "tools/reading.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -24,8 +25,9 @@ struct Options {
   std::string size;
   std::string cells = "averaged";
   std::vector<double> missing;
-  int threads = 0;
+  unsigned threads = 0;
   int repeat = 1;
+  ReadingOptions reading;
   bool json = false;
 };
 
@@ -58,12 +60,13 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
 }
 
 Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string& attribute, CellValues cells,
-                       const std::vector<double>& missing) {
+                       const std::vector<double>& missing, const ReaderProcessOptions& reader_options) {
   SourceOptions source_options;
   source_options.selection = {attribute};
   source_options.cells = cells;
   source_options.missing = missing;
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, source_options));
+  ReaderProcess reader(reader_options);
+  SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");
   Mesh mesh;
   mesh.constant = cells == CellValues::own;
@@ -77,10 +80,10 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string&
   return mesh;
 }
 
-Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, int threads) {
+Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, unsigned threads) {
   ProgressBar bar("draw");
   const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant};
-  return render_reference(tet_mesh, scene, {threads, [&](double fraction) { bar.update(fraction); }});
+  return render_reference(tet_mesh, scene, {static_cast<int>(threads), [&](double fraction) { bar.update(fraction); }});
 }
 
 // `seconds`: of each drawing, sorted.
@@ -110,7 +113,9 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
-  SPLATVOL_TRY_ASSIGN(mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing));
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
+  SPLATVOL_TRY_ASSIGN(
+      mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing, reader_options));
 
   Result<ReferencePicture> picture;
   std::vector<double> seconds;
@@ -151,9 +156,10 @@ int main(int argc, char** argv) {
   app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
       ->type_name("V")
       ->allow_extra_args(false);
-  app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0, 4096));
+  app.add_option("--threads", options.threads, "Threads; 0: all")->check(CLI::Range(0u, 4096u));
   app.add_option("--repeat", options.repeat, "Pictures to draw for the time in the summary, which is their median")
       ->check(CLI::Range(1, 1000000));
+  add_reading_options(app, options.reading);
   app.add_flag("--json", options.json, "Print the summary as JSON");
   return run_tool(app, argc, argv, [&] { return draw(options); });
 }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -172,5 +173,9 @@ struct SourceOptions {
   CellValues cells = CellValues::averaged;
   std::vector<double> missing = {};  // values that stand for none, besides the plain fill values
 };
+
+/// Opens an input. Contract as open_source (builder/open_source.h).
+using OpenSource = std::function<Result<std::unique_ptr<Source>>(const std::vector<std::string>& inputs,
+                                                                 const SourceOptions& options)>;
 
 }  // namespace splatvol

@@ -371,6 +371,15 @@ TEST_F(SourceTest, ArraysOfUnknownTypesAreRefused) {
   EXPECT_THAT(error_of({write("a.vtu", text)}), HasSubstr("unknown type \"loat32\""));
 }
 
+TEST_F(SourceTest, TagsOfAnyLengthAreRead) {
+  std::string text = hexahedron_mesh().file();
+  const std::string before = "<DataArray ", spaces(10000, ' ');
+  for (std::size_t at = 0; (at = text.find(before, at)) != std::string::npos; at += before.size() + spaces.size())
+    text.insert(at + before.size(), spaces);
+  EXPECT_EQ(error_of({write("a.vtu", text)}), "(no error)");
+  EXPECT_THAT(error_of({write("a.vtu", text.insert(text.find("</DataArray>"), " 5"))}), HasSubstr("instead of"));
+}
+
 TEST_F(SourceTest, GhostsAreSkipped) {
   // Three cells in a line; the last belongs to another piece. Later, a point of the first is hidden.
   Mesh mesh;

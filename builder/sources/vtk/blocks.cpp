@@ -22,7 +22,6 @@
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/piece.h"
 #include "builder/sources/vtk/shared_points.h"
-#include "builder/sources/vtk/trial.h"
 
 namespace splatvol {
 namespace {
@@ -39,20 +38,6 @@ std::optional<double> time_of(const std::optional<TimeStep>& step) {
   return step ? std::optional(step->time) : std::nullopt;
 }
 
-/// Reads a file's header in a process of its own. An EnSight file is read to its end: VTK 9.1 trusts what its files
-/// declare about each other, and reads past the end of files that are cut off.
-Status try_file(const VtkFile& file, const std::vector<std::string>& selection, std::optional<double> time) {
-  constexpr unsigned seconds = 3600;
-  return try_in_child(file.path, seconds, [&] {
-    const auto reader = make_block_reader(file.kind);
-    vtkAlgorithm& algorithm = reader->open(file.path);
-    algorithm.UpdateInformation();
-    reader->select(selection);
-    const auto step = choose_step(times_of(algorithm), time);
-    if (file.kind == VtkFile::Kind::ensight) reader->read(0, time_of(step));
-  });
-}
-
 /// The blocks of one file.
 class BlockDataSets final : public VtkDataSets {
  public:
@@ -66,8 +51,6 @@ class BlockDataSets final : public VtkDataSets {
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_blocks(file_, time));
     vtkMultiBlockDataSetAlgorithm* algorithm = nullptr;
-    SPLATVOL_TRY(try_file(file_, selection_, time));
-    const QuietStderr quiet;
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm = &reader_->open(file_.path);
       algorithm->UpdateInformation();

@@ -113,20 +113,4 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   return {};
 }
 
-QuietStderr::QuietStderr() : saved_(-1) {
-  std::fflush(stderr);
-  const int nothing = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
-  if (nothing < 0) return;
-  saved_ = ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 3);
-  if (saved_ >= 0) ::dup2(nothing, STDERR_FILENO);
-  ::close(nothing);
-}
-
-QuietStderr::~QuietStderr() {
-  if (saved_ < 0) return;
-  std::fflush(stderr);
-  ::dup2(saved_, STDERR_FILENO);
-  ::close(saved_);
-}
-
 }  // namespace splatvol

@@ -20,16 +20,4 @@ class ReaderError : public std::runtime_error {
 /// has one window for messages in the whole process.
 [[nodiscard]] Status run_vtk(const std::string& path, const std::function<void()>& call);
 
-/// While it lives, the process writes nothing to stderr: for libraries below VTK that always print. Not thread-safe.
-class QuietStderr {
- public:
-  QuietStderr();
-  ~QuietStderr();
-  QuietStderr(const QuietStderr&) = delete;
-  QuietStderr& operator=(const QuietStderr&) = delete;
-
- private:
-  int saved_;  // the real stderr; negative: it could not be silenced
-};
-
 }  // namespace splatvol

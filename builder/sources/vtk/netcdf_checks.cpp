@@ -155,10 +155,6 @@ Status check_hdf5(ByteSource& file, const std::string& path, std::string_view st
 
 bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
 
-bool is_netcdf(std::string_view start) {
-  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
-}
-
 Status check_file_end(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   const Result<std::string> start = read_text(*file, 0, 64);

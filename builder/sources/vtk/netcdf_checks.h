@@ -12,7 +12,9 @@ namespace splatvol {
 [[nodiscard]] bool is_hdf5(std::string_view start);
 
 /// Whether a file begins like one of NetCDF's own formats, which Exodus uses.
-[[nodiscard]] bool is_netcdf(std::string_view start);
+[[nodiscard]] inline bool is_netcdf(std::string_view start) {
+  return start.size() > 3 && start.starts_with("CDF") && (start[3] == 1 || start[3] == 2 || start[3] == 5);
+}
 
 /// Fails if the file at `path` ends before one of its variables does (NetCDF's own format, versions 1, 2 and 5), or
 /// before the end that it states (HDF5). Says nothing about other files. Safe on untrusted files.

@@ -23,7 +23,6 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/netcdf_checks.h"
-#include "builder/sources/vtk/trial.h"
 #include "builder/sources/vtk/vtkhdf_file.h"
 
 namespace splatvol {
@@ -235,12 +234,6 @@ class HdfDataSets final : public VtkDataSets {
 
   Status open(std::optional<double> time) {
     SPLATVOL_TRY(check_file_end(path_));
-    // The library may crash on damaged files.
-    constexpr unsigned seconds = 3600;
-    SPLATVOL_TRY(try_in_child(path_, seconds, [&] {
-      const HdfFile file(path_, selection_, time);
-      if (file.count() > 0) (void)file.read(0);
-    }));
     return run_vtk(path_, [&] {
       file_ = std::make_unique<HdfFile>(path_, selection_, time);
       if (file_->count() == 0) throw ReaderError("no partitions in it");

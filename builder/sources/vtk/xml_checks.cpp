@@ -232,11 +232,10 @@ class Arrays {
     const std::string_view format = element.GetAttribute("format") ? element.GetAttribute("format") : "";
     const double bytes = value_bytes(element.GetAttribute("type"));
     if (format != "appended" && format != "binary") return bytes > 0 ? count_words(element) : std::nullopt;
-    const auto offset = format == "appended" ? appended_offset_of(element) : inline_offset(element);
-    if (!offset) return std::optional<double>();
+    SPLATVOL_TRY_ASSIGN(offset, format == "appended" ? appended_offset_of(element) : inline_offset(element));
     const bool base64 = format == "binary" || appended_base64_;
-    SPLATVOL_TRY_ASSIGN(stated, compressed_ ? check_compression_header(file_, layout_, *offset, base64)
-                                            : check_uncompressed_array(file_, layout_, *offset, base64));
+    SPLATVOL_TRY_ASSIGN(stated, compressed_ ? check_compression_header(file_, layout_, offset, base64)
+                                            : check_uncompressed_array(file_, layout_, offset, base64));
     return bytes > 0 ? std::optional(stated / bytes) : std::nullopt;
   }
 
@@ -248,29 +247,32 @@ class Arrays {
     return type.ends_with("8") ? 1 : 0;
   }
 
-  std::optional<std::uint64_t> appended_offset_of(vtkXMLDataElement& element) const {
+  Result<std::uint64_t> appended_offset_of(vtkXMLDataElement& element) const {
     vtkTypeInt64 offset = 0;
-    if (!element.GetScalarAttribute("offset", offset) || offset < 0) return std::nullopt;
+    if (!element.GetScalarAttribute("offset", offset) || offset < 0)
+      return fail(ErrorCode::invalid_data, "{}: an appended array has no offset: damaged", path_);
     return appended_offset_ + static_cast<std::uint64_t>(offset);
   }
 
-  /// Where the text after an element's start tag and white space begins.
-  std::optional<std::uint64_t> inline_offset(vtkXMLDataElement& element) {
-    constexpr std::uint64_t longest_tag = 4096;
-    const auto tag = static_cast<std::uint64_t>(element.GetXMLByteIndex());
-    const auto text = read_text(file_, tag, longest_tag);
-    if (!text) return std::nullopt;
-    const std::size_t end = text->find('>');
-    if (end == std::string::npos) return std::nullopt;
-    const std::size_t start = text->find_first_not_of(" \t\r\n", end + 1);
-    return start == std::string::npos ? std::nullopt : std::optional(tag + start);
+  /// Where the text after an element's start tag and white space begins. VTK too takes the first '>' for the tag's end.
+  Result<std::uint64_t> inline_offset(vtkXMLDataElement& element) {
+    constexpr std::uint64_t read_bytes = 4096;
+    bool in_tag = true;
+    for (auto at = static_cast<std::uint64_t>(element.GetXMLByteIndex()); at < file_.size();) {
+      SPLATVOL_TRY_ASSIGN(text, read_text(file_, at, read_bytes));
+      for (const char c : text) {
+        if (!in_tag && !is_white_space(c)) return at;
+        in_tag = in_tag && c != '>';
+        ++at;
+      }
+    }
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off: it ends within an array", path_);
   }
 
   /// Counts the numbers of an array of text. Nothing is known if it holds elements of its own.
   Result<std::optional<double>> count_words(vtkXMLDataElement& element) {
-    const auto offset = inline_offset(element);
-    if (!offset) return std::optional<double>();
-    words_.move_to(*offset);
+    SPLATVOL_TRY_ASSIGN(offset, inline_offset(element));
+    words_.move_to(offset);
     for (double count = 0;; ++count) {
       const std::string word = words_.next();
       const std::size_t tag = word.find('<');

@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "builder/open_source.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/units.h"
 #include "tests/builder/sources/folder_test.h"

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "builder/mesh/tetrahedra.h"
-#include "builder/open_source.h"
+#include "builder/open_own.h"
 
 namespace splatvol::test {
 
@@ -25,9 +25,19 @@ struct Input {
   std::size_t points = 0;
 };
 
-/// Reads an input, and checks that its pieces are consistent.
+/// The reader process of the programs. Tests of damaged files do not wait for long.
+inline ReaderProcessOptions reader_options() {
+  ReaderProcessOptions options;
+  options.program = SPLATVOL_BIN "/splatvol-read";
+  options.memory = std::uint64_t{2} << 30;
+  options.patience = std::chrono::seconds(20);
+  return options;
+}
+
+/// Reads an input as programs do, and checks that its pieces are consistent.
 inline Result<Input> read_input(const std::vector<std::string>& paths, const SourceOptions& options = {}) {
-  SPLATVOL_TRY_ASSIGN(source, open_source(paths, options));
+  static ReaderProcess reader(reader_options());
+  SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, options));
   Input input;
   input.attributes = source->attributes();
   input.step = source->time_step();

@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "builder/build.h"
+#include "builder/open_source.h"
 #include "builder/points/point_stream.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/builder/sources/read_input.h"

@@ -1,0 +1,212 @@
+#include "builder/input_files.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <filesystem>
+#include <optional>
+#include <string_view>
+
+#include "base/file.h"
+#include "builder/sources/npy_header.h"
+#include "builder/sources/read_text.h"
+#include "builder/sources/vdb_source.h"
+#include "builder/sources/vtk/netcdf_checks.h"
+
+namespace splatvol {
+namespace {
+
+struct MultiBlockExtension {
+  std::string_view extension;
+  VtkFile::Kind kind;
+};
+constexpr std::array<MultiBlockExtension, 13> multi_block_extensions = {{{".e", VtkFile::Kind::exodus},
+                                                                         {".exo", VtkFile::Kind::exodus},
+                                                                         {".exii", VtkFile::Kind::exodus},
+                                                                         {".ex2", VtkFile::Kind::exodus},
+                                                                         {".g", VtkFile::Kind::exodus},
+                                                                         {".case", VtkFile::Kind::ensight},
+                                                                         {".encas", VtkFile::Kind::ensight},
+                                                                         {".foam", VtkFile::Kind::openfoam},
+                                                                         {".cgns", VtkFile::Kind::cgns},
+                                                                         {".msh", VtkFile::Kind::gmsh},
+                                                                         {".su2", VtkFile::Kind::su2},
+                                                                         {".vtkhdf", VtkFile::Kind::vtkhdf},
+                                                                         {".hdf", VtkFile::Kind::vtkhdf}}};
+
+/// Finds the format of a multi-block file by its name: most of these files are HDF5 or plain text. An Exodus file that
+/// holds a part of a mesh has a name such as "mesh.e.4.0".
+std::optional<VtkFile::Kind> multi_block_kind(std::string_view path) {
+  const auto kind_of = [](std::string_view name) -> std::optional<VtkFile::Kind> {
+    const auto found = std::ranges::find_if(
+        multi_block_extensions, [&](const MultiBlockExtension& known) { return name.ends_with(known.extension); });
+    return found == multi_block_extensions.end() ? std::nullopt : std::optional(found->kind);
+  };
+  if (path.ends_with("/system/controlDict")) return VtkFile::Kind::openfoam;
+  if (const auto kind = kind_of(path)) return kind;
+  for (int i = 0; i < 2; ++i) {
+    const std::size_t last = path.find_last_not_of("0123456789");
+    if (last == std::string_view::npos || last + 1 == path.size() || path[last] != '.') return std::nullopt;
+    path = path.substr(0, last);
+  }
+  return kind_of(path) == VtkFile::Kind::exodus ? kind_of(path) : std::nullopt;
+}
+
+std::string xml_attribute(std::string_view element, std::string_view name) {
+  for (const char quote : {'"', '\''}) {
+    const std::string start = fmt::format(" {}={}", name, quote);
+    const std::size_t at = element.find(start);
+    if (at == std::string_view::npos) continue;
+    const std::size_t first = at + start.size();
+    return std::string(element.substr(first, element.find(quote, first) - first));
+  }
+  return {};
+}
+
+bool parse_version(std::string_view text, FileHeader& header) {
+  const char* end = text.data() + text.size();
+  const auto major = std::from_chars(text.data(), end, header.major);
+  if (major.ec != std::errc{} || major.ptr == end || *major.ptr != '.') return false;
+  return std::from_chars(major.ptr + 1, end, header.minor).ec == std::errc{};
+}
+
+constexpr std::string_view legacy_start = "# vtk DataFile Version ";
+
+Result<FileHeader> read_legacy_header(const std::string& path, std::string_view text) {
+  FileHeader header;
+  header.format = FileHeader::Format::vtk_legacy;
+  if (!parse_version(text.substr(legacy_start.size()), header))
+    return fail(ErrorCode::invalid_data, "{}: the version in its first line is not a number", path);
+  return header;
+}
+
+/// `element`: the start tag of the VTKFile element.
+Result<FileHeader> read_xml_header(const std::string& path, std::string element) {
+  // White space of any kind may separate XML attributes.
+  std::ranges::replace_if(
+      element, [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  FileHeader header;
+  header.format = FileHeader::Format::vtk_xml;
+  header.type = xml_attribute(element, "type");
+  const std::string version = xml_attribute(element, "version");
+  if (!version.empty() && !parse_version(version, header))
+    return fail(ErrorCode::invalid_data, "{}: the version \"{}\" of its VTKFile element is not a number", path,
+                version);
+  return header;
+}
+
+/// Compares names with numbers by size: "piece2" comes before "piece10".
+bool name_before(std::string_view a, std::string_view b) {
+  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  while (!a.empty() && !b.empty()) {
+    std::string_view part_a = a.substr(0, 1), part_b = b.substr(0, 1);
+    if (is_digit(a[0]) && is_digit(b[0])) {
+      part_a = a.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(a, is_digit) - a.begin()));
+      part_b = b.substr(0, static_cast<std::size_t>(std::ranges::find_if_not(b, is_digit) - b.begin()));
+    }
+    a.remove_prefix(part_a.size());
+    b.remove_prefix(part_b.size());
+    // Without leading zeros, the longer of two numbers is the larger.
+    part_a.remove_prefix(std::min(part_a.find_first_not_of('0'), part_a.size() - 1));
+    part_b.remove_prefix(std::min(part_b.find_first_not_of('0'), part_b.size() - 1));
+    if (part_a.size() != part_b.size()) return part_a.size() < part_b.size();
+    if (part_a != part_b) return part_a < part_b;
+  }
+  return a.size() < b.size();
+}
+
+/// Lists the files in a folder that can be read, by their extensions.
+Result<std::vector<std::string>> list_folder(const std::string& folder) {
+  std::error_code error;
+  std::vector<std::string> names;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename();
+    const bool known = has_vtk_extension(name) || multi_block_kind(name) || name.ends_with(".npy") ||
+                       name.ends_with(".vdb") || is_csv(name);
+    if (known && !name.starts_with('.')) names.push_back(name);
+  }
+  if (error) return fail(ErrorCode::io, "{}: {}", folder, error.message());
+  if (names.empty()) return fail(ErrorCode::invalid_data, "{}: a folder without files that can be read", folder);
+  // A .pvd names the files beside it, and tells their times.
+  const auto is_pvd = [](const std::string& name) { return name.ends_with(".pvd"); };
+  if (std::ranges::count_if(names, is_pvd) == 1) names = {*std::ranges::find_if(names, is_pvd)};
+  // Names that differ only in leading zeros are compared by their bytes.
+  std::ranges::sort(names, [](const std::string& a, const std::string& b) {
+    return name_before(a, b) || (!name_before(b, a) && a < b);
+  });
+  std::vector<std::string> paths;
+  for (const std::string& name : names) paths.push_back((std::filesystem::path(folder) / name).string());
+  return paths;
+}
+
+}  // namespace
+
+bool is_csv(std::string_view path) {
+  return path.ends_with(".csv") || path.ends_with(".CSV") || path.ends_with(".tsv");
+}
+
+bool has_vtk_extension(std::string_view path) {
+  constexpr std::array<std::string_view, 11> extensions = {".vtu", ".pvtu", ".vtk", ".vts",  ".vtr", ".vti",
+                                                           ".vtp", ".pvd",  ".vtm", ".vtpd", ".vtpc"};
+  return std::ranges::any_of(extensions, [&](std::string_view extension) { return path.ends_with(extension); });
+}
+
+Result<FileHeader> read_header(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(file, open_file(path));
+  SPLATVOL_TRY_ASSIGN(text, read_text(*file, 0, 65536));
+
+  FileHeader header;
+  if (text.starts_with(npy_magic) || path.ends_with(".npy")) {
+    header.format = FileHeader::Format::npy;
+    return header;
+  }
+  if (is_csv(path)) {
+    header.format = FileHeader::Format::csv;
+    return header;
+  }
+  if (text.starts_with(vdb_magic) || path.ends_with(".vdb")) {
+    header.format = FileHeader::Format::vdb;
+    return header;
+  }
+  // Exodus files in NetCDF's own format may have any name.
+  if (const auto kind = is_netcdf(text) ? VtkFile::Kind::exodus : multi_block_kind(path)) {
+    header.format = FileHeader::Format::multi_block;
+    header.kind = *kind;
+    return header;
+  }
+  if (text.starts_with(legacy_start)) return read_legacy_header(path, text);
+  const std::size_t tag = text.find("<VTKFile");
+  if (tag == std::string::npos) return header;
+  return read_xml_header(path, text.substr(tag, text.find('>', tag) - tag));
+}
+
+Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
+  std::vector<std::string> paths;
+  for (const std::string& input : inputs) {
+    std::error_code error;
+    if (!std::filesystem::is_directory(input, error)) {
+      paths.push_back(input);
+      continue;
+    }
+    const auto control = std::filesystem::path(input) / "system" / "controlDict";
+    if (std::filesystem::exists(control, error)) {
+      paths.push_back(control.string());
+      continue;
+    }
+    SPLATVOL_TRY_ASSIGN(files, list_folder(input));
+    paths.insert(paths.end(), files.begin(), files.end());
+  }
+  return paths;
+}
+
+int usual_up(const std::vector<std::string>& inputs) {
+  std::error_code ignored;
+  for (const std::string& input : inputs)
+    if (multi_block_kind(input) == VtkFile::Kind::openfoam ||
+        std::filesystem::exists(std::filesystem::path(input) / "system" / "controlDict", ignored))
+      return 2;
+  return -1;
+}
+
+}  // namespace splatvol

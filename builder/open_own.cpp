@@ -1,0 +1,43 @@
+#include "builder/open_own.h"
+
+#include <algorithm>
+
+#include "builder/input_files.h"
+#include "builder/sources/csv_source.h"
+#include "builder/sources/generator.h"
+#include "builder/sources/npy_source.h"
+
+namespace splatvol {
+
+tl::unexpected<Error> fail_no_cells(const std::string& input) {
+  return fail(ErrorCode::invalid_argument,
+              "{}: its values belong to points or voxels; leave out '--cells own', which is for meshes in files",
+              input);
+}
+
+Result<std::unique_ptr<Source>> open_own(const std::vector<std::string>& inputs, const SourceOptions& options) {
+  const auto generated = std::ranges::find_if(inputs, is_generated);
+  if (generated != inputs.end() && inputs.size() > 1)
+    return fail(ErrorCode::invalid_argument, "{}: must be the only input", *generated);
+  if (generated != inputs.end() && options.cells == CellValues::own) return fail_no_cells(*generated);
+  if (generated != inputs.end()) return open_generated(*generated, options);
+
+  SPLATVOL_TRY_ASSIGN(paths, expand_folders(inputs));
+  if (paths.empty()) return fail(ErrorCode::invalid_argument, "no input file");
+  SPLATVOL_TRY_ASSIGN(first, read_header(paths[0]));
+  if (first.format != FileHeader::Format::npy && first.format != FileHeader::Format::csv)
+    return std::unique_ptr<Source>();
+  if (options.cells == CellValues::own) return fail_no_cells(paths[0]);
+  return first.format == FileHeader::Format::npy ? open_npy_files(paths, options) : open_csv_files(paths, options);
+}
+
+Result<std::unique_ptr<Source>> open_safely(ReaderProcess& reader, const std::vector<std::string>& inputs,
+                                            const SourceOptions& options) {
+  SPLATVOL_TRY_ASSIGN(source, open_own(inputs, options));
+  if (!source) return reader.open(inputs, options);
+  if (options.time && !source->time_step())
+    return fail(ErrorCode::invalid_argument, "{}: no time steps in it to choose from", inputs[0]);
+  return source;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,107 @@
+// Numbers, texts and arrays between two processes.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "base/error.h"
+
+namespace splatvol {
+
+/// One end of a socket between two processes of one machine and one build. What it sends has no types: both sides name
+/// the same ones in the same order. After a failure nothing more can be sent or received. Not thread-safe.
+class Channel {
+ public:
+  /// Called about once a second while nothing arrives. A failure ends the wait.
+  using Waiting = std::function<Status()>;
+
+  /// Takes the descriptor. `most_bytes`: arrays that claim to be larger are refused.
+  explicit Channel(int descriptor, std::uint64_t most_bytes, Waiting waiting = {})
+      : descriptor_(descriptor), most_bytes_(most_bytes), waiting_(std::move(waiting)) {}
+  ~Channel();
+  Channel(const Channel&) = delete;
+  Channel& operator=(const Channel&) = delete;
+
+  /// Sends bytes. They may wait for the next flush().
+  [[nodiscard]] Status send(std::span<const std::byte> bytes);
+  [[nodiscard]] Status flush();
+
+  /// Receives bytes. Fails if the other process has ended.
+  [[nodiscard]] Status receive(std::span<std::byte> bytes);
+
+  template <class T>
+  requires std::is_trivially_copyable_v<T>
+  [[nodiscard]] Status put(const T& value) { return send(std::as_bytes(std::span(&value, 1))); }
+  [[nodiscard]] Status put(const std::string& text);
+  template <class T>
+  [[nodiscard]] Status put(const std::optional<T>& value) {
+    SPLATVOL_TRY(put(value.has_value()));
+    return value ? put(*value) : Status{};
+  }
+  template <class T>
+  [[nodiscard]] Status put(const std::vector<T>& values) {
+    SPLATVOL_TRY(put(std::uint64_t{values.size()}));
+    if constexpr (std::is_trivially_copyable_v<T>) return send(std::as_bytes(std::span(values)));
+    for (const T& value : values) SPLATVOL_TRY(put(value));
+    return {};
+  }
+  template <class Key, class T>
+  [[nodiscard]] Status put(const std::map<Key, T>& values) {
+    SPLATVOL_TRY(put(std::uint64_t{values.size()}));
+    for (const auto& [key, value] : values) {
+      SPLATVOL_TRY(put(key));
+      SPLATVOL_TRY(put(value));
+    }
+    return {};
+  }
+
+  template <class T>
+  requires std::is_trivially_copyable_v<T>
+  [[nodiscard]] Status get(T& value) { return receive(std::as_writable_bytes(std::span(&value, 1))); }
+  [[nodiscard]] Status get(bool& value);
+  [[nodiscard]] Status get(std::string& text);
+  template <class T>
+  [[nodiscard]] Status get(std::optional<T>& value) {
+    bool has_value = false;
+    SPLATVOL_TRY(get(has_value));
+    if (!has_value) value.reset();
+    return has_value ? get(value.emplace()) : Status{};
+  }
+  template <class T>
+  [[nodiscard]] Status get(std::vector<T>& values) {
+    SPLATVOL_TRY_ASSIGN(count, get_count(sizeof(T)));
+    values.resize(count);
+    if constexpr (std::is_trivially_copyable_v<T>) return receive(std::as_writable_bytes(std::span(values)));
+    for (T& value : values) SPLATVOL_TRY(get(value));
+    return {};
+  }
+  template <class Key, class T>
+  [[nodiscard]] Status get(std::map<Key, T>& values) {
+    SPLATVOL_TRY_ASSIGN(count, get_count(sizeof(Key) + sizeof(T)));
+    for (std::size_t i = 0; i < count; ++i) {
+      Key key{};
+      SPLATVOL_TRY(get(key));
+      SPLATVOL_TRY(get(values[key]));
+    }
+    return {};
+  }
+
+ private:
+  [[nodiscard]] Result<std::size_t> get_count(std::size_t element_bytes);
+  [[nodiscard]] Status wait();
+  [[nodiscard]] Status send_now(std::span<const std::byte> bytes) const;
+
+  int descriptor_;
+  std::uint64_t most_bytes_;
+  Waiting waiting_;
+  std::vector<std::byte> unsent_;
+};
+
+}  // namespace splatvol

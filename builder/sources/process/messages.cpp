@@ -1,0 +1,216 @@
+#include "builder/sources/process/messages.h"
+
+#include <algorithm>
+#include <numeric>
+#include <tuple>
+#include <utility>
+
+#include "builder/sources/process/held_values.h"
+
+namespace splatvol {
+namespace {
+
+/// Sends or receives several members.
+template <class... Members>
+Status put_all(Channel& channel, const Members&... members) {
+  Status status;
+  (void)((status = channel.put(members)) && ...);
+  return status;
+}
+
+template <class... Members>
+Status get_all(Channel& channel, Members&... members) {
+  Status status;
+  (void)((status = channel.get(members)) && ...);
+  return status;
+}
+
+template <class Options>
+auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Options>, SourceOptions> {
+  return std::tie(options.selection, options.columns, options.time, options.cells, options.missing);
+}
+
+template <class State>
+auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
+  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.points, state.time,
+                  state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
+                  state.single_precision);
+}
+
+template <class Census>
+auto members_of(Census& census) requires std::is_same_v<std::remove_const_t<Census>, CellCensus> {
+  return std::tie(census.cells, census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces,
+                  census.lines, census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat,
+                  census.non_finite, census.not_star_shaped);
+}
+
+template <class Material>
+auto members_of(Material& material) requires std::is_same_v<std::remove_const_t<Material>, PointMaterial> {
+  return std::tie(material.moments, material.value_moments, material.gradients, material.planes);
+}
+
+template <class Cells>
+auto members_of(Cells& cells) requires std::is_same_v<std::remove_const_t<Cells>, PointCells> {
+  return std::tie(cells.corners, cells.tetrahedra, cells.points, cells.moments);
+}
+
+template <class T>
+Status put_members(Channel& channel, const T& value) {
+  return std::apply([&](const auto&... members) { return put_all(channel, members...); }, members_of(value));
+}
+
+template <class T>
+Status get_members(Channel& channel, T& value) {
+  return std::apply([&](auto&... members) { return get_all(channel, members...); }, members_of(value));
+}
+
+/// Sends an array, and frees it.
+template <class T>
+Status put_away(Channel& channel, std::vector<T>& values) {
+  const Status sent = channel.put(values);
+  values = {};
+  return sent;
+}
+
+Status put_column(Channel& channel, const PackedColumn& column) {
+  SPLATVOL_TRY(channel.put(column.index()));
+  return std::visit([&](const auto& values) { return channel.put(values); }, column);
+}
+
+Result<PackedColumn> get_column(Channel& channel) {
+  std::size_t kind = 0;
+  SPLATVOL_TRY(channel.get(kind));
+  PackedColumn column;
+  if (kind > 0) column.emplace<1>();
+  SPLATVOL_TRY(std::visit([&](auto& values) { return channel.get(values); }, column));
+  return column;
+}
+
+/// Values of one attribute after the other: all of them at once would take twice their memory.
+Status put_lent(Channel& channel, std::shared_ptr<const LentValues> lent, std::size_t points, std::size_t attributes) {
+  std::vector<std::uint32_t> all(points);
+  std::iota(all.begin(), all.end(), 0u);
+  std::vector<double> values(points);
+  for (std::size_t a = 0; a < attributes; ++a) {
+    lent->get(a, all, values);
+    SPLATVOL_TRY(put_column(channel, pack_column(values)));
+  }
+  return {};
+}
+
+tl::unexpected<Error> fail_piece(const char* what) {
+  return fail(ErrorCode::invalid_data, "the reader process sent a piece whose {}", what);
+}
+
+bool all_below(const std::vector<Tetrahedron>& tetrahedra, std::size_t points) {
+  return std::ranges::all_of(tetrahedra,
+                             [&](const Tetrahedron& corners) { return std::ranges::max(corners) < points; });
+}
+
+Status check_material(const PointMaterial& material, std::size_t points, std::size_t attributes) {
+  const auto fits = [&](const auto& of_points) { return of_points.size() == points; };
+  if (!fits(material.moments) || !(material.planes.empty() || fits(material.planes)) ||
+      material.value_moments.size() != attributes || !std::ranges::all_of(material.value_moments, fits) ||
+      !(material.gradients.empty() || material.gradients.size() == attributes) ||
+      !std::ranges::all_of(material.gradients, fits))
+    return fail_piece("material is not that of its points");
+  return {};
+}
+
+Status check_cells(const PointCells& cells, std::size_t points) {
+  const bool in_range = std::ranges::all_of(
+      cells.points, [&](std::uint32_t point) { return point < points || point == PointCells::no_point; });
+  if (!in_range || cells.points.size() != cells.tetrahedra.size() || cells.moments.size() != points ||
+      !all_below(cells.tetrahedra, cells.corners.size()))
+    return fail_piece("cells are not those of its points");
+  return {};
+}
+
+Status check_piece(const Piece& piece, std::size_t attributes) {
+  const std::size_t points = piece.points.size();
+  if (!all_below(piece.tetrahedra, points)) return fail_piece("tetrahedra name points that are not there");
+  const auto fits = [&](const auto& of_points) { return of_points.size() == points; };
+  if (!piece.lent && (piece.values.size() != attributes || !std::ranges::all_of(piece.values, fits)))
+    return fail_piece("values are not those of its points");
+  if (!piece.fills.empty() && piece.fills.size() != attributes) return fail_piece("counts are not of its attributes");
+  if (piece.material) SPLATVOL_TRY(check_material(*piece.material, points, attributes));
+  if (piece.cells) SPLATVOL_TRY(check_cells(*piece.cells, points));
+  return {};
+}
+
+}  // namespace
+
+SourceState state_of(const Source& source) {
+  SourceState state;
+  state.attributes = source.attributes();
+  state.units = source.units();
+  state.conversions = source.conversions();
+  state.pieces = source.piece_count();
+  state.points = source.point_count();
+  state.step = source.time_step();
+  state.time = source.stated_time();
+  state.copies = source.copies();
+  state.averages_by_piece = source.averages_by_piece();
+  state.may_have_cells = source.may_have_cells();
+  state.brings_material = source.brings_material();
+  state.single_precision = source.single_precision();
+  return state;
+}
+
+Status put(Channel& channel, const Error& error) { return put_all(channel, error.code, error.message); }
+Status get(Channel& channel, Error& error) { return get_all(channel, error.code, error.message); }
+
+Status put(Channel& channel, const SourceOptions& options) { return put_members(channel, options); }
+Status get(Channel& channel, SourceOptions& options) { return get_members(channel, options); }
+
+Status put(Channel& channel, const SourceState& state) {
+  SPLATVOL_TRY(put_members(channel, state));
+  SPLATVOL_TRY(channel.put(state.step.has_value()));
+  return state.step ? put_all(channel, state.step->time, state.step->index, state.step->times) : Status{};
+}
+
+Status get(Channel& channel, SourceState& state) {
+  SPLATVOL_TRY(get_members(channel, state));
+  bool has_step = false;
+  SPLATVOL_TRY(channel.get(has_step));
+  if (!has_step) return {};
+  state.step.emplace();
+  return get_all(channel, state.step->time, state.step->index, state.step->times);
+}
+
+Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes) {
+  const std::size_t points = piece->points.size();
+  SPLATVOL_TRY(put_members(channel, piece->census));
+  SPLATVOL_TRY(
+      put_all(channel, piece->fills, piece->lent != nullptr, piece->material.has_value(), piece->cells.has_value()));
+  SPLATVOL_TRY(put_away(channel, piece->points));
+  SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
+  SPLATVOL_TRY(channel.put(std::uint64_t{piece->values.size()}));
+  for (std::vector<double>& values : piece->values) SPLATVOL_TRY(put_away(channel, values));
+  if (piece->lent) SPLATVOL_TRY(put_lent(channel, std::move(piece->lent), points, attributes));
+  if (piece->material) SPLATVOL_TRY(put_members(channel, *piece->material));
+  if (piece->cells) SPLATVOL_TRY(put_members(channel, *piece->cells));
+  return {};
+}
+
+Status get(Channel& channel, Piece& piece, std::size_t attributes) {
+  bool is_lent = false, has_material = false, has_cells = false;
+  SPLATVOL_TRY(get_members(channel, piece.census));
+  SPLATVOL_TRY(get_all(channel, piece.fills, is_lent, has_material, has_cells));
+  SPLATVOL_TRY(get_all(channel, piece.points, piece.tetrahedra, piece.values));
+  if (is_lent) {
+    std::vector<PackedColumn> columns;
+    for (std::size_t a = 0; a < attributes; ++a) {
+      SPLATVOL_TRY_ASSIGN(column, get_column(channel));
+      if (std::visit([](const auto& values) { return values.size(); }, column) != piece.points.size())
+        return fail_piece("values are not those of its points");
+      columns.push_back(std::move(column));
+    }
+    piece.lent = std::make_shared<HeldValues>(std::move(columns));
+  }
+  if (has_material) SPLATVOL_TRY(get_members(channel, piece.material.emplace()));
+  if (has_cells) SPLATVOL_TRY(get_members(channel, piece.cells.emplace()));
+  return check_piece(piece, attributes);
+}
+
+}  // namespace splatvol

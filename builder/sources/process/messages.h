@@ -1,0 +1,52 @@
+// What a program and its reader process say to each other.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "builder/sources/process/channel.h"
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// A request has this, the number of a source, and what each kind adds. The answer begins with an optional Error.
+enum class ReaderRequest : std::uint32_t {
+  open,    // inputs, SourceOptions. Answer: SourceState. The number is new
+  next,    // whether values are lent. Answer: SourceState, whether there is a piece, the piece
+  bounds,  // Answer: optional Box
+  close,   // No answer
+};
+
+/// What a source tells besides its pieces. Its functions may return something else after each piece.
+struct SourceState {
+  std::vector<std::string> attributes, units, conversions;
+  std::uint64_t pieces = 0;
+  std::optional<std::uint64_t> points;
+  std::optional<TimeStep> step;
+  std::optional<double> time;  // stated
+  VertexCopies copies = VertexCopies::same_values;
+  bool averages_by_piece = false;
+  bool may_have_cells = true;
+  bool brings_material = false;
+  bool single_precision = false;
+};
+
+[[nodiscard]] SourceState state_of(const Source& source);
+
+[[nodiscard]] Status put(Channel& channel, const Error& error);
+[[nodiscard]] Status get(Channel& channel, Error& error);
+[[nodiscard]] Status put(Channel& channel, const SourceOptions& options);
+[[nodiscard]] Status get(Channel& channel, SourceOptions& options);
+[[nodiscard]] Status put(Channel& channel, const SourceState& state);
+[[nodiscard]] Status get(Channel& channel, SourceState& state);
+
+/// Frees each array once it is sent, so that both processes together hold little more than one piece.
+[[nodiscard]] Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attributes);
+
+/// Lent values are held. Fails if the arrays do not fit each other, or if an index is out of range.
+[[nodiscard]] Status get(Channel& channel, Piece& piece, std::size_t attributes);
+
+}  // namespace splatvol

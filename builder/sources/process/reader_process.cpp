@@ -1,0 +1,253 @@
+#include "builder/sources/process/reader_process.h"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <fstream>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "builder/sources/process/messages.h"
+
+extern char** environ;
+
+namespace splatvol {
+namespace {
+
+/// Returns the bytes that a process has read so far; empty if the system does not tell.
+std::optional<std::uint64_t> bytes_read_by(pid_t process) {
+  std::ifstream file(fmt::format("/proc/{}/io", process));
+  std::string name;
+  std::uint64_t bytes = 0;
+  if (file >> name >> bytes && name == "rchar:") return bytes;
+  return std::nullopt;
+}
+
+Result<pid_t> spawn(const ReaderProcessOptions& options, int socket) {
+  posix_spawn_file_actions_t actions;
+  ::posix_spawn_file_actions_init(&actions);
+  // The copy outlives exec, unlike all other descriptors of this program. A descriptor onto itself stays open too.
+  constexpr int socket_of_reader = 3;
+  ::posix_spawn_file_actions_adddup2(&actions, socket, socket_of_reader);
+  std::array<std::string, 4> words = {options.program, std::to_string(socket_of_reader), std::to_string(options.memory),
+                                      std::to_string(options.threads)};
+  std::array<char*, 5> arguments = {words[0].data(), words[1].data(), words[2].data(), words[3].data(), nullptr};
+  pid_t process = 0;
+  const int error = ::posix_spawn(&process, words[0].c_str(), &actions, nullptr, arguments.data(), environ);
+  ::posix_spawn_file_actions_destroy(&actions);
+  if (error != 0)
+    return fail(ErrorCode::io, "cannot start {}, which reads files of other formats: {}", options.program,
+                std::system_category().message(error));
+  return process;
+}
+
+}  // namespace
+
+/// The running process. After a failure it is gone.
+class ReaderProcess::Process {
+ public:
+  [[nodiscard]] static Result<std::shared_ptr<Process>> start(const ReaderProcessOptions& options) {
+    std::array<int, 2> sockets{};
+    if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()) != 0)
+      return fail(ErrorCode::io, "socketpair: {}", std::system_category().message(errno));
+    auto spawned = spawn(options, sockets[1]);
+    ::close(sockets[1]);
+    if (!spawned) {
+      ::close(sockets[0]);
+      return tl::unexpected(spawned.error());
+    }
+    return std::shared_ptr<Process>(new Process(options, *spawned, sockets[0]));
+  }
+
+  ~Process() { end(); }
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+
+  [[nodiscard]] bool has_ended() const { return !channel_; }
+
+  /// Sends a request, and receives its answer by `get_answer`. Errors of the process itself begin with `name`.
+  template <class Put, class Get>
+  Status ask(const std::string& name, ReaderRequest request, std::uint64_t source, const Put& put_rest,
+             const Get& get_answer) {
+    if (!channel_) return fail(ErrorCode::io, "{}: the process that read it has ended", name);
+    std::optional<Error> refusal;
+    const Status talked = [&]() -> Status {
+      SPLATVOL_TRY(channel_->put(request));
+      SPLATVOL_TRY(channel_->put(source));
+      SPLATVOL_TRY(put_rest(*channel_));
+      SPLATVOL_TRY(channel_->flush());
+      begin_wait();
+      bool refused = false;
+      SPLATVOL_TRY(channel_->get(refused));
+      return refused ? get(*channel_, refusal.emplace()) : get_answer(*channel_);
+    }();
+    if (!talked) return fail_in(name, explain(talked.error()));
+    return refusal ? Status(tl::unexpected(std::move(*refusal))) : Status{};
+  }
+
+  /// Says that a source is not used any more.
+  void close(std::uint64_t source) {
+    if (!channel_) return;
+    const bool sent = channel_->put(ReaderRequest::close) && channel_->put(source) && channel_->flush();
+    if (!sent) end();
+  }
+
+ private:
+  Process(const ReaderProcessOptions& options, pid_t process, int socket)
+      : options_(options),
+        process_(process),
+        channel_(std::in_place, socket, options.memory, [this] { return wait(); }) {}
+
+  void begin_wait() {
+    last_sign_ = std::chrono::steady_clock::now();
+    bytes_read_ = 0;
+  }
+
+  /// Bytes that it reads are a sign that it gets on.
+  Status wait() {
+    const auto now = std::chrono::steady_clock::now();
+    if (const auto bytes = bytes_read_by(process_); bytes && *bytes != bytes_read_) {
+      bytes_read_ = *bytes;
+      last_sign_ = now;
+    }
+    if (now - last_sign_ < options_.patience) return {};
+    return fail(ErrorCode::invalid_data, "nothing comes of reading it for {} s: damaged, or its disk does not answer",
+                options_.patience.count());
+  }
+
+  /// Ends the process, and says why it failed.
+  Error explain(const Error& error) {
+    const int status = end();
+    if (error.code != ErrorCode::io) return error;
+    if (!WIFSIGNALED(status)) return {ErrorCode::io, "the process that read it ended too early"};
+    if (WTERMSIG(status) == SIGKILL)
+      return {ErrorCode::io, "the process that read it was killed: perhaps the machine has too little memory"};
+    return {ErrorCode::invalid_data,
+            fmt::format("the library of its format crashes on it: it is damaged, or a file that it names is, or it "
+                        "takes more than {} MiB of memory",
+                        options_.memory >> 20)};
+  }
+
+  /// Returns the process's status, as waitpid does.
+  int end() {
+    if (!channel_) return 0;
+    channel_.reset();
+    // A process that has crashed keeps its own signal.
+    int status = 0;
+    if (::waitpid(process_, &status, WNOHANG) == process_) return status;
+    // The kernel closes the socket before it has ended the process.
+    for (int i = 0; i < 100; ++i) {
+      ::usleep(1000);
+      if (::waitpid(process_, &status, WNOHANG) == process_) return status;
+    }
+    ::kill(process_, SIGKILL);
+    while (::waitpid(process_, &status, 0) < 0 && errno == EINTR) {
+    }
+    return status;
+  }
+
+  ReaderProcessOptions options_;
+  pid_t process_;
+  std::optional<Channel> channel_;  // none: the process has ended
+  std::chrono::steady_clock::time_point last_sign_;
+  std::uint64_t bytes_read_ = 0;
+};
+
+/// A source of the process.
+class ProcessSource final : public Source {
+ public:
+  ProcessSource(std::shared_ptr<ReaderProcess::Process> process, std::uint64_t number, std::string name)
+      : process_(std::move(process)), number_(number), name_(std::move(name)) {}
+  ~ProcessSource() override { process_->close(number_); }
+  ProcessSource(const ProcessSource&) = delete;
+  ProcessSource& operator=(const ProcessSource&) = delete;
+
+  Status open(const std::vector<std::string>& inputs, const SourceOptions& options) {
+    return process_->ask(
+        name_, ReaderRequest::open, number_,
+        [&](Channel& channel) -> Status {
+          SPLATVOL_TRY(channel.put(inputs));
+          return put(channel, options);
+        },
+        [&](Channel& channel) { return get_state(channel); });
+  }
+
+  Result<std::unique_ptr<Piece>> next() override {
+    auto piece = std::make_unique<Piece>();
+    const Status answered = process_->ask(
+        name_, ReaderRequest::next, number_, [&](Channel& channel) { return channel.put(lends_); },
+        [&](Channel& channel) -> Status {
+          SPLATVOL_TRY(get_state(channel));
+          bool is_there = false;
+          SPLATVOL_TRY(channel.get(is_there));
+          if (is_there) return get(channel, *piece, state_.attributes.size());
+          piece.reset();
+          return {};
+        });
+    if (!answered) return tl::unexpected(answered.error());
+    return piece;
+  }
+
+  Result<std::optional<Box>> bounds() override {
+    std::optional<Box> box;
+    SPLATVOL_TRY(process_->ask(
+        name_, ReaderRequest::bounds, number_, [](Channel&) { return Status{}; },
+        [&](Channel& channel) { return channel.get(box); }));
+    return box;
+  }
+
+  const std::vector<std::string>& attributes() const override { return state_.attributes; }
+  std::vector<std::string> units() const override { return state_.units; }
+  void lend_values() override { lends_ = true; }
+  std::size_t piece_count() const override { return static_cast<std::size_t>(state_.pieces); }
+  std::optional<std::uint64_t> point_count() const override { return state_.points; }
+  std::optional<TimeStep> time_step() const override { return state_.step; }
+  std::optional<double> stated_time() const override { return state_.time; }
+  std::vector<std::string> conversions() const override { return state_.conversions; }
+  bool averages_by_piece() const override { return state_.averages_by_piece; }
+  VertexCopies copies() const override { return state_.copies; }
+  bool may_have_cells() const override { return state_.may_have_cells; }
+  bool brings_material() const override { return state_.brings_material; }
+  bool single_precision() const override { return state_.single_precision; }
+
+ private:
+  /// The attributes stay those of the first time.
+  Status get_state(Channel& channel) {
+    SourceState state;
+    SPLATVOL_TRY(get(channel, state));
+    const bool is_first = state_.attributes.empty();
+    if (state.units.size() != state.attributes.size() || (!is_first && state.attributes != state_.attributes))
+      return fail(ErrorCode::invalid_data, "the reader process sent other attributes");
+    state_ = std::move(state);
+    return {};
+  }
+
+  std::shared_ptr<ReaderProcess::Process> process_;
+  std::uint64_t number_;
+  std::string name_;
+  SourceState state_;
+  bool lends_ = false;
+};
+
+ReaderProcess::ReaderProcess(ReaderProcessOptions options) : options_(std::move(options)) {}
+ReaderProcess::~ReaderProcess() = default;
+
+Result<std::unique_ptr<Source>> ReaderProcess::open(const std::vector<std::string>& inputs,
+                                                    const SourceOptions& options) {
+  if (!process_ || process_->has_ended()) {
+    SPLATVOL_TRY_ASSIGN(process, Process::start(options_));
+    process_ = std::move(process);
+  }
+  auto source = std::make_unique<ProcessSource>(process_, sources_++, inputs.at(0));
+  SPLATVOL_TRY(source->open(inputs, options));
+  return source;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,46 @@
+// Reads files of foreign formats in a process of its own.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// How a reader process is run.
+struct ReaderProcessOptions {
+  std::string program;                 // the path of splatvol-read
+  std::uint64_t memory;                // bytes of data that the process may have
+  std::chrono::seconds patience{300};  // how long it may read nothing from its files, and send nothing
+  int threads = 0;                     // most threads; 0: those of the machine
+};
+
+/// Opens sources in a process of its own, so that a damaged or hostile file does no harm: libraries of formats crash,
+/// loop for ever and take all memory there. The process starts with the first source. It ends with this object and the
+/// last source. Not thread-safe, and neither are two of its sources.
+class ReaderProcess {
+ public:
+  explicit ReaderProcess(ReaderProcessOptions options);
+  ~ReaderProcess();
+  ReaderProcess(const ReaderProcess&) = delete;
+  ReaderProcess& operator=(const ReaderProcess&) = delete;
+
+  /// Contract as open_source (builder/open_source.h), and all functions of the source as Source. They fail too if the
+  /// process crashes, needs more memory, or does not get on.
+  [[nodiscard]] Result<std::unique_ptr<Source>> open(const std::vector<std::string>& inputs,
+                                                     const SourceOptions& options);
+
+ private:
+  class Process;
+  friend class ProcessSource;
+
+  ReaderProcessOptions options_;
+  std::shared_ptr<Process> process_;  // null: not started
+  std::uint64_t sources_ = 0;         // opened so far
+};
+
+}  // namespace splatvol

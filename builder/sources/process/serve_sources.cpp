@@ -1,0 +1,105 @@
+#include "builder/sources/process/serve_sources.h"
+
+#include <exception>
+#include <map>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "builder/sources/process/messages.h"
+
+namespace splatvol {
+namespace {
+
+/// Calls what may throw: libraries of formats do, and memory is limited.
+template <class Call>
+auto caught(const Call& call) -> decltype(call()) {
+  try {
+    return call();
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_budget, "reading it takes more memory than the reader process may have");
+  } catch (const std::exception& error) {
+    return fail(ErrorCode::invalid_data, "{}", error.what());
+  }
+}
+
+class Server {
+ public:
+  Server(int socket, const ReaderLimits& limits, const OpenSource& open)
+      : channel_(socket, limits.memory), open_(open) {}
+
+  /// Answers one request. Fails when the other side is gone.
+  Status answer() {
+    ReaderRequest request{};
+    std::uint64_t source = 0;
+    SPLATVOL_TRY(channel_.get(request));
+    SPLATVOL_TRY(channel_.get(source));
+    switch (request) {
+      case ReaderRequest::open:
+        SPLATVOL_TRY(open(source));
+        break;
+      case ReaderRequest::next:
+        SPLATVOL_TRY(next(*sources_.at(source)));
+        break;
+      case ReaderRequest::bounds:
+        SPLATVOL_TRY(bounds(*sources_.at(source)));
+        break;
+      case ReaderRequest::close:
+        sources_.erase(source);
+        return {};
+    }
+    return channel_.flush();
+  }
+
+ private:
+  Status open(std::uint64_t number) {
+    std::vector<std::string> inputs;
+    SourceOptions options;
+    SPLATVOL_TRY(channel_.get(inputs));
+    SPLATVOL_TRY(get(channel_, options));
+    auto source = caught([&] { return open_(inputs, options); });
+    if (!source) return refuse(source.error());
+    SPLATVOL_TRY(channel_.put(false));
+    SPLATVOL_TRY(put(channel_, state_of(**source)));
+    sources_[number] = std::move(*source);
+    return {};
+  }
+
+  Status next(Source& source) {
+    bool lends = false;
+    SPLATVOL_TRY(channel_.get(lends));
+    if (lends) source.lend_values();
+    auto piece = caught([&] { return source.next(); });
+    if (!piece) return refuse(piece.error());
+    SPLATVOL_TRY(channel_.put(false));
+    SPLATVOL_TRY(put(channel_, state_of(source)));
+    SPLATVOL_TRY(channel_.put(*piece != nullptr));
+    return *piece ? put(channel_, std::move(*piece), source.attributes().size()) : Status{};
+  }
+
+  Status bounds(Source& source) {
+    const auto box = caught([&] { return source.bounds(); });
+    if (!box) return refuse(box.error());
+    SPLATVOL_TRY(channel_.put(false));
+    return channel_.put(*box);
+  }
+
+  Status refuse(const Error& error) {
+    SPLATVOL_TRY(channel_.put(true));
+    return put(channel_, error);
+  }
+
+  Channel channel_;
+  const OpenSource& open_;
+  std::map<std::uint64_t, std::unique_ptr<Source>> sources_;
+};
+
+}  // namespace
+
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open) {
+  Server server(socket, limits, open);
+  while (server.answer()) {
+  }
+}
+
+}  // namespace splatvol

@@ -1,0 +1,253 @@
+#include "builder/sources/process/reader_process.h"
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <linux/landlock.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstdlib>
+#include <numeric>
+
+#include "builder/open_source.h"
+#include "builder/sources/process/held_values.h"
+#include "builder/sources/process/messages.h"
+#include "builder/sources/process/serve_sources.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+#include "tests/support/sanitizers.h"
+
+namespace splatvol {
+namespace {
+
+using test::reader_options;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+constexpr std::uint64_t plenty = std::uint64_t{1} << 30;
+
+class ReaderProcessTest : public test::FolderTest {
+ protected:
+  /// A tetrahedron with an attribute, and elements that nest so deeply.
+  std::string nested_mesh(std::size_t depth) const {
+    std::string nested;
+    for (std::size_t i = 0; i < depth; ++i) nested += "<a>";
+    for (std::size_t i = 0; i < depth; ++i) nested += "</a>";
+    return write("nested.vtu",
+                 "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\"><UnstructuredGrid><Piece NumberOfPoints=\"4\" "
+                 "NumberOfCells=\"1\"><PointData>" +
+                     nested +
+                     "<DataArray type=\"Float32\" Name=\"f\" format=\"ascii\">1 2 3 4</DataArray></PointData>"
+                     "<Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0 "
+                     "0 0 1</DataArray></Points><Cells><DataArray type=\"Int32\" Name=\"connectivity\" "
+                     "format=\"ascii\">0 1 2 3</DataArray><DataArray type=\"Int32\" Name=\"offsets\" "
+                     "format=\"ascii\">4</DataArray><DataArray type=\"UInt8\" Name=\"types\" "
+                     "format=\"ascii\">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>");
+  }
+
+  static std::string error_of(const ReaderProcessOptions& options, const std::string& input) {
+    ReaderProcess reader(options);
+    const auto source = reader.open({input}, {});
+    return source ? "(no error)" : source.error().message;
+  }
+
+  static ReaderProcessOptions options_with(const std::string& program) {
+    ReaderProcessOptions options = reader_options();
+    options.program = program;
+    options.patience = std::chrono::seconds(2);
+    return options;
+  }
+};
+
+TEST_F(ReaderProcessTest, ACrashIsOneLineAndTheNextFileIsRead) {
+  const std::string hostile = nested_mesh(100000);  // overflows the stack of VTK's parser
+  ReaderProcess reader(reader_options());
+  const auto refused = reader.open({hostile}, {});
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, AllOf(StartsWith(hostile), HasSubstr("crashes")));
+  const auto source = reader.open({nested_mesh(0)}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_EQ((*source)->next().value()->points.size(), 4u);
+}
+
+TEST_F(ReaderProcessTest, MemoryIsLimited) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
+  ReaderProcessOptions options = reader_options();
+  options.memory = 100u << 20;
+  EXPECT_THAT(error_of(options, nested_mesh(100000)), HasSubstr("100 MiB"));
+}
+
+TEST_F(ReaderProcessTest, AReaderThatDoesNotGetOnIsEnded) {
+  EXPECT_THAT(error_of(options_with("/bin/sleep"), nested_mesh(0)), HasSubstr("for 2 s"));
+  EXPECT_THAT(error_of(options_with("/bin/false"), nested_mesh(0)), HasSubstr("ended too early"));
+  EXPECT_THAT(error_of(options_with(path("none")), nested_mesh(0)),
+              AllOf(HasSubstr("cannot start"), HasSubstr(path("none"))));
+}
+
+TEST_F(ReaderProcessTest, NoProcessIsLeft) {
+  {
+    ReaderProcess reader(reader_options());
+    EXPECT_TRUE(reader.open({nested_mesh(0)}, {}));
+  }
+  (void)error_of(options_with("/bin/sleep"), nested_mesh(0));
+  EXPECT_EQ(::waitpid(-1, nullptr, WNOHANG), -1);
+  EXPECT_EQ(errno, ECHILD);
+}
+
+TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
+  std::unique_ptr<Source> second;
+  {
+    ReaderProcess reader(reader_options());
+    const auto first = reader.open({nested_mesh(0)}, {}).value();
+    second = reader.open({nested_mesh(0)}, {}).value();
+  }
+  EXPECT_EQ(second->next().value()->points.size(), 4u);
+  EXPECT_EQ(second->next().value(), nullptr);
+}
+
+/// Both ends of a socket in one process. What is sent waits in the kernel.
+struct Ends {
+  explicit Ends(std::uint64_t most_bytes) : sockets(make()), from(sockets[0], plenty), to(sockets[1], most_bytes) {}
+  static std::array<int, 2> make() {
+    std::array<int, 2> sockets{};
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()), 0);
+    return sockets;
+  }
+  std::array<int, 2> sockets;
+  Channel from, to;
+};
+
+/// Sends a piece of one attribute, and receives it.
+Result<Piece> sent(Piece piece) {
+  Ends ends(plenty);
+  SPLATVOL_TRY(put(ends.from, std::make_unique<Piece>(std::move(piece)), 1));
+  SPLATVOL_TRY(ends.from.flush());
+  Piece received;
+  SPLATVOL_TRY(get(ends.to, received, 1));
+  return received;
+}
+
+Piece tetrahedron() {
+  Piece piece;
+  piece.points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  piece.values = {{1, 2, missing_value, 4}};
+  piece.tetrahedra = {{0, 1, 2, 3}};
+  return piece;
+}
+
+TEST(ReaderMessages, KeepEveryPartOfAPiece) {
+  Piece piece = tetrahedron();
+  piece.fills = {7};
+  piece.census.cells["wedge"] = 5;
+  piece.census.not_star_shaped = 9;
+  piece.material.emplace();
+  piece.material->moments.resize(4);
+  piece.material->moments[2].mass = 3;
+  piece.material->value_moments.assign(1, std::vector<ValueMoments>(4));
+  piece.material->planes.resize(4);
+  piece.material->planes[3].offset = -1;
+  piece.cells.emplace();
+  piece.cells->corners = piece.points;
+  piece.cells->tetrahedra = {{3, 2, 1, 0}};
+  piece.cells->points = {PointCells::no_point};
+  piece.cells->moments.resize(4);
+  const auto received = sent(piece);
+  ASSERT_TRUE(received) << received.error().message;
+  EXPECT_EQ(received->points, piece.points);
+  EXPECT_EQ(received->tetrahedra, piece.tetrahedra);
+  EXPECT_EQ(received->values[0][3], 4);
+  EXPECT_TRUE(std::isnan(received->values[0][2]));
+  EXPECT_EQ(received->fills, piece.fills);
+  EXPECT_EQ(received->census.cells, piece.census.cells);
+  EXPECT_EQ(received->census.not_star_shaped, 9u);
+  EXPECT_EQ(received->material->moments[2].mass, 3);
+  EXPECT_EQ(received->material->planes[3].offset, -1);
+  EXPECT_EQ(received->cells->points, piece.cells->points);
+}
+
+TEST(ReaderMessages, LentValuesKeepEveryDigit) {
+  for (const double number : {0.5, 0.1, 1e300, -1e-300, std::nextafter(1.0, 2.0)}) {
+    Piece piece = tetrahedron();
+    piece.values.clear();
+    const std::vector<double> values = {number, 2, missing_value, -0.0};
+    piece.lent = std::make_shared<HeldValues>(std::vector<PackedColumn>{pack_column(values)});
+    const auto received = sent(std::move(piece));
+    ASSERT_TRUE(received) << received.error().message;
+    std::vector<double> got(4);
+    received->lent->get(0, std::vector<std::uint32_t>{0, 1, 2, 3}, got);
+    EXPECT_EQ(got[0], number);
+    EXPECT_TRUE(std::isnan(got[2]));
+    EXPECT_TRUE(std::signbit(got[3]));
+  }
+  EXPECT_EQ(pack_column(std::vector<double>{0.5, missing_value}).index(), 0u) << "single precision";
+}
+
+TEST(ReaderMessages, PiecesThatContradictThemselvesAreRefused) {
+  Piece piece = tetrahedron();
+  piece.tetrahedra = {{0, 1, 2, 4}};
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("tetrahedra"));
+  piece = tetrahedron();
+  piece.values[0].pop_back();
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("values"));
+  piece = tetrahedron();
+  piece.values.emplace_back(4);
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("values"));
+  piece = tetrahedron();
+  piece.fills = {1, 2};
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("counts"));
+  piece = tetrahedron();
+  piece.material.emplace();
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("material"));
+  piece = tetrahedron();
+  piece.cells.emplace();
+  piece.cells->moments.resize(4);
+  piece.cells->tetrahedra = {{0, 0, 0, 0}};
+  piece.cells->points = {0};
+  EXPECT_THAT(sent(piece).error().message, HasSubstr("cells"));
+}
+
+TEST(ReaderMessages, ArraysBeyondTheLimitAreRefused) {
+  Ends ends(1000);
+  ASSERT_TRUE(ends.from.put(std::uint64_t{1} << 60));
+  ASSERT_TRUE(ends.from.flush());
+  std::vector<double> values;
+  EXPECT_THAT(ends.to.get(values).error().message, HasSubstr("1000 may be held"));
+}
+
+bool has_landlock() { return ::syscall(SYS_landlock_create_ruleset, nullptr, 0, LANDLOCK_CREATE_RULESET_VERSION) > 0; }
+
+/// Tries what a reader may not do. Returns the number of what succeeded.
+int escape(const std::string& file) {
+  int escapes = 0;
+  if (has_landlock() && ::open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600) >= 0) escapes += 1;
+  if (::socket(AF_INET, SOCK_STREAM, 0) >= 0) escapes += 2;
+  char* const nothing[] = {nullptr};
+  if (::execve("/bin/true", nothing, nothing) == 0 || errno != EPERM) escapes += 4;
+  if (::kill(::getppid(), 0) == 0) escapes += 8;
+  if (::open("/dev/null", O_RDONLY | O_CLOEXEC) < 0) escapes += 16;
+  return escapes;
+}
+
+TEST_F(ReaderProcessTest, ReadersCannotWriteStartProgramsOrReachANetwork) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers need these calls at the end";
+  const auto sockets = Ends::make();
+  const std::string file = path("escaped");
+  const pid_t child = ::fork();
+  if (child == 0) {
+    confine_reader(sockets[0], {plenty});
+    ::_exit(escape(file));
+  }
+  int status = -1;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+}
+
+}  // namespace
+}  // namespace splatvol

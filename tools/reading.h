@@ -1,0 +1,22 @@
+// Reading inputs of foreign formats: shared by the programs that do.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "builder/sources/process/reader_process.h"
+
+namespace splatvol {
+
+struct ReadingOptions {
+  std::string memory;  // empty: three quarters of what this process may have
+  unsigned seconds = 300;
+};
+
+void add_reading_options(CLI::App& app, ReadingOptions& options);
+
+/// `threads`: most threads; 0: those of the machine. The program splatvol-read lies beside this one, or where it is
+/// installed.
+[[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
+
+}  // namespace splatvol
