@@ -14,6 +14,7 @@
 
 #include "base/descriptor.h"
 #include "base/replaceable.h"
+#include "base/temporary_names.h"
 
 namespace splatvol {
 namespace {
@@ -26,9 +27,10 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* action) {
   return fail(ErrorCode::io, "{}: {}: {}", path, action, std::strerror(errno));
 }
 
+/// A name beside `path`, no longer than the system allows, however long the name of `path` is.
 std::string unpredictable_name(const std::string& path) {
   std::random_device random;
-  return fmt::format("{}.{:08x}{:08x}", path, random(), random());
+  return fmt::format("{}/.splatvol-{:08x}{:08x}", folder_of(path), random(), random());
 }
 
 Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
@@ -113,24 +115,42 @@ Result<std::string> read_text_file(const std::string& path) {
   return text;
 }
 
-Result<AtomicFile> AtomicFile::create(const std::string& target) {
+Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed) {
+  struct stat status {};
+  const bool exists = ::stat(target.c_str(), &status) == 0;
+  // Names that are too long, links in a circle, folders without access: better now than after hours of work.
+  if (!exists && errno != ENOENT) return fail_errno(target, "cannot create");
   // Renaming would replace a device or a pipe by a regular file.
-  std::error_code error;
-  const auto status = std::filesystem::status(target, error);
-  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
-    return fail(ErrorCode::io, "{}: not a regular file", target);
+  if (exists && !S_ISREG(status.st_mode)) return fail(ErrorCode::io, "{}: not a regular file", target);
   SPLATVOL_TRY(check_replaceable(target));
-  const std::string path =
-      std::filesystem::is_symlink(target, error) ? std::filesystem::weakly_canonical(target, error).string() : target;
+  std::string path = target;
+  std::error_code error;
+  if (std::filesystem::is_symlink(target, error)) path = std::filesystem::weakly_canonical(target, error).string();
+  if (path.empty()) return fail(ErrorCode::io, "{}: cannot create: {}", target, error.message());
 
-  const int descriptor = ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
-  if (descriptor >= 0) return AtomicFile(descriptor, path, "");
+  SPLATVOL_TRY_ASSIGN(file, create_beside(path, unnamed));
+  if (exists) file.rights_ = status.st_mode & 07777;
+  return file;
+}
+
+Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed unnamed) {
+  const int descriptor = unnamed == Unnamed::if_possible
+                             ? ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666)
+                             : (errno = EOPNOTSUPP, -1);
+  if (descriptor >= 0) {
+    AtomicFile file(descriptor, path, "");
+    // Without /proc, a file without a name could not get one.
+    if (::access(file.path_to_write().c_str(), F_OK) == 0) return file;
+    errno = EOPNOTSUPP;
+  }
   if (errno != EOPNOTSUPP && errno != EISDIR) return fail_errno(path, "cannot create");
   for (;;) {
     std::string temporary = unpredictable_name(path);
     const int named = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (named >= 0) return AtomicFile(named, path, std::move(temporary));
-    if (errno != EEXIST) return fail_errno(path, "cannot create");
+    if (named < 0 && errno == EEXIST) continue;
+    if (named < 0) return fail_errno(path, "cannot create");
+    note_temporary(temporary);
+    return AtomicFile(named, path, std::move(temporary));
   }
 }
 
@@ -141,13 +161,16 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
     : descriptor_(std::exchange(other.descriptor_, -1)),
       path_(std::move(other.path_)),
       temporary_path_(std::move(other.temporary_path_)),
+      rights_(other.rights_),
       end_(other.end_),
       begun_(other.begun_) {}
 
 AtomicFile::~AtomicFile() {
   if (descriptor_ < 0) return;
   ::close(descriptor_);
-  if (!temporary_path_.empty()) ::unlink(temporary_path_.c_str());
+  if (temporary_path_.empty()) return;
+  ::unlink(temporary_path_.c_str());
+  forget_temporary(temporary_path_);
 }
 
 Status AtomicFile::append(std::span<const std::byte> bytes) {
@@ -187,27 +210,59 @@ std::string AtomicFile::path_to_write() const {
   return temporary_path_.empty() ? fmt::format("/proc/self/fd/{}", descriptor_) : temporary_path_;
 }
 
-Status AtomicFile::commit() {
-  SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
-  if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
-  // linkat cannot replace a file, rename can: so the file first gets a temporary name.
+// linkat cannot replace a file, rename can: so the file first gets a temporary name. Where the system allows no link to
+// a file without a name, a copy gets it.
+Status AtomicFile::give_name() {
   const std::string self = path_to_write();
   while (temporary_path_.empty()) {
     std::string name = unpredictable_name(path_);
-    if (::linkat(AT_FDCWD, self.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) == 0)
-      temporary_path_ = std::move(name);
-    else if (errno != EEXIST)
-      return fail_errno(path_, "cannot name");
+    if (::linkat(AT_FDCWD, self.c_str(), AT_FDCWD, name.c_str(), AT_SYMLINK_FOLLOW) != 0) {
+      if (errno == EEXIST) continue;
+      return copy_to_named();
+    }
+    note_temporary(name);
+    temporary_path_ = std::move(name);
   }
-  if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) return fail_errno(path_, "cannot rename to");
+  return {};
+}
+
+Status AtomicFile::copy_to_named() {
+  SPLATVOL_TRY_ASSIGN(copy, create_beside(path_, Unnamed::never));
+  const off_t size = ::lseek(descriptor_, 0, SEEK_END);
+  std::vector<std::byte> buffer(moved_together);
+  for (std::uint64_t at = 0; at < static_cast<std::uint64_t>(size); at += buffer.size()) {
+    buffer.resize(std::min<std::uint64_t>(buffer.size(), static_cast<std::uint64_t>(size) - at));
+    SPLATVOL_TRY(read_exactly(descriptor_, at, buffer, path_));
+    SPLATVOL_TRY(copy.write_at(at, buffer));
+  }
+  std::swap(descriptor_, copy.descriptor_);
+  std::swap(temporary_path_, copy.temporary_path_);
+  return ::fsync(descriptor_) == 0 ? Status{} : fail_errno(path_, "cannot sync");
+}
+
+Status AtomicFile::commit() {
+  SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
+  if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
+  SPLATVOL_TRY(give_name());
+  // A file that only its owner may read stays so. Where the system does not allow that, the usual rights stay.
+  if (rights_) (void)!::fchmod(descriptor_, *rights_);
+  if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) {
+    // The work of hours is complete: it stays under the name that it has.
+    const Status failure = fail_errno(path_, "cannot rename to");
+    ::close(std::exchange(descriptor_, -1));
+    forget_temporary(temporary_path_);
+    return fail(ErrorCode::io, "{}; the finished file is {}", failure.error().message, temporary_path_);
+  }
+  forget_temporary(temporary_path_);
   ::close(std::exchange(descriptor_, -1));
 
-  // Without syncing the folder, a power cut may undo the rename.
+  // Without syncing the folder, a power cut may undo the rename. Some file systems cannot.
   const int directory = ::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (directory < 0) return fail_errno(path_, "cannot sync the folder of");
-  const int synced = ::fsync(directory);
+  if (directory < 0) return {};  // a folder that may be written to, but not listed
+  const bool synced = ::fsync(directory) == 0 || errno == EINVAL || errno == ENOTSUP;
+  const Status result = synced ? Status{} : fail_errno(path_, "cannot sync the folder of");
   ::close(directory);
-  return synced == 0 ? Status{} : fail_errno(path_, "cannot sync the folder of");
+  return result;
 }
 
 Status write_text_file(const std::string& path, const std::string& text) {

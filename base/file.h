@@ -1,9 +1,12 @@
 // Reads and writes bytes. ByteSource hides where a file is. AtomicFile appears whole or not at all.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -47,14 +50,18 @@ class ByteSource {
 /// A file that gets its name only when it is complete.
 ///
 /// Bytes go to a file without a name, in the folder of `target`; the system removes it however the process ends. Some
-/// file systems have no such files: there it has a temporary name, and the destructor removes it. `commit` syncs the
+/// file systems have no such files: there it has a temporary name, and the destructor removes it, or a program's signal
+/// handler (base/temporary_names.h). `commit` syncs the
 /// file to the disk and names it `target`; until then a file that had this name stays as it was. Not thread-safe.
 class AtomicFile {
  public:
+  /// Whether the file has no name before `commit`. Tests choose `never`, which is what some file systems force.
+  enum class Unnamed { if_possible, never };
+
   /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. Fails also if `target`
   /// is not of the kind that its extension stands for (base/replaceable.h), and so does `commit`. If `target` is a
-  /// link, replaces the file that it points to.
-  [[nodiscard]] static Result<AtomicFile> create(const std::string& target);
+  /// link, replaces the file that it points to. A file that is replaced keeps its rights.
+  [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
@@ -79,16 +86,20 @@ class AtomicFile {
   /// Path to the file for libraries that open files by name. Valid until `commit`, in this process only.
   [[nodiscard]] std::string path_to_write() const;
 
-  /// Syncs the file to the disk and gives it its name. Fails if the system refuses. Only destruction is allowed
-  /// afterwards.
+  /// Syncs the file to the disk and gives it its name. Fails if the system refuses. If only the last step fails, the
+  /// finished file stays beside `target`, and the message has its name. Only destruction is allowed afterwards.
   [[nodiscard]] Status commit();
 
  private:
   AtomicFile(int descriptor, std::string path, std::string temporary_path);
+  [[nodiscard]] static Result<AtomicFile> create_beside(const std::string& path, Unnamed unnamed);
+  [[nodiscard]] Status give_name();
+  [[nodiscard]] Status copy_to_named();
 
   int descriptor_;
   std::string path_;
-  std::string temporary_path_;  // empty: the file has no name
+  std::string temporary_path_;    // empty: the file has no name
+  std::optional<mode_t> rights_;  // of the file that it replaces
   std::uint64_t end_ = 0;
   std::uint64_t begun_ = 0;  // the disk was told to write the bytes before this offset
 };

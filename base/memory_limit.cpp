@@ -1,5 +1,6 @@
 #include "base/memory_limit.h"
 
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -33,6 +34,17 @@ std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path g
   }
 }
 
+/// What the process itself may have (ulimit -v and -d).
+std::uint64_t process_limit() {
+  std::uint64_t least = no_limit;
+  for (const auto kind : {RLIMIT_AS, RLIMIT_DATA}) {
+    rlimit limit{};
+    if (::getrlimit(kind, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
+      least = std::min<std::uint64_t>(least, limit.rlim_cur);
+  }
+  return least;
+}
+
 /// Whether "memory" is one of the names, which are separated by commas.
 bool names_memory(const std::string& controllers) {
   return ("," + controllers + ",").find(",memory,") != std::string::npos;
@@ -41,7 +53,7 @@ bool names_memory(const std::string& controllers) {
 }  // namespace
 
 std::uint64_t memory_limit(const std::string& root) {
-  std::uint64_t limit = machine_bytes(root);
+  std::uint64_t limit = std::min(machine_bytes(root), process_limit());
   const std::string groups = root + "/sys/fs/cgroup";
   std::ifstream file(root + "/proc/self/cgroup");
   for (std::string line; std::getline(file, line);) {  // hierarchy:controllers:group

@@ -6,9 +6,9 @@
 
 namespace splatvol {
 
-/// Returns the bytes that this process may use: the smallest of the machine's memory and the limits of its control
-/// group and all groups above, version 1 or 2. Ignores limits that cannot be read. `root` is put in front of /proc and
-/// /sys.
+/// Returns the bytes that this process may use: the smallest of the machine's memory, its own limits (ulimit -v, -d),
+/// and the limits of its control group and all groups above, version 1 or 2. Ignores limits that cannot be read. `root`
+/// is put in front of /proc and /sys.
 [[nodiscard]] std::uint64_t memory_limit(const std::string& root = "");
 
 }  // namespace splatvol

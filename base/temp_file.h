@@ -41,6 +41,11 @@ class TempFile {
   std::uint64_t size_ = 0;
 };
 
+/// The failure of a reader that finds another checksum than the writer did.
+[[nodiscard]] inline tl::unexpected<Error> fail_changed_temporary() {
+  return fail(ErrorCode::io, "a temporary file holds other bytes than were written to it: is the disk faulty?");
+}
+
 /// Returns how many bytes can still be written in `folder`.
 [[nodiscard]] Result<std::uint64_t> free_disk_bytes(const std::string& folder);
 

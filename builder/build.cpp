@@ -24,7 +24,7 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, const std::s
         progress("writing", static_cast<double>(++row) / static_cast<double>(writer->rows().row_count()));
         return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
       }));
-  SPLATVOL_TRY(writer->finish(reduced.histograms));
+  SPLATVOL_TRY(writer->finish(reduced.histograms, [&](double fraction) { progress("checking", fraction); }));
   return writer->file_bytes();
 }
 

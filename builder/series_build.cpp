@@ -303,7 +303,7 @@ Result<SeriesReport> build_series(std::vector<SeriesStep> steps, const std::stri
   target.file.emplace(std::move(file));
   SPLATVOL_TRY_ASSIGN(report,
                       SeriesBuild(options, folder_for(options, output), progress, target, 0).run(std::move(steps)));
-  SPLATVOL_TRY(target.writer->finish_series(target.steps));
+  SPLATVOL_TRY(target.writer->finish_series(target.steps, [&](double fraction) { progress("checking", fraction); }));
   report.build.file_bytes = target.writer->file_bytes();
   return report;
 }

@@ -5,6 +5,7 @@
 
 #include "format/container.h"
 #include "format/series_writer.h"
+#include "format/volume.h"
 
 namespace splatvol::format {
 namespace {
@@ -99,20 +100,21 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
   sections_.push_back({kind, 1, offset, bytes, 0, 0, Codec::extent, 0});
 }
 
-Status VolumeWriter::finish(const Histograms& histograms) {
+Status VolumeWriter::finish(const Histograms& histograms, const Checking& checking) {
   if (info_.series) return fail(ErrorCode::invalid_argument, "a series without steps");
   if (histograms.size() != info_.attributes.size())
     return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(),
                 info_.attributes.size());
-  return finish_all(histograms, {});
+  return finish_all(histograms, {}, checking);
 }
 
-Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps) {
+Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking) {
   if (!info_.series || steps.empty()) return fail(ErrorCode::invalid_argument, "not a series, or one without steps");
-  return finish_all({}, steps);
+  return finish_all({}, steps, checking);
 }
 
-Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps) {
+Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
+                                const Checking& checking) {
   if (directory_.next_row() != rows().row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(), rows().row_count());
 
@@ -131,7 +133,19 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
   const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &directory_root, &padding};
   for (const Bytes* part : parts) front.insert(front.end(), part->begin(), part->end());
   SPLATVOL_TRY(file_.write_at(0, front));
+  if (checking) SPLATVOL_TRY(check(checking));
   return file_.commit();
+}
+
+Status VolumeWriter::check(const Checking& checking) const {
+  const Status checked = [&]() -> Status {
+    SPLATVOL_TRY_ASSIGN(source, open_file(file_.path_to_write()));
+    SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
+    return volume->verify(checking);
+  }();
+  if (checked) return {};
+  return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",
+              checked.error().message);
 }
 
 Status VolumeWriter::append_steps(std::span<const std::unique_ptr<StepWriter>> steps) {

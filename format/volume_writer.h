@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -49,11 +50,15 @@ class VolumeWriter {
   /// Adds the entries of the next row, whose bytes were in the file from the beginning.
   [[nodiscard]] Status add_written_row(std::span<const ChunkEntry> entries);
 
-  /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows.
-  [[nodiscard]] Status finish(const Histograms& histograms);
+  /// Called while the finished file is checked, with the fraction that is done.
+  using Checking = std::function<void(double)>;
+
+  /// Writes the sections behind the rows, then the preamble, and gives the file its name. Requires all rows. With
+  /// `checking`, the file is read back and verified before it gets its name.
+  [[nodiscard]] Status finish(const Histograms& histograms, const Checking& checking = {});
 
   /// The same for a time series, with all of its steps, in the order of their times.
-  [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps);
+  [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking = {});
 
   [[nodiscard]] const RowLayout& rows() const { return directory_.rows(); }
 
@@ -63,7 +68,9 @@ class VolumeWriter {
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
   [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
-  [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps);
+  [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
+                                  const Checking& checking);
+  [[nodiscard]] Status check(const Checking& checking) const;
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);
   void add_extent(SectionKind kind, std::uint64_t offset, std::uint64_t bytes);

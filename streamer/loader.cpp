@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <atomic>
 #include <iterator>
+#include <new>
+#include <system_error>
 #include <utility>
 
 #include "format/columns.h"
@@ -182,7 +184,9 @@ std::vector<LoadRun> runs_of(const format::Volume& volume, std::vector<PartLoad>
   return runs;
 }
 
-void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
+namespace {
+
+void read_parts(const format::Volume& volume, int attribute, LoadRun& run) {
   PartLoad& first = run.front();
   if (const auto* page = std::get_if<IndexPageLoad>(&first.what)) {
     first.data = as_data(volume, first, read_index_page(volume, attribute, *page));
@@ -197,18 +201,39 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
   for (PartLoad& part : run) part.data = read_row(volume, part, bytes);
 }
 
+}  // namespace
+
+// The system may have less memory than the budget grants. An exception must not leave a thread.
+void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
+  try {
+    read_parts(volume, attribute, run);
+  } catch (const std::bad_alloc&) {
+    for (PartLoad& part : run)
+      part.data = fail(ErrorCode::out_of_budget, "{}: the system has no memory left to read it", volume.name());
+  }
+}
+
 void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs) {
   std::atomic<std::size_t> next = 0;
   const auto work = [&] {
     for (std::size_t i = next++; i < runs.size(); i = next++) read_run(volume, attribute, runs[i]);
   };
   std::vector<std::jthread> others;
-  for (std::size_t t = 1; t < std::min<std::size_t>(read_threads, runs.size()); ++t) others.emplace_back(work);
+  try {
+    for (std::size_t t = 1; t < std::min<std::size_t>(read_threads, runs.size()); ++t) others.emplace_back(work);
+  } catch (const std::system_error&) {
+    // Fewer threads do the same.
+  }
   work();
 }
 
 Loader::Loader(const format::Volume& volume, int attribute, unsigned threads) : volume_(volume), attribute_(attribute) {
-  for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+  threads_.reserve(threads);
+  try {
+    for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+  } catch (const std::system_error&) {
+    if (threads_.empty()) throw;  // fewer threads do the same, none do not
+  }
 }
 
 Loader::~Loader() {

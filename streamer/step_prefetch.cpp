@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <new>
 #include <utility>
 
 namespace splatvol {
@@ -29,7 +30,11 @@ StepPrefetch::Result StepPrefetch::extract() {
 }
 
 void StepPrefetch::run() {
-  read_step();
+  try {
+    read_step();
+  } catch (const std::bad_alloc&) {
+    result_ = {};  // the step is read when it is shown
+  }
   done_ = true;
 }
 

@@ -9,6 +9,7 @@
 
 #include "streamer/streamer.h"
 #include "tools/steps.h"
+#include "tools/tool.h"
 
 namespace splatvol {
 
@@ -31,7 +32,7 @@ struct RenderOptions {
   bool color_bar = false;
   bool transparent = false;
   int fade = 1;  // frames that a change of resolution takes
-  std::string memory = "512M";
+  std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
   std::string sort = "exact";

@@ -22,7 +22,7 @@ struct Options {
   std::string volume;
   std::string scene;
   std::string size = "1200x800";
-  std::string memory = "512M";
+  std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
   std::string kernel = "moments";

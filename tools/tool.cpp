@@ -15,7 +15,9 @@
 #include <new>
 #include <string_view>
 
+#include "base/memory_limit.h"
 #include "base/replaceable.h"
+#include "base/temporary_names.h"
 #include "tools/version.h"
 
 namespace splatvol {
@@ -27,6 +29,19 @@ std::string one_line(std::string text) {
   std::ranges::replace_if(
       text, [](unsigned char c) { return c < 0x20 || c == 0x7f; }, '?');
   return text;
+}
+
+// Some file systems have no files without a name.
+void leave_no_files_at(int signal) {
+  struct sigaction before {};
+  if (::sigaction(signal, nullptr, &before) != 0 || before.sa_handler != SIG_DFL) return;
+  struct sigaction action {};
+  action.sa_handler = [](int ending) {
+    remove_temporaries();
+    ::raise(ending);
+  };
+  action.sa_flags = static_cast<int>(SA_RESETHAND);
+  ::sigaction(signal, &action, nullptr);
 }
 
 template <class T>
@@ -48,6 +63,7 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
     return app.exit(error) == 0 ? 0 : 2;
   }
 
+  for (const int ending : {SIGINT, SIGTERM, SIGHUP}) leave_no_files_at(ending);
   // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
   std::signal(SIGXFSZ, SIG_IGN);
   Status status;
@@ -120,6 +136,10 @@ Result<std::uint64_t> parse_bytes(const std::string& text) {
   if (error != std::errc() || !(bytes >= 0) || bytes >= 0x1p63)
     return fail(ErrorCode::invalid_argument, "'{}' is not a size such as 512M or 2G", text);
   return static_cast<std::uint64_t>(bytes);
+}
+
+std::string default_memory(std::uint64_t mebibytes) {
+  return fmt::format("{}M", std::min<std::uint64_t>(mebibytes, memory_limit() >> 21));
 }
 
 Result<std::array<int, 2>> parse_image_size(const std::string& text) {

@@ -20,10 +20,12 @@ void append_all(format::Bytes& bytes, const std::vector<T>& items) {
   bytes.insert(bytes.end(), raw.begin(), raw.end());
 }
 
-// Reads a file front to back, and gives back the disk space of the bytes that it has read.
-class Reader {
+}  // namespace
+
+// Reads a spool's blocks, and gives back the disk space of those that it has read.
+class IndexLeafSpool::Reader {
  public:
-  explicit Reader(TempFile& file) : file_(file) {}
+  Reader(TempFile& file, std::span<const Block> blocks) : file_(file), blocks_(blocks) {}
 
   template <class T>
   Status read(std::span<T> out) {
@@ -46,21 +48,23 @@ class Reader {
 
  private:
   Status refill() {
-    buffer_.resize(std::min<std::uint64_t>(buffer_bytes, file_.size() - offset_));
+    if (blocks_.empty()) return fail(ErrorCode::invalid_argument, "leaves: past the end");
+    buffer_.resize(blocks_.front().bytes);
     SPLATVOL_TRY(file_.read(offset_, buffer_));
+    if (format::hash_bytes(buffer_) != blocks_.front().hash) return fail_changed_temporary();
+    blocks_ = blocks_.subspan(1);
     file_.release(offset_, buffer_.size());
     offset_ += buffer_.size();
     at_ = 0;
-    return buffer_.empty() ? Status(fail(ErrorCode::invalid_argument, "leaves: past the end")) : Status{};
+    return {};
   }
 
   TempFile& file_;
+  std::span<const Block> blocks_;  // not read yet
   format::Bytes buffer_;
   std::size_t at_ = 0;
   std::uint64_t offset_ = 0;
 };
-
-}  // namespace
 
 SplatBounds& OpenIndexLeaf::splats_at(std::size_t level) {
   if (splats.size() <= level) splats.resize(level + 1);
@@ -94,6 +98,7 @@ Status IndexLeafSpool::append(const OpenIndexLeaf& leaf) {
 
 Status IndexLeafSpool::flush() {
   SPLATVOL_TRY(file_.append(buffer_));
+  blocks_.push_back({buffer_.size(), format::hash_bytes(buffer_)});
   buffer_.clear();
   return {};
 }
@@ -101,7 +106,7 @@ Status IndexLeafSpool::flush() {
 Status IndexLeafSpool::read(std::size_t resolutions, const std::map<std::uint64_t, OpenIndexLeaf>& late,
                             const std::function<Status(IndexLeaf)>& visit) {
   SPLATVOL_TRY(flush());
-  Reader reader(file_);
+  Reader reader(file_, blocks_);
   for (std::uint64_t number = 0; number < count_; ++number) {
     IndexLeafHead head;
     SPLATVOL_TRY(reader.read(std::span(&head, 1)));
@@ -118,6 +123,7 @@ Status IndexLeafSpool::read(std::size_t resolutions, const std::map<std::uint64_
         visit({leaf.key, leaf.depth, std::move(leaf.counts), std::move(leaf.splats), std::move(leaf.summaries)}));
   }
   count_ = 0;
+  blocks_.clear();
   return {};
 }
 

@@ -40,9 +40,16 @@ class IndexLeafSpool {
                             const std::function<Status(IndexLeaf)>& visit);
 
  private:
+  class Reader;
+  // What was written at once. A bad disk must not decide how much memory a leaf takes.
+  struct Block {
+    std::uint64_t bytes, hash;
+  };
+
   [[nodiscard]] Status flush();
 
   TempFile file_;
+  std::vector<Block> blocks_;
   format::Bytes buffer_;
   std::uint64_t count_ = 0;
 };

@@ -1,6 +1,7 @@
 #include "builder/output/splat_columns.h"
 
 #include "builder/output/prefetch.h"
+#include "format/codec.h"
 
 namespace splatvol {
 namespace {
@@ -65,9 +66,13 @@ void SplatColumns::append(const SplatColumns& other, std::size_t begin, std::siz
 
 Result<std::uint64_t> SplatColumns::write_to(TempFile& file) const {
   const std::uint64_t begin = file.size();
-  std::vector<std::uint64_t> sizes;
-  for_each_array(*this, *this, [&](const auto& items, const auto&) { sizes.push_back(items.size()); });
-  SPLATVOL_TRY(file.append(std::as_bytes(std::span(sizes))));
+  std::vector<std::uint64_t> heads;  // of each array: size, hash
+  for_each_array(*this, *this, [&](const auto& items, const auto&) {
+    heads.push_back(items.size());
+    heads.push_back(format::hash_bytes(std::as_bytes(std::span(items))));
+  });
+  heads.push_back(format::hash_bytes(std::as_bytes(std::span(heads))));
+  SPLATVOL_TRY(file.append(std::as_bytes(std::span(heads))));
   Status written;
   for_each_array(*this, *this, [&](const auto& items, const auto&) {
     if (written) written = file.append(std::as_bytes(std::span(items)));
@@ -79,16 +84,20 @@ Result<std::uint64_t> SplatColumns::write_to(TempFile& file) const {
 Status SplatColumns::read_from(const TempFile& file, std::uint64_t offset) {
   std::size_t arrays = 0;
   for_each_array(*this, *this, [&](const auto&, const auto&) { ++arrays; });
-  std::vector<std::uint64_t> sizes(arrays);
-  SPLATVOL_TRY(file.read(offset, std::as_writable_bytes(std::span(sizes))));
-  offset += arrays * sizeof(std::uint64_t);
+  std::vector<std::uint64_t> heads(2 * arrays + 1);
+  SPLATVOL_TRY(file.read(offset, std::as_writable_bytes(std::span(heads))));
+  if (heads.back() != format::hash_bytes(std::as_bytes(std::span(heads).first(2 * arrays))))
+    return fail_changed_temporary();
+  offset += heads.size() * sizeof(std::uint64_t);
   Status done;
-  auto size = sizes.begin();
+  auto head = heads.begin();
   for_each_array(*this, *this, [&](auto& items, const auto&) {
     const std::size_t before = items.size();
-    items.resize(before + *size++);
+    items.resize(before + *head++);
     const auto added = std::as_writable_bytes(std::span(items).subspan(before));
     if (done) done = file.read(offset, added);
+    if (done && format::hash_bytes(added) != *head) done = fail_changed_temporary();
+    ++head;
     offset += added.size();
   });
   return done;

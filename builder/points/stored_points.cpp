@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "builder/sorting/octree_nodes.h"
+#include "format/codec.h"
 
 namespace splatvol {
 namespace {
@@ -81,6 +82,12 @@ Status StoredPoints::append_records(const PointBatch& held, std::size_t count) {
     layout_.set_position(record, held.positions[i]);
     for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, held.values[a][i]);
   }
+  for (std::size_t at = 0; hashes_.size() < nodes_.size();) {
+    const Node& bucket = nodes_[hashes_.size()];
+    const std::size_t bytes = (bucket.end - bucket.begin) * layout_.bytes();
+    hashes_.push_back(format::hash_bytes(std::span(records).subspan(at, bytes)));
+    at += bytes;
+  }
   return file_.append(records);
 }
 
@@ -154,7 +161,15 @@ double StoredPoints::spacing(std::size_t bucket) const {
 Status StoredPoints::read(std::size_t begin, std::size_t end, std::vector<std::byte>& records) const {
   const std::size_t before = records.size();
   records.resize(before + (end - begin) * layout_.bytes());
-  return file_.read(begin * layout_.bytes(), std::span(records).subspan(before));
+  SPLATVOL_TRY(file_.read(begin * layout_.bytes(), std::span(records).subspan(before)));
+  const auto buckets = std::span(nodes_).first(buckets_);
+  auto bucket = static_cast<std::size_t>(std::ranges::lower_bound(buckets, begin, {}, &Node::begin) - buckets.begin());
+  for (std::size_t at = before; at < records.size(); ++bucket) {
+    const std::size_t bytes = (buckets[bucket].end - buckets[bucket].begin) * layout_.bytes();
+    if (format::hash_bytes(std::span(records).subspan(at, bytes)) != hashes_[bucket]) return fail_changed_temporary();
+    at += bytes;
+  }
+  return {};
 }
 
 }  // namespace splatvol

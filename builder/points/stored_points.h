@@ -42,11 +42,13 @@ class StoredPoints {
 
   [[nodiscard]] const PointRecords& layout() const { return layout_; }
 
-  /// Appends the records of points [begin, end), layout().bytes() each.
+  /// Appends the records of points [begin, end), layout().bytes() each. These are those of whole buckets.
   [[nodiscard]] Status read(std::size_t begin, std::size_t end, std::vector<std::byte>& records) const;
 
   /// Bytes held.
-  [[nodiscard]] std::uint64_t memory() const { return nodes_.capacity() * sizeof(Node); }
+  [[nodiscard]] std::uint64_t memory() const {
+    return nodes_.capacity() * sizeof(Node) + hashes_.capacity() * sizeof(hashes_[0]);
+  }
 
   /// Whether a bucket's first point coincides with the point before it.
   [[nodiscard]] bool continues(std::size_t bucket) const { return continues_[bucket]; }
@@ -70,6 +72,7 @@ class StoredPoints {
   std::size_t most_;  // points in a bucket
   std::size_t buckets_ = 0;
   std::vector<Node> nodes_;
+  std::vector<std::uint64_t> hashes_;  // [bucket]: of its records in the file
   std::vector<std::int8_t> shared_;  // [bucket]: depth of the smallest octree node that also holds the point before it
   std::vector<std::int8_t> depths_;  // [bucket]: of its octree nodes
   std::vector<bool> continues_;      // [bucket]

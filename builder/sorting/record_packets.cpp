@@ -1,5 +1,7 @@
 #include "builder/sorting/record_packets.h"
 
+#include <xxhash.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -11,8 +13,9 @@ namespace {
 struct PacketHeader {
   std::uint32_t bytes;  // of the packet, header included
   std::uint32_t records;
+  std::uint64_t hash;  // XXH3-64 of what follows: a bad disk must not decide where numbers go in memory
 };
-static_assert(sizeof(PacketHeader) == 8);
+static_assert(sizeof(PacketHeader) == 16);
 
 constexpr unsigned whole_word = 32;  // the width that marks a column of unpacked numbers
 
@@ -145,7 +148,8 @@ std::size_t pack_records(std::size_t count, const LocateRecords& locate, std::si
     at = pack_group(group, record_bytes, at);
   }
   const auto bytes = static_cast<std::size_t>(at - out.data());
-  store(out.data(), PacketHeader{static_cast<std::uint32_t>(bytes), static_cast<std::uint32_t>(count)});
+  const std::uint64_t hash = XXH3_64bits(out.data() + sizeof(PacketHeader), bytes - sizeof(PacketHeader));
+  store(out.data(), PacketHeader{static_cast<std::uint32_t>(bytes), static_cast<std::uint32_t>(count), hash});
   return bytes;
 }
 
@@ -155,8 +159,11 @@ Result<std::size_t> PacketReader::next(std::span<std::byte> out) {
   };
   if (!has_packet()) SPLATVOL_TRY(refill());
   if (unread_.empty()) return std::size_t{0};
-  if (!has_packet()) return fail(ErrorCode::io, "a temporary file holds other bytes than were written to it");
+  if (!has_packet()) return fail_changed_temporary();
   const auto header = load<PacketHeader>(unread_.data());
+  if (header.bytes < sizeof header || header.records * record_bytes_ > out.size() ||
+      XXH3_64bits(unread_.data() + sizeof header, header.bytes - sizeof header) != header.hash)
+    return fail_changed_temporary();
   const std::byte* in = unread_.data() + sizeof header;
   for (std::size_t begin = 0; begin < header.records; begin += packed_group)
     in = unpack_group(in, std::min(packed_group, header.records - begin), record_bytes_,

@@ -18,7 +18,7 @@ inline constexpr std::size_t packed_group = 128;
 
 /// The most bytes that `count` records take as a packet. A buffer for a packet must have this size.
 [[nodiscard]] constexpr std::size_t packet_bound(std::size_t count, std::size_t record_bytes) {
-  constexpr std::size_t header = 8, slack = 8;  // pack and unpack touch up to 8 bytes behind the packet
+  constexpr std::size_t header = 16, slack = 8;  // pack and unpack touch up to 8 bytes behind the packet
   const std::size_t columns = (record_bytes + 3) / 4, groups = (count + packed_group - 1) / packed_group;
   return header + columns * (4 * count + groups) + slack;
 }
@@ -41,7 +41,7 @@ class PacketReader {
       : file_(&file), next_(begin), end_(end), released_(begin), record_bytes_(record_bytes), buffer_(buffer) {}
 
   /// Unpacks the next packet into the front of `out`, which must have room for it. Returns its number of records, 0
-  /// after the last packet.
+  /// after the last packet. Fails if the file holds other bytes than were written to it.
   [[nodiscard]] Result<std::size_t> next(std::span<std::byte> out);
 
  private:

@@ -2,25 +2,32 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-
+#include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
-#include <span>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <csignal>
+#include <cstddef>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <map>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "base/replaceable.h"
+#include "base/temporary_names.h"
 
 namespace splatvol {
 namespace {
@@ -279,7 +286,7 @@ TEST_F(FileTest, FailedCommitLeavesTheOldContent) {
     expect_one_line_about(status.error(), path("taken"));
   }
   EXPECT_EQ(content("taken/inside"), "old");
-  EXPECT_EQ(names(), Names{"taken"});
+  EXPECT_EQ(names().size(), 2u) << "the finished file is kept too";
 }
 
 TEST_F(FileTest, WriteAtPatchesWithoutMovingTheEnd) {
@@ -367,8 +374,98 @@ TEST_F(FileTest, PermissionsFollowTheUmask) {
     struct stat status {};
     EXPECT_EQ(::stat(path("permitted").c_str(), &status), 0);
     EXPECT_EQ(status.st_mode & 07777U, 0666U & ~mask);
+    fs::remove(path("permitted"));
   }
   ::umask(old_mask);
+}
+
+TEST_F(FileTest, AReplacedFileKeepsItsRights) {
+  for (const mode_t rights : {0600U, 0640U, 0444U}) {
+    write("old", "old");
+    ASSERT_EQ(::chmod(path("old").c_str(), rights), 0);
+    auto file = AtomicFile::create(path("old")).value();
+    ASSERT_TRUE(file.append(bytes_of("new")));
+    ASSERT_TRUE(file.commit());
+    struct stat status {};
+    ASSERT_EQ(::stat(path("old").c_str(), &status), 0);
+    EXPECT_EQ(status.st_mode & 07777U, rights);
+    EXPECT_EQ(content("old"), "new");
+    fs::remove(path("old"));
+  }
+}
+
+TEST_F(FileTest, LongNamesAreTakenAndTooLongOnesRefusedAtOnce) {
+  const std::string longest(255, 'a');
+  for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
+    auto file = AtomicFile::create(path(longest), unnamed).value();
+    EXPECT_TRUE(file.commit());
+    EXPECT_EQ(names(), Names{longest});
+  }
+  const auto file = AtomicFile::create(path(longest + "a"));
+  ASSERT_FALSE(file);
+  EXPECT_THAT(file.error().message, HasSubstr("too long"));
+}
+
+TEST_F(FileTest, LinksInACircleAreRefused) {
+  fs::create_symlink("b", path("a"));
+  fs::create_symlink("a", path("b"));
+  const auto file = AtomicFile::create(path("a"));
+  ASSERT_FALSE(file);
+  expect_one_line_about(file.error(), path("a"));
+}
+
+TEST_F(FileTest, AFileThatCannotGetItsNameStaysBesideIt) {
+  for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
+    auto file = AtomicFile::create(path("taken"), unnamed).value();
+    ASSERT_TRUE(file.append(bytes_of("hours of work")));
+    fs::create_directory(path("taken"));
+    const Status committed = file.commit();
+    ASSERT_FALSE(committed);
+    fs::remove(path("taken"));
+    const Names left = names();
+    ASSERT_EQ(left.size(), 1u);
+    EXPECT_THAT(committed.error().message, HasSubstr(left[0]));
+    EXPECT_EQ(content(left[0]), "hours of work");
+    fs::remove(path(left[0]));
+  }
+}
+
+TEST_F(FileTest, WithoutLinksToUnnamedFilesACopyGetsTheName) {
+  const pid_t child = ::fork();
+  if (child == 0) {
+    // linkat fails, as on some network file systems.
+    const std::array<sock_filter, 4> filter = {{BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+                                                BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_linkat, 0, 1),
+                                                BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EXDEV),
+                                                BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)}};
+    const sock_fprog program{filter.size(), const_cast<sock_filter*>(filter.data())};
+    if (::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || ::prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0)
+      ::_exit(2);
+    auto file = AtomicFile::create(path("copied")).value();
+    const std::string text(10'000'000, 'x');
+    ::_exit(file.append(bytes_of(text)) && file.commit() && content("copied") == text ? 0 : 1);
+  }
+  int status = -1;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  if (WEXITSTATUS(status) == 2) GTEST_SKIP() << "no seccomp here";
+  EXPECT_EQ(status, 0);
+  EXPECT_EQ(names(), Names{"copied"});
+}
+
+TEST_F(FileTest, ASignalHandlerRemovesTemporaryNames) {
+  {
+    auto first = AtomicFile::create(path("first"), AtomicFile::Unnamed::never).value();
+    auto second = AtomicFile::create(path("second"), AtomicFile::Unnamed::never).value();
+    ASSERT_TRUE(first.commit());
+    EXPECT_EQ(names().size(), 2u);
+    remove_temporaries();
+    EXPECT_EQ(names(), Names{"first"});
+  }
+  // A name that is forgotten stays.
+  note_temporary(path("first"));
+  forget_temporary(path("first"));
+  remove_temporaries();
+  EXPECT_EQ(names(), Names{"first"});
 }
 
 TEST_F(FileTest, CreateRefusesAFolderThatIsNone) {

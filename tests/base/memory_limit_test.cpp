@@ -1,6 +1,7 @@
 #include "base/memory_limit.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -69,6 +70,17 @@ TEST(MemoryLimitHere, IsNoMoreThanTheMachineHas) {
   const auto pages = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES));
   EXPECT_LE(memory_limit(), pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)) + gibibyte / 1024);
   EXPECT_GT(memory_limit(), 16u << 20);
+}
+
+TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_DATA, &before), 0);
+  rlimit lower = before;
+  lower.rlim_cur = gibibyte / 2;
+  ASSERT_EQ(::setrlimit(RLIMIT_DATA, &lower), 0);
+  const std::uint64_t limit = memory_limit(root_);
+  ASSERT_EQ(::setrlimit(RLIMIT_DATA, &before), 0);
+  EXPECT_EQ(limit, gibibyte / 2);
 }
 
 }  // namespace

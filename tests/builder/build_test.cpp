@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -13,6 +14,7 @@
 #include <random>
 #include <set>
 #include <span>
+#include <string_view>
 #include <tuple>
 
 #include "base/file.h"
@@ -20,6 +22,7 @@
 #include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
+#include "tests/support/bad_disk.h"
 #include "tests/support/packed_tree.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/whole_material.h"
@@ -352,6 +355,44 @@ TEST(Build, BatchesMayEndAnywhere) {
   options.connectivity = Connectivity::none;
   const auto report = build({scattered(points)}, temporary_path("batches.svol"), options);
   EXPECT_TRUE(report) << report.error().message;
+}
+
+// At each call of the progress in turn, a byte of every temporary file and of the unfinished output changes.
+TEST(Build, ABadDiskIsSeenOrDoesNoHarm) {
+  const std::string path = temporary_path("bad_disk.svol");
+  const Piece mesh = mesh_piece(graded_mesh(test::is_sanitized ? 8 : 14), wave);
+  for (const auto& pieces :
+       {std::vector{scattered(random_points(test::is_sanitized ? 2'000 : 6'000))}, test::cut(mesh, 3)}) {
+    BuildOptions options;
+    options.memory = 1;  // all is on the disk
+    options.held_points = 100;
+    std::size_t calls = 0, refused = 0;
+    const auto build_with = [&](const BuildProgress& progress) {
+      PieceSource source(pieces);
+      std::filesystem::remove(path);
+      return build_volume(source, path, options, progress);
+    };
+    // What changes while the finished file is checked may change after it was looked at.
+    ASSERT_TRUE(build_with([&](std::string_view stage, double) { calls += stage == "checking" ? 0 : 1; }));
+    const std::string expected = *read_text_file(path);
+    const std::size_t step = std::max<std::size_t>(calls / 16, 1);
+    for (std::size_t bad = 0; bad < calls; bad += step)
+      for (const double part : {0.01, 0.5, 0.97}) {
+        std::atomic<std::size_t> call = 0;
+        std::string at;
+        const auto report = build_with([&](const char* stage, double fraction) {
+          if (call++ != bad) return;
+          at = fmt::format("{} {}", stage, fraction);
+          (void)test::damage_temporary_files(part);
+        });
+        refused += report ? 0 : 1;
+        if (report)
+          EXPECT_TRUE(*read_text_file(path) == expected) << at << ", " << part;
+        else
+          EXPECT_FALSE(std::filesystem::exists(path));
+      }
+    EXPECT_GT(refused, 0u);
+  }
 }
 
 TEST(Build, AFailureLeavesTheOldFile) {

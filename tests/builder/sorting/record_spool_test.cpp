@@ -7,9 +7,11 @@
 #include <cstring>
 #include <limits>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "tests/format/allocation_counter.h"
+#include "tests/support/bad_disk.h"
 
 namespace splatvol {
 namespace {
@@ -74,6 +76,23 @@ TEST(RecordSpool, HoldsNoMoreThanItMay) {
   }
 }
 
+TEST(RecordSpool, ABadDiskIsSeen) {
+  const Bytes records = noise(24 * 20'000);
+  for (int eighth = 0; eighth < 8; ++eighth) {
+    RecordSpool spool(24, 20'000, ::testing::TempDir());
+    ASSERT_TRUE(spool.append(records));
+    ASSERT_EQ(test::damage_temporary_files(eighth / 8.0), 1u);
+    for (;;) {
+      const auto next = spool.next();
+      if (!next) {
+        EXPECT_NE(next.error().message.find("is the disk faulty"), std::string::npos);
+        break;
+      }
+      ASSERT_FALSE(next->empty()) << "nobody saw it: " << eighth;
+    }
+  }
+}
+
 // Differences of every width, and groups that are not full.
 TEST(RecordPackets, PackEveryWidthOfDifferencesAndCount) {
   std::mt19937 random(2);
@@ -90,7 +109,7 @@ TEST(RecordPackets, PackEveryWidthOfDifferencesAndCount) {
       const std::size_t size = pack_records(count, locate, 4, packed);
       ASSERT_LE(size + 8, packed.size());
       // A full group has its width, its minimum, and no more bits for each number than the width.
-      EXPECT_TRUE(count != 128 || size <= 8 + 5 + 128 * width / 8) << width;
+      EXPECT_TRUE(count != 128 || size <= 16 + 5 + 128 * width / 8) << width;
 
       auto file = TempFile::create(::testing::TempDir()).value();
       ASSERT_TRUE(file.append(std::span(packed).first(size)));
