@@ -123,12 +123,13 @@ Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed
   // Renaming would replace a device or a pipe by a regular file.
   if (exists && !S_ISREG(status.st_mode)) return fail(ErrorCode::io, "{}: not a regular file", target);
   SPLATVOL_TRY(check_replaceable(target));
-  std::string path = target;
+  // Links are followed, also to a file that is not there yet. Links in a circle were refused above.
+  std::filesystem::path path = target;
   std::error_code error;
-  if (std::filesystem::is_symlink(target, error)) path = std::filesystem::weakly_canonical(target, error).string();
-  if (path.empty()) return fail(ErrorCode::io, "{}: cannot create: {}", target, error.message());
+  while (std::filesystem::is_symlink(path, error))
+    path = path.parent_path() / std::filesystem::read_symlink(path, error);
 
-  SPLATVOL_TRY_ASSIGN(file, create_beside(path, unnamed));
+  SPLATVOL_TRY_ASSIGN(file, create_beside(path.string(), unnamed));
   if (exists) file.rights_ = status.st_mode & 07777;
   return file;
 }

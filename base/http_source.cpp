@@ -269,7 +269,7 @@ class Exchange {
 class HttpSource final : public ByteSource {
  public:
   HttpSource(std::string url, HttpOptions options)
-      : url_(std::move(url)), name_(without_secrets(url_)), options_(std::move(options)) {}
+      : url_(std::move(url)), name_(without_secrets(url_)), options_(std::move(options)), address_(url_) {}
 
   std::uint64_t size() const override { return content_->size; }
   const std::string& name() const override { return name_; }
@@ -301,9 +301,20 @@ class HttpSource final : public ByteSource {
     SPLATVOL_TRY_ASSIGN(handle, acquire_handle());
     milliseconds wait = options_.first_wait;
     for (int attempt = 1;; ++attempt, wait *= 2) {
+      const std::string address = current_address();
+      libcurl().easy_setopt(handle.get(), CURLOPT_URL, address.c_str());
       Exchange exchange(handle.get(), offset, out, content_);
       const auto failure = exchange.run();
-      if (!failure) break;
+      if (!failure) {
+        const char* reached = info_of<const char*>(handle.get(), CURLINFO_EFFECTIVE_URL);
+        set_address(reached ? reached : url_);
+        break;
+      }
+      // Where a redirection led to may be gone: the server can name another place.
+      if (!failure->may_pass && address != url_) {
+        set_address(url_);
+        continue;
+      }
       if (!failure->may_pass || attempt >= options_.attempts || failure->wait > options_.longest_wait)
         return fail(ErrorCode::io, "{}: {}", name_, failure->reason);
       offset += exchange.received();
@@ -313,6 +324,17 @@ class HttpSource final : public ByteSource {
     }
     release_handle(std::move(handle));
     return {};
+  }
+
+  // Where the last redirection led to, so that not every request is redirected anew.
+  std::string current_address() {
+    const std::scoped_lock lock(mutex_);
+    return address_;
+  }
+
+  void set_address(const std::string& address) {
+    const std::scoped_lock lock(mutex_);
+    address_ = address;
   }
 
   void release_handle(Handle handle) {
@@ -332,16 +354,16 @@ class HttpSource final : public ByteSource {
     Handle handle(libcurl().started ? libcurl().easy_init() : nullptr);
     if (!handle) return fail(ErrorCode::io, "{}: cannot load or start libcurl; install {}", name_, library_name);
     const auto set = [&](CURLoption option, auto value) { libcurl().easy_setopt(handle.get(), option, value); };
-    set(CURLOPT_URL, url_.c_str());
     set(CURLOPT_PROTOCOLS_STR, protocols);
-    set(CURLOPT_REDIR_PROTOCOLS_STR, protocols);
+    // What is asked for in private is not fetched in public.
+    set(CURLOPT_REDIR_PROTOCOLS_STR, url_.starts_with("https:") ? "https" : protocols);
     set(CURLOPT_FOLLOWLOCATION, 1L);
     set(CURLOPT_MAXREDIRS, max_redirects);
     set(CURLOPT_USERAGENT, "splatvol/" SPLATVOL_VERSION);
     set(CURLOPT_ACCEPT_ENCODING, "identity");  // ranges of a compressed file are useless
     set(CURLOPT_NOSIGNAL, 1L);
     set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(options_.connect_timeout.count()));
-    set(CURLOPT_LOW_SPEED_LIMIT, 1L);
+    set(CURLOPT_LOW_SPEED_LIMIT, options_.slowest);
     set(CURLOPT_LOW_SPEED_TIME, static_cast<long>(options_.stall_timeout.count()));
     return handle;
   }
@@ -353,6 +375,7 @@ class HttpSource final : public ByteSource {
   std::vector<std::byte> head_;     // the file's first bytes
   std::mutex mutex_;
   std::vector<Handle> idle_;
+  std::string address_;
 };
 
 }  // namespace

@@ -3,9 +3,12 @@
 #include <openvdb/openvdb.h>
 
 #include <array>
+#include <cerrno>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <ios>
+#include <system_error>
 
 #include "base/file.h"
 #include "base/vdb_share.h"
@@ -86,6 +89,8 @@ Result<std::uint64_t> VdbGrids::write(const std::string& path) const {
     Archive().write_file(file.path_to_write(), {grids_->all.begin(), grids_->all.end()});
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_budget, "{}: not enough memory to write it", path);
+  } catch (const std::ios_base::failure&) {
+    return fail(ErrorCode::io, "{}: cannot write: {}", path, std::system_category().message(errno));
   } catch (const std::exception& error) {
     return fail(ErrorCode::io, "{}: cannot write: {}", path, error.what());
   }

@@ -31,6 +31,7 @@ struct Array {
 constexpr std::uint8_t vertex_type = 1;
 constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 16;
 
+// XML has no way to write control characters; `?` stands for them.
 std::string escape(const std::string& text) {
   std::string escaped;
   for (const char c : text) switch (c) {
@@ -46,8 +47,14 @@ std::string escape(const std::string& text) {
       case '"':
         escaped += "&quot;";
         break;
+      case '\t':
+        escaped += "&#9;";
+        break;
+      case '\n':
+        escaped += "&#10;";
+        break;
       default:
-        escaped += c;
+        escaped += static_cast<unsigned char>(c) < 0x20 ? '?' : c;
     }
   return escaped;
 }

@@ -1,7 +1,9 @@
 #include "format/codec.h"
 
 #include <xxhash.h>
+
 #include <zstd.h>
+#include <new>
 
 #include <memory>
 
@@ -35,6 +37,14 @@ Bytes frame_or_raw(const Bytes& frame, std::size_t size, std::span<const std::by
 }
 
 }  // namespace
+
+StreamHash::StreamHash() : state_(XXH3_createState()) {
+  if (!state_) throw std::bad_alloc();
+  XXH3_64bits_reset(state_);
+}
+StreamHash::~StreamHash() { XXH3_freeState(state_); }
+void StreamHash::add(std::span<const std::byte> part) { XXH3_64bits_update(state_, part.data(), part.size()); }
+std::uint64_t StreamHash::value() const { return XXH3_64bits_digest(state_); }
 
 std::uint64_t hash_bytes(std::span<const std::byte> bytes) { return XXH3_64bits(bytes.data(), bytes.size()); }
 

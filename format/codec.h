@@ -14,12 +14,28 @@
 
 #include "base/error.h"
 
+struct XXH3_state_s;
+
 namespace splatvol::format {
 
 using Bytes = std::vector<std::byte>;
 
 /// Returns the XXH3-64 hash with seed 0.
 [[nodiscard]] std::uint64_t hash_bytes(std::span<const std::byte> bytes);
+
+/// The same of bytes that come in parts.
+class StreamHash {
+ public:
+  StreamHash();
+  ~StreamHash();
+  StreamHash(const StreamHash&) = delete;
+  StreamHash& operator=(const StreamHash&) = delete;
+  void add(std::span<const std::byte> part);
+  [[nodiscard]] std::uint64_t value() const;
+
+ private:
+  XXH3_state_s* state_;
+};
 
 /// Hashes bytes that come in parts: the hash is that of the hashes of all parts.
 class PartsHash {

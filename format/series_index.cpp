@@ -5,6 +5,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "base/json_nesting.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -73,6 +75,9 @@ std::string to_json(const SeriesIndex& index) {
 }
 
 Result<SeriesIndex> series_index_from_json(const std::string& text) {
+  constexpr int levels = 8;
+  if (!nests_at_most(text, levels))
+    return fail(ErrorCode::invalid_data, "not the index of a time series: nested deeper than {} levels", levels);
   const auto document = ordered_json::parse(text, nullptr, false);
   if (!document.is_object() || !document.contains("steps") || !document["steps"].is_array())
     return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"steps\"");

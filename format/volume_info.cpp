@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/json_nesting.h"
 #include "base/names.h"
 #include "format/layout.h"
 
@@ -259,19 +260,9 @@ VolumeInfo read_info(const json& root) {
   return info;
 }
 
-// Refuses deep nesting: a few bytes of it could exhaust the stack of a function that walks the tree. (The library's own
-// hook for such checks takes time in proportion to the square of a list's length.)
+// The library's own hook for such checks takes time in proportion to the square of a list's length.
 json parse_shallow(const std::string& text) {
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (c == '"') in_string = !in_string;
-    if (in_string && c == '\\') ++i;
-    if (in_string) continue;
-    if (c == '[' || c == '{') require(++depth <= max_nesting, fmt::format("nested deeper than {} levels", max_nesting));
-    if (c == ']' || c == '}') --depth;
-  }
+  require(nests_at_most(text, max_nesting), fmt::format("nested deeper than {} levels", max_nesting));
   return json::parse(text);
 }
 

@@ -187,9 +187,13 @@ Status read_size(const Field& scene, int& width, int& height) {
 }
 
 /// Reads the control points of one curve: rows of t and `channels` values that are not negative.
+constexpr std::size_t most_control_points = 4096;  // the time to make a table grows with them
+
 Result<std::vector<std::vector<double>>> read_curve(const Field& parent, const char* name, std::size_t channels) {
   SPLATVOL_TRY_ASSIGN(field, parent.member(name));
   if (field.size() == 0) return field.wrong("not a list of control points");
+  if (field.size() > most_control_points)
+    return field.wrong("{} control points; at most {} are drawn", field.size(), most_control_points);
   std::vector<std::vector<double>> rows;
   for (std::size_t i = 0; i < field.size(); ++i) {
     const Field point = field.element(i);

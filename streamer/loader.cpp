@@ -208,8 +208,8 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
   try {
     read_parts(volume, attribute, run);
   } catch (const std::bad_alloc&) {
-    for (PartLoad& part : run)
-      part.data = fail(ErrorCode::out_of_budget, "{}: the system has no memory left to read it", volume.name());
+    // Of so few letters that they need no memory.
+    for (PartLoad& part : run) part.data = tl::unexpected(Error{ErrorCode::out_of_budget, "out of memory"});
   }
 }
 

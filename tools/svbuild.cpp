@@ -145,22 +145,22 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
 
 void print_text(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
   const std::uint64_t points = report.resolution_counts.back();
-  fmt::print("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
-             options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
-             connectivity_name(report.connectivity), report.file_bytes,
-             static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
+  print_out("{}: {} points, {} resolutions ({}), connectivity {}, {} bytes ({:.1f} a point), {:.2f} s\n",
+            options.output, points, report.resolution_counts.size(), fmt::join(report.resolution_counts, ", "),
+            connectivity_name(report.connectivity), report.file_bytes,
+            static_cast<double>(report.file_bytes) / static_cast<double>(points), seconds);
   if (notes.step)
-    fmt::print("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->times.size());
+    print_out("  {:>12} time (step {} of {})\n", notes.step->time, notes.step->index + 1, notes.step->times.size());
   if (!notes.times.empty())
-    fmt::print("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
-               notes.times.front(), notes.times.back());
-  for (const std::string& conversion : notes.conversions) fmt::print("  {}\n", conversion);
+    print_out("  {:>12} steps {}, times {} to {}\n", notes.times.size(), options.append ? "appended" : "written",
+              notes.times.front(), notes.times.back());
+  for (const std::string& conversion : notes.conversions) print_out("  {}\n", conversion);
   for (const auto& [name, same] : report.aliases)
-    fmt::print("  {} is the same as {}: stored once, found by both names\n", name, same);
-  for (const auto& [name, count] : census_lines(report)) fmt::print("  {:>12} {}\n", count, name);
+    print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
+  for (const auto& [name, count] : census_lines(report)) print_out("  {:>12} {}\n", count, name);
   if (notes.memory < report.least_memory)
-    fmt::print("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
-               report.least_memory);
+    print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
+              report.least_memory);
 }
 
 Result<BuildOptions> build_options_of(const Options& options) {

@@ -8,9 +8,9 @@ namespace splatvol {
 namespace {
 
 void print_text(const ImageDifference& difference, const SeenDifference& seen) {
-  fmt::print("rmse {:.6g}\npsnr {:.4f} dB\nmax {:.6g}\nmean {:.6g} {:.6g}\nripple {:.6g}\noutline {:.6g}\n",
-             difference.rmse, difference.psnr, difference.max, difference.mean_a, difference.mean_b, seen.ripple,
-             seen.outline);
+  print_out("rmse {:.6g}\npsnr {:.4f} dB\nmax {:.6g}\nmean {:.6g} {:.6g}\nripple {:.6g}\noutline {:.6g}\n",
+            difference.rmse, difference.psnr, difference.max, difference.mean_a, difference.mean_b, seen.ripple,
+            seen.outline);
 }
 
 /// JSON has no infinity: the PSNR of equal pictures is null.

@@ -74,22 +74,22 @@ void print_errors(const json& report) {
     if (error > 0) errors += fmt::format(", {} {:.3g}", name, error.get<double>());
   const auto position_error = report["position_error"].get<double>();
   if (errors.empty() && !(position_error > 0))
-    fmt::print("  positions and values as they were given\n");
+    print_out("  positions and values as they were given\n");
   else
-    fmt::print("  largest errors: of a coordinate {:.3g}{}\n", position_error, errors);
+    print_out("  largest errors: of a coordinate {:.3g}{}\n", position_error, errors);
 }
 
 void print_text(const json& report) {
   if (report.contains("voxels"))
-    fmt::print("{}: {} voxels of {} splats, mass {:.9g} of {:.9g}, {} bytes, {:.2f} s\n",
-               report["output"].get<std::string>(), report["voxels"].get<std::uint64_t>(),
-               report["splats"].get<std::uint64_t>(), report["voxel_mass"].get<double>(),
-               report["splat_mass"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
-               report["seconds"].get<double>());
+    print_out("{}: {} voxels of {} splats, mass {:.9g} of {:.9g}, {} bytes, {:.2f} s\n",
+              report["output"].get<std::string>(), report["voxels"].get<std::uint64_t>(),
+              report["splats"].get<std::uint64_t>(), report["voxel_mass"].get<double>(),
+              report["splat_mass"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
+              report["seconds"].get<double>());
   else
-    fmt::print("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
-               report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
-               report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
+    print_out("{}: {} points, mass {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
+              report["points"].get<std::uint64_t>(), report["mass"].get<double>(),
+              report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>());
   if (report.contains("value_errors")) print_errors(report);
 }
 

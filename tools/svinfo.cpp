@@ -213,18 +213,18 @@ json to_json(const Volume& volume, const format::Steps& steps, std::size_t step,
 
 void print_attributes(const Volume& volume, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
-  fmt::print("\n{:<24} {:>13} {:>13} {:>10} {:>10} {:>12}  {}\n", "attribute", "min", "max", "error", "missing",
-             "bytes/point", "unit");
+  print_out("\n{:<24} {:>13} {:>13} {:>10} {:>10} {:>12}  {}\n", "attribute", "min", "max", "error", "missing",
+            "bytes/point", "unit");
   for (std::size_t a = 0; a < info.attributes.size(); ++a) {
     const format::Attribute& attribute = info.attributes[a];
     std::uint64_t bytes = 0;
     for (std::size_t c = 0; c < info.columns.size(); ++c)
       if (info.columns[c].attribute == static_cast<int>(a)) bytes += survey.columns[c].packed;
-    fmt::print("{:<24} {:>13.6g} {:>13.6g} {:>10.3g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min,
-               attribute.max, attribute.error, attribute.missing, per(bytes, info.point_count()), attribute.unit);
+    print_out("{:<24} {:>13.6g} {:>13.6g} {:>10.3g} {:>10} {:>12.2f}  {}\n", attribute.name, attribute.min,
+              attribute.max, attribute.error, attribute.missing, per(bytes, info.point_count()), attribute.unit);
   }
   for (const format::Alias& alias : info.aliases)
-    fmt::print("{:<24} the same as {}\n", alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
+    print_out("{:<24} the same as {}\n", alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
 }
 
 // Prints the bytes of each kind of column, of all attributes together, and of the index and the directory.
@@ -248,9 +248,9 @@ void print_bytes(const Volume& volume, const Survey& survey) {
     kinds.emplace_back("directory (step)", step_section_bytes(volume, format::SectionKind::directory_root) +
                                                step_section_bytes(volume, format::SectionKind::directory_pages));
   }
-  fmt::print("\n{:<24} {:>13} {:>13}\n", "part", "bytes", "bytes/point");
+  print_out("\n{:<24} {:>13} {:>13}\n", "part", "bytes", "bytes/point");
   for (const auto& [name, bytes] : kinds)
-    fmt::print("{:<24} {:>13} {:>13.2f}\n", name, bytes, per(bytes, info.point_count()));
+    print_out("{:<24} {:>13} {:>13.2f}\n", name, bytes, per(bytes, info.point_count()));
 }
 
 // Prints a line such as "census.types.tetrahedron 1200" for each entry that is neither zero nor null.
@@ -269,38 +269,38 @@ void print_provenance(const json& value, const std::string& path) {
 // Prints a line for each step of a series, and marks the one whose values are shown.
 void print_steps(const Volume& volume, const format::Steps& steps, std::size_t shown) {
   if (steps.times().empty()) return;
-  fmt::print("\n{:<24} {:>13} {:>13}\n", "all steps", "min", "max");
+  print_out("\n{:<24} {:>13} {:>13}\n", "all steps", "min", "max");
   for (const format::Attribute& attribute : volume.info().attributes) {
     const format::StepRange range = steps.range_of(attribute.name);
-    fmt::print("{:<24} {:>13.6g} {:>13.6g}\n", attribute.name, range.min, range.max);
+    print_out("{:<24} {:>13.6g} {:>13.6g}\n", attribute.name, range.min, range.max);
   }
-  fmt::print("\n{:<24} {:>13} {:>13}\n", "step", "time", volume.series() ? "bytes" : "");
+  print_out("\n{:<24} {:>13} {:>13}\n", "step", "time", volume.series() ? "bytes" : "");
   for (std::size_t step = 0; step < steps.times().size(); ++step) {
     const std::string bytes = volume.series() ? fmt::format("{}", volume.series()->steps[step].bytes) : "";
-    fmt::print("{:<24} {:>13.6g} {:>13}{}\n", step, steps.times()[step], bytes, step == shown ? "  shown here" : "");
+    print_out("{:<24} {:>13.6g} {:>13}{}\n", step, steps.times()[step], bytes, step == shown ? "  shown here" : "");
   }
 }
 
 void print_text(const Volume& volume, const format::Steps& steps, std::size_t step, const Survey& survey) {
   const format::VolumeInfo& info = volume.info();
   const dvec3& origin = info.cube.origin;
-  fmt::print("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
-             readable_bytes(volume.file_bytes()), per(volume.file_bytes(), info.point_count()));
-  fmt::print("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
-  fmt::print("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
-             info.cube.edge);
-  fmt::print("{:<24} {:.3g} of a coordinate\n", "largest error", info.position_error);
-  if (info.up >= 0) fmt::print("{:<24} {}\n", "up", "xyz"[info.up]);
-  fmt::print("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
-  fmt::print("{:<24} {} nodes, {:.1f} bytes a node ({:.1f} without attributes)\n", "index", survey.index.nodes,
-             per(survey.index.bytes, survey.index.nodes), per(survey.index.structure_bytes, survey.index.nodes));
-  fmt::print("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
+  print_out("{}: {} points, {} ({:.1f} bytes a point)\n", volume.name(), info.point_count(),
+            readable_bytes(volume.file_bytes()), per(volume.file_bytes(), info.point_count()));
+  print_out("{:<24} {} ({})\n", "resolutions", info.resolutions(), fmt::join(info.resolution_counts, ", "));
+  print_out("{:<24} origin ({:.6g}, {:.6g}, {:.6g}), edge {:.6g}\n", "cube", origin.x, origin.y, origin.z,
+            info.cube.edge);
+  print_out("{:<24} {:.3g} of a coordinate\n", "largest error", info.position_error);
+  if (info.up >= 0) print_out("{:<24} {}\n", "up", "xyz"[info.up]);
+  print_out("{:<24} {}\n", "preamble", readable_bytes(volume.preamble_bytes()));
+  print_out("{:<24} {} nodes, {:.1f} bytes a node ({:.1f} without attributes)\n", "index", survey.index.nodes,
+            per(survey.index.bytes, survey.index.nodes), per(survey.index.structure_bytes, survey.index.nodes));
+  print_out("{:<24} {}, at most {} points in a leaf\n", "reduction", info.reduction_method, info.leaf_points);
   print_attributes(volume, survey);
   print_bytes(volume, survey);
   print_steps(volume, steps, step);
-  fmt::print("\n");
+  print_out("\n");
   print_provenance(json::parse(info.provenance), "");
-  if (survey.verified) fmt::print("\nevery byte checked\n");
+  if (survey.verified) print_out("\nevery byte checked\n");
 }
 
 Status write_scene(const Volume& volume, const Options& options) {

@@ -26,7 +26,8 @@ Result<std::optional<AtomicFile>> create_statistics(const std::string& path) {
 // The pictures are written; the exit code says that they lack parts of the file.
 Status failure_of(const std::vector<Error>& unreadable) {
   if (unreadable.empty()) return {};
-  return fail(unreadable.front().code, "parts of the file that could not be read: {}", unreadable.size());
+  return fail(unreadable.front().code, "parts of the file that could not be read: {}, the first: {}", unreadable.size(),
+              unreadable.front().message);
 }
 
 Status write_statistics(std::optional<AtomicFile>& file, const std::string& text) {

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <glm/gtc/quaternion.hpp>
+#include <iterator>
 #include <limits>
 
 #include "renderer/device/device.h"
@@ -195,7 +196,9 @@ Camera camera_at(const RenderOptions& options, const Composition& composition, i
 }
 
 // Draws the frames of a moving camera, each with all of its splats, and measures the change from each to the next.
-Status draw_path(const RenderOptions& options, const Composition& composition, Drawing& drawing, Timings& timings) {
+// Returns the errors of parts that could not be read.
+Result<std::vector<Error>> draw_path(const RenderOptions& options, const Composition& composition, Drawing& drawing,
+                                     Timings& timings) {
   const Scene& scene = composition.scene;
   std::optional<Movie> movie;
   if (!options.progress_frames.empty() || !options.movie.empty()) {
@@ -203,6 +206,7 @@ Status draw_path(const RenderOptions& options, const Composition& composition, D
     movie = std::move(created);
   }
   Image last;
+  std::vector<Error> errors;
   ProgressBar bar("draw");
   for (int number = 0; number < frame_count(options); ++number) {
     SPLATVOL_TRY_ASSIGN(view, make_view(camera_at(options, composition, number), scene.width, scene.height));
@@ -214,12 +218,14 @@ Status draw_path(const RenderOptions& options, const Composition& composition, D
       SPLATVOL_TRY_ASSIGN(difference, compare_images(last, image));
       change = difference.rmse;
     }
+    std::ranges::copy(drawing.frame->progress.errors, std::back_inserter(errors));
     timings.path.push_back({drawing.frame->splats, drawing.frame->progress.fading, change});
     if (movie) SPLATVOL_TRY(write_frame(options, composition, view, drawing, movie->frame_path(number), image));
     last = std::move(image);
     bar.update((number + 1.0) / frame_count(options));
   }
-  return movie ? movie->finish(0, frame_count(options)) : Status{};
+  if (movie) SPLATVOL_TRY(movie->finish(0, frame_count(options)));
+  return errors;
 }
 
 Status set_transfer_function(const RenderOptions& options, const Scene& scene, Drawing& drawing) {
@@ -315,9 +321,8 @@ Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Comp
     return errors;
   }
   if (drawing.max_error) SPLATVOL_TRY(find_cut(options, scene, view, drawing, timings));
-  if (options.moves())
-    SPLATVOL_TRY(draw_path(options, composition, drawing, timings));
-  else if (options.milliseconds)
+  if (options.moves()) return draw_path(options, composition, drawing, timings);
+  if (options.milliseconds)
     SPLATVOL_TRY(pace(options, scene, view, drawing, timings));
   else if (!drawing.max_error)
     SPLATVOL_TRY(draw_frame(options, scene, view, drawing, timings));

@@ -117,24 +117,24 @@ std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
 // Says what error was measured, and why it is more than the wanted one.
 void print_estimate(const RenderOptions& options, const Drawing& drawing) {
   const ErrorControl::Estimate& estimate = *drawing.estimate;
-  fmt::print("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.output,
-             drawing.frame->splats, estimate.error, drawing.pictures_for_error);
+  print_out("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.output, drawing.frame->splats,
+            estimate.error, drawing.pictures_for_error);
   if (estimate.file_error > *drawing.max_error)
-    fmt::print("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.output,
-               *drawing.max_error, estimate.file_error);
+    print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.output,
+              *drawing.max_error, estimate.file_error);
   else if (!estimate.reached)
-    fmt::print("{}: more than {:.2g}, to stay within {}\n", options.output, *drawing.max_error,
-               limits_of(options, drawing));
+    print_out("{}: more than {:.2g}, to stay within {}\n", options.output, *drawing.max_error,
+              limits_of(options, drawing));
 }
 
 // Says how near the picture comes to the goal.
 void print_goal(const RenderOptions& options, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.frame;
   if (drawing.estimate) return print_estimate(options, drawing);
-  fmt::print("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
+  print_out("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
   if (frame.splats > drawing.detail.goal->max_splats)
-    fmt::print("{}: more than {} splats: the coarsest that the view has\n", options.output,
-               drawing.detail.goal->max_splats);
+    print_out("{}: more than {} splats: the coarsest that the view has\n", options.output,
+              drawing.detail.goal->max_splats);
 }
 
 }  // namespace
@@ -153,21 +153,21 @@ std::string statistics_text(const RenderOptions& options, const Scene& scene, co
 
 void print_summary(const RenderOptions& options, const Scene& scene, const Drawing& drawing, const Timings& timings) {
   const FrameSplats& frame = *drawing.frame;
-  fmt::print("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n",
-             options.output.empty() ? options.movie : options.output, scene.width, scene.height, frame.splats,
-             frame.nodes, drawing.streamer->statistics().bytes_read, drawing.streamer->volume().file_bytes(),
-             timings.first_image);
+  print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n",
+            options.output.empty() ? options.movie : options.output, scene.width, scene.height, frame.splats,
+            frame.nodes, drawing.streamer->statistics().bytes_read, drawing.streamer->volume().file_bytes(),
+            timings.first_image);
   if (frame.detail.goal) {
     print_goal(options, drawing);
     return;
   }
   if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
       frame.splats_by_resolution.size() > *options.detail.resolution)
-    fmt::print("{}: resolution {} instead of {}, to stay within {}\n", options.output, *frame.detail.resolution,
-               *options.detail.resolution, limits_of(options, drawing));
+    print_out("{}: resolution {} instead of {}, to stay within {}\n", options.output, *frame.detail.resolution,
+              *options.detail.resolution, limits_of(options, drawing));
   if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
-    fmt::print("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.output,
-               frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
+    print_out("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.output,
+              frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
 }
 
 }  // namespace splatvol

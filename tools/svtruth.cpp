@@ -93,8 +93,8 @@ void print_summary(const Options& options, const Mesh& mesh, const ReferencePict
   const double segments_per_pixel =
       static_cast<double>(picture.segments) / static_cast<double>(picture.image.pixels.size());
   if (!options.json) {
-    fmt::print("{}: {} x {} pixels, {} tetrahedra, {:.1f} segments a pixel, {:.2f} s\n", options.output,
-               picture.image.width, picture.image.height, mesh.tetrahedra.size(), segments_per_pixel, median);
+    print_out("{}: {} x {} pixels, {} tetrahedra, {:.1f} segments a pixel, {:.2f} s\n", options.output,
+              picture.image.width, picture.image.height, mesh.tetrahedra.size(), segments_per_pixel, median);
     return;
   }
   const nlohmann::ordered_json document = {{"width", picture.image.width},

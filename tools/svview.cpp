@@ -188,6 +188,13 @@ Result<WindowResized> draw_inputs(const std::vector<FrameInput>& inputs, double 
   return size;
 }
 
+// The pictures are written; the exit code says that they lack parts of the file.
+Status failure_of(const std::vector<std::string>& unreadable) {
+  if (unreadable.empty()) return {};
+  return fail(ErrorCode::invalid_data, "parts of the file that could not be read: {}, the first: {}", unreadable.size(),
+              unreadable.front());
+}
+
 // Draws a recording and writes the statistics and the last picture.
 Status replay(const Options& options) {
   const double start = seconds_now();
@@ -197,6 +204,7 @@ Status replay(const Options& options) {
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   ReplayTimes times;
   SPLATVOL_TRY_ASSIGN(size, draw_inputs(inputs, start, *stage, *viewer, times));
+  SPLATVOL_TRY(viewer->drawn());
   if (!options.stats.empty()) {
     const nlohmann::ordered_json statistics = {{"first_picture_seconds", times.first_picture},
                                                {"frame_seconds", times.frames},
@@ -204,9 +212,11 @@ Status replay(const Options& options) {
                                                {"rest_seconds", times.rest}};
     SPLATVOL_TRY(write_text_file(options.stats, statistics.dump(1) + "\n"));
   }
-  if (options.screenshot.empty()) return {};
-  SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
-  return write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}});
+  if (!options.screenshot.empty()) {
+    SPLATVOL_TRY_ASSIGN(image, read_framebuffer(std::max(1, size.pixel_width), std::max(1, size.pixel_height)));
+    SPLATVOL_TRY(write_image(options.screenshot, image, dvec3(0), {{"software", "svview " SPLATVOL_VERSION}}));
+  }
+  return viewer->session() ? failure_of(viewer->session()->troubles()) : Status{};
 }
 
 // Writes the frames of a camera path, each with its finest picture.
@@ -229,7 +239,7 @@ Status play(const Options& options) {
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", options.volume}}));
     bar.update((i + 1.0) / count);
   }
-  return {};
+  return failure_of(session->troubles());
 }
 
 Status run(const Options& options) {

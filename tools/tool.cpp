@@ -1,5 +1,6 @@
 #include "tools/tool.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
+#include <iostream>
 #include <new>
 #include <string_view>
 
@@ -24,11 +26,39 @@ namespace splatvol {
 
 namespace {
 
-// Makes one line without control characters: names and texts in messages come from files.
-std::string one_line(std::string text) {
-  std::ranges::replace_if(
-      text, [](unsigned char c) { return c < 0x20 || c == 0x7f; }, '?');
-  return text;
+std::string one_line(std::string_view text) {
+  std::string line = printable(text);
+  std::ranges::replace(line, '\n', '?');
+  return line;
+}
+
+// Returns the bytes of the UTF-8 character at the front of a text; 0 if there is none.
+std::size_t character_bytes(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0u; };
+  const std::size_t bytes = byte(0) < 0x80   ? 1
+                            : byte(0) < 0xc2 ? 0
+                            : byte(0) < 0xe0 ? 2
+                            : byte(0) < 0xf0 ? 3
+                            : byte(0) < 0xf5 ? 4
+                                             : 0;
+  for (std::size_t i = 1; i < bytes; ++i)
+    if ((byte(i) & 0xc0) != 0x80) return 0;
+  return bytes;
+}
+
+// A program that is started without them would write what belongs there into its first files.
+void open_standard_streams() {
+  for (int stream = ::open("/dev/null", O_RDWR); stream >= 0; stream = ::dup(stream))
+    if (stream > STDERR_FILENO) {
+      ::close(stream);
+      return;
+    }
+}
+
+// Prints an error if it can be printed.
+int fail_with(const CLI::App& app, const std::string& message) {
+  std::fputs(fmt::format("{}: {}\n", app.get_name(), one_line(message)).c_str(), stderr);
+  return 1;
 }
 
 // Some file systems have no files without a name.
@@ -56,11 +86,14 @@ std::string check_path(const std::string& path, const std::string& extension) {
 }  // namespace
 
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
+  open_standard_streams();
   app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
+    if (app.exit(error) != 0) return 2;
+    const bool printed = static_cast<bool>(std::cout.flush());
+    return printed ? 0 : fail_with(app, "cannot write to the standard output");
   }
 
   for (const int ending : {SIGINT, SIGTERM, SIGHUP}) leave_no_files_at(ending);
@@ -76,9 +109,24 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
   }
   if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
     status = fail(ErrorCode::io, "cannot write to the standard output");
-  if (status) return 0;
-  fmt::print(stderr, "{}: {}\n", app.get_name(), one_line(status.error().message));
-  return 1;
+  return status ? 0 : fail_with(app, status.error().message);
+}
+
+std::string printable(std::string_view text) {
+  std::string result;
+  result.reserve(text.size());
+  while (!text.empty()) {
+    const std::size_t bytes = character_bytes(text);
+    const auto first = static_cast<unsigned char>(text[0]);
+    const bool ascii_control = (first < 0x20 && first != '\n') || first == 0x7f;
+    const bool c1_control = first == 0xc2 && bytes == 2 && static_cast<unsigned char>(text[1]) < 0xa0;
+    if (bytes == 0 || ascii_control || c1_control)
+      result += '?';
+    else
+      result += text.substr(0, bytes);
+    text.remove_prefix(std::max<std::size_t>(bytes, 1));
+  }
+  return result;
 }
 
 Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {

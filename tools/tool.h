@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -15,6 +17,16 @@ namespace splatvol {
 /// Parses the command line and runs `body`. Returns the exit code of the process: 0 for success, 1 for bad data or a
 /// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
+
+/// Returns a text without control characters and without bytes that are no UTF-8: `?` stands for each. Names and texts
+/// come from files, and a terminal would obey them. Line breaks stay.
+[[nodiscard]] std::string printable(std::string_view text);
+
+/// Prints to stdout, as printable() has it.
+template <class... Args>
+void print_out(fmt::format_string<Args...> format, Args&&... args) {
+  fmt::print("{}", printable(fmt::format(format, std::forward<Args>(args)...)));
+}
 
 /// Fails if an output is the same file as an input, even by another name, or if two outputs have the same name. Fails
 /// also if writing would replace a file of another kind (base/replaceable.h). Empty names and "-" are no files.

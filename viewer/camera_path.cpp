@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/json_nesting.h"
 #include "viewer/camera_control.h"
 
 namespace splatvol {
@@ -49,6 +50,9 @@ std::string path_to_json(const CameraPath& path) {
 Result<CameraPath> load_camera_path(const std::string& file) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(file));
   CameraPath path;
+  constexpr int levels = 8;
+  if (!nests_at_most(text, levels))
+    return fail(ErrorCode::invalid_data, "{}: not a camera path (nested deeper than {} levels)", file, levels);
   try {
     const json document = json::parse(text);
     path.seconds = document.at("seconds");

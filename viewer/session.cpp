@@ -254,6 +254,12 @@ Result<bool> Session::set_splats(std::uint64_t splats) {
 }
 
 Status Session::draw(int width, int height, double seconds) {
+  const Status drawn = draw_next(width, height, seconds);
+  if (!drawn) settled_ = true;  // only a change helps, and it begins anew
+  return drawn;
+}
+
+Status Session::draw_next(int width, int height, double seconds) {
   SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
   scene.height = height;
@@ -267,6 +273,7 @@ Status Session::draw(int width, int height, double seconds) {
   const DetailOptions detail = next_detail(width, height, moves);
   const double change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds);
   const auto start = std::chrono::steady_clock::now();
+  frame_ = nullptr;  // a call that fails leaves no frame
   SPLATVOL_TRY_ASSIGN(
       frame, streamer_->advance(view, scene.transfer_function, detail, awaits_step_ ? step_wait_seconds : 0, change));
   frame_ = frame;

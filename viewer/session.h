@@ -124,6 +124,7 @@ class Session {
 
  private:
   Session() = default;
+  [[nodiscard]] Status draw_next(int width, int height, double seconds);
   [[nodiscard]] Status open_streamer();
   [[nodiscard]] Status use_step();
   [[nodiscard]] Status change_step(std::size_t step);

@@ -266,12 +266,13 @@ Status Viewer::draw_picture(double seconds) {
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
-    if (const Status drawn = session_->draw(width, window_.pixel_height, seconds)) {
+    drawn_ = session_->draw(width, window_.pixel_height, seconds);
+    if (drawn_) {
       SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
       picture = shown;
       background = session_->scene.background;
     } else {
-      message_ = drawn.error().message;
+      message_ = drawn_.error().message;
     }
   }
   glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(target));

@@ -36,6 +36,9 @@ class Viewer {
   /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
   [[nodiscard]] bool is_settled() const;
 
+  /// Returns the error of the last picture, if it could not be drawn.
+  [[nodiscard]] const Status& drawn() const { return drawn_; }
+
   [[nodiscard]] bool wants_to_close() const { return closing_; }
   [[nodiscard]] std::string title() const;
 
@@ -102,6 +105,7 @@ class Viewer {
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change
   double frame_seconds_ = 0;
+  Status drawn_;         // of the last picture
   std::string message_;  // the last error, or the last file saved
 
   CameraPath path_;

@@ -18,11 +18,12 @@ double choose_offset(double low, double high) {
   return largest == 0 || fine ? 0.0 : low + (high - low) / 2;
 }
 
-// Single precision holds numbers from 1e-38 to 3e38, and their squares within the roots of these. A scale keeps the
-// largest stored value far from both ends.
+// Single precision holds numbers from 1e-38 to 3e38, and their squares within the roots of these. A scale puts the
+// largest stored value at the root, so that values 1e57 times as small are still there.
 double choose_scale(double largest) {
-  constexpr double most = 0x1p64;
-  return largest == 0 || (largest >= 1 / most && largest <= most) ? 1.0 : std::exp2(std::ilogb(largest));
+  constexpr int most_bits = 63;
+  const double most = std::exp2(most_bits);
+  return largest == 0 || (largest >= 1 / most && largest <= most) ? 1.0 : std::exp2(std::ilogb(largest) - most_bits);
 }
 
 }  // namespace

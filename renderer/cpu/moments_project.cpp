@@ -728,11 +728,15 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
 }
 
 /// Returns the spacing of the pixels at which a splat is sampled in slabs. What lies between them is interpolated: sums
-/// of many splats are smooth where each of them is. Boundaries are not.
-HWY_INLINE Float sample_spacing(const Body& body, const Screen& screen) {
+/// of many splats are smooth where each of them is. Boundaries are not. Nor are sheets that are seen from the side: from
+/// one sample to the next their depth may change by half a chord, which is a slab, and no more.
+HWY_INLINE Float sample_spacing(const Body& body, const Rays& rays, const Screen& screen) {
   constexpr float samples_across = 4.0F;  // of the smaller half of the outline's chords through its centre
   const Float half_width = screen.e_1.x * screen.e_2.y / sqrt(screen.height2);
-  const Float most = min(half_width, screen.e_2.y) * (1.0F / samples_across);
+  const Float least = min(half_width, screen.e_2.y);
+  const Float reach2 = dot(body.l_z, body.l_z), half2 = rays.scale * rays.scale / dot(rays.d_0, rays.d_0);
+  const Float by_slope = sqrt(half2 / max(reach2 - half2, reach2 * 1e-6F));
+  const Float most = least * min(by_slope, 1.0F / samples_across);
   const Mask smooth = both(body.stretch <= Float(0.0F), body.centre.z > length(body.l_z));
   Float spacing(1.0F);
   for (int doubled = 2; doubled <= coarsest_samples; doubled *= 2)
@@ -800,7 +804,7 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
 
   const Mask changing = max(size_of(terms.g_change), size_of(terms.ray_change)) > Float(most_change);
   const Mask near = in_slabs ? drawn : both(drawn, either(body.near, changing)), far = hn::AndNot(near, drawn);
-  const Float spacing = in_slabs ? sample_spacing(body, screen) : 1.0F;
+  const Float spacing = in_slabs ? sample_spacing(body, rays, screen) : 1.0F;
   set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
   store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
         result.forms.data());

@@ -143,7 +143,6 @@ void TileRasterizer::set_tables(const TransferFunction& function) {
 Status TileRasterizer::set_compositing(Compositing compositing) {
   if (compositing == Compositing::slabs && kernel_ != KernelKind::moments)
     return fail(ErrorCode::invalid_argument, "the kernel octant is not drawn in slabs: take the kernel moments");
-  if (compositing != compositing_) ordered_view_.reset();
   compositing_ = compositing;
   return {};
 }
@@ -228,10 +227,19 @@ void TileRasterizer::set_view(const View& view) {
   }
 }
 
+// Slabs need depths that single precision tells apart, and pixels that are not much larger than splats.
+bool TileRasterizer::can_mix() const {
+  constexpr float farthest = 1024, least_pixels = 64;  // the first in edges of the file's cube
+  const auto is_near = [](const RangeInView& range) { return std::abs(range.z) < farthest; };
+  return frame_.width * frame_.height >= least_pixels && std::ranges::all_of(ranges_, is_near);
+}
+
 void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times) {
   if (ranges_.empty()) return;
   Stopwatch stopwatch;
   set_view(view);
+  const bool mixes = compositing_ == Compositing::slabs && can_mix();
+  if (mixes != std::exchange(mixes_, mixes)) ordered_view_.reset();
   times.upload += stopwatch.lap();
   const Sequence sequence = sequence_of(view, sort);
   times.sort += stopwatch.lap();
@@ -246,7 +254,7 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
 }
 
 TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode sort) {
-  if (compositing_ == Compositing::slabs) sort = SortMode::exact;  // by front
+  if (mixes_) sort = SortMode::exact;  // by front
   if (sort == SortMode::axis) {
     const int axis = longest_axis(glm::abs(view.forward));
     // Orders run back to front along the axis.
@@ -255,7 +263,7 @@ TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode 
   }
   if (sort == SortMode::none) return {nullptr, list_.splats, true};
   if (ordered_view_ != view) {
-    order_ = sort_keys(sorter_, compositing_ == Compositing::slabs ? SortKey::front : SortKey::distance);
+    order_ = sort_keys(sorter_, mixes_ ? SortKey::front : SortKey::distance);
     ordered_view_ = view;
   }
   return {order_.data(), order_.size(), true};
@@ -304,7 +312,7 @@ void TileRasterizer::reserve_batch() {
     return;
   }
   near_.reserve(slots, carried_);
-  if (compositing_ == Compositing::slabs)
+  if (mixes_)
     slab_.reserve(slots, carried_);
   else
     far_.reserve(slots);
@@ -312,20 +320,20 @@ void TileRasterizer::reserve_batch() {
 
 ScreenSplats TileRasterizer::screen() {
   return {bounds_.data(), forms_.data(),     far_.data(),
-          near_.data(),   gaussians_.data(), compositing_ == Compositing::slabs ? slab_.data() : nullptr};
+          near_.data(),   gaussians_.data(), mixes_ ? slab_.data() : nullptr};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
   const std::size_t count = std::min(splats_per_batch, sequence.count - first), slots = carried_ + count;
   reserve_batch();
   project_batch(sequence, first, count);
-  if (compositing_ == Compositing::slabs) {
+  if (mixes_) {
     const std::size_t next = first + count;
     const float end = next < sequence.count ? front_of_key(keys_[sequence[next]]) : std::numeric_limits<float>::max();
     depths_ = {depths_.back, end};
   }
   draw_tiles(slots, target);
-  if (compositing_ == Compositing::slabs) carry_over(slots);
+  if (mixes_) carry_over(slots);
 }
 
 /// Projects splats into the slots behind those that were carried over.
@@ -357,7 +365,7 @@ void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
   pixels.values.fill(0);
   load_pixels(target, area, pixels);
   bool opaque = false;
-  if (compositing_ == Compositing::slabs)
+  if (mixes_)
     opaque = blend_slabs(frame_, screen(), slots, depths_, area, workspaces_->of_threads.local(), pixels);
   else if (kernel_ == KernelKind::moments)
     opaque = blend_moments(frame_, screen(), slots, area, pixels);

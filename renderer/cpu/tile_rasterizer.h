@@ -78,6 +78,7 @@ class TileRasterizer final : public Rasterizer {
     }
   };
   void set_tables(const TransferFunction& function);
+  [[nodiscard]] bool can_mix() const;
   void set_view(const View& view);
   void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
   [[nodiscard]] Sequence sequence_of(const View& view, SortMode sort);
@@ -95,6 +96,7 @@ class TileRasterizer final : public Rasterizer {
 
   KernelKind kernel_;
   Compositing compositing_ = Compositing::splats;
+  bool mixes_ = false;  // in the picture that is drawn
   DrawingUnits units_;
   std::optional<Lighting> lighting_;
   tiles::FrameConstants frame_;

@@ -2,6 +2,7 @@
 
 #include <vtkCellArray.h>
 #include <vtkCellType.h>
+#include <vtkErrorCode.h>
 #include <vtkFloatArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
@@ -52,7 +53,10 @@ Status write_vtu(const std::string& path, std::span<const dvec3> points,
   writer->SetFileName(file.path_to_write().c_str());
   writer->SetHeaderTypeToUInt64();
   writer->SetInputData(grid);
-  if (!writer->Write()) return fail(ErrorCode::io, "{}: VTK's writer failed", path);
+  const bool written = writer->Write() != 0;
+  const unsigned long error = writer->GetErrorCode();
+  if (!written || error != vtkErrorCode::NoError)
+    return fail(ErrorCode::io, "{}: cannot write: {}", path, vtkErrorCode::GetStringFromErrorCode(error));
   return file.commit();
 }
 

@@ -1,0 +1,224 @@
+"""The cases of bench/svhard: meshes, scenes, and how far a picture may be from the exact one."""
+
+import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Callable
+
+import numpy as np
+
+from . import hard_meshes as meshes
+
+REFUSED = "refused"  # instead of a bound: one clear line and exit code 1
+
+
+@dataclass
+class Case:
+    group: str
+    name: str
+    mesh: Callable  # makes it
+    scene: dict
+    bound: object  # of the root mean square error of linear RGB, or REFUSED
+    quick: bool = False  # CI draws it
+    octant: float = 0.06  # bound of the paper's kernel
+    projections: tuple = ("perspective", "orthographic")
+    build: tuple = ()  # further options of svbuild
+    exact: bool = True  # False: no exact picture; only that there is one
+    vtk: bool = False  # compared with VTK
+    baseline: bool = False  # compared with the exact picture of the base case, which units do not change
+
+
+def scene(size=1.0, shift=(0.0, 0.0, 0.0), eye=(2.2, 1.6, 4.0), target=(0, 0, 0), fov=30.0, height=2.6, pixels=(256, 256),
+          domain=(-1.0, 1.0), colors=None, density=None, attribute="f"):
+    """A scene round a body of size 2. `size` and `shift` move the camera with the mesh. The extinction is per size."""
+    at = np.asarray(shift, float)
+    camera = {"position": list(np.asarray(eye, float) * size + at), "focal_point": list(np.asarray(target, float) * size + at),
+              "up": [0, 1, 0], "vertical_fov_degrees": fov, "parallel_height": height * size}
+    colors = colors or [[0, 0.1, 0.2, 0.8], [0.5, 0.8, 0.8, 0.7], [1, 0.9, 0.2, 0.1]]
+    density = density or [[0, 0.2], [0.5, 0.1], [1, 3.0]]
+    return {"camera": camera, "image": {"width": pixels[0], "height": pixels[1]}, "background": [0, 0, 0], "attribute": attribute,
+            "transfer_function": {"domain": list(domain), "colors": colors, "density": [[t, d / size] for t, d in density]}}
+
+
+def with_projection(of, projection):
+    result = copy.deepcopy(of)
+    camera = result["camera"]
+    camera["projection"] = projection
+    camera.pop("parallel_height" if projection == "perspective" else "vertical_fov_degrees")
+    return result
+
+
+@lru_cache
+def ball():
+    return meshes.ball()
+
+
+@lru_cache
+def lattice():
+    return meshes.lattice()
+
+
+def peak(width, at=0.4):
+    """A transfer function that is 0 but for a peak of `width` of the domain."""
+    low, high = at - width / 2, at + width / 2
+    return [[0, 0], [low, 0], [at, 30.0], [high, 0], [1, 0]]
+
+
+def with_outlier(value):
+    values = lattice20().values["f"].copy()
+    values[len(values) // 2 + 7] = value
+    return lattice20().with_values(values)
+
+
+@lru_cache
+def lattice20():
+    return meshes.lattice(20)
+
+
+def far_vertex(distance):
+    base = ball()
+    points = np.concatenate([base.points, [[distance, 0, 0]]])
+    return meshes.Mesh(points, base.cells).with_values(np.append(base.values["f"], 0.5))
+
+
+def renamed(names):
+    base = lattice()
+    return meshes.Mesh(base.points, base.cells, base.kind, {name: base.values["f"] for name in names})
+
+
+def changed(mesh, index, values=None, position=None):
+    points, of_points = mesh.points.copy(), mesh.values["f"].copy()
+    if position is not None:
+        points[index] = position
+    if values is not None:
+        of_points[index] = values
+    return meshes.Mesh(points, mesh.cells, mesh.kind, {"f": of_points})
+
+
+def inverted(mesh):
+    cells = mesh.cells.copy()
+    cells[::3, [0, 1]] = cells[::3, [1, 0]]
+    return meshes.Mesh(mesh.points, cells, mesh.kind, dict(mesh.values))
+
+
+def with_flat_cells(mesh):
+    """Adds tetrahedra without volume: a corner twice, and four corners of a line."""
+    more = np.array([[0, 1, 2, 2], [0, 0, 0, 0], [0, 1, 0, 1]])
+    return meshes.Mesh(mesh.points, np.concatenate([mesh.cells, more]), mesh.kind, dict(mesh.values))
+
+
+def collapsed(count, axes):
+    """Points that differ along the first `axes` axes only."""
+    mesh = meshes.points_only(count)
+    points = mesh.points.copy()
+    points[:, axes:] = 0
+    return mesh_of_points(points)
+
+
+def mesh_of_points(points):
+    return meshes.Mesh(points, np.zeros((0, 4), int)).with_values(meshes.smooth(points))
+
+
+def units():
+    for exponent in (-300, -100, -36, -30, -20, -15, -14, 0, 14, 15, 20, 27, 30, 36):
+        size = 10.0**exponent
+        bound = REFUSED if exponent < -36 else 0.003
+        yield Case("Lengths", f"in units of 1e{exponent}", lambda s=size: ball().scaled(s), scene(size), bound,
+                   quick=exponent in (-30, 0, 36), baseline=exponent >= -36)
+    for distance in (1e3, 1e9, 1e30):
+        yield Case("Lengths", f"a vertex of no cell {distance:.0e} away", lambda d=distance: far_vertex(d), scene(), 0.003,
+                   quick=distance == 1e9, baseline=True)
+    for cells in (1e3, 1e6, 1e9, 1e11, 1e13, 1e14, 1e15):
+        shift = cells / 6
+        bound = 0.003 if cells <= 1e11 else 0.01 if cells <= 1e13 else REFUSED
+        yield Case("Lengths", f"{cells:.0e} cells from the origin", lambda s=shift: ball().scaled(1.0, s),
+                   scene(shift=(shift,) * 3), bound, quick=cells == 1e11)
+
+
+def values():
+    for exponent in (-300, -60, -40, 45, 60, 99):
+        factor = 10.0**exponent
+        yield Case("Values", f"in units of 1e{exponent}",
+                   lambda f=factor: ball().with_values(ball().values["f"] * f),
+                   scene(domain=(-factor, factor)) if exponent > -100 else scene(domain=(-factor, factor)), 0.003,
+                   quick=exponent in (-300, 60), baseline=True)
+    for outlier in (1e6, 1e8, 9.969209968386869e36, 1e60):
+        yield Case("Values", f"one outlier of {outlier:.0e}", lambda v=outlier: with_outlier(v), scene(), 0.003,
+                   quick=outlier > 1e30)
+    yield Case("Values", "ten decades, seen at the lowest", lambda: meshes.decades_of(meshes.ball(20), 10),
+               scene(domain=(1e-10, 1e-9), density=[[0, 3.0], [1, 0.0]]), 0.01)
+    yield Case("Values", "ten decades on a logarithmic axis", lambda: meshes.decades_of(meshes.ball(20), 10),
+               logarithmic(scene(domain=(1e-10, 1))), 0.005, quick=True)
+    yield Case("Values", "one value everywhere", lambda: ball().with_values(np.full(len(ball().points), 0.5)), scene(), 0.003,
+               quick=True)
+    yield Case("Values", "0 and 1 at random", lambda: ball().with_values(np.random.default_rng(3).integers(0, 2, len(ball().points))),
+               scene(domain=(0, 1)), 0.025)
+    yield Case("Values", "a tenth missing (NaN)", lambda: changed(ball(), slice(None, None, 10), np.nan), scene(), 0.01, quick=True)
+    yield Case("Values", "all missing", lambda: changed(ball(), slice(None), np.nan), scene(), REFUSED, quick=True)
+
+
+def logarithmic(of):
+    of["transfer_function"]["axis"] = "log"
+    return of
+
+
+def functions():
+    for width in (1e-2, 1e-3, 1e-6, 1e-9):
+        yield Case("Functions", f"a peak of {width:.0e} of the domain", ball, scene(density=peak(width)), 0.02, vtk=True,
+                   quick=width == 1e-2)
+    for extinction in (1e2, 1e3, 1e6):
+        yield Case("Functions", f"extinction of {extinction:.0e} per size", ball,
+                   scene(density=[[0, 0], [0.5, 0], [1, extinction]]), 0.02, vtk=True, quick=extinction == 1e3)
+    for width in (1e-2, 1e-6):
+        dense = [[t, d * 1e4] for t, d in peak(width)]
+        yield Case("Functions", f"a peak of {width:.0e}, dense", ball, scene(density=dense), 0.04, vtk=True)
+    yield Case("Functions", "a box", ball, scene(density=[[0, 0], [0.5, 0], [0.5, 3.0], [0.8, 3.0], [0.8, 0], [1, 0]]), 0.01,
+               vtk=True, quick=True)
+    bright = [[0, 10, 20, 80], [1, 900, 200, 100]]
+    yield Case("Functions", "colours of up to 900", ball, scene(colors=bright), 3.0, octant=30.0)
+    for ratio in (30, 100, 10000):
+        for what, factor, bound in (("thin", 1, 0.003), ("dense", 300, 0.02)):
+            yield Case("Functions", f"a plate of 1:{ratio}, {what}", lambda r=ratio: meshes.flat(r),
+                       scene(density=[[0, 0.2 * factor], [1, 3.0 * factor]]), bound, quick=ratio == 100)
+    yield Case("Functions", "one tetrahedron", meshes.one_tetrahedron, scene(density=[[0, 0.5], [1, 2.0]]), 0.03, quick=True)
+    yield Case("Functions", "a lattice along its axis", lattice, scene(eye=(0, 0, 5.0), density=[[0, 0.2], [1, 3.0]]), 0.01,
+               projections=("orthographic",))
+    yield Case("Functions", "a body in front of one 1000 times as large", meshes.two_bodies,
+               scene(eye=(0, 0, 1.506), target=(0, 0, 1.5), height=0.004, density=[[0, 100], [1, 1000.0]]), 0.03)
+
+
+def cameras():
+    for fov, eye in ((179, (0, 0, 1.05)), (120, (0, 0, 1.2)), (0.1, (1100, 800, 2000)), (1e-4, (1.1e6, 8e5, 2e6))):
+        yield Case("Cameras", f"{fov} degrees", ball, scene(fov=fov, eye=eye), 0.01, projections=("perspective",), quick=fov == 179)
+    vertex = lattice().points[665]
+    for name, eye in (("on a vertex", vertex), ("on an edge", vertex + [0.1, 0, 0]), ("in a face", vertex + [0.1, 0.07, 0]),
+                      ("in a cell", vertex + [0.1, 0.07, 0.03])):
+        yield Case("Cameras", name, lattice, scene(eye=tuple(eye), target=(1.5, 1.0, 2.0), fov=60), 0.01, quick=name == "on a vertex")
+    for far in (1e-6, 1e6):
+        fov = 60 if far < 1 else 1.5e-4
+        eye = np.array([0.0, 0, 1 + far]) if far < 1 else np.array([0.3, 0.2, 1.0]) * far
+        yield Case("Cameras", f"{far:.0e} sizes away", ball, scene(eye=tuple(eye), fov=fov), 0.01)
+    for pixels in ((1, 1), (1, 4096), (4096, 1), (3000, 2)):
+        yield Case("Cameras", f"{pixels[0]} x {pixels[1]} pixels", ball, scene(pixels=pixels), 0.03, quick=pixels == (1, 1))
+
+
+def shapes():
+    yield Case("Meshes", "cells of nine decades", meshes.graded, scene(), 0.01, quick=True)
+    yield Case("Meshes", "hanging nodes", meshes.hanging, scene(), 0.01, quick=True)
+    yield Case("Meshes", "inverted cells", lambda: inverted(ball()), scene(), 0.003, baseline=True)
+    yield Case("Meshes", "flat cells among others", lambda: with_flat_cells(ball()), scene(), 0.003, quick=True, baseline=True)
+    yield Case("Meshes", "a position that is NaN", lambda: changed(ball(), 30, position=np.nan), scene(), 0.01)
+    yield Case("Meshes", "all points at one place", lambda: collapsed(100, 0), scene(), 0, exact=False)
+    yield Case("Meshes", "points on a line", lambda: collapsed(100, 1), scene(), 0, exact=False)
+    yield Case("Meshes", "points on a plane", lambda: collapsed(100, 2), scene(), 0, exact=False, quick=True)
+    for count in (1, 2, 8):
+        points = meshes.points_only(count).points
+        yield Case("Meshes", f"{count} points", lambda p=points: mesh_of_points(p), scene(), 0, exact=False, quick=count == 1)
+    yield Case("Meshes", "300 attributes", lambda: renamed([f"a{i}" for i in range(299)] + ["f"]), scene(), 0.003)
+    yield Case("Meshes", "a name of 10 kB", lambda: renamed(["n" * 10000]), scene(attribute="n" * 10000), 0.003)
+    yield Case("Meshes", "a name with line breaks", lambda: renamed(["a\nb"]), scene(attribute="a\nb"), 0.003, quick=True)
+    yield Case("Meshes", "an empty name", lambda: renamed([""]), scene(attribute=""), REFUSED, quick=True)
+
+
+def all_cases():
+    return [*units(), *values(), *functions(), *cameras(), *shapes()]
