@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -12,8 +11,9 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/format/allocation_counter.h"
-#include "tests/format/surgery.h"
+#include "tests/support/explorer.h"
 #include "tests/support/sanitizers.h"
+#include "tests/support/surgery.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol::test {
@@ -37,99 +37,6 @@ TestVolume volume_of(std::size_t points, std::size_t attributes) {
   return make_test_volume(random_points(points, 3), values, options);
 }
 
-// All reads of a file that a reader may do, each by itself.
-class Explorer {
- public:
-  explicit Explorer(const Volume& volume) : volume_(volume) {}
-
-  bool read_everything() {
-    for (int attribute = -1; attribute < static_cast<int>(volume_.info().attributes.size()); ++attribute) {
-      const auto root = volume_.read_index_root(attribute);
-      note(root.has_value());
-      if (root) walk(*root, attribute, 0);
-    }
-    note(volume_.read_histograms().has_value());
-    const std::uint64_t rows = volume_.rows().row_count();
-    for (std::uint64_t row = 0; row < std::min<std::uint64_t>(rows, 500);) {
-      const auto page = volume_.read_directory_page(volume_.directory_page_of_row(row));
-      note(page.has_value());
-      const std::uint64_t end =
-          std::min(rows, (row / volume_.info().rows_per_directory_page + 1) * volume_.info().rows_per_directory_page);
-      for (; page && row < std::min<std::uint64_t>(end, 500); ++row) read_row(*page, row);
-      row = end;
-    }
-    return all_read_;
-  }
-
- private:
-  void note(bool read) { all_read_ = all_read_ && read; }
-
-  void walk(const IndexPage& page, int attribute, int pages_deep) {
-    EXPECT_EQ(page.nodes.summaries.size(), attribute < 0 ? 0 : page.nodes.size());
-    EXPECT_GT(page.memory_bytes(), 0u);
-    for (std::size_t node = 0; node < page.nodes.size(); ++node) {
-      const auto children = static_cast<std::uint32_t>(std::popcount(page.nodes.child_masks[node]));
-      if (page.first_children[node] != IndexPage::no_node) {
-        EXPECT_GT(page.first_children[node], node);
-        EXPECT_LE(page.first_children[node] + children, page.nodes.size());
-      }
-      if (page.links[node] == IndexPage::no_node || pages_deep > 100 || ++pages_ > 200) continue;
-      const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
-                                                 page.nodes.counts_of(node), attribute);
-      note(child.has_value());
-      if (child) walk(*child, attribute, pages_deep + 1);
-    }
-  }
-
-  void read_row(const DirectoryPage& page, std::uint64_t row) {
-    const Group group = volume_.rows().group(volume_.rows().group_of_row(row));
-    for (const int c : volume_.rows().columns_of_row(row)) {
-      const ChunkLocation& location = volume_.find_chunk(page, row, c);
-      const auto packed = volume_.read_bytes(location.offset, location.entry.packed_bytes);
-      note(packed.has_value());
-      if (!packed) continue;
-      const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(c)].kind;
-      note(read_chunk(kind, location.entry, *packed, group.count).has_value());
-    }
-  }
-
-  Status read_chunk(ColumnKind kind, const ChunkEntry& entry, const Bytes& packed, std::size_t points) const {
-    const Cube& cube = volume_.info().cube;
-    const auto into_lengths = [&](auto element, auto unpack, const auto& bound) {
-      std::vector<decltype(element)> out(points);
-      return unpack(entry, packed, out, bound, "test");
-    };
-    const auto into = [&](auto element, auto unpack) {
-      std::vector<decltype(element)> out(points);
-      return unpack(entry, packed, out, "test");
-    };
-    std::vector<std::uint8_t> depths(points), counts(points);
-    switch (kind) {
-      case ColumnKind::position:
-        return into_lengths(dvec3(), unpack_positions, cube);
-      case ColumnKind::centroid:
-        return into_lengths(dvec3(), unpack_centroids, cube);
-      case ColumnKind::value:
-        return into(float(), unpack_values);
-      case ColumnKind::octant:
-        return unpack_octants(entry, packed, depths, counts, "test");
-      case ColumnKind::moments:
-        return into_lengths(SplatShape(), unpack_moments, cube.edge);
-      case ColumnKind::value_moments:
-        return into(SplatValue(), unpack_value_moments);
-      case ColumnKind::gradient:
-        return into(vec3(), unpack_gradients);
-      case ColumnKind::unknown:
-        break;
-    }
-    return {};
-  }
-
-  const Volume& volume_;
-  bool all_read_ = true;
-  int pages_ = 0;
-};
-
 struct Outcome {
   bool opened = false;
   bool verified = false;
@@ -140,9 +47,10 @@ Outcome explore(const Bytes& file) {
   const auto volume = Volume::open(memory_source(file, "mutant"));
   if (!volume) return {false, false, volume.error().message};
   const Status verified = (*volume)->verify([](double) {});
-  const bool read = Explorer(**volume).read_everything();
+  const Exploration read = explore_volume(**volume);
+  EXPECT_EQ(read.broken, "");
   if (verified) {
-    EXPECT_TRUE(read) << "verify accepts what cannot be read";
+    EXPECT_TRUE(read.all_read) << "verify accepts what cannot be read";
   }
   return {true, verified.has_value(), verified ? "" : verified.error().message};
 }

@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <span>
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "tests/support/surgery.h"
 #include "tests/support/volume_dump.h"
 
 namespace splatvol {
@@ -93,6 +95,26 @@ TEST(Golden, ReductionsHaveSeveralResolutionsAndSeriesSeveralSteps) {
       ASSERT_TRUE(volume->series());
       EXPECT_EQ(volume->series()->steps.size(), 3u);
       EXPECT_EQ(volume->series()->entries.size(), 5u);  // with a dead part for each append
+    }
+  }
+}
+
+// What fuzzers mutate: the parts of any file, with steps too.
+TEST(Golden, EachFileCanBeTakenApartAndPutTogether) {
+  const auto leave_alone = [](test::Part, std::size_t, format::Bytes&) {};
+  for (const std::filesystem::path& path : golden_files()) {
+    const auto text = read_text_file(path);
+    ASSERT_TRUE(text) << text.error().message;
+    const auto parts = test::Dissected::take_apart(std::as_bytes(std::span(*text)));
+    ASSERT_TRUE(parts) << path;
+    EXPECT_EQ(parts->count(test::Part::summary_table), path.stem() == "series" ? 3u : 0u);
+    for (const test::Packing packing : {test::Packing::zstd, test::Packing::raw}) {
+      const format::Bytes bytes = parts->assemble(leave_alone, packing);
+      const auto volume = format::Volume::open(memory_source(bytes, path));
+      ASSERT_TRUE(volume) << volume.error().message;
+      const Status verified = (*volume)->verify([](double) {});
+      EXPECT_TRUE(verified) << verified.error().message;
+      EXPECT_EQ(test::dump_volume(**volume).value(), test::dump_volume(*open(path)).value()) << path;
     }
   }
 }

@@ -1,0 +1,127 @@
+#include "tests/support/explorer.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <vector>
+
+namespace splatvol::test {
+
+using namespace format;
+
+namespace {
+
+constexpr std::uint64_t most_rows = 500;
+
+class Explorer {
+ public:
+  explicit Explorer(const Volume& volume) : volume_(volume) {}
+
+  Exploration read_everything() {
+    for (int attribute = -1; attribute < static_cast<int>(volume_.info().attributes.size()); ++attribute) {
+      const auto root = volume_.read_index_root(attribute);
+      note(root.has_value());
+      if (root) walk(*root, attribute, 0);
+    }
+    note(volume_.read_histograms().has_value());
+    const std::uint64_t rows = std::min(volume_.rows().row_count(), most_rows);
+    for (std::uint64_t row = 0; row < rows; ++row)
+      for (const int column : volume_.rows().columns_of_row(row)) read_chunk(row, column);
+    return result_;
+  }
+
+ private:
+  void note(bool read) { result_.all_read = result_.all_read && read; }
+  void require(bool holds, const char* promise) {
+    if (!holds) result_.broken = promise;
+  }
+
+  void walk(const IndexPage& page, int attribute, int pages_deep) {
+    require(page.nodes.summaries.size() == (attribute < 0 ? 0 : page.nodes.size()), "a summary for each node");
+    require(page.memory_bytes() > 0, "a page takes memory");
+    for (std::size_t node = 0; node < page.nodes.size(); ++node) {
+      const auto children = static_cast<std::uint32_t>(std::popcount(page.nodes.child_masks[node]));
+      if (page.first_children[node] != IndexPage::no_node) {
+        require(page.first_children[node] > node, "children follow their parent");
+        require(page.first_children[node] + children <= page.nodes.size(), "children are in the page");
+      }
+      if (page.links[node] == IndexPage::no_node || pages_deep > 100 || ++pages_ > 200) continue;
+      const auto child = volume_.read_index_page(page.pages[page.links[node]], page.nodes.child_masks[node],
+                                                 page.nodes.counts_of(node), attribute);
+      note(child.has_value());
+      if (child) walk(*child, attribute, pages_deep + 1);
+    }
+  }
+
+  void read_chunk(std::uint64_t row, int column) {
+    const std::uint64_t number = volume_.directory_page_of_row(row, column);
+    if (number != page_number_) {
+      page_number_ = number;
+      page_ = volume_.read_directory_page(number);
+      note(page_.has_value());
+    }
+    if (!page_) return;
+    const ChunkLocation& location = volume_.find_chunk(*page_, row, column);
+    const auto packed = volume_.read_bytes(location.offset, location.entry.packed_bytes);
+    note(packed.has_value());
+    if (!packed) return;
+    const Group group = volume_.rows().group(volume_.rows().group_of_row(row));
+    const ColumnKind kind = volume_.info().columns[static_cast<std::size_t>(column)].kind;
+    note(unpack_chunk(kind, location.entry, *packed, group.count).has_value());
+  }
+
+  Status unpack_chunk(ColumnKind kind, const ChunkEntry& entry, const Bytes& packed, std::size_t points) const {
+    const Cube& cube = volume_.info().cube;
+    const auto into_lengths = [&](auto element, auto unpack, const auto& bound) {
+      std::vector<decltype(element)> out(points);
+      return unpack(entry, packed, out, bound, "test");
+    };
+    const auto into = [&](auto element, auto unpack) {
+      std::vector<decltype(element)> out(points);
+      return unpack(entry, packed, out, "test");
+    };
+    std::vector<std::uint8_t> depths(points), counts(points);
+    switch (kind) {
+      case ColumnKind::position:
+        return into_lengths(dvec3(), unpack_positions, cube);
+      case ColumnKind::centroid:
+        return into_lengths(dvec3(), unpack_centroids, cube);
+      case ColumnKind::value:
+        return into(float(), unpack_values);
+      case ColumnKind::octant:
+        return unpack_octants(entry, packed, depths, counts, "test");
+      case ColumnKind::moments:
+        return into_lengths(SplatShape(), unpack_moments, cube.edge);
+      case ColumnKind::value_moments:
+        return into(SplatValue(), unpack_value_moments);
+      case ColumnKind::gradient:
+        return into(vec3(), unpack_gradients);
+      case ColumnKind::unknown:
+        break;
+    }
+    return {};
+  }
+
+  const Volume& volume_;
+  Exploration result_;
+  int pages_ = 0;
+  std::uint64_t page_number_ = ~std::uint64_t{0};
+  Result<DirectoryPage> page_ = DirectoryPage();
+};
+
+}  // namespace
+
+Exploration explore_volume(const Volume& volume) {
+  if (!volume.series()) return Explorer(volume).read_everything();
+  Exploration all;
+  const std::size_t steps = std::min<std::size_t>(volume.series()->steps.size(), 4);
+  for (std::size_t step = 0; step < steps; ++step) {
+    const auto at_step = volume.at_step(step);
+    const Exploration one = at_step ? Explorer(**at_step).read_everything() : Exploration{false, ""};
+    all.all_read = all.all_read && one.all_read;
+    if (!one.broken.empty()) all.broken = one.broken;
+  }
+  return all;
+}
+
+}  // namespace splatvol::test
