@@ -5,12 +5,15 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "base/json_nesting.h"
+#include "base/nesting.h"
 
 namespace splatvol::format {
 namespace {
 
 using nlohmann::ordered_json;
+
+// An index of ours has 3 levels.
+constexpr int max_nesting = 32;
 
 bool is_step(const ordered_json& step) {
   return step.is_object() && step.contains("time") && step["time"].is_number() && step.contains("file") &&
@@ -75,9 +78,8 @@ std::string to_json(const SeriesIndex& index) {
 }
 
 Result<SeriesIndex> series_index_from_json(const std::string& text) {
-  constexpr int levels = 8;
-  if (!nests_at_most(text, levels))
-    return fail(ErrorCode::invalid_data, "not the index of a time series: nested deeper than {} levels", levels);
+  if (is_nested_deeper(text, max_nesting))
+    return fail(ErrorCode::invalid_data, "not the index of a time series: nested deeper than {} levels", max_nesting);
   const auto document = ordered_json::parse(text, nullptr, false);
   if (!document.is_object() || !document.contains("steps") || !document["steps"].is_array())
     return fail(ErrorCode::invalid_data, "not the index of a time series: no list \"steps\"");

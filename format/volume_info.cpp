@@ -8,8 +8,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "base/json_nesting.h"
 #include "base/names.h"
+#include "base/nesting.h"
 #include "format/layout.h"
 
 namespace splatvol::format {
@@ -260,9 +260,9 @@ VolumeInfo read_info(const json& root) {
   return info;
 }
 
-// The library's own hook for such checks takes time in proportion to the square of a list's length.
+// (The library's own hook for such checks takes time in proportion to the square of a list's length.)
 json parse_shallow(const std::string& text) {
-  require(nests_at_most(text, max_nesting), fmt::format("nested deeper than {} levels", max_nesting));
+  require(!is_nested_deeper(text, max_nesting), fmt::format("nested deeper than {} levels", max_nesting));
   return json::parse(text);
 }
 

@@ -5,13 +5,16 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
-#include "base/json_nesting.h"
+#include "base/nesting.h"
 #include "viewer/camera_control.h"
 
 namespace splatvol {
 namespace {
 
 using json = nlohmann::ordered_json;
+
+// A path of ours has 4 levels.
+constexpr int max_nesting = 32;
 
 glm::dquat orientation_of(const Camera& camera) {
   const CameraAxes axes = axes_of(camera);
@@ -49,10 +52,9 @@ std::string path_to_json(const CameraPath& path) {
 
 Result<CameraPath> load_camera_path(const std::string& file) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(file));
+  if (is_nested_deeper(text, max_nesting))
+    return fail(ErrorCode::invalid_data, "{}: not a camera path (nested deeper than {} levels)", file, max_nesting);
   CameraPath path;
-  constexpr int levels = 8;
-  if (!nests_at_most(text, levels))
-    return fail(ErrorCode::invalid_data, "{}: not a camera path (nested deeper than {} levels)", file, levels);
   try {
     const json document = json::parse(text);
     path.seconds = document.at("seconds");

@@ -174,6 +174,15 @@ TEST(SeriesIndex, RoundTrip) {
   EXPECT_TRUE(std::isnan(back->attributes[1].range.min) && std::isnan(back->attributes[1].range.max));
 }
 
+// Such text once exhausted the stack.
+TEST(SeriesIndex, RefusesDeepNesting) {
+  constexpr std::size_t levels = 400'000;
+  const auto index = format::series_index_from_json(R"({"steps": [)" + std::string(levels, '[') +
+                                                    std::string(levels, ']') + R"(], "attributes": []})");
+  ASSERT_FALSE(index);
+  EXPECT_THAT(index.error().message, HasSubstr("nested deeper"));
+}
+
 TEST(SeriesIndex, RefusesWhatIsNone) {
   for (const char* text :
        {"", "[]", "{}", R"({"steps": 3})", R"({"steps": []})", R"({"steps": [{"time": 0}]})",

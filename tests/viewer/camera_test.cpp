@@ -189,5 +189,14 @@ TEST_F(CameraPathFile, RefusesWhatIsNone) {
   }
 }
 
+// Such text once exhausted the stack.
+TEST_F(CameraPathFile, RefusesDeepNesting) {
+  constexpr std::size_t levels = 400'000;
+  write(R"({"seconds": 5, "cameras": [)" + std::string(levels, '[') + std::string(levels, ']') + "]}");
+  const auto path = load_camera_path(file);
+  ASSERT_FALSE(path);
+  EXPECT_THAT(path.error().message, HasSubstr("nested deeper"));
+}
+
 }  // namespace
 }  // namespace splatvol

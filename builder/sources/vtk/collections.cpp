@@ -5,9 +5,7 @@
 #include <vtkInformation.h>
 #include <vtkInformationVector.h>
 #include <vtkSmartPointer.h>
-#include <vtkXMLDataElement.h>
 #include <vtkXMLReader.h>
-#include <vtkXMLUtilities.h>
 
 #include <algorithm>
 #include <charconv>
@@ -25,28 +23,22 @@
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/reader.h"
 #include "builder/sources/vtk/xml_checks.h"
+#include "builder/sources/vtk/xml_file.h"
 
 namespace splatvol {
 namespace {
 
-constexpr int deepest = 64;
-
 using VisitElement = std::function<void(vtkXMLDataElement& element)>;
 
-void visit_elements(vtkXMLDataElement& element, int depth, const VisitElement& visit) {
+void visit_elements(vtkXMLDataElement& element, const VisitElement& visit) {
   visit(element);
-  if (depth == deepest) throw ReaderError("its blocks are nested too deeply");
-  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i)
-    visit_elements(*element.GetNestedElement(i), depth + 1, visit);
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) visit_elements(*element.GetNestedElement(i), visit);
 }
 
 /// Visits all elements of a file in their order.
 Status read_elements(const std::string& path, const VisitElement& visit) {
-  return run_vtk(path, [&] {
-    const auto root = vtkSmartPointer<vtkXMLDataElement>::Take(vtkXMLUtilities::ReadElementFromFile(path.c_str()));
-    if (!root) throw ReaderError("damaged: not a whole XML file");
-    visit_elements(*root, 0, visit);
-  });
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
+  return run_vtk(path, [&] { visit_elements(*parser->GetRootElement(), visit); });
 }
 
 bool is_data_set(vtkXMLDataElement& element) { return element.GetName() == std::string("DataSet"); }

@@ -4,13 +4,11 @@
 #include <vtkDataSetReader.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
-#include <vtkXMLDataElement.h>
 #include <vtkXMLImageDataReader.h>
 #include <vtkXMLPolyDataReader.h>
 #include <vtkXMLRectilinearGridReader.h>
 #include <vtkXMLStructuredGridReader.h>
 #include <vtkXMLUnstructuredGridReader.h>
-#include <vtkXMLUtilities.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -26,6 +24,7 @@
 #include "builder/sources/vtk/unstructured_reader.h"
 #include "builder/sources/vtk/vtkhdf_reader.h"
 #include "builder/sources/vtk/xml_checks.h"
+#include "builder/sources/vtk/xml_file.h"
 
 namespace splatvol {
 namespace {
@@ -205,17 +204,15 @@ std::unique_ptr<VtkDataSets> read_vtk_files(std::vector<VtkFile> files, std::vec
 }
 
 Result<std::vector<std::string>> pvtu_pieces(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   std::vector<std::string> pieces;
-  SPLATVOL_TRY(run_vtk(path, [&] {
-    const auto root = vtkSmartPointer<vtkXMLDataElement>::Take(vtkXMLUtilities::ReadElementFromFile(path.c_str()));
-    vtkXMLDataElement* grid = root ? root->FindNestedElementWithName("PUnstructuredGrid") : nullptr;
-    const auto folder = std::filesystem::path(path).parent_path();
-    for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
-      vtkXMLDataElement* element = grid->GetNestedElement(i);
-      const char* file = element->GetAttribute("Source");
-      if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
-    }
-  }));
+  vtkXMLDataElement* grid = parser->GetRootElement()->FindNestedElementWithName("PUnstructuredGrid");
+  const auto folder = std::filesystem::path(path).parent_path();
+  for (int i = 0; grid && i < grid->GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement* element = grid->GetNestedElement(i);
+    const char* file = element->GetAttribute("Source");
+    if (element->GetName() == std::string("Piece") && file) pieces.push_back((folder / file).string());
+  }
   if (pieces.empty()) return fail(ErrorCode::invalid_data, "{}: damaged, or names no pieces", path);
   return pieces;
 }

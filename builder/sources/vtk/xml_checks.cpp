@@ -1,9 +1,5 @@
 #include "builder/sources/vtk/xml_checks.h"
 
-#include <vtkSmartPointer.h>
-#include <vtkXMLDataElement.h>
-#include <vtkXMLDataParser.h>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -21,7 +17,7 @@
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/compression.h"
 #include "builder/sources/vtk/file_words.h"
-#include "builder/sources/vtk/messages.h"
+#include "builder/sources/vtk/xml_file.h"
 
 namespace splatvol {
 namespace {
@@ -299,13 +295,8 @@ class Arrays {
 }  // namespace
 
 Status check_xml(const std::string& path) {
-  const auto parser = vtkSmartPointer<vtkXMLDataParser>::New();
-  SPLATVOL_TRY(run_vtk(path, [&] {
-    parser->SetFileName(path.c_str());
-    parser->Parse();
-  }));
+  SPLATVOL_TRY_ASSIGN(parser, parse_xml(path));
   vtkXMLDataElement* root = parser->GetRootElement();
-  if (!root) return fail(ErrorCode::invalid_data, "{}: not XML", path);
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
   SPLATVOL_TRY(check_memory(path, *root));

@@ -443,6 +443,22 @@ TEST_F(FormatsTest, GmshOrders) {
   }
 }
 
+// Such files once exhausted the stack.
+TEST_F(FormatsTest, RefusesDeeplyNestedXml) {
+  constexpr int levels = 200'000;
+  std::string text;
+  for (int i = 0; i < levels; ++i) text += "<a>";
+  for (int i = 0; i < levels; ++i) text += "</a>";
+  for (const auto& [name, type] : {std::pair<std::string, std::string>{"a.vtu", "UnstructuredGrid"},
+                                   {"a.vti", "ImageData"},
+                                   {"a.pvtu", "PUnstructuredGrid"},
+                                   {"a.pvd", "Collection"},
+                                   {"a.vtm", "vtkMultiBlockDataSet"}}) {
+    write(name, "<VTKFile type=\"" + type + "\">" + text + "</VTKFile>");
+    EXPECT_THAT(error_of(name), HasSubstr("nested deeper")) << name;
+  }
+}
+
 // In version 2.2 an element of two physical groups is written twice.
 TEST_F(FormatsTest, RepeatedElementsOfGmshCountOnce) {
   write(
