@@ -1,8 +1,10 @@
 #include "viewer/events.h"
 
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <stdexcept>
 
 namespace splatvol {
 namespace {
@@ -21,22 +23,32 @@ json to_json(const FilesDropped& e) { return {"drop", e.paths}; }
 
 constexpr int largest_side = 16384;
 
-// Throws json::exception if `e` has another form.
+// Returns a number within the range of its type. Throws an exception if it is none.
+template <class Integer>
+Integer whole(const json& number) {
+  const auto value = number.get<double>();
+  constexpr auto least = std::numeric_limits<Integer>::min(), largest = std::numeric_limits<Integer>::max();
+  if (!(value >= least && value <= largest)) throw std::out_of_range("a number out of range");
+  return static_cast<Integer>(value);
+}
+
+// Throws an exception if `e` has another form.
 Result<Event> event_of(const json& e) {
   const std::string kind = e.at(0);
   const auto number = [&](std::size_t i) { return e.at(i).get<double>(); };
   if (kind == "pointer") return PointerMoved{number(1), number(2)};
-  if (kind == "button") return ButtonChanged{e.at(1), e.at(2)};
+  if (kind == "button") return ButtonChanged{whole<int>(e.at(1)), e.at(2)};
   if (kind == "scroll") return Scrolled{number(1), number(2)};
   if (kind == "key") {
-    const KeyChanged event{e.at(1), e.at(2)};
+    const KeyChanged event{whole<int>(e.at(1)), e.at(2)};
     if (event.code < 0 || event.code >= key::count) return fail(ErrorCode::invalid_data, "no such key: {}", event.code);
     return event;
   }
-  if (kind == "text") return TextTyped{e.at(1)};
+  if (kind == "text") return TextTyped{whole<std::uint32_t>(e.at(1))};
   if (kind == "drop") return FilesDropped{e.at(1)};
   if (kind == "size") {
-    const WindowResized event{e.at(1), e.at(2), e.at(3), e.at(4), number(5)};
+    const WindowResized event{whole<int>(e.at(1)), whole<int>(e.at(2)), whole<int>(e.at(3)), whole<int>(e.at(4)),
+                              number(5)};
     for (const int side : {event.width, event.height, event.pixel_width, event.pixel_height})
       if (side < 0 || side > largest_side) return fail(ErrorCode::invalid_data, "impossible size");
     if (!(event.content_scale >= 0.25 && event.content_scale <= 16))
@@ -57,7 +69,7 @@ Result<FrameInput> parse_line(const std::string& line) {
       input.events.push_back(std::move(event));
     }
     return input;
-  } catch (const json::exception& error) {
+  } catch (const std::exception& error) {
     return fail(ErrorCode::invalid_data, "not a frame of a recording ({})", error.what());
   }
 }

@@ -47,6 +47,9 @@ TEST_F(Recording, RefusesWhatIsNone) {
                                      {R"({"seconds": 0, "events": [["jump", 1]]})", "jump"},
                                      {R"({"seconds": 0, "events": [["key", 100000, true]]})", "100000"},
                                      {R"({"seconds": 0, "events": [["key", "A", true]]})", "not a frame"},
+                                     {R"({"seconds": 0, "events": [["key", 4294967361, true]]})", "out of range"},
+                                     {R"({"seconds": 0, "events": [["button", 1e300, true]]})", "out of range"},
+                                     {R"({"seconds": 0, "events": [["text", -1]]})", "out of range"},
                                      {R"({"seconds": 0, "events": [["size", 9, 9, -1, 9, 1]]})", "size"},
                                      {R"({"seconds": 0, "events": [["size", 9, 9, 9, 9, 0]]})", "scale"}}) {
     write(text);
