@@ -17,6 +17,9 @@ constexpr double smallest_pixels = 0.5;  // splats of this width show half of th
 // At least this share of a node counts, even if less is in view: its splats reach out of its cube.
 constexpr double smallest_share_in_view = 0.01;
 
+// Sums of such errors stay in the range of single precision.
+constexpr double largest_error = 1e30;
+
 struct Footprint {
   double area;   // pixels that a section of the cube covers
   double scale;  // pixels per world unit
@@ -79,8 +82,9 @@ ErrorModel::Terms ErrorModel::OfNode::at(std::size_t resolution, std::uint64_t s
   const double damping = 1 + values_.extinction * share * edge;
   const double geometry = model_.scaling_ * area_ * edge * edge * share / damping * pixels_squared /
                           (pixels_squared + smallest_pixels * smallest_pixels);
-  return {geometry * (values_.variance(share) + shape_share * values_.squares),
-          geometry * seam_share * values_.squares};
+  // fmin also replaces what is no number: a product of 0 and an overflow.
+  return {std::fmin(geometry * (values_.variance(share) + shape_share * values_.squares), largest_error),
+          std::fmin(geometry * seam_share * values_.squares, largest_error)};
 }
 
 }  // namespace splatvol

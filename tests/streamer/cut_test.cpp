@@ -504,6 +504,20 @@ TEST(CutByError, NeverPassesItsSplatsAndStandsForEveryPointOnce) {
   }
 }
 
+// Errors are kept in single precision. They grow with the square of the extinction.
+TEST(CutByError, AnyExtinctionHasACut) {
+  for (const double extinction : {1e15, 1e25, 1e50, 1e100}) {
+    TransferFunction function = edge_at(50);
+    for (TransferFunction::Density& density : function.densities) density.extinction = extinction;
+    Bench bench(test::sample_volume(500, 22), function);
+    std::mt19937 random(22);
+    const Cut cut = bench.cut(test::view_of_all(random), goal(100));
+    EXPECT_LE(cut.splats, std::max<std::uint64_t>(100, bench.volume.info.resolution_counts[0])) << extinction;
+    EXPECT_TRUE(std::isfinite(cut.squared_error)) << extinction;
+    EXPECT_THAT(test::coverage(bench.volume, cut), testing::Each(1)) << extinction;
+  }
+}
+
 TEST(CutByError, ExtremesAreTheCoarsestResolutionAndNearlyAllPoints) {
   Bench bench(test::sample_volume(2000, 22), edge_at(50));
   std::mt19937 random(22);
