@@ -1,0 +1,75 @@
+// A scene file: read, written and read again. What it describes is used: its view, its transfer function, its tables.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "fuzz/fuzz.h"
+#include "renderer/transfer_table.h"
+#include "scene/scene.h"
+
+using namespace splatvol;
+using splatvol::fuzz::require;
+using splatvol::fuzz::require_ok;
+
+namespace {
+
+bool is_finite(const dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+
+bool is_same(const Scene& a, const Scene& b) {
+  return a.camera == b.camera && a.width == b.width && a.height == b.height && a.background == b.background &&
+         a.attribute == b.attribute && a.transfer_function == b.transfer_function && a.lighting == b.lighting &&
+         a.clip_box == b.clip_box && a.outline == b.outline;
+}
+
+void check_function(const TransferFunction& function) {
+  for (const double t : {0.0, 0.25, 0.5, 1.0}) {
+    const double value = function.value_at(t);
+    require(value >= function.lo && value <= function.hi, "values of t are in the domain");
+    require(is_finite(function.color(value)) && std::isfinite(function.extinction(value)), "colours are finite");
+  }
+  for (const double value : {-1e102, 0.0, 1e102, function.lo, function.hi}) {
+    require(function.extinction(value) >= 0, "extinctions are not negative");
+    const AxisMoments moments = function.moments_of(value, 1);
+    require(!std::isnan(moments.mean) && moments.deviation >= 0, "moments are numbers");
+  }
+  const std::vector<double> all = bends(function);
+  require(all.size() >= 2 && all.front() == 0 && all.back() == 1 &&
+              std::ranges::adjacent_find(all, std::greater_equal<>()) == all.end(),
+          "bends rise from 0 to 1");
+  require(!linear_pieces(function).empty(), "a function has pieces");
+}
+
+void check_tables(const TransferFunction& function) {
+  for (const std::size_t rows : {1, 5}) {
+    const TransferTable table = make_transfer_table(function, 16, rows);
+    require(table.entries.size() == 16 * rows, "a table has all entries");
+    for (const vec4& entry : table.entries)
+      require(!glm::any(glm::isnan(entry)) && entry.a >= 0, "entries are numbers");
+  }
+  const auto levels = make_peak_levels(function, 16);
+  require(levels.size() == 5 && levels.back().size() == 1, "levels end in one entry");
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const auto scene = parse_scene(std::string(reinterpret_cast<const char*>(data), size));
+  if (!scene) {
+    require(scene.error().message.find('\n') == std::string::npos, "an error is one line");
+    return 0;
+  }
+  const auto again = parse_scene(scene_to_json(*scene));
+  require_ok(again, "a written scene can be read");
+  require(is_same(*scene, *again), "a scene comes back");
+  const auto camera = parse_camera(camera_to_json(scene->camera));
+  require(camera && *camera == scene->camera, "a camera comes back");
+
+  const auto view = make_view(*scene);
+  require_ok(view, "a scene has a view");
+  require(is_finite(view->right) && is_finite(view->up) && is_finite(view->forward) && std::isfinite(view->focal),
+          "a view is finite");
+  check_function(scene->transfer_function);
+  if (scene->transfer_function.densities.size() + scene->transfer_function.colors.size() < 64)
+    check_tables(scene->transfer_function);
+  return 0;
+}
