@@ -50,7 +50,8 @@ class Rasterizer {
   virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;
 
   /// Sets how splats that overlap become a picture: `splats` until then. Fails for `slabs` unless the processor draws
-  /// and the kernel is `moments`.
+  /// and the kernel is `moments`. Pictures of fewer than 64 pixels, and of data 1024 times farther than large, are
+  /// drawn one by one all the same.
   [[nodiscard]] virtual Status set_compositing(Compositing compositing) {
     if (compositing == Compositing::splats) return {};
     return fail(ErrorCode::invalid_argument, "OpenGL does not draw in slabs: take the device cpu");

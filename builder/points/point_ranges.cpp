@@ -18,12 +18,13 @@ double choose_offset(double low, double high) {
   return largest == 0 || fine ? 0.0 : low + (high - low) / 2;
 }
 
-// Single precision holds numbers from 1e-38 to 3e38, and their squares within the roots of these. A scale puts the
-// largest stored value at the root, so that values 1e57 times as small are still there.
+// Single precision holds numbers from 1e-38 to 3e38, and their squares within the roots of these. A scale brings
+// smaller values to 1, and larger ones to the upper root: then values 1e57 times as small are still there.
 double choose_scale(double largest) {
   constexpr int most_bits = 63;
   const double most = std::exp2(most_bits);
-  return largest == 0 || (largest >= 1 / most && largest <= most) ? 1.0 : std::exp2(std::ilogb(largest) - most_bits);
+  if (largest > most) return std::exp2(std::ilogb(largest) - most_bits);
+  return largest == 0 || largest >= 1 / most ? 1.0 : std::exp2(std::ilogb(largest));
 }
 
 }  // namespace

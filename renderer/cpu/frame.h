@@ -154,11 +154,13 @@ struct SlabSplat {
   float weight;                // about its optical depth; 0: nothing of it can be seen
   float spacing;               // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
   float stretch;               // as the near splat's
+  float kept;                  // its volume before it was widened to pixels, as a share of that after
 };
 
 /// A part of a tile between two depths, in drawing units.
 struct Slab {
   float front, back;
+  float kept = 1;  // mean of the splats in it, by optical depth
 };
 
 /// A splat of the kernel octant: a round Gaussian, whose alpha falls as 2^-(distance^2).

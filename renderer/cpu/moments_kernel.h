@@ -28,7 +28,7 @@ bool blend_moments(const FrameConstants& frame, const ScreenSplats& screen, std:
 struct SlabWorkspace {
   struct Splat {
     float front, back;  // depths
-    float weight, by_chord;
+    float weight, by_chord, kept;
     std::uint32_t slot;
     std::uint8_t grid;  // 2^grid: the spacing of its samples
     bool bounded;

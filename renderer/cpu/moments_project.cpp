@@ -141,6 +141,7 @@ struct Body {
   Vector3 l_x, l_y, l_z;  // rows of L
   Vector3 u, v, w;        // columns of L^-1
   Float volume;           // determinant of L
+  Float kept;             // volume before it was widened to pixels, as a share
   Float longest;          // bound on the half axes
   Mask near;              // the eye's plane cuts it or almost touches it
   Vector3 normal;         // of the boundary in the ball's coordinates, outwards; 0: no boundary
@@ -263,6 +264,7 @@ HWY_INLINE Mask make_body(const FrameConstants& frame, const Records& records, V
                         sqrt(fma(deviations.y, deviations.y, low_pass)),
                         sqrt(fma(deviations.z, deviations.z, low_pass))};
   const Vector3 kept{deviations.x / widened.x, deviations.y / widened.y, deviations.z / widened.z};
+  body.kept = kept.x * kept.y * kept.z;
   value = value_of(frame, records, kept, widened);
 
   set_boundary(kept, foot, body);
@@ -728,8 +730,8 @@ HWY_INLINE Mask masses_of(const Records& records, Float& mass) {
 }
 
 /// Returns the spacing of the pixels at which a splat is sampled in slabs. What lies between them is interpolated: sums
-/// of many splats are smooth where each of them is. Boundaries are not. Nor are sheets that are seen from the side: from
-/// one sample to the next their depth may change by half a chord, which is a slab, and no more.
+/// of many splats are smooth where each of them is. Boundaries are not. Nor are sheets that are seen from the side:
+/// from one sample to the next their depth may change by half a chord, which is a slab, and no more.
 HWY_INLINE Float sample_spacing(const Body& body, const Rays& rays, const Screen& screen) {
   constexpr float samples_across = 4.0F;  // of the smaller half of the outline's chords through its centre
   const Float half_width = screen.e_1.x * screen.e_2.y / sqrt(screen.height2);
@@ -758,6 +760,7 @@ HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float streng
   fields.add(max(root * strength * peak, 1e-12F));
   fields.add(spacing);
   fields.add(body.stretch);
+  fields.add(body.kept);
 }
 
 /// Projects a splat in each lane.

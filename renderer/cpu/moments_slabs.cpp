@@ -28,7 +28,20 @@ namespace {
 struct Neighbours {
   const SlabPlanes *before, *slab, *after;  // null: there is none
   float before_thickness, thickness, after_thickness;
+  float kept;  // as of the slab
 };
+
+/// Returns the density of a slab that is full: 1, but less for what is thinner than pixels. It was widened, so that its
+/// density falls: to that of the slab or its neighbours, whichever is densest.
+HWY_INLINE Float full_density(const Neighbours& n, Float mass, int at) {
+  const float thin = std::max(1 - 2 * n.kept, 0.0F);
+  if (thin == 0) return Float(1.0F);
+  const auto density = [&](const SlabPlanes* slab, float thickness)
+                           HWY_ATTR { return slab ? load(slab->mass + at) * (1.0F / thickness) : Float(0.0F); };
+  const Float densest =
+      max(mass * (1.0F / n.thickness), max(density(n.before, n.before_thickness), density(n.after, n.after_thickness)));
+  return fma(clamp(densest * 1.25F, 1e-6F, 1.0F) - 1.0F, thin, 1.0F);
+}
 
 /// Returns the length of material in a slab, at some pixels. `bounded`: it may have boundaries.
 HWY_INLINE Float length_of(const Neighbours& n, bool bounded, Float mass, int at) {
@@ -50,8 +63,10 @@ HWY_INLINE Float length_of(const Neighbours& n, bool bounded, Float mass, int at
     within = max(fma(max(leaves, enters), between - thickness, thickness), n.thickness * 1e-6F);
   }
   // Inside, the sum of densities only ripples. Where material ends without a boundary, it falls from 1 to 0.
-  const auto filled = [](Float length, Float held)
-                          HWY_ATTR { return length * clamp(fma(held / length, 1.5F, -0.25F), 0.0F, 1.0F); };
+  const Float full = full_density(n, mass, at);
+  const auto filled = [&](Float length, Float held) HWY_ATTR {
+    return length * full * clamp(fma(held / (length * full), 1.5F, -0.25F), 0.0F, 1.0F);
+  };
   if (!bounded) return filled(within, mass);
   // A boundary may be one of some cells only, as at hanging nodes: then more mass lies beyond it.
   const Float beyond = max(thickness - within, n.thickness * 1e-6F);
@@ -135,18 +150,19 @@ void sort_splats(const ScreenSplats& screen, std::span<const std::uint32_t> slot
     const auto slot = static_cast<std::uint32_t>(key);
     const SlabSplat& splat = screen.slab[slot];
     const auto spacing = static_cast<unsigned>(splat.spacing);
-    work.splats.push_back({splat.front, splat.back, splat.weight, splat.weight / splat.chord, slot,
+    work.splats.push_back({splat.front, splat.back, splat.weight, splat.weight / splat.chord, splat.kept, slot,
                            static_cast<std::uint8_t>(std::countr_zero(spacing)), splat.stretch > 0});
   }
 }
 
 /// Sums of what is at a depth: optical depths, and optical depths over chords.
 struct Crowd {
-  double weight = 0, by_chord = 0;
+  double weight = 0, by_chord = 0, kept = 0;
 
   void add(const SlabWorkspace::Splat& splat) {
     weight += splat.weight;
     by_chord += splat.by_chord;
+    kept += static_cast<double>(splat.weight) * splat.kept;
   }
 };
 
@@ -184,7 +200,7 @@ void make_slabs(const Slab& depths, SlabWorkspace& work) {
       back = std::min(back, std::max(back_of(crowd), splats[i].front));
     }
     if (!(back > depth)) return;
-    work.slabs.push_back({depth, back});
+    work.slabs.push_back({depth, back, static_cast<float>(crowd.kept / crowd.weight)});
     depth = back;
   }
 }
@@ -276,7 +292,7 @@ class SlabSequence {
   }
 
   void classify_slab(std::size_t i, TilePixels& pixels) const {
-    Neighbours n{nullptr, &planes_of(i), nullptr, 0, thickness(i), 0};
+    Neighbours n{nullptr, &planes_of(i), nullptr, 0, thickness(i), 0, slabs_[i].kept};
     if (i > 0 && touches_next(i - 1)) {
       n.before = &planes_of(i - 1);
       n.before_thickness = thickness(i - 1);

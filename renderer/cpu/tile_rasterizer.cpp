@@ -319,8 +319,7 @@ void TileRasterizer::reserve_batch() {
 }
 
 ScreenSplats TileRasterizer::screen() {
-  return {bounds_.data(), forms_.data(),     far_.data(),
-          near_.data(),   gaussians_.data(), mixes_ ? slab_.data() : nullptr};
+  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data(), mixes_ ? slab_.data() : nullptr};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {

@@ -55,8 +55,9 @@ Status write_vtu(const std::string& path, std::span<const dvec3> points,
   writer->SetInputData(grid);
   const bool written = writer->Write() != 0;
   const unsigned long error = writer->GetErrorCode();
-  if (!written || error != vtkErrorCode::NoError)
-    return fail(ErrorCode::io, "{}: cannot write: {}", path, vtkErrorCode::GetStringFromErrorCode(error));
+  if (error == vtkErrorCode::OutOfDiskSpaceError)
+    return fail(ErrorCode::io, "{}: cannot write: no space left, or a limit on the size of files", path);
+  if (!written || error != vtkErrorCode::NoError) return fail(ErrorCode::io, "{}: VTK's writer failed", path);
   return file.commit();
 }
 

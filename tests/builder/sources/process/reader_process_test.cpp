@@ -34,15 +34,12 @@ constexpr std::uint64_t plenty = std::uint64_t{1} << 30;
 
 class ReaderProcessTest : public test::FolderTest {
  protected:
-  /// A tetrahedron with an attribute, and elements that nest so deeply.
-  std::string nested_mesh(std::size_t depth) const {
-    std::string nested;
-    for (std::size_t i = 0; i < depth; ++i) nested += "<a>";
-    for (std::size_t i = 0; i < depth; ++i) nested += "</a>";
-    return write("nested.vtu",
+  /// A tetrahedron with an attribute of numbers, and more arrays at its points.
+  std::string mesh(const std::string& name, const std::string& more = "") const {
+    return write(name,
                  "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\"><UnstructuredGrid><Piece NumberOfPoints=\"4\" "
                  "NumberOfCells=\"1\"><PointData>" +
-                     nested +
+                     more +
                      "<DataArray type=\"Float32\" Name=\"f\" format=\"ascii\">1 2 3 4</DataArray></PointData>"
                      "<Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0 "
                      "0 0 1</DataArray></Points><Cells><DataArray type=\"Int32\" Name=\"connectivity\" "
@@ -50,6 +47,7 @@ class ReaderProcessTest : public test::FolderTest {
                      "format=\"ascii\">4</DataArray><DataArray type=\"UInt8\" Name=\"types\" "
                      "format=\"ascii\">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>");
   }
+  std::string sound_mesh() const { return mesh("sound.vtu"); }
 
   static std::string error_of(const ReaderProcessOptions& options, const std::string& input) {
     ReaderProcess reader(options);
@@ -66,12 +64,14 @@ class ReaderProcessTest : public test::FolderTest {
 };
 
 TEST_F(ReaderProcessTest, ACrashIsOneLineAndTheNextFileIsRead) {
-  const std::string hostile = nested_mesh(100000);  // overflows the stack of VTK's parser
+  // VTK 9.1 follows a null pointer for texts without their ends.
+  const std::string hostile =
+      mesh("hostile.vtu", "<DataArray type=\"String\" Name=\"s\" format=\"ascii\">1 2 3 4</DataArray>");
   ReaderProcess reader(reader_options());
   const auto refused = reader.open({hostile}, {});
   ASSERT_FALSE(refused);
   EXPECT_THAT(refused.error().message, AllOf(StartsWith(hostile), HasSubstr("crashes")));
-  const auto source = reader.open({nested_mesh(0)}, {});
+  const auto source = reader.open({sound_mesh()}, {});
   ASSERT_TRUE(source) << source.error().message;
   EXPECT_EQ((*source)->next().value()->points.size(), 4u);
 }
@@ -79,23 +79,23 @@ TEST_F(ReaderProcessTest, ACrashIsOneLineAndTheNextFileIsRead) {
 TEST_F(ReaderProcessTest, MemoryIsLimited) {
   if (test::is_sanitized) GTEST_SKIP() << "sanitizers reserve more memory than any limit";
   ReaderProcessOptions options = reader_options();
-  options.memory = 100u << 20;
-  EXPECT_THAT(error_of(options, nested_mesh(100000)), HasSubstr("100 MiB"));
+  options.memory = 1u << 20;
+  EXPECT_THAT(error_of(options, sound_mesh()), HasSubstr("memory"));
 }
 
 TEST_F(ReaderProcessTest, AReaderThatDoesNotGetOnIsEnded) {
-  EXPECT_THAT(error_of(options_with("/bin/sleep"), nested_mesh(0)), HasSubstr("for 2 s"));
-  EXPECT_THAT(error_of(options_with("/bin/false"), nested_mesh(0)), HasSubstr("ended too early"));
-  EXPECT_THAT(error_of(options_with(path("none")), nested_mesh(0)),
+  EXPECT_THAT(error_of(options_with("/bin/sleep"), sound_mesh()), HasSubstr("for 2 s"));
+  EXPECT_THAT(error_of(options_with("/bin/false"), sound_mesh()), HasSubstr("ended too early"));
+  EXPECT_THAT(error_of(options_with(path("none")), sound_mesh()),
               AllOf(HasSubstr("cannot start"), HasSubstr(path("none"))));
 }
 
 TEST_F(ReaderProcessTest, NoProcessIsLeft) {
   {
     ReaderProcess reader(reader_options());
-    EXPECT_TRUE(reader.open({nested_mesh(0)}, {}));
+    EXPECT_TRUE(reader.open({sound_mesh()}, {}));
   }
-  (void)error_of(options_with("/bin/sleep"), nested_mesh(0));
+  (void)error_of(options_with("/bin/sleep"), sound_mesh());
   EXPECT_EQ(::waitpid(-1, nullptr, WNOHANG), -1);
   EXPECT_EQ(errno, ECHILD);
 }
@@ -104,8 +104,8 @@ TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
   std::unique_ptr<Source> second;
   {
     ReaderProcess reader(reader_options());
-    const auto first = reader.open({nested_mesh(0)}, {}).value();
-    second = reader.open({nested_mesh(0)}, {}).value();
+    const auto first = reader.open({sound_mesh()}, {}).value();
+    second = reader.open({sound_mesh()}, {}).value();
   }
   EXPECT_EQ(second->next().value()->points.size(), 4u);
   EXPECT_EQ(second->next().value(), nullptr);
