@@ -137,6 +137,14 @@ struct Sums {
       }
     }
   }
+
+  /// The same for a piece that is narrow beside the distributions: its `integral` counts with their density there. The
+  /// sums above would be differences of large numbers.
+  void add_narrow(const dvec4& integral, double spread, const Edges& below, Range range) {
+    for (int channel = 0; channel < 4; ++channel)
+      for (std::size_t k = range.begin; k < range.end; ++k)
+        channels[static_cast<std::size_t>(channel)][k] += integral[channel] * below.density[k] / spread;
+  }
 };
 
 class Averager {
@@ -150,7 +158,10 @@ class Averager {
     const LinearPiece& first = pieces_.front();
     const LinearPiece& last = pieces_.back();
     polynomials_.push_back(product({0, 1, first.at_begin, first.at_begin}));
-    for (const LinearPiece& piece : pieces_) polynomials_.push_back(product(piece));
+    for (const LinearPiece& piece : pieces_) {
+      polynomials_.push_back(product(piece));
+      integrals_.push_back(integral(piece));
+    }
     polynomials_.push_back(product({0, 1, last.at_end, last.at_end}));
   }
 
@@ -176,7 +187,11 @@ class Averager {
         above.set(high, spread, sums.means, range_between(high, high));
       else
         above = Edges(out.size(), 1);
-      sums.add(polynomials_[i], spread, below, above, range_between(low, high));
+      constexpr double narrow = 1e-4;  // beside the spread
+      if (i > 0 && i <= pieces_.size() && high - low < narrow * spread)
+        sums.add_narrow(integrals_[i - 1], spread, below, range_between(low, high));
+      else
+        sums.add(polynomials_[i], spread, below, above, range_between(low, high));
       low = high;
       std::swap(below, above);
     }
@@ -201,6 +216,13 @@ class Averager {
     return {start * factor, start * factor_slope + slope * factor, slope * factor_slope};
   }
 
+  // Simpson's rule is exact for the products of linear functions.
+  [[nodiscard]] dvec4 integral(const LinearPiece& piece) const {
+    const auto weighted = [&](const dvec4& at) { return dvec4(glm::dvec3(at) * (at.a + least_), at.a); };
+    const dvec4 middle = weighted((piece.at_begin + piece.at_end) / 2.0);
+    return (piece.end - piece.begin) / 6 * (weighted(piece.at_begin) + 4.0 * middle + weighted(piece.at_end));
+  }
+
   [[nodiscard]] vec4 finish(dvec4 sum) const {
     sum = glm::max(sum, 0.0);
     return vec4(dvec4(glm::dvec3(sum) / (sum.a + least_), sum.a));
@@ -208,6 +230,7 @@ class Averager {
 
   std::vector<LinearPiece> pieces_;
   std::vector<Polynomial> polynomials_;  // one before the pieces, one for each, one after them
+  std::vector<dvec4> integrals_;         // one for each
   double least_ = 0;                     // extinction: a billionth of the largest
 };
 

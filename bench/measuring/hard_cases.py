@@ -59,9 +59,9 @@ def lattice():
 
 
 def peak(width, at=0.4):
-    """A transfer function that is 0 but for a peak of `width` of the domain."""
+    """A transfer function that is 0 but for a peak of `width` of the domain: the narrower, the denser."""
     low, high = at - width / 2, at + width / 2
-    return [[0, 0], [low, 0], [at, 30.0], [high, 0], [1, 0]]
+    return [[0, 0], [low, 0], [at, 0.3 / width], [high, 0], [1, 0]]
 
 
 def with_outlier(value):
@@ -163,15 +163,14 @@ def logarithmic(of):
 
 
 def functions():
-    for width, bound in ((1e-2, 0.07), (1e-3, 0.016), (1e-6, 5e-5), (1e-9, 5e-5)):
+    for width, bound in ((1e-2, 0.07), (1e-3, 0.08), (1e-6, 0.08), (1e-9, 0.08)):
         yield Case("Functions", f"a peak of {width:.0e} of the domain", ball, scene(density=peak(width)), bound, vtk=True,
                    quick=width == 1e-2)
     for extinction, bound in ((1e2, 0.04), (1e3, 0.05), (1e6, 0.11)):
         yield Case("Functions", f"extinction of {extinction:.0e} per size", ball,
                    scene(density=[[0, 0], [0.5, 0], [1, extinction]]), bound, vtk=True, quick=extinction == 1e3)
-    for width, bound in ((1e-2, 0.13), (1e-6, 0.08)):
-        dense = [[t, d * 1e4] for t, d in peak(width)]
-        yield Case("Functions", f"a peak of {width:.0e}, dense", ball, scene(density=dense), bound, vtk=True)
+    dense = [[t, d * 1e4] for t, d in peak(1e-2)]
+    yield Case("Functions", "a peak of 1e-02 of the domain, dense", ball, scene(density=dense), 0.13, vtk=True)
     yield Case("Functions", "a box", ball, scene(density=[[0, 0], [0.5, 0], [0.5, 3.0], [0.8, 3.0], [0.8, 0], [1, 0]]), 0.02,
                vtk=True, quick=True)
     bright = [[0, 10, 20, 80], [1, 900, 200, 100]]

@@ -371,6 +371,12 @@ TEST_F(SourceTest, ArraysOfUnknownTypesAreRefused) {
   EXPECT_THAT(error_of({write("a.vtu", text)}), HasSubstr("unknown type \"loat32\""));
 }
 
+TEST_F(SourceTest, ArraysWithoutANameAreRefused) {
+  Mesh mesh = hexahedron_mesh();
+  mesh.point_data[0].name = "";
+  EXPECT_THAT(error_of({write("a.vtu", mesh.file())}), HasSubstr("an array of its PointData has no name"));
+}
+
 TEST_F(SourceTest, TagsOfAnyLengthAreRead) {
   std::string text = hexahedron_mesh().file();
   const std::string before = "<DataArray ", spaces(10000, ' ');

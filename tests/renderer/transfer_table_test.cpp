@@ -51,6 +51,24 @@ TEST(TransferTable, AveragesOverANormalDistribution) {
   }
 }
 
+// A peak beside which every distribution is wide counts by its area.
+TEST(TransferTable, PeaksOfAnyWidthKeepTheirArea) {
+  constexpr double area = 0.15, at = 0.4;
+  for (const double width : {1e-4, 1e-6, 1e-9, 1e-12}) {
+    TransferFunction function;
+    function.colors = {{0, {0.2, 0.5, 1}}};
+    function.densities = {{0, 0}, {at - width / 2, 0}, {at, 2 * area / width}, {at + width / 2, 0}, {1, 0}};
+    const TransferTable table = make_transfer_table(function, 65, 16);
+    for (std::size_t row = 3; row < 16; ++row)
+      for (std::size_t column = 0; column < table.columns; ++column) {
+        const double spread = table.spread(row), z = (table.mean(row, column) - at) / spread;
+        const double expected = area / spread * std::exp(-0.5 * z * z) / std::sqrt(2 * std::numbers::pi);
+        EXPECT_NEAR(table.entries[row * table.columns + column].a, expected, 1e-4 * area / spread)
+            << width << " " << row;
+      }
+  }
+}
+
 TEST(TransferTable, TheFirstRowIsTheFunction) {
   const TransferFunction function = lively();
   const TransferTable table = make_transfer_table(function, 1025, 2);

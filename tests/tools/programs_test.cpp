@@ -19,7 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 const fs::path shared_folder = SPLATVOL_SHARED;
 
@@ -302,6 +304,38 @@ TEST_F(Programs, WrongUsageExitsWithTwo) {
     EXPECT_EQ(version.code, 0) << program;
     EXPECT_THAT(version.out, HasSubstr(program));
   }
+}
+
+TEST_F(Programs, TerminalsDoNotObeyNamesOfFiles) {
+  std::ofstream(path("a.csv")) << "x,y,z,red\x1b[31m\xc2\x9b,\xff name\n0,0,0,1,1\n1,0,0,2,2\n0,1,0,3,3\n0,0,1,4,5\n";
+  for (const std::string command : {"svbuild a.csv -o a.svol", "svinfo a.svol", "svinfo a.svol --verify",
+                                    "svrender a.svol --size 16x16 -o a.png", "svexport a.svol -o a.vtu"}) {
+    const Outcome outcome = run(command);
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    EXPECT_THAT(outcome.text, AllOf(Not(HasSubstr("\x1b")), Not(HasSubstr("\xc2\x9b")), Not(HasSubstr("\xff"))))
+        << command;
+  }
+  EXPECT_THAT(run("svinfo a.svol").text, HasSubstr("red?[31m?"));
+}
+
+TEST_F(Programs, ClosedAndFullStreamsAreNoCrash) {
+  std::ofstream(path("a.csv")) << "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n";
+  expect_done("svbuild a.csv -o a.svol >&- 2>&- <&-");
+  expect_done("svinfo a.svol >&- 2>&-");
+  for (const std::string full : {"svinfo a.svol > /dev/full", "svinfo --help > /dev/full",
+                                 "svinfo missing.svol 2> /dev/full", "svinfo missing.svol 2>&-"})
+    EXPECT_EQ(run(full).code, 1) << full;
+}
+
+// Rows are damaged: what remains is drawn, and the exit code tells.
+TEST_F(Programs, PathsTellOfPartsThatCannotBeRead) {
+  expect_done("svbuild gen:points:count=20000 -o a.svol");
+  std::string bytes = *read_text_file(path("a.svol"));
+  for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 2000; i += 100) bytes[i] ^= 0x55;
+  std::ofstream(path("a.svol"), std::ios::binary) << bytes;
+  std::filesystem::create_directory(path("frames"));
+  expect_refusal("svrender a.svol --device cpu --size 64x64 --tolerance 0 --turntable 2 --progress-frames frames",
+                 "could not be read");
 }
 
 TEST_F(Programs, SvdiffTellsRippleAndOutline) {

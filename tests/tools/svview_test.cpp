@@ -84,6 +84,28 @@ TEST_F(Svview, DrawsACameraPath) {
   EXPECT_TRUE(fs::exists(path("frames/frame-00004.png")));
 }
 
+TEST_F(Svview, TellsOfPartsThatCannotBeRead) {
+  std::string bytes = *read_text_file(path("v.svol"));
+  for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 2000; i += 100) bytes[i] ^= 0x55;
+  write("damaged.svol", bytes);
+  write("path.json", R"({"seconds": 1, "cameras": [
+    {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
+  fs::create_directories(path("frames"));
+  for (const std::string& arguments : {" --screenshot " + path("a.png"),
+                                       " --play " + path("path.json") + " --frames " + path("frames") + " --fps 2"}) {
+    const Outcome outcome = run(path("damaged.svol") + arguments + " --size 64x48");
+    EXPECT_EQ(outcome.code, 1) << arguments;
+    EXPECT_THAT(outcome.text, HasSubstr("could not be read"));
+  }
+}
+
+// Too little memory for a picture ends a replay.
+TEST_F(Svview, APictureThatCannotBeDrawnEndsAReplay) {
+  const Outcome outcome = run(path("v.svol") + " --memory 10K --size 64x48 --screenshot " + path("a.png"));
+  EXPECT_EQ(outcome.code, 1) << outcome.text;
+  EXPECT_THAT(outcome.text, HasSubstr("memory"));
+}
+
 TEST_F(Svview, SaysWhatIsWrong) {
   const auto refuses = [&](const std::string& arguments, int code, const std::string& reason) {
     const Outcome outcome = run(arguments);

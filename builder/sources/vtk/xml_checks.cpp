@@ -38,11 +38,16 @@ Status check_types(const std::string& path, vtkXMLDataElement& element) {
 /// VTK makes one array for each name, but fills one for each element: if two have the same name, it fills a wrong one.
 /// It finds the coordinates of a rectilinear grid by their order.
 Status check_names(const std::string& path, vtkXMLDataElement& element) {
+  const std::string_view of_element = element.GetName();
+  const bool holds_values = of_element == "PointData" || of_element == "CellData";
   std::vector<std::string> names;
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement& nested = *element.GetNestedElement(i);
     SPLATVOL_TRY(check_names(path, nested));
-    if (const char* name = nested.GetAttribute("Name")) names.emplace_back(name);
+    const char* name = nested.GetAttribute("Name");
+    if (name) names.emplace_back(name);
+    if (holds_values && (!name || *name == '\0'))
+      return fail(ErrorCode::invalid_data, "{}: an array of its {} has no name: give it one", path, element.GetName());
   }
   if (element.GetName() == std::string_view("Coordinates")) return {};
   if (const auto duplicate = find_duplicate(std::move(names)))
