@@ -203,8 +203,10 @@ class Averager {
     std::size_t i = 0;
     while (i < pieces_.size() && pieces_[i].begin <= t) ++i;
     if (i == pieces_.size() && t > pieces_.back().end) ++i;
-    const Polynomial& p = polynomials_[i];
-    return finish(p.constant + t * (p.linear + t * p.square));
+    if (i == 0) return finish(weighted(pieces_.front().at_begin));
+    if (i > pieces_.size()) return finish(weighted(pieces_.back().at_end));
+    const LinearPiece& piece = pieces_[i - 1];
+    return finish(weighted(glm::mix(piece.at_begin, piece.at_end, (t - piece.begin) / (piece.end - piece.begin))));
   }
 
  private:
@@ -216,9 +218,11 @@ class Averager {
     return {start * factor, start * factor_slope + slope * factor, slope * factor_slope};
   }
 
+  // Colour times extinction, and extinction.
+  [[nodiscard]] dvec4 weighted(const dvec4& at) const { return {glm::dvec3(at) * (at.a + least_), at.a}; }
+
   // Simpson's rule is exact for the products of linear functions.
   [[nodiscard]] dvec4 integral(const LinearPiece& piece) const {
-    const auto weighted = [&](const dvec4& at) { return dvec4(glm::dvec3(at) * (at.a + least_), at.a); };
     const dvec4 middle = weighted((piece.at_begin + piece.at_end) / 2.0);
     return (piece.end - piece.begin) / 6 * (weighted(piece.at_begin) + 4.0 * middle + weighted(piece.at_end));
   }

@@ -90,7 +90,7 @@ std::vector<LinearPiece> linear_pieces(const TransferFunction& function) {
   using glm::dvec4;
   using Color = TransferFunction::Color;
   using Density = TransferFunction::Density;
-  constexpr double shortest = 1e-9;
+  constexpr double shortest = 1e-14;
   const std::vector<Color>& colors = function.colors;
   const std::vector<Density>& densities = function.densities;
   const std::vector<double> all = bends(function);

@@ -10,6 +10,7 @@
 #include <fstream>
 
 #include "base/file.h"
+#include "format/volume.h"
 #include "scene/image.h"
 #include "tests/support/test_volume.h"
 
@@ -85,15 +86,20 @@ TEST_F(Svview, DrawsACameraPath) {
 }
 
 TEST_F(Svview, TellsOfPartsThatCannotBeRead) {
+  ASSERT_EQ(
+      std::system((SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null").c_str()),
+      0);
   std::string bytes = *read_text_file(path("v.svol"));
-  for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 2000; i += 100) bytes[i] ^= 0x55;
+  const auto volume = *format::Volume::open(*open_file(path("v.svol")));
+  const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
+  for (std::size_t i = 1; i < 500; i += 100) bytes[rows->offset + rows->packed_bytes - i] ^= 0x55;  // the finest
   write("damaged.svol", bytes);
   write("path.json", R"({"seconds": 1, "cameras": [
     {"position": [0.5, 0.5, 4], "focal_point": [0.5, 0.5, 0.5], "up": [0, 1, 0], "vertical_fov_degrees": 30}]})");
   fs::create_directories(path("frames"));
   for (const std::string& arguments : {" --screenshot " + path("a.png"),
                                        " --play " + path("path.json") + " --frames " + path("frames") + " --fps 2"}) {
-    const Outcome outcome = run(path("damaged.svol") + arguments + " --size 64x48");
+    const Outcome outcome = run(path("damaged.svol") + arguments + " --size 64x48 --scene " + path("s.json"));
     EXPECT_EQ(outcome.code, 1) << arguments;
     EXPECT_THAT(outcome.text, HasSubstr("could not be read"));
   }
