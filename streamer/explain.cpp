@@ -30,6 +30,7 @@ bool is_in_sight(const View& view, const Box& box) {
 
 EmptyReason why_empty(const View& view, const TransferFunction& function, const format::Attribute& attribute,
                       const Box& bounds) {
+  if (!(attribute.min <= attribute.max)) return {"no point has a value of the attribute", "choose another one"};
   if (!is_in_sight(view, bounds)) return {"the data lies outside of the view", "turn the camera to the data"};
   const ValueVisibility visibility(function, attribute);
   const auto low = static_cast<float>(attribute.stored(attribute.min));

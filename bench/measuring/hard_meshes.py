@@ -36,7 +36,7 @@ class Mesh:
         def array(name, kind_name, content, components=1):
             return (
                 f"<DataArray type={quoteattr(kind_name)} Name={quoteattr(name, {chr(10): '&#10;', chr(27): '?'})} "
-                f'NumberOfComponents="{components}" format="ascii">{numbers(content)}</DataArray>\n'
+                f'NumberOfComponents="{components}" format="ascii">{numbers(content)}\n</DataArray>\n'
             )
 
         path.write_text(

@@ -321,6 +321,14 @@ TEST_F(Programs, TerminalsDoNotObeyNamesOfFiles) {
   EXPECT_THAT(run("svinfo " + svol).out, HasSubstr("red?[31m?"));
 }
 
+TEST_F(Programs, APictureOfMissingValuesSaysSo) {
+  write("a.csv", "x,y,z,f\n0,0,0,nan\n1,0,0,nan\n0,1,0,nan\n0,0,1,nan\n");
+  EXPECT_EQ(run("svbuild " + path("a.csv") + " -o " + path("a.svol")).code, 0);
+  const Outcome outcome = run("svrender " + path("a.svol") + " --size 16x16 -o " + path("a.png"));
+  EXPECT_EQ(outcome.code, 0);
+  EXPECT_THAT(outcome.err, HasSubstr("no point has a value"));
+}
+
 TEST_F(Programs, ClosedAndFullStreamsAreNoCrash) {
   write("a.csv", "x,y,z,f\n0,0,0,1\n1,0,0,2\n0,1,0,3\n0,0,1,4\n");
   const auto code = [&](const std::string& arguments, const std::string& streams) {
