@@ -134,7 +134,8 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
       report.splat_mass += splat.mass;
       splats.push_back(std::move(splat));
     }
-    return sums.add(splats);
+    const Status added = sums.add(splats);
+    return added ? added : Status(fail_in(volume.name(), added.error()));
   };
   SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, add_group, progress));
 

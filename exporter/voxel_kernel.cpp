@@ -78,7 +78,7 @@ void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
       const std::int32_t first = first_voxel(std::max(centre_.x + slant - reach_x, box.low.x));
       const std::int32_t last = last_voxel(std::min(centre_.x + slant + reach_x, box.high.x));
       if (first > last) continue;
-      const Run run{first, y, z, static_cast<std::uint32_t>(last - first) + 1};
+      const Run run{first, y, z, static_cast<std::uint32_t>(std::int64_t{last} - first) + 1};
       if (!visit(run, dvec3(first - centre_.x, dy, dz))) return;
     }
   }

@@ -39,8 +39,10 @@ Status VoxelSums::add(std::span<const VoxelSplat> splats) {
     double voxels = 0;
     while (end < splats.size() && (end == begin || voxels < voxels_at_once)) voxels += splats[end++].kernel.volume();
     std::vector<Spread> spreads(end - begin);
-    // Half of a splat's voxels may be beyond a boundary, and are not held.
-    const std::size_t most = 2 * memory_ / (sums_ * sizeof(double)) + (std::size_t{1} << 17);
+    // A growing array of shares is there twice for a moment.
+    constexpr std::uint64_t share_bytes = 4 * sizeof(double);
+    const std::uint64_t held = bricks_.size() * brick_bytes();
+    const std::size_t most = (memory_ - std::min(memory_, held)) / share_bytes + (std::size_t{1} << 17);
     tbb::parallel_for(begin, end, [&](std::size_t i) {
       Spread& spread = spreads[i - begin];
       spread.fits = splats[i].kernel.append(box_, most, spread.runs, spread.shares);

@@ -84,7 +84,8 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     SPLATVOL_TRY_ASSIGN(next, source_.next());
     piece = std::move(next);
   }
-  if (!(box().low.x <= box().high.x)) return fail(ErrorCode::invalid_data, "no point with finite coordinates");
+  if (!(box().low.x <= box().high.x))
+    return fail(ErrorCode::invalid_data, "no point has coordinates that are finite and within 1e50");
   return {};
 }
 

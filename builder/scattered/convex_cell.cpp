@@ -56,8 +56,13 @@ bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
   const std::uint32_t first = count_;
   make_room(count_ + 3 * outside);
   cross_edges();
-  join_crossings(first);
-  forget_outside();
+  const bool joined = join_crossings(first);
+  if (joined) forget_outside();
+  // With three faces at each vertex, a closed cell has fewer than two vertices for each face, or a few more by
+  // rounding. Sizes that are many decades apart can round it open: then it would grow with every cut, and nothing is
+  // left of it.
+  constexpr std::size_t most_for_a_face = 8;
+  if (!joined || count_ > most_for_a_face * planes_.size()) count_ = 0;
   return true;
 }
 
@@ -81,12 +86,13 @@ void ConvexCell::cross_edges() {
 }
 
 // Goes along the outside vertices of each cut face: from the crossing out of the inside to the crossing back.
-// `first`: the first new vertex.
-void ConvexCell::join_crossings(std::uint32_t first) {
+// `first`: the first new vertex. Returns false if the way round a face does not end.
+bool ConvexCell::join_crossings(std::uint32_t first) {
   const auto cap = static_cast<std::uint32_t>(planes_.size() - 1);
   for (std::uint32_t c = 0; c < crossings_.size(); ++c) {
     std::uint32_t vertex = crossings_[c].vertex, edge = next_edge(crossings_[c].edge);
-    while (edges_[vertex][edge].to < first) {
+    for (std::uint32_t steps = 0; edges_[vertex][edge].to < first; ++steps) {
+      if (steps > first) return false;
       const Edge& along = edges_[vertex][edge];
       vertex = along.to;
       edge = next_edge(along.number);
@@ -96,6 +102,7 @@ void ConvexCell::join_crossings(std::uint32_t first) {
     edges_[leaves][2] = {returns, 1, edges_[in.to][in.number].plane};
     edges_[returns][1] = {leaves, 2, cap};
   }
+  return true;
 }
 
 // Moves the last vertices to where outside ones are.

@@ -28,7 +28,8 @@ class ConvexCell {
   void reset(const dvec3& low, const dvec3& high);
 
   /// Keeps the part where dot(normal, x) <= offset; the new face gets the label. Returns false if nothing is cut off.
-  /// Each vertex is put on one side once, so that rounding may choose the wrong side but never breaks the polyhedron.
+  /// Each vertex is put on one side once, so that rounding may choose the wrong side. Where sizes are so many decades
+  /// apart that the polyhedron would not close, it becomes empty.
   bool clip(const dvec3& normal, double offset, std::uint32_t label);
 
   [[nodiscard]] std::span<const dvec3> vertices() const { return std::span(vertices_).first(count_); }
@@ -70,7 +71,7 @@ class ConvexCell {
   };
   void make_room(std::size_t count);
   void cross_edges();
-  void join_crossings(std::uint32_t first);
+  [[nodiscard]] bool join_crossings(std::uint32_t first);
   void forget_outside();
 
   std::uint32_t count_ = 0;      // of vertices; arrays may be longer, so that nothing is made that is not used

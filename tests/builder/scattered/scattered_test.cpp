@@ -88,6 +88,23 @@ TEST(ConvexCell, CutsKeepVolumeAndMomentsOfWhatIsLeft) {
   EXPECT_EQ(cell.loop(cell.faces().back()).size(), 3u);
 }
 
+// Distances of 80 decades: cells do not grow without end.
+TEST(ConvexCell, StaysSmallWhereSizesAreManyDecadesApart) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> decade(-40, 40), side(-1, 1);
+  for (int run = 0; run < 20; ++run) {
+    ConvexCell cell;
+    cell.reset(dvec3(-1e40), dvec3(1e40));
+    for (std::uint32_t cut = 0; cut < 1000; ++cut) {
+      const dvec3 d(side(random) * std::pow(10, decade(random)), side(random) * std::pow(10, decade(random)),
+                    side(random) * std::pow(10, decade(random)));
+      cell.clip(d, squared_length(d) / 2, cut);
+    }
+    EXPECT_LE(cell.vertices().size(), 8 * 1006u);
+    EXPECT_TRUE(std::isfinite(cell.moments().mass) || cell.vertices().empty());
+  }
+}
+
 TEST(ConvexCell, SurvivesCutsThroughItsOwnVerticesAndIsEmptyAtLast) {
   ConvexCell cell;
   cell.reset(dvec3(-1), dvec3(1));
