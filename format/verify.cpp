@@ -2,7 +2,9 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <glm/vector_relational.hpp>
 #include <limits>
+#include <optional>
 
 #include "format/series_index.h"
 #include "format/volume.h"
@@ -24,7 +26,8 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_sections(*volume_.file_));
     SPLATVOL_TRY(check_index());
     SPLATVOL_TRY(check_rows(0));
-    return volume_.series_ ? Status{} : check_counted_values();
+    SPLATVOL_TRY(check_nodes(no_attribute));
+    return volume_.series_ ? Status{} : check_values_of_nodes();
   }
 
   /// Checks what the step adds.
@@ -32,7 +35,7 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_sections(*volume_.step_part_));
     SPLATVOL_TRY(check_step_summaries());
     SPLATVOL_TRY(check_rows(1));
-    return check_counted_values();
+    return check_values_of_nodes();
   }
 
  private:
@@ -249,6 +252,124 @@ class Volume::Verifier {
     return {};
   }
 
+  Status check_values_of_nodes() {
+    SPLATVOL_TRY(check_counted_values());
+    for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute)
+      if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) >= 0)
+        SPLATVOL_TRY(check_nodes(static_cast<int>(attribute)));
+    return {};
+  }
+
+  // The points of a segment, one after the other: their positions, or their values.
+  struct Cursor {
+    std::uint64_t group = 0;  // the next one
+    std::vector<dvec3> positions;
+    std::vector<float> values;
+    std::size_t at = 0, count = 0;  // in the chunk
+    std::optional<DirectoryPage> page;
+    std::uint64_t page_number = 0;
+  };
+
+  Status read_group(int attribute, Cursor& cursor) const {
+    const RowLayout& rows = volume_.rows_;
+    const Group group = rows.group(cursor.group);
+    const std::uint64_t row = rows.row(group.segment, cursor.group++);
+    const int column = attribute == no_attribute ? info_.find_column(ColumnKind::position, -1)
+                                                 : info_.find_column(ColumnKind::value, attribute);
+    const std::uint64_t number = volume_.directory_page_of_row(row, column);
+    if (!cursor.page || cursor.page_number != number) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+      cursor.page = std::move(page);
+      cursor.page_number = number;
+    }
+    const ChunkLocation& location = volume_.find_chunk(*cursor.page, row, column);
+    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
+    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
+    cursor.at = 0;
+    cursor.count = group.count;
+    if (attribute == no_attribute) {
+      cursor.positions.resize(group.count);
+      return unpack_positions(location.entry, packed, cursor.positions, info_.cube, what);
+    }
+    cursor.values.resize(group.count);
+    return unpack_values(location.entry, packed, cursor.values, what);
+  }
+
+  // Checks the nodes of the index against the points in them: their positions, or their values of an attribute. Points
+  // of a segment are in the order of the leaves.
+  Status check_nodes(int attribute) const {
+    std::vector<Cursor> cursors(info_.resolutions());
+    for (std::size_t segment = 0; segment < cursors.size(); ++segment)
+      cursors[segment].group = volume_.rows_.group_at(segment, 0);
+    SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root(attribute));
+    return check_node(root, 0, info_.cube, attribute, cursors);
+  }
+
+  // NOLINTNEXTLINE(misc-no-recursion): no node is deeper than max_node_depth.
+  Status check_node(const IndexPage& page, std::size_t node, const Cube& cube, int attribute,
+                    std::vector<Cursor>& cursors) const {
+    const std::uint8_t mask = page.nodes.child_masks[node];
+    if (mask == 0) return check_leaf(page, node, cube, attribute, cursors);
+    std::optional<IndexPage> linked;
+    if (page.links[node] != IndexPage::no_node) {
+      SPLATVOL_TRY_ASSIGN(
+          read, volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), attribute));
+      linked = std::move(read);
+    }
+    const IndexPage& below = linked ? *linked : page;
+    std::size_t child = linked ? 0 : page.first_children[node];
+    for (unsigned octant = 0; octant < 8; ++octant) {
+      if ((mask >> octant & 1) == 0) continue;
+      if (attribute != no_attribute && !holds(page.nodes.summaries[node], below.nodes.summaries[child]))
+        return volume_.broken("a node of the index has a range that is not in that of its parent");
+      const double half = cube.edge / 2;
+      const Cube part{cube.origin + half * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), half};
+      SPLATVOL_TRY(check_node(below, child++, part, attribute, cursors));
+    }
+    return {};
+  }
+
+  static bool holds(const ValueSummary& outer, const ValueSummary& inner) {
+    return inner.min > inner.max ||
+           (outer.min <= inner.min && inner.max <= outer.max && (inner.occupancy & ~outer.occupancy) == 0);
+  }
+
+  Status check_leaf(const IndexPage& page, std::size_t leaf, const Cube& cube, int attribute,
+                    std::vector<Cursor>& cursors) const {
+    for (std::size_t segment = 0; segment < cursors.size(); ++segment) {
+      Cursor& cursor = cursors[segment];
+      for (std::uint64_t left = page.nodes.counts_of(leaf)[segment]; left > 0; --left, ++cursor.at) {
+        if (cursor.at == cursor.count) SPLATVOL_TRY(read_group(attribute, cursor));
+        const bool fits = attribute == no_attribute
+                              ? is_in(cube, cursor.positions[cursor.at])
+                              : is_in(page.nodes.summaries[leaf], cursor.values[cursor.at], attribute);
+        if (!fits)
+          return volume_.broken(attribute == no_attribute
+                                    ? "a point lies outside of its node of the index"
+                                    : "a value lies outside of the range of its node of the index");
+      }
+    }
+    return {};
+  }
+
+  // Points were sorted before they were rounded.
+  bool is_in(const Cube& cube, const dvec3& position) const {
+    const double error = info_.position_error + 1e-9 * info_.cube.edge;
+    return glm::all(glm::greaterThanEqual(position, cube.origin - error)) &&
+           glm::all(glm::lessThanEqual(position, cube.origin + (cube.edge + error)));
+  }
+
+  bool is_in(const ValueSummary& summary, float value, int attribute) const {
+    if (std::isnan(value)) return true;
+    const Attribute& of = info_.attributes[static_cast<std::size_t>(attribute)];
+    const double error = of.error / of.scale + 1e-6 * std::abs(double{value});
+    if (!(value >= summary.min - error && value <= summary.max + error)) return false;
+    const ValueBins bins = bins_of(of);
+    for (const double near : {value - error, double{value}, value + error})
+      if ((summary.occupancy >> bins.bin(near) & 1) != 0) return true;
+    return false;
+  }
+
   Status check_counted_values() const {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
@@ -263,6 +384,7 @@ class Volume::Verifier {
 
   const SectionEntry& index_section() const { return *volume_.file_->find_section(SectionKind::index_pages); }
 
+  static constexpr int no_attribute = -1;
   // A dead part is a step directory and a footer.
   static constexpr std::uint64_t max_dead_bytes = std::uint64_t{1} << 30;
   static constexpr const char* untiled_index = "index pages do not tile their section [R16]";

@@ -151,8 +151,9 @@ class Volume {
   [[nodiscard]] Result<std::uint64_t> geometry_hash() const;
 
   /// Reads and checks every byte of the file: hashes, tiling, every column, counts of the index, values against ranges,
-  /// occupancy and histograms, positions against the cube, footer; of a series, all steps. Calls `progress` with the
-  /// share done, in [0, 1]. Memory does not grow with the number of points. Fails if an append was interrupted.
+  /// occupancy and histograms, positions against the cube, points against the nodes of the index, footer; of a series,
+  /// all steps. Calls `progress` with the share done, in [0, 1]. Memory does not grow with the number of points. Fails
+  /// if an append was interrupted.
   [[nodiscard]] Status verify(const std::function<void(double)>& progress) const;
 
  private:

@@ -568,5 +568,37 @@ TEST(Writer, AFolderThatIsNotThereIsNamed) {
   EXPECT_THAT(create_writer(volume, path).error().message, HasSubstr(path));
 }
 
+/// Why a file is refused by a check of every byte; empty if it is not.
+std::string refusal_of(const test::TestVolume& volume) {
+  const Bytes bytes = test::test_volume_bytes(volume);
+  const auto opened = Volume::open(memory_source(bytes, "lying.svol"));
+  EXPECT_TRUE(opened) << opened.error().message;
+  const Status verified = (*opened)->verify([](double) {});
+  return verified ? "" : verified.error().message;
+}
+
+// All checksums are right.
+TEST(Verify, AnIndexThatLiesIsFound) {
+  const auto points = test::random_points(300, 1);
+  std::vector<double> values;
+  for (const dvec3& p : points) values.push_back(p.x);
+  const test::TestVolume sound = test::make_test_volume(points, {values});
+  EXPECT_EQ(refusal_of(sound), "");
+  for (std::size_t node = 0; node < sound.tree.size(); ++node) {
+    for (int lie = 0; lie < 3; ++lie) {
+      test::TestVolume lying = sound;
+      ValueSummary& summary = lying.tree.summaries[node];
+      if (lie == 0) summary.max = summary.min;
+      if (lie == 1) summary.min = summary.max;
+      if (lie == 2) summary.occupancy = 0;
+      EXPECT_THAT(refusal_of(lying), testing::HasSubstr("of the index")) << node << ", " << lie;
+    }
+  }
+  test::TestVolume swapped = sound;
+  const auto [low, high] = std::ranges::minmax_element(swapped.positions, {}, &dvec3::x);
+  std::swap(*low, *high);
+  EXPECT_THAT(refusal_of(swapped), testing::HasSubstr("outside of its node"));
+}
+
 }  // namespace
 }  // namespace splatvol::format
