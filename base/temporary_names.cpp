@@ -40,8 +40,12 @@ void forget_temporary(const std::string& path) {
 }
 
 void remove_temporaries() {
-  for (std::atomic<char*>& slot : names)
-    if (const char* name = slot.exchange(nullptr)) ::unlink(name);
+  for (std::atomic<char*>& slot : names) {
+    char* name = slot.exchange(nullptr);  // nobody frees it meanwhile
+    if (!name) continue;
+    ::unlink(name);
+    slot = name;
+  }
 }
 
 }  // namespace splatvol
