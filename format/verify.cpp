@@ -364,9 +364,10 @@ class Volume::Verifier {
     const Attribute& of = info_.attributes[static_cast<std::size_t>(attribute)];
     const double error = of.error / of.scale + 1e-6 * std::abs(double{value});
     if (!(value >= summary.min - error && value <= summary.max + error)) return false;
+    // The value may have been in any of these bins before it was rounded.
     const ValueBins bins = bins_of(of);
-    for (const double near : {value - error, double{value}, value + error})
-      if ((summary.occupancy >> bins.bin(near) & 1) != 0) return true;
+    for (auto bin = bins.bin(value - error); bin <= bins.bin(value + error); ++bin)
+      if ((summary.occupancy >> bin & 1) != 0) return true;
     return false;
   }
 
