@@ -261,7 +261,7 @@ Status AtomicFile::commit() {
   const int directory = ::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (directory < 0) return {};  // a folder that may be written to, but not listed
   const bool synced = ::fsync(directory) == 0 || errno == EINVAL || errno == ENOTSUP;
-  const Status result = synced ? Status{} : fail_errno(path_, "cannot sync the folder of");
+  Status result = synced ? Status{} : fail_errno(path_, "cannot sync the folder of");
   ::close(directory);
   return result;
 }

@@ -324,9 +324,8 @@ TEST_F(Programs, TerminalsDoNotObeyNamesOfFiles) {
 TEST_F(Programs, APictureOfMissingValuesSaysSo) {
   write("a.csv", "x,y,z,f\n0,0,0,nan\n1,0,0,nan\n0,1,0,nan\n0,0,1,nan\n");
   EXPECT_EQ(run("svbuild " + path("a.csv") + " -o " + path("a.svol")).code, 0);
-  const Outcome outcome = run("svrender " + path("a.svol") + " --size 16x16 -o " + path("a.png"));
-  EXPECT_EQ(outcome.code, 0);
-  EXPECT_THAT(outcome.err, HasSubstr("no point has a value"));
+  expect_refused("svrender " + path("a.svol") + " --size 16x16 -o " + path("a.png"), "no attribute has values",
+                 "a.png");
 }
 
 TEST_F(Programs, ClosedAndFullStreamsAreNoCrash) {

@@ -27,7 +27,7 @@ Status Channel::send(std::span<const std::byte> bytes) {
 }
 
 Status Channel::flush() {
-  const Status sent = send_now(unsent_);
+  Status sent = send_now(unsent_);
   unsent_.clear();
   return sent;
 }

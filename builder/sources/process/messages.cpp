@@ -67,7 +67,7 @@ Status get_members(Channel& channel, T& value) {
 /// Sends an array, and frees it.
 template <class T>
 Status put_away(Channel& channel, std::vector<T>& values) {
-  const Status sent = channel.put(values);
+  Status sent = channel.put(values);
   values = {};
   return sent;
 }
@@ -87,12 +87,12 @@ Result<PackedColumn> get_column(Channel& channel) {
 }
 
 /// Values of one attribute after the other: all of them at once would take twice their memory.
-Status put_lent(Channel& channel, std::shared_ptr<const LentValues> lent, std::size_t points, std::size_t attributes) {
+Status put_lent(Channel& channel, const LentValues& lent, std::size_t points, std::size_t attributes) {
   std::vector<std::uint32_t> all(points);
   std::iota(all.begin(), all.end(), 0u);
   std::vector<double> values(points);
   for (std::size_t a = 0; a < attributes; ++a) {
-    lent->get(a, all, values);
+    lent.get(a, all, values);
     SPLATVOL_TRY(put_column(channel, pack_column(values)));
   }
   return {};
@@ -187,7 +187,10 @@ Status put(Channel& channel, std::unique_ptr<Piece> piece, std::size_t attribute
   SPLATVOL_TRY(put_away(channel, piece->tetrahedra));
   SPLATVOL_TRY(channel.put(std::uint64_t{piece->values.size()}));
   for (std::vector<double>& values : piece->values) SPLATVOL_TRY(put_away(channel, values));
-  if (piece->lent) SPLATVOL_TRY(put_lent(channel, std::move(piece->lent), points, attributes));
+  if (piece->lent) {
+    SPLATVOL_TRY(put_lent(channel, *piece->lent, points, attributes));
+    piece->lent.reset();
+  }
   if (piece->material) SPLATVOL_TRY(put_members(channel, *piece->material));
   if (piece->cells) SPLATVOL_TRY(put_members(channel, *piece->cells));
   return {};
