@@ -254,7 +254,7 @@ Result<bool> Session::set_splats(std::uint64_t splats) {
 }
 
 Status Session::draw(int width, int height, double seconds) {
-  const Status drawn = draw_next(width, height, seconds);
+  Status drawn = draw_next(width, height, seconds);
   if (!drawn) settled_ = true;  // only a change helps, and it begins anew
   return drawn;
 }
