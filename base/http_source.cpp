@@ -18,6 +18,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/interruption.h"
+
 namespace splatvol {
 namespace {
 
@@ -73,9 +75,15 @@ struct Curl {
   decltype(&::curl_easy_cleanup) easy_cleanup = nullptr;
   decltype(&::curl_easy_getinfo) easy_getinfo = nullptr;
   decltype(&::curl_easy_header) easy_header = nullptr;
-  decltype(&::curl_easy_perform) easy_perform = nullptr;
   decltype(&::curl_easy_setopt) easy_setopt = nullptr;
   decltype(&::curl_easy_strerror) easy_strerror = nullptr;
+  decltype(&::curl_multi_add_handle) multi_add_handle = nullptr;
+  decltype(&::curl_multi_cleanup) multi_cleanup = nullptr;
+  decltype(&::curl_multi_info_read) multi_info_read = nullptr;
+  decltype(&::curl_multi_init) multi_init = nullptr;
+  decltype(&::curl_multi_perform) multi_perform = nullptr;
+  decltype(&::curl_multi_poll) multi_poll = nullptr;
+  decltype(&::curl_multi_remove_handle) multi_remove_handle = nullptr;
   bool started = false;
 
   Curl() {
@@ -87,8 +95,11 @@ struct Curl {
     };
     started = find(global_init, "curl_global_init") && find(easy_init, "curl_easy_init") &&
               find(easy_cleanup, "curl_easy_cleanup") && find(easy_getinfo, "curl_easy_getinfo") &&
-              find(easy_header, "curl_easy_header") && find(easy_perform, "curl_easy_perform") &&
-              find(easy_setopt, "curl_easy_setopt") && find(easy_strerror, "curl_easy_strerror") &&
+              find(easy_header, "curl_easy_header") && find(easy_setopt, "curl_easy_setopt") &&
+              find(easy_strerror, "curl_easy_strerror") && find(multi_add_handle, "curl_multi_add_handle") &&
+              find(multi_cleanup, "curl_multi_cleanup") && find(multi_info_read, "curl_multi_info_read") &&
+              find(multi_init, "curl_multi_init") && find(multi_perform, "curl_multi_perform") &&
+              find(multi_poll, "curl_multi_poll") && find(multi_remove_handle, "curl_multi_remove_handle") &&
               global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK;
   }
 };
@@ -98,10 +109,40 @@ const Curl& libcurl() {
   return curl;
 }
 
+struct CloseTransfers {
+  void operator()(CURLM* transfers) const { libcurl().multi_cleanup(transfers); }
+};
 struct CloseHandle {
   void operator()(CURL* handle) const { libcurl().easy_cleanup(handle); }
 };
-using Handle = std::unique_ptr<CURL, CloseHandle>;  // a connection with its settings
+
+// A connection with its settings. Only the interface for several transfers lets a transfer be interrupted.
+struct Connection {
+  std::unique_ptr<CURLM, CloseTransfers> transfers;
+  std::unique_ptr<CURL, CloseHandle> handle;
+
+  // Runs the transfer to its end. Returns CURLE_ABORTED_BY_CALLBACK if it is interrupted.
+  CURLcode run() const {
+    if (libcurl().multi_add_handle(transfers.get(), handle.get()) != CURLM_OK) return CURLE_OUT_OF_MEMORY;
+    CURLcode code = CURLE_ABORTED_BY_CALLBACK;
+    for (bool done = false; !done && !is_interrupted();) {
+      int running = 0, left = 0;
+      CURLMcode state = libcurl().multi_perform(transfers.get(), &running);
+      const CURLMsg* message = libcurl().multi_info_read(transfers.get(), &left);
+      if (message && message->msg == CURLMSG_DONE) {
+        code = message->data.result;
+        done = true;
+      } else if (state == CURLM_OK) {
+        state = libcurl().multi_poll(transfers.get(), nullptr, 0, static_cast<int>(interruption_delay.count()), nullptr);
+      }
+      if (state == CURLM_OK) continue;
+      code = CURLE_OUT_OF_MEMORY;  // nothing else can fail
+      done = true;
+    }
+    libcurl().multi_remove_handle(transfers.get(), handle.get());
+    return code;
+  }
+};
 
 template <class T>
 T info_of(CURL* handle, CURLINFO which) {
@@ -187,8 +228,9 @@ bool may_pass(CURLcode code) {
 class Exchange {
  public:
   // `content`: from earlier answers. If it is empty, this answer sets it.
-  Exchange(CURL* handle, std::uint64_t offset, std::span<std::byte> out, std::optional<Content>& content)
-      : handle_(handle), offset_(offset), out_(out), content_(content) {}
+  Exchange(const Connection& connection, std::uint64_t offset, std::span<std::byte> out,
+           std::optional<Content>& content)
+      : connection_(connection), handle_(connection.handle.get()), offset_(offset), out_(out), content_(content) {}
 
   // Returns nothing if all bytes came.
   std::optional<Failure> run() {
@@ -200,10 +242,11 @@ class Exchange {
     libcurl().easy_setopt(handle_, CURLOPT_ERRORBUFFER, text.data());
     const CURLcode code = [&] {
       const NoSigpipe guard;
-      return libcurl().easy_perform(handle_);
+      return connection_.run();
     }();
     libcurl().easy_setopt(handle_, CURLOPT_ERRORBUFFER, nullptr);
 
+    if (is_interrupted()) return Failure{"interrupted"};
     if (code == CURLE_OK) check_once();
     if (failure_) return failure_;
     if (checked_ && received_ == expected_) return {};
@@ -256,6 +299,7 @@ class Exchange {
 
   static Failure changed() { return {"the file changed on the server while it was open"}; }
 
+  const Connection& connection_;
   CURL* handle_;
   std::uint64_t offset_;
   std::span<std::byte> out_;
@@ -298,20 +342,21 @@ class HttpSource final : public ByteSource {
  private:
   // After a failure, goes on behind the bytes that have come.
   Status fetch(std::uint64_t offset, std::span<std::byte> out) {
-    SPLATVOL_TRY_ASSIGN(handle, acquire_handle());
+    SPLATVOL_TRY_ASSIGN(connection, acquire_connection());
+    CURL* const handle = connection.handle.get();
     milliseconds wait = options_.first_wait;
     for (int attempt = 1;; ++attempt, wait *= 2) {
       const std::string address = current_address();
-      libcurl().easy_setopt(handle.get(), CURLOPT_URL, address.c_str());
-      Exchange exchange(handle.get(), offset, out, content_);
+      libcurl().easy_setopt(handle, CURLOPT_URL, address.c_str());
+      Exchange exchange(connection, offset, out, content_);
       const auto failure = exchange.run();
       if (!failure) {
-        const char* reached = info_of<const char*>(handle.get(), CURLINFO_EFFECTIVE_URL);
+        const char* reached = info_of<const char*>(handle, CURLINFO_EFFECTIVE_URL);
         set_address(reached ? reached : url_);
         break;
       }
       // Where a redirection led to may be gone: the server can name another place.
-      if (!failure->may_pass && address != url_) {
+      if (!failure->may_pass && address != url_ && !is_interrupted()) {
         set_address(url_);
         continue;
       }
@@ -320,9 +365,9 @@ class HttpSource final : public ByteSource {
       offset += exchange.received();
       out = out.subspan(exchange.received());
       const milliseconds pause = std::max(wait, failure->wait);
-      options_.wait ? options_.wait(pause) : std::this_thread::sleep_for(pause);
+      options_.wait ? options_.wait(pause) : sleep_interruptibly(pause);
     }
-    release_handle(std::move(handle));
+    release_connection(std::move(connection));
     return {};
   }
 
@@ -337,23 +382,30 @@ class HttpSource final : public ByteSource {
     address_ = address;
   }
 
-  void release_handle(Handle handle) {
+  void release_connection(Connection connection) {
     const std::scoped_lock lock(mutex_);
-    idle_.push_back(std::move(handle));
+    idle_.push_back(std::move(connection));
   }
 
-  Result<Handle> acquire_handle() {
+  Result<Connection> acquire_connection() {
     {
       const std::scoped_lock lock(mutex_);
       if (!idle_.empty()) {
-        Handle handle = std::move(idle_.back());
+        Connection connection = std::move(idle_.back());
         idle_.pop_back();
-        return handle;
+        return connection;
       }
     }
-    Handle handle(libcurl().started ? libcurl().easy_init() : nullptr);
-    if (!handle) return fail(ErrorCode::io, "{}: cannot load or start libcurl; install {}", name_, library_name);
-    const auto set = [&](CURLoption option, auto value) { libcurl().easy_setopt(handle.get(), option, value); };
+    Connection connection;
+    if (libcurl().started) {
+      connection.transfers.reset(libcurl().multi_init());
+      connection.handle.reset(libcurl().easy_init());
+    }
+    if (!connection.transfers || !connection.handle)
+      return fail(ErrorCode::io, "{}: cannot load or start libcurl; install {}", name_, library_name);
+    const auto set = [&](CURLoption option, auto value) {
+      libcurl().easy_setopt(connection.handle.get(), option, value);
+    };
     set(CURLOPT_PROTOCOLS_STR, protocols);
     // What is asked for in private is not fetched in public.
     set(CURLOPT_REDIR_PROTOCOLS_STR, url_.starts_with("https:") ? "https" : protocols);
@@ -362,10 +414,11 @@ class HttpSource final : public ByteSource {
     set(CURLOPT_USERAGENT, "splatvol/" SPLATVOL_VERSION);
     set(CURLOPT_ACCEPT_ENCODING, "identity");  // ranges of a compressed file are useless
     set(CURLOPT_NOSIGNAL, 1L);
+    set(CURLOPT_QUICK_EXIT, 1L);  // an interrupted transfer does not wait for a name to be resolved
     set(CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(options_.connect_timeout.count()));
     set(CURLOPT_LOW_SPEED_LIMIT, options_.slowest);
     set(CURLOPT_LOW_SPEED_TIME, static_cast<long>(options_.stall_timeout.count()));
-    return handle;
+    return connection;
   }
 
   const std::string url_;
@@ -374,7 +427,7 @@ class HttpSource final : public ByteSource {
   std::optional<Content> content_;  // constant once open
   std::vector<std::byte> head_;     // the file's first bytes
   std::mutex mutex_;
-  std::vector<Handle> idle_;
+  std::vector<Connection> idle_;
   std::string address_;
 };
 

@@ -28,7 +28,7 @@ struct HttpOptions {
 /// Each read is a request for a range of bytes. Its connection is kept for the next read; simultaneous reads have a
 /// connection each. Uses the proxies of the environment (http_proxy and so on) and follows redirects. A read fails if
 /// the file has changed since the first answer: another size, or another ETag (Last-Modified if there is no ETag).
-/// Trusts nothing that the server says about ranges.
+/// Trusts nothing that the server says about ranges. Heeds base/interruption.h.
 ///
 /// The source's name, and so its messages, leave out user, password and query, which may be secret.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options = {});

@@ -7,6 +7,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/interruption.h"
 #include "format/columns.h"
 #include "streamer/decode.h"
 #include "streamer/row_bytes.h"
@@ -239,7 +240,7 @@ Loader::Loader(const format::Volume& volume, int attribute, unsigned threads) : 
 Loader::~Loader() {
   {
     const std::scoped_lock lock(mutex_);
-    stopping_ = true;
+    stop_.request_stop();
   }
   submitted_.notify_all();
   for (std::thread& thread : threads_) thread.join();
@@ -271,10 +272,11 @@ void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
 }
 
 void Loader::work() {
+  const Interruptible interruptible(stop_.get_token());
   std::unique_lock lock(mutex_);
   for (;;) {
-    submitted_.wait(lock, [this] { return stopping_ || !queue_.empty(); });
-    if (stopping_) return;
+    submitted_.wait(lock, [this] { return stop_.stop_requested() || !queue_.empty(); });
+    if (stop_.stop_requested()) return;
     LoadRun run = std::move(queue_.front());
     queue_.pop_front();
     ++begun_;

@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <span>
+#include <stop_token>
 #include <thread>
 #include <variant>
 #include <vector>
@@ -88,7 +89,8 @@ class Loader {
   Loader(const Loader&) = delete;
   Loader& operator=(const Loader&) = delete;
 
-  /// Waits for the load runs that were begun; begins no others.
+  /// Interrupts reads from servers (base/interruption.h). Waits for the other load runs that were begun; begins no
+  /// others.
   ~Loader();
 
   void submit(LoadRun run);
@@ -113,7 +115,7 @@ class Loader {
   std::deque<LoadRun> queue_;
   std::vector<LoadRun> done_;
   std::size_t begun_ = 0;  // begun and not done
-  bool stopping_ = false;
+  std::stop_source stop_;
   std::vector<std::thread> threads_;
 };
 

@@ -13,11 +13,7 @@ Result<std::shared_ptr<const Page>> PagedVolume::page(CacheKey key, std::uint64_
   };
   if (const Cache::Pointer held = cache_.find(key)) return typed(held);
   const auto too_large = [&](std::uint64_t bytes) {
-    return fail(
-        ErrorCode::out_of_budget,
-        "{}: the memory granted is too little for the index of this view: grant more (a page of {} bytes does not "
-        "fit)",
-        volume_->name(), bytes);
+    return fail(ErrorCode::out_of_budget, "{}: no memory for a page of {} bytes", volume_->name(), bytes);
   };
   auto reservation = cache_.reserve(packed_bytes);
   if (!reservation) return too_large(packed_bytes);

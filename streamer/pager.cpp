@@ -10,8 +10,7 @@ namespace {
 using format::DirectoryPage;
 using format::IndexPage;
 
-// Most failed parts. Then the disk is gone: nothing more is asked for, so that the list of failures does not grow.
-constexpr std::size_t most_failures = 1000;
+constexpr std::size_t most_failures = 1000;  // then the disk is gone
 
 constexpr int before_all_stages = std::numeric_limits<int>::max();
 
@@ -100,6 +99,7 @@ void Pager::forget(const ValueVisibility& visibility) {
   visibility_ = visibility;
   wants_.clear();
   pages_ahead_.clear();
+  too_large_.clear();
 }
 
 void Pager::keep_pages_and_ask_ahead(Pages pages) {
@@ -188,7 +188,7 @@ void Pager::hold_wanted() {
     if (want.stage >= 0) static_cast<void>(state_of(want.row));
 }
 
-void Pager::ask() {
+void Pager::ask(bool is_final) {
   for (const LoadRun& run : loader_.withdraw())
     for (const PartLoad& part : run) {
       const auto found = in_flight_.find(part.key);
@@ -196,8 +196,24 @@ void Pager::ask() {
       in_flight_.erase(found);
     }
   hold_wanted();
-  for (Request& request : requests())
-    if (failed_.size() >= most_failures || !submit(std::move(request.run), request.stage >= 0)) break;
+  for (Request& request : requests()) {
+    const CacheKey first = request.run.front().key;
+    if (submit(std::move(request.run), request.stage >= 0)) continue;
+    if (!is_final || is_reading() || request.stage < 0) break;
+    note_too_large(first);
+  }
+}
+
+bool Pager::has_failed(const CacheKey& key) const {
+  return failed_.contains(key) || too_large_.contains(key) || failed_.size() >= most_failures;
+}
+
+void Pager::note_too_large(const CacheKey& key) {
+  too_large_.insert(key);
+  if (!told_.insert(key).second) return;
+  const bool of_row = key.kind == CacheKey::Kind::shapes || key.kind == CacheKey::Kind::values;
+  errors_.push_back({ErrorCode::out_of_budget, fmt::format("{}: no memory for {} {}", paged_.volume().name(),
+                                                           of_row ? "row" : "page", key.number)});
 }
 
 // Returns requests for all missing parts, those needed most first. Skips intermediate pictures once the final one is
@@ -283,7 +299,7 @@ void Pager::miss_page(std::uint64_t number, bool needed, Collected& collected) {
 
 void Pager::miss(const CacheKey& key, std::uint64_t& parts) {
   ++parts;
-  missing_.failed += failed_.contains(key) ? 1 : 0;
+  missing_.failed += has_failed(key) && !in_flight_.contains(key) ? 1 : 0;
 }
 
 // Submits the parts of a load run that memory suffices for. Returns whether these are all.

@@ -46,7 +46,8 @@ class Pager final : public IndexPages, public Residency {
     std::uint64_t packed_bytes = 0;  // of index pages, there or not: a lower bound
   };
 
-  /// Sets which values are visible from now on. Forgets everything that was wanted.
+  /// Sets which values are visible from now on. Forgets everything that was wanted, and for which parts memory did not
+  /// suffice.
   void forget(const ValueVisibility& visibility);
 
   /// Forgets which pages were used.
@@ -72,8 +73,10 @@ class Pager final : public IndexPages, public Residency {
   void want(const Cut& cut, int stage);
 
   /// Asks for the parts that are wanted and not there, while memory suffices. Withdraws earlier requests that were not
-  /// begun, unless the parts are still wanted.
-  void ask();
+  /// begun, unless the parts are still wanted. After 1000 parts that could not be read, asks for none: all that are missing
+  /// count as failed. `is_final`: no memory becomes free before `forget`; a part for which memory does not suffice, while
+  /// no other one is being read, then counts as failed until `forget`.
+  void ask(bool is_final);
 
   /// Whether a part was asked for and has not arrived.
   [[nodiscard]] bool is_reading() const { return !in_flight_.empty(); }
@@ -97,7 +100,7 @@ class Pager final : public IndexPages, public Residency {
     std::uint64_t rows = 0;  // shapes or values of rows, whose locations are known
     std::uint64_t pages = 0;
     std::uint64_t bytes = 0;   // packed
-    std::uint64_t failed = 0;  // of these rows and pages, those that cannot be read
+    std::uint64_t failed = 0;  // of these rows and pages, those that cannot be read or held
 
     [[nodiscard]] bool settled() const { return rows + pages == failed; }
   };
@@ -151,7 +154,9 @@ class Pager final : public IndexPages, public Residency {
   void add_part(const Want& want, const CacheKey& key, bool is_there, Collected& collected);
   void miss_page(std::uint64_t number, bool needed, Collected& collected);
   void miss(const CacheKey& key, std::uint64_t& parts);
-  [[nodiscard]] bool can_ask(const CacheKey& key) const { return !in_flight_.contains(key) && !failed_.contains(key); }
+  [[nodiscard]] bool can_ask(const CacheKey& key) const { return !in_flight_.contains(key) && !has_failed(key); }
+  [[nodiscard]] bool has_failed(const CacheKey& key) const;
+  void note_too_large(const CacheKey& key);
   [[nodiscard]] bool submit(LoadRun run, bool may_evict);
   [[nodiscard]] bool reserve(PartLoad& part, bool may_evict);
   void arrive(PartLoad& part, Arrivals& arrivals);
@@ -171,6 +176,8 @@ class Pager final : public IndexPages, public Residency {
   std::uint64_t bytes_in_flight_ = 0;
   std::uint64_t largest_index_page_ = 0;  // bytes in memory, so far
   std::set<CacheKey> failed_;
+  std::set<CacheKey> too_large_;  // for what memory is left
+  std::set<CacheKey> told_;       // of these, those whose errors have been told
   std::vector<Error> errors_;
   Missing missing_;
   std::uint64_t needed_bytes_ = 0;

@@ -5,6 +5,8 @@
 #include <new>
 #include <utility>
 
+#include "base/interruption.h"
+
 namespace splatvol {
 
 using format::DirectoryPage;
@@ -20,7 +22,7 @@ StepPrefetch::StepPrefetch(std::shared_ptr<const format::Volume> from, std::size
       thread_([this] { run(); }) {}
 
 StepPrefetch::~StepPrefetch() {
-  stopping_ = true;
+  stop_.request_stop();
   if (thread_.joinable()) thread_.join();
 }
 
@@ -30,6 +32,7 @@ StepPrefetch::Result StepPrefetch::extract() {
 }
 
 void StepPrefetch::run() {
+  const Interruptible interruptible(stop_.get_token());
   try {
     read_step();
   } catch (const std::bad_alloc&) {
@@ -59,7 +62,7 @@ bool StepPrefetch::has_same_layout() const {
 
 void StepPrefetch::read_pages() {
   for (PartLoad& part : pages_) {
-    if (stopping_) return;
+    if (stop_.stop_requested()) return;
     if (const auto* index = std::get_if<IndexPageLoad>(&part.what)) {
       auto page = result_.volume->with_summaries(*index->structure, attribute_);
       if (!page || page->memory_bytes() > part.decoded.bytes()) continue;
@@ -94,7 +97,7 @@ void StepPrefetch::read_rows() {
   std::erase_if(rows_, [&](PartLoad& row) { return !find_locations(row); });
   std::vector<LoadRun> runs = runs_of(*result_.volume, std::move(rows_), run_bytes);
   for (LoadRun& run : runs) {
-    if (stopping_) return;
+    if (stop_.stop_requested()) return;
     read_run(*result_.volume, attribute_, run);
     for (PartLoad& part : run)
       if (part.data && held_bytes(*part.data) <= part.decoded.bytes()) result_.parts.push_back(std::move(part));

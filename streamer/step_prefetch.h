@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstddef>
 #include <memory>
+#include <stop_token>
 #include <thread>
 #include <vector>
 
@@ -29,7 +30,7 @@ class StepPrefetch {
   StepPrefetch(const StepPrefetch&) = delete;
   StepPrefetch& operator=(const StepPrefetch&) = delete;
 
-  /// Stops as soon as the load run in progress is read.
+  /// Stops as soon as the load run in progress is read, or interrupted (base/interruption.h).
   ~StepPrefetch();
 
   [[nodiscard]] std::size_t step() const { return step_; }
@@ -60,7 +61,8 @@ class StepPrefetch {
   std::vector<PartLoad> pages_, rows_;
   Reservation working_;
   Result result_;
-  std::atomic<bool> stopping_ = false, done_ = false;
+  std::stop_source stop_;
+  std::atomic<bool> done_ = false;
   std::thread thread_;  // last: begins when all else is there
 };
 

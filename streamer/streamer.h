@@ -42,7 +42,7 @@ struct StreamerOptions {
 /// How far a frame is from the picture that its view asks for.
 struct FrameProgress {
   bool complete = true;      // it is the frame of `request` for its `detail`
-  bool settled = true;       // it will not change: complete, except for parts that cannot be read
+  bool settled = true;       // it will not change: complete, except for parts that cannot be read or held
   std::uint64_t fading = 0;  // regions that fade
 
   // Parts of the file that are needed.
@@ -51,7 +51,7 @@ struct FrameProgress {
   std::uint64_t missing_bytes = 0;  // packed
   std::uint64_t needed_bytes = 0;   // packed, there or not
 
-  std::vector<Error> errors;  // of parts that could not be read since the frame before; each part once
+  std::vector<Error> errors;  // of parts that could not be read or held since the frame before; each part once
 };
 
 /// The splats to draw for a view, in Streamer::units; owned by the streamer. The frame holds its rows: the budget

@@ -171,6 +171,10 @@ tl::unexpected<Error> Streamer::fail_for_memory(const View& view, const ValueVis
   const CutOptions options = cut_options(coarsest_detail, std::numeric_limits<std::uint64_t>::max());
   paged_.forget_used();
   const auto coarsest = select(paged_, nullptr, view, visibility, options);
+  if (!coarsest && coarsest.error().code == ErrorCode::out_of_budget)
+    return fail(ErrorCode::out_of_budget,
+                "{}: {} bytes of memory are too few for the index of this view: grant more, such as {}",
+                volume_->name(), budget_.capacity(), 2 * budget_.capacity());
   if (!coarsest) return tl::unexpected(coarsest.error());
   if (coarsest->splats > detail.device_splats)
     return fail(ErrorCode::out_of_budget, "{}: even the coarsest picture has {} splats, and the device holds {}",

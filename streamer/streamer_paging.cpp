@@ -48,7 +48,8 @@ Result<const FrameSplats*> Streamer::advance(const View& view, const TransferFun
 
   for (Pager::Arrivals arrived = pager_->accept_arrivals();;) {
     if (!aim_ || arrived.pages) SPLATVOL_TRY(choose_aim(view, visibility, detail));
-    if (!steady || arrived || !pager_->is_reading()) pager_->ask();
+    const bool rests = steady && !arrived && frame_ && frame_->fading.fades.empty();
+    if (!steady || arrived || !pager_->is_reading()) pager_->ask(rests);
     if (pager_->missing().settled() || std::chrono::steady_clock::now() >= deadline) break;
     pager_->wait_until(deadline);
     arrived = pager_->accept_arrivals();
@@ -137,7 +138,7 @@ void Streamer::want_ahead(const View& last, const View& view, const ValueVisibil
   pager_->keep_pages_and_ask_ahead(std::move(pages));
   if (!cut) return;
   pager_->want(*cut, Pager::ahead);
-  pager_->ask();
+  pager_->ask(false);
 }
 
 // Whether the aim can be drawn as it is.

@@ -5,9 +5,12 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <future>
 #include <limits>
+#include <stop_token>
 
 #include "base/http_source.h"
+#include "base/interruption.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "renderer/sampling.h"
@@ -65,6 +68,35 @@ SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
 }
 
 }  // namespace
+
+// Opens a step's file on a thread of its own. Its destruction does not wait for a server.
+class Session::Ahead {
+ public:
+  Ahead(const format::Steps& steps, std::size_t step)
+      : step_(step), volume_(std::async(std::launch::async, [steps, step, stop = stop_.get_token()] {
+          const Interruptible interruptible(stop);
+          return steps.volume(step);
+        })) {}
+  Ahead(const Ahead&) = delete;
+  Ahead& operator=(const Ahead&) = delete;
+  ~Ahead() { stop_.request_stop(); }
+
+  [[nodiscard]] std::size_t step() const { return step_; }
+  [[nodiscard]] bool is_done() const {
+    return !volume_.valid() || volume_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  }
+
+  // Waits for it. Called once.
+  [[nodiscard]] Result<std::shared_ptr<const format::Volume>> volume() { return volume_.get(); }
+
+ private:
+  std::size_t step_;
+  std::stop_source stop_;
+  std::future<Result<std::shared_ptr<const format::Volume>>> volume_;
+};
+
+Session::Session() = default;
+Session::~Session() = default;
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
                                                const ViewSettings& settings) {
@@ -178,8 +210,8 @@ Status Session::show_step(std::size_t step) {
 
 Status Session::change_step(std::size_t step) {
   if (!steps_->are_files()) return streamer_->set_step(step);
-  const bool is_ahead = ahead_ && ahead_->step == step;
-  auto volume = is_ahead ? ahead_->volume.get() : steps_->volume(step);
+  const bool is_ahead = ahead_ && ahead_->step() == step;
+  auto volume = is_ahead ? ahead_->volume() : steps_->volume(step);
   ahead_.reset();
   if (!volume) return tl::unexpected(volume.error());
   return streamer_->set_step(std::move(*volume));
@@ -188,15 +220,13 @@ Status Session::change_step(std::size_t step) {
 void Session::read_ahead(std::size_t step) {
   if (step >= times().size() || step == step_) return;
   if (!steps_->are_files()) return streamer_->prefetch_step(step);
-  if (ahead_ && ahead_->step == step) return;
+  if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
-  ahead_ = Ahead{step, std::async(std::launch::async, [steps = *steps_, step] { return steps.volume(step); })};
+  ahead_ = std::make_unique<Ahead>(*steps_, step);
 }
 
 bool Session::is_reading_ahead() const {
-  using std::chrono::seconds;
-  if (ahead_ && ahead_->volume.wait_for(seconds(0)) != std::future_status::ready) return true;
-  return streamer_->is_prefetching();
+  return (ahead_ && !ahead_->is_done()) || streamer_->is_prefetching();
 }
 
 // Passes changes on to streamer and renderer. A change of the picture starts again from a coarse one.

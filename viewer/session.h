@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cstdint>
-#include <future>
 #include <memory>
 #include <optional>
 #include <string>
@@ -41,6 +40,8 @@ struct ViewSettings {
 /// `settings` say so.
 class Session {
  public:
+  ~Session();
+
   /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
   /// scene.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
@@ -123,7 +124,7 @@ class Session {
   ViewSettings settings;
 
  private:
-  Session() = default;
+  Session();
   [[nodiscard]] Status draw_next(int width, int height, double seconds);
   [[nodiscard]] Status open_streamer();
   [[nodiscard]] Status use_step();
@@ -142,11 +143,8 @@ class Session {
   std::size_t step_ = 0;
   bool awaits_step_ = false;    // no picture of the step yet
   double awaited_seconds_ = 0;  // since the step was asked for
-  struct Ahead {
-    std::size_t step;
-    std::future<Result<std::shared_ptr<const format::Volume>>> volume;
-  };
-  std::optional<Ahead> ahead_;  // of a series of files
+  class Ahead;
+  std::unique_ptr<Ahead> ahead_;  // of a series of files
   bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> renderer_;

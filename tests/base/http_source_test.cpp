@@ -12,6 +12,7 @@
 #include <random>
 #include <thread>
 
+#include "base/interruption.h"
 #include "tests/support/loopback.h"
 #include "tests/support/nginx.h"
 #include "tests/support/scripted_server.h"
@@ -308,6 +309,32 @@ TEST(MisbehavingServer, AStalledTransferIsTriedAgain) {
   options.stall_timeout = std::chrono::seconds(1);
   EXPECT_EQ(outcome(server, options), "read");
   EXPECT_EQ(patience.waits.size(), 2u);
+}
+
+// A server that sends nothing, or a part of the answer, or wants to be asked later. Each waits for ever, or a minute.
+TEST(MisbehavingServer, AWaitIsInterrupted) {
+  for (const Reply& reply : {Reply{"", Reply::Then::stall}, part(50'000, 1000, {.missing = 400}, Reply::Then::stall),
+                             answer("503 Service Unavailable", "Retry-After: 59\r\n")}) {
+    ScriptedServer server({head(), reply});
+    const auto source = open_url(server.url("data")).value();
+    std::stop_source stop;
+    Status status, later;
+    std::thread reader([&] {
+      const Interruptible interruptible(stop.get_token());
+      std::string out(1000, '?');
+      status = read(*source, 50'000, out);
+      later = read(*source, 50'000, out);
+    });
+    while (server.requests().size() < 2) std::this_thread::sleep_for(milliseconds(1));
+    std::this_thread::sleep_for(milliseconds(100));  // it waits
+    stop.request_stop();
+    reader.join();
+    for (const Status& ended : {status, later}) {
+      ASSERT_FALSE(ended);
+      expect_one_line(ended.error(), server.url("data"), "interrupted");
+    }
+    EXPECT_EQ(server.requests().size(), 2u) << reply.text;
+  }
 }
 
 TEST(MisbehavingServer, WhatWillNotPassFailsAtOnce) {

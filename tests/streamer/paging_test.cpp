@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "base/interruption.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "streamer/streamer.h"
@@ -65,8 +66,9 @@ class FaultySource final : public ByteSource {
     faults_->ranges.emplace_back(offset, end);
     ++faults_->waiting;
     faults_->changed.notify_all();
-    faults_->changed.wait(lock, [this] { return !faults_->closed; });
+    while (faults_->closed && !is_interrupted()) faults_->changed.wait_for(lock, interruption_delay);
     --faults_->waiting;
+    if (is_interrupted()) return fail(ErrorCode::io, "{}: interrupted", name_);
     for (const auto& [from, to] : faults_->failing)
       if (from < end && offset < to) return fail(ErrorCode::io, "{}: the disk is gone", name_);
     std::ranges::copy(std::span(bytes_).subspan(offset, out.size()), out.begin());
@@ -466,6 +468,44 @@ TEST_P(Paging, ClosesWhileReadsHang) {
   EXPECT_EQ(faults->waiting, 0);
 }
 
+TEST_P(Paging, ClosingInterruptsReadsThatHang) {
+  auto streamer = open();
+  faults->set_closed(true);
+  advance(*streamer, far_view(), 0);
+  faults->wait_for_readers(4);
+  streamer.reset();  // or this would never end
+  EXPECT_EQ(faults->waiting, 0);
+}
+
+// From the least budget on, which messages name. In the least ones, some pages of the index have no room.
+TEST_P(Paging, SettlesWithinAnyBudgetThatDraws) {
+  std::mt19937 random(39);
+  std::uint64_t memory = 1000;
+  int drawn = 0;
+  while (drawn < 24) {
+    auto streamer = Streamer::open(std::make_unique<FaultySource>(large_volume_bytes(), faults),
+                                   {memory, "value", GetParam()});
+    const View view = test::random_view(random);
+    const FrameSplats* frame = nullptr;
+    Status status = streamer ? Status{} : tl::unexpected(streamer.error());
+    for (int calls = 0; status && !(frame && frame->progress.settled); ++calls) {
+      ASSERT_LT(calls, most_calls) << memory << " bytes, " << frame->progress.missing_rows << " rows and "
+                                   << frame->progress.missing_pages << " pages are missing";
+      if (const auto next = (*streamer)->advance(view, test::opaque(), percent(0.5), 0.5))
+        frame = *next;
+      else
+        status = tl::unexpected(next.error());
+    }
+    if (status) {
+      ASSERT_LE((*streamer)->statistics().bytes_resident_peak, memory);
+      ++drawn;
+    } else {
+      EXPECT_EQ(status.error().code, ErrorCode::out_of_budget);
+    }
+    memory += memory / 40;
+  }
+}
+
 // Returns the chunks that a frame of all points needs, except those that are read with the preamble.
 std::vector<format::ChunkLocation> chunks_to_read(const format::Volume& file, KernelKind kernel) {
   std::vector<format::ChunkLocation> locations;
@@ -482,6 +522,30 @@ std::vector<format::ChunkLocation> chunks_to_read(const format::Volume& file, Ke
     }
   }
   return locations;
+}
+
+TEST_P(Paging, ADiskThatIsGoneIsNotAskedForEver) {
+  const auto streamer = open(plenty, large_volume_bytes(), "value");
+  settle(*streamer, far_view(), 30);
+  const auto file = format::Volume::open(memory_source(large_volume_bytes(), "large.svol")).value();
+  {
+    const std::scoped_lock lock(faults->mutex);
+    for (const format::ChunkLocation& location : chunks_to_read(*file, GetParam()))
+      faults->failing.emplace_back(location.offset, location.offset + location.entry.packed_bytes);
+  }
+  std::size_t errors = 0;
+  int calls = 0;
+  for (bool settled = false; !settled && calls < most_calls; ++calls) {
+    const FrameSplats& frame = advance(*streamer, far_view(), 0, long_enough);
+    errors += frame.progress.errors.size();
+    settled = frame.progress.settled;
+    EXPECT_FALSE(frame.progress.complete);
+  }
+  EXPECT_LT(calls, most_calls);
+  EXPECT_GE(errors, 1000u);
+  const std::size_t reads = faults->reads();
+  EXPECT_TRUE(advance(*streamer, view_from({0, 0.1, 5}), 0).progress.settled);
+  EXPECT_EQ(faults->reads(), reads);
 }
 
 TEST_P(Paging, ADamagedChunkIsDrawnCoarserAndToldOnce) {

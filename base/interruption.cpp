@@ -1,0 +1,27 @@
+#include "base/interruption.h"
+
+#include <algorithm>
+#include <thread>
+#include <utility>
+
+namespace splatvol {
+namespace {
+
+thread_local std::stop_token stop_of_thread;
+
+}  // namespace
+
+Interruptible::Interruptible(std::stop_token stop) : before_(std::exchange(stop_of_thread, std::move(stop))) {}
+
+Interruptible::~Interruptible() { stop_of_thread = std::move(before_); }
+
+bool is_interrupted() { return stop_of_thread.stop_requested(); }
+
+void sleep_interruptibly(std::chrono::milliseconds time) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point end = Clock::now() + time;
+  for (auto now = Clock::now(); now < end && !is_interrupted(); now = Clock::now())
+    std::this_thread::sleep_for(std::min<Clock::duration>(end - now, interruption_delay));
+}
+
+}  // namespace splatvol
