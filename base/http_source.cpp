@@ -133,7 +133,8 @@ struct Connection {
         code = message->data.result;
         done = true;
       } else if (state == CURLM_OK) {
-        state = libcurl().multi_poll(transfers.get(), nullptr, 0, static_cast<int>(interruption_delay.count()), nullptr);
+        state =
+            libcurl().multi_poll(transfers.get(), nullptr, 0, static_cast<int>(interruption_delay.count()), nullptr);
       }
       if (state == CURLM_OK) continue;
       code = CURLE_OUT_OF_MEMORY;  // nothing else can fail

@@ -6,9 +6,9 @@
 
 namespace splatvol {
 
-/// While it lives, reads of this thread from servers heed a stop: when it is requested, a read in progress ends within a
-/// tenth of a second, with an error, and so does each later one at once. Reads from disks do not wait for anybody, and
-/// end by themselves.
+/// While it lives, reads of this thread from servers heed a stop: when it is requested, a read in progress ends within
+/// a tenth of a second, with an error, and so does each later one at once. Reads from disks do not wait for anybody,
+/// and end by themselves.
 class Interruptible {
  public:
   explicit Interruptible(std::stop_token stop);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <iterator>
 
 #include "streamer/error_model.h"
@@ -38,7 +39,7 @@ class CutSelector {
         options_(options) {}
 
   Result<Cut> run() {
-    if (options_.filled) {
+    if (options_.filled && !is_coarsest()) {
       SPLATVOL_TRY_ASSIGN(found, tree_.find_hidden(*options_.filled, options_.kept_occlusion));
       wanted_.complete = drawn_.complete = found;
     }
@@ -78,7 +79,7 @@ class CutSelector {
     if (node.child_mask() == 0) return draw(node, resolution.value_or(finest()));
     std::uint64_t splats = std::numeric_limits<std::uint64_t>::max();
     if (resolution) splats = tree_.is_within_reach(node, *resolution) ? node.splat_count(*resolution) : 0;
-    if (resolution && splats <= options_.compare_above) return draw(node, *resolution);
+    if (resolution && (splats <= options_.compare_above || is_coarsest())) return draw(node, *resolution);
 
     // Draws the node or its children, whichever are fewer splats. At equal numbers, children: smaller nodes are sorted
     // better.
@@ -90,6 +91,12 @@ class CutSelector {
     return_to(before, wanted_);
     return_to(drawn_before, drawn_);
     return draw(node, *resolution);
+  }
+
+  // Whether nothing coarser can be asked for. Then no index page is read only to leave out some splats of the root.
+  bool is_coarsest() const {
+    if (options_.goal) return options_.goal->max_splats <= 1;
+    return options_.resolution ? *options_.resolution == 0 : std::isinf(options_.tolerance_percent);
   }
 
   // Returns the worst outcome of the children, or nothing if their page is not there.

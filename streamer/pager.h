@@ -73,9 +73,9 @@ class Pager final : public IndexPages, public Residency {
   void want(const Cut& cut, int stage);
 
   /// Asks for the parts that are wanted and not there, while memory suffices. Withdraws earlier requests that were not
-  /// begun, unless the parts are still wanted. After 1000 parts that could not be read, asks for none: all that are missing
-  /// count as failed. `is_final`: no memory becomes free before `forget`; a part for which memory does not suffice, while
-  /// no other one is being read, then counts as failed until `forget`.
+  /// begun, unless the parts are still wanted. After 1000 parts that could not be read, asks for none: all that are
+  /// missing count as failed. `is_final`: no memory becomes free before `forget`; a part for which memory does not
+  /// suffice, while no other one is being read, then counts as failed until `forget`.
   void ask(bool is_final);
 
   /// Whether a part was asked for and has not arrived.

@@ -225,9 +225,7 @@ void Session::read_ahead(std::size_t step) {
   ahead_ = std::make_unique<Ahead>(*steps_, step);
 }
 
-bool Session::is_reading_ahead() const {
-  return (ahead_ && !ahead_->is_done()) || streamer_->is_prefetching();
-}
+bool Session::is_reading_ahead() const { return (ahead_ && !ahead_->is_done()) || streamer_->is_prefetching(); }
 
 // Passes changes on to streamer and renderer. A change of the picture starts again from a coarse one.
 Status Session::apply(const View& view) {

@@ -145,7 +145,7 @@ class Session {
   double awaited_seconds_ = 0;  // since the step was asked for
   class Ahead;
   std::unique_ptr<Ahead> ahead_;  // of a series of files
-  bool fits_ = false;           // the first scene is one that fits the data, and its camera the first picture's size
+  bool fits_ = false;             // the first scene is one that fits the data, and its camera the first picture's size
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> renderer_;
   bool can_mix_ = false;    // whether it draws in slabs

@@ -483,8 +483,8 @@ TEST_P(Paging, SettlesWithinAnyBudgetThatDraws) {
   std::uint64_t memory = 1000;
   int drawn = 0;
   while (drawn < 24) {
-    auto streamer = Streamer::open(std::make_unique<FaultySource>(large_volume_bytes(), faults),
-                                   {memory, "value", GetParam()});
+    auto streamer =
+        Streamer::open(std::make_unique<FaultySource>(large_volume_bytes(), faults), {memory, "value", GetParam()});
     const View view = test::random_view(random);
     const FrameSplats* frame = nullptr;
     Status status = streamer ? Status{} : tl::unexpected(streamer.error());
