@@ -7,6 +7,8 @@
 #include <tl/expected.hpp>
 #include <utility>
 
+#include "base/printable.h"
+
 namespace splatvol {
 
 enum class ErrorCode {
@@ -28,15 +30,16 @@ template <class T>
 using Result = tl::expected<T, Error>;
 using Status = Result<void>;
 
-/// Makes a failure, for a function that returns a Result: `return fail(ErrorCode::io, "...", ...)`.
+/// Makes a failure, for a function that returns a Result: `return fail(ErrorCode::io, "...", ...)`. `?` stands for the
+/// control characters of names and texts in the message.
 template <class... Args>
 [[nodiscard]] tl::unexpected<Error> fail(ErrorCode code, fmt::format_string<Args...> format, Args&&... args) {
-  return tl::unexpected<Error>(Error{code, fmt::format(format, std::forward<Args>(args)...)});
+  return tl::unexpected<Error>(Error{code, one_line(fmt::format(format, std::forward<Args>(args)...))});
 }
 
 /// Passes an error on, with `where` in front of its message: "mesh.vtu: not XML".
 [[nodiscard]] inline tl::unexpected<Error> fail_in(const std::string& where, const Error& error) {
-  return tl::unexpected<Error>(Error{error.code, where + ": " + error.message});
+  return tl::unexpected<Error>(Error{error.code, one_line(where) + ": " + error.message});
 }
 
 // Early return of errors. The first form discards the value; the second declares `name` with it.

@@ -134,7 +134,8 @@ class Residency {
 /// - draws a node at its coarsest resolution whose splats are within the tolerance, from first_resolution on;
 /// - if there is none, goes on with the node's children; draws a leaf at the finest resolution.
 /// The result never has more splats than this rule gives (see compare_above). A node whose splats may reach the eye's
-/// plane is only within the tolerance infinity. If the page of a node's children is not there, the node counts at its
+/// plane is only within the tolerance infinity. Of the coarsest detail (that tolerance, the resolution 0, a goal of one
+/// splat) nodes are drawn as they are, without reading what lies below or in front of them. If the page of a node's children is not there, the node counts at its
 /// first resolution. Fails with out_of_budget past max_bytes, with invalid_data if the tree is deeper than the format
 /// allows, and with unsupported if the file has no sizes for the kernel.
 ///

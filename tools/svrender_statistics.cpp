@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -110,8 +112,11 @@ void add_detail(const RenderOptions& options, const Drawing& drawing, const Timi
 
 // The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
-  return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory,
-                     drawing.detail.device_splats, options.gpu_memory);
+  const std::uint64_t splats = drawing.detail.device_splats;
+  const bool is_limit = splats < std::numeric_limits<std::uint32_t>::max();  // what a device without memory of its own has
+  if (!is_limit) return fmt::format("--memory {}", options.memory);
+  return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory, splats,
+                     options.gpu_memory);
 }
 
 // Says what error was measured, and why it is more than the wanted one.
@@ -165,7 +170,11 @@ void print_summary(const RenderOptions& options, const Scene& scene, const Drawi
       frame.splats_by_resolution.size() > *options.detail.resolution)
     print_out("{}: resolution {} instead of {}, to stay within {}\n", options.output, *frame.detail.resolution,
               *options.detail.resolution, limits_of(options, drawing));
-  if (!frame.detail.resolution && frame.detail.tolerance_percent > options.detail.tolerance_percent)
+  if (frame.detail.resolution || frame.detail.tolerance_percent <= options.detail.tolerance_percent) return;
+  if (std::isinf(frame.detail.tolerance_percent))
+    print_out("{}: the fewest splats that there are instead of a tolerance of {:.3g} %, to stay within {}\n",
+              options.output, options.detail.tolerance_percent, limits_of(options, drawing));
+  else
     print_out("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.output,
               frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
 }

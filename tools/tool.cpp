@@ -1,6 +1,7 @@
 #include "tools/tool.h"
 
 #include <fcntl.h>
+#include <malloc.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -26,26 +27,6 @@ namespace splatvol {
 
 namespace {
 
-std::string one_line(std::string_view text) {
-  std::string line = printable(text);
-  std::ranges::replace(line, '\n', '?');
-  return line;
-}
-
-// Returns the bytes of the UTF-8 character at the front of a text; 0 if there is none.
-std::size_t character_bytes(std::string_view text) {
-  const auto byte = [&](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0u; };
-  const std::size_t bytes = byte(0) < 0x80   ? 1
-                            : byte(0) < 0xc2 ? 0
-                            : byte(0) < 0xe0 ? 2
-                            : byte(0) < 0xf0 ? 3
-                            : byte(0) < 0xf5 ? 4
-                                             : 0;
-  for (std::size_t i = 1; i < bytes; ++i)
-    if ((byte(i) & 0xc0) != 0x80) return 0;
-  return bytes;
-}
-
 // A program that is started without them would write what belongs there into its first files.
 void open_standard_streams() {
   for (int stream = ::open("/dev/null", O_RDWR); stream >= 0; stream = ::dup(stream))
@@ -55,9 +36,18 @@ void open_standard_streams() {
     }
 }
 
+// By default a thread keeps tens of MiB of freed memory once large blocks have been freed. With fixed thresholds it goes
+// back to the system: svview stays within what was granted.
+void return_freed_memory() {
+#ifdef M_TRIM_THRESHOLD
+  ::mallopt(M_MMAP_THRESHOLD, 1 << 20);
+  ::mallopt(M_TRIM_THRESHOLD, 1 << 20);
+#endif
+}
+
 // Prints an error if it can be printed.
 int fail_with(const CLI::App& app, const std::string& message) {
-  std::fputs(fmt::format("{}: {}\n", app.get_name(), one_line(message)).c_str(), stderr);
+  std::fputs(fmt::format("{}: {}\n", app.get_name(), message).c_str(), stderr);
   return 1;
 }
 
@@ -87,6 +77,7 @@ std::string check_path(const std::string& path, const std::string& extension) {
 
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
   open_standard_streams();
+  return_freed_memory();
   app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
   try {
     app.parse(argc, argv);
@@ -110,23 +101,6 @@ int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>
   if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
     status = fail(ErrorCode::io, "cannot write to the standard output");
   return status ? 0 : fail_with(app, status.error().message);
-}
-
-std::string printable(std::string_view text) {
-  std::string result;
-  result.reserve(text.size());
-  while (!text.empty()) {
-    const std::size_t bytes = character_bytes(text);
-    const auto first = static_cast<unsigned char>(text[0]);
-    const bool ascii_control = (first < 0x20 && first != '\n') || first == 0x7f;
-    const bool c1_control = first == 0xc2 && bytes == 2 && static_cast<unsigned char>(text[1]) < 0xa0;
-    if (bytes == 0 || ascii_control || c1_control)
-      result += '?';
-    else
-      result += text.substr(0, bytes);
-    text.remove_prefix(std::max<std::size_t>(bytes, 1));
-  }
-  return result;
 }
 
 Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/printable.h"
 
 namespace splatvol {
 
@@ -18,11 +19,7 @@ namespace splatvol {
 /// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
 
-/// Returns a text without control characters and without bytes that are no UTF-8: `?` stands for each. Names and texts
-/// come from files, and a terminal would obey them. Line breaks stay.
-[[nodiscard]] std::string printable(std::string_view text);
-
-/// Prints to stdout, as printable() has it.
+/// Prints to stdout, without the control characters that names and texts of files may hold (base/printable.h).
 template <class... Args>
 void print_out(fmt::format_string<Args...> format, Args&&... args) {
   fmt::print("{}", printable(fmt::format(format, std::forward<Args>(args)...)));

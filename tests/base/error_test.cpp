@@ -58,5 +58,12 @@ TEST(Error, FailInPrefixesThePlaceAndKeepsTheCode) {
   EXPECT_EQ(outer.error().message, "mesh.vtu: 'x' is not a digit");
 }
 
+TEST(Error, MessagesAreOneLineThatATerminalCanShow) {
+  const Status failed = fail(ErrorCode::invalid_data, "no attribute \"{}\"", "p\n\x1b[2J\xff");
+  EXPECT_EQ(failed.error().message, "no attribute \"p??[2J?\"");
+  EXPECT_EQ(fail_in("a\nb.vtu", failed.error()).value().message, "a?b.vtu: no attribute \"p??[2J?\"");
+  EXPECT_EQ(one_line("é ∞\u009b"), "é ∞?");
+}
+
 }  // namespace
 }  // namespace splatvol

@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "tests/support/sanitizers.h"
 #include "tests/support/surgery.h"
 #include "tests/support/volume_dump.h"
 
@@ -116,6 +117,45 @@ TEST(Golden, EachFileCanBeTakenApartAndPutTogether) {
       EXPECT_TRUE(verified) << verified.error().message;
       EXPECT_EQ(test::dump_volume(**volume).value(), test::dump_volume(*open(path)).value()) << path;
     }
+  }
+}
+
+format::Bytes bytes_of(const std::filesystem::path& path) {
+  const std::string text = read_text_file(path).value();
+  const auto bytes = std::as_bytes(std::span(text));
+  return {bytes.begin(), bytes.end()};
+}
+
+// Expects that bytes are refused, or hold what `dump` says.
+void expect_refused_or_same(const format::Bytes& bytes, const std::string& dump, const std::string& what) {
+  const auto volume = format::Volume::open(memory_source(bytes, what));
+  if (!volume || !(*volume)->verify([](double) {})) return;
+  EXPECT_EQ(test::dump_volume(**volume).value(), dump) << what;
+}
+
+TEST(Golden, EveryTruncationIsRefused) {
+  for (const std::filesystem::path& path : golden_files()) {
+    const format::Bytes whole = bytes_of(path);
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      const format::Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      const auto volume = format::Volume::open(memory_source(cut, path));
+      ASSERT_FALSE(volume && (*volume)->verify([](double) {})) << path << ", " << size << " bytes";
+    }
+  }
+}
+
+// One byte in several, for time; each place of a small file.
+TEST(Golden, DamagedBytesAreRefusedOrDoNotMatter) {
+  const std::size_t places = test::is_sanitized ? 60 : 1700;
+  for (const std::filesystem::path& path : golden_files()) {
+    const format::Bytes whole = bytes_of(path);
+    const std::string dump = test::dump_volume(*open(path)).value();
+    for (std::size_t at = 0; at < whole.size(); at += 1 + whole.size() / places)
+      for (const std::byte value : {std::byte{0}, std::byte{0xff}, whole[at] ^ std::byte{0x10}, whole[at] ^ std::byte{1}}) {
+        format::Bytes damaged = whole;
+        damaged[at] = value;
+        expect_refused_or_same(damaged, dump, fmt::format("{}, byte {}", path.filename().string(), at));
+      }
   }
 }
 

@@ -39,6 +39,12 @@ std::string error_of(const std::string& text) {
   return scene ? "accepted" : scene.error().message;
 }
 
+TEST(ParseScene, ErrorsAreOneLineWhateverTheyQuote) {
+  EXPECT_EQ(error_of(changed("/camera/odd\nname", 1)).find('\n'), std::string::npos);
+  EXPECT_EQ(error_of(changed("/attribute", "a\nb\x1b[2J")).find('\x1b'), std::string::npos);
+  EXPECT_NE(error_of(changed("/camera/odd\nname", 1)), "accepted");
+}
+
 TEST(ParseScene, ReadsWhatItWrites) {
   Scene scene = parse_scene(valid_scene().dump()).value();
   EXPECT_FALSE(scene.clip_box);

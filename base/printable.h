@@ -1,0 +1,15 @@
+// Texts that come from files and servers: a terminal would obey their control characters.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace splatvol {
+
+/// Returns a text without control characters and without bytes that are no UTF-8: `?` stands for each. Line breaks stay.
+[[nodiscard]] std::string printable(std::string_view text);
+
+/// The same, with `?` for line breaks too.
+[[nodiscard]] std::string one_line(std::string_view text);
+
+}  // namespace splatvol

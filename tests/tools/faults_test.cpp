@@ -1,0 +1,159 @@
+// Programs on a system that refuses: files, memory, handles, bytes on disk. Each ends as asked, or with one line and exit
+// code 1, and leaves nothing half-written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <thread>
+
+#include "base/file.h"
+#include "tests/support/require.h"
+#include "tests/support/sanitizers.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+class Faults : public testing::Test {
+ protected:
+  Faults() {
+    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-faults-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+    fs::create_directory(folder_ / "out");
+  }
+  ~Faults() override { fs::remove_all(folder_); }
+
+  struct Outcome {
+    int code;  // -1 if a signal ended the program
+    std::string err;
+  };
+
+  // Runs a command of the shell. $BIN is the folder of the programs, $IN one of inputs, $OUT the folder of outputs.
+  [[nodiscard]] Outcome run(const std::string& command) const {
+    const std::string err = (folder_ / "stderr").string();
+    const std::string names = "BIN=" SPLATVOL_BIN " IN=" + folder_.string() + " OUT=" + out().string() + "; ";
+    const int status = std::system((names + "{ " + command + "; } > /dev/null 2> " + err + " < /dev/null").c_str());
+    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    return {code > 127 ? -1 : code, *read_text_file(err)};
+  }
+
+  void make_inputs(const std::string& points = "3000") const {
+    ASSERT_EQ(run("$BIN/svbuild gen:points:count=" + points + " -o $IN/a.svol").code, 0);
+    ASSERT_EQ(run("$BIN/svgen points --count " + points + " -o $IN/a.npy").code, 0);
+  }
+
+  // Expects success, or one line, exit code 1 and no output. Returns whether it is success.
+  bool expect_success_or_one_line(const std::string& command) const {
+    for (const auto& entry : fs::directory_iterator(out())) fs::remove_all(entry.path());
+    const Outcome outcome = run(command);
+    EXPECT_THAT(outcome.code, testing::AnyOf(0, 1)) << command << "\n" << outcome.err;
+    if (outcome.code == 0) return true;
+    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
+    EXPECT_TRUE(fs::is_empty(out())) << command << " left " << fs::directory_iterator(out())->path();
+    return false;
+  }
+
+  fs::path out() const { return folder_ / "out"; }
+
+  fs::path folder_;
+};
+
+// What each program does, as a user would call it.
+constexpr const char* uses[] = {
+    "$BIN/svbuild $IN/a.npy -o $OUT/b.svol --memory 100M",
+    "$BIN/svinfo --verify $IN/a.svol",
+    "$BIN/svrender $IN/a.svol --device cpu --size 64x48 --memory 20M -o $OUT/a.png",
+    "$BIN/svexport $IN/a.svol --memory 100M -o $OUT/a.vtu",
+    "$BIN/svgen points --count 3000 -o $OUT/b.npy",
+};
+
+TEST_F(Faults, SixteenHandlesAreEnough) {
+  make_inputs();
+  for (const std::string use : uses) EXPECT_TRUE(expect_success_or_one_line("ulimit -n 16; " + use)) << run(use).err;
+}
+
+TEST_F(Faults, FewerHandlesAreTold) {
+  make_inputs();
+  for (const std::string use : uses)
+    for (int handles = 4; handles < 16; ++handles)
+      expect_success_or_one_line("ulimit -n " + std::to_string(handles) + "; " + use);
+}
+
+TEST_F(Faults, AFullDiskIsToldAtEveryByte) {
+  make_inputs();
+  for (const std::string use : {uses[0], uses[2], uses[3], uses[4]}) {
+    int refused = 0;
+    for (int kibibytes = 1; kibibytes < 4096; kibibytes = kibibytes * 3 / 2 + 1)  // the shell's unit is 512 or 1024 bytes
+      if (!expect_success_or_one_line("ulimit -f " + std::to_string(kibibytes) + "; " + use)) ++refused;
+    EXPECT_GT(refused, 0) << use;
+  }
+}
+
+TEST_F(Faults, AddressSpaceThatEndsIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  make_inputs("100000");
+  for (const std::string use : uses) {
+    int refused = 0, succeeded = 0;
+    for (int mebibytes = 60; mebibytes < 4000; mebibytes = mebibytes * 5 / 4)
+      ++(expect_success_or_one_line("ulimit -v " + std::to_string(mebibytes * 1024) + "; " + use) ? succeeded : refused);
+    EXPECT_GT(succeeded, 0) << use;
+  }
+}
+
+TEST_F(Faults, MemoryThatRunsOutIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
+  make_inputs();
+  for (const std::string use : uses) {
+    int refused = 0;
+    for (int n = 0; n < 3000; n += 1 + n / 6) {
+      const std::string preloaded = "LD_PRELOAD=" SPLATVOL_FAILING_NEW " SPLATVOL_FAIL_AT=" + std::to_string(n) + " " + use;
+      if (!expect_success_or_one_line(preloaded)) ++refused;
+    }
+    EXPECT_GT(refused, 5) << use;
+  }
+}
+
+TEST_F(Faults, TwoBuildsToOneOutputLeaveOneOfBoth) {
+  make_inputs("200000");
+  ASSERT_EQ(run("$BIN/svbuild $IN/a.npy -o $IN/first.svol && $BIN/svbuild gen:points:count=150000 -o $IN/second.svol").code, 0);
+  const Outcome both = run("$BIN/svbuild $IN/a.npy -o $OUT/b.svol & $BIN/svbuild gen:points:count=150000 -o $OUT/b.svol && wait $!");
+  EXPECT_EQ(both.code, 0) << both.err;
+  const std::string result = *read_text_file((out() / "b.svol").string());
+  EXPECT_TRUE(result == *read_text_file((folder_ / "first.svol").string()) ||
+              result == *read_text_file((folder_ / "second.svol").string()));
+  EXPECT_EQ(std::distance(fs::directory_iterator(out()), {}), 1);
+}
+
+// A file is cut off at any moment of a program's work on it: what was read before may be enough.
+TEST_F(Faults, InputsThatShrinkAreTold) {
+  make_inputs("200000");
+  ASSERT_EQ(run("$BIN/svexport $IN/a.svol -o $IN/a.vtu").code, 0);
+  for (const auto& [name, use] :
+       {std::pair<std::string, std::string>{"a.npy", "$BIN/svbuild $IN/x/a.npy -o $OUT/b.svol"},
+        {"a.vtu", "$BIN/svbuild $IN/x/a.vtu -o $OUT/b.svol"},
+        {"a.svol", "$BIN/svrender $IN/x/a.svol --device cpu --tolerance 0 --size 64x48 -o $OUT/a.png"},
+        {"a.svol", "$BIN/svexport $IN/x/a.svol -o $OUT/a.vtu"}}) {
+    const fs::path file = folder_ / "x" / name;
+    fs::create_directories(file.parent_path());
+    const std::uint64_t bytes = fs::file_size(folder_ / name);
+    for (const int milliseconds : {0, 3, 10, 30, 100}) {
+      fs::copy_file(folder_ / name, file, fs::copy_options::overwrite_existing);
+      std::jthread cut([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds));
+        fs::resize_file(file, bytes / 3);
+      });
+      expect_success_or_one_line(use);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
