@@ -6,7 +6,8 @@
 
 namespace splatvol {
 
-/// Returns a text without control characters and without bytes that are no UTF-8: `?` stands for each. Line breaks stay.
+/// Returns a text without control characters and without bytes that are no UTF-8: `?` stands for each. Line breaks
+/// stay.
 [[nodiscard]] std::string printable(std::string_view text);
 
 /// The same, with `?` for line breaks too.

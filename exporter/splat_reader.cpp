@@ -123,7 +123,7 @@ Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
     std::vector<Result<SplatGroup>> groups(std::min(groups_at_once, count - first));
     tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) { groups[g] = reader.read(first + g, parts); });
     for (const Result<SplatGroup>& group : groups) {
-      SPLATVOL_TRY(group);
+      if (!group) return tl::unexpected(group.error());  // SPLATVOL_TRY would copy the group
       SPLATVOL_TRY(visit(*group));
     }
     progress(static_cast<double>(first + groups.size()) / static_cast<double>(count));

@@ -135,9 +135,10 @@ class Residency {
 /// - if there is none, goes on with the node's children; draws a leaf at the finest resolution.
 /// The result never has more splats than this rule gives (see compare_above). A node whose splats may reach the eye's
 /// plane is only within the tolerance infinity. Of the coarsest detail (that tolerance, the resolution 0, a goal of one
-/// splat) nodes are drawn as they are, without reading what lies below or in front of them. If the page of a node's children is not there, the node counts at its
-/// first resolution. Fails with out_of_budget past max_bytes, with invalid_data if the tree is deeper than the format
-/// allows, and with unsupported if the file has no sizes for the kernel.
+/// splat) nodes are drawn as they are, without reading what lies below or in front of them. If the page of a node's
+/// children is not there, the node counts at its first resolution. Fails with out_of_budget past max_bytes, with
+/// invalid_data if the tree is deeper than the format allows, and with unsupported if the file has no sizes for the
+/// kernel.
 ///
 /// With an ErrorGoal: chooses, of all valid cuts, about the one with the least expected error for its number of splats,
 /// by the model of streamer/error_model.h. Nodes that have nothing to gain stay coarse, whatever their size. The number

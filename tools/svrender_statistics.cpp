@@ -113,7 +113,8 @@ void add_detail(const RenderOptions& options, const Drawing& drawing, const Timi
 // The limits of a picture's splats.
 std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
   const std::uint64_t splats = drawing.detail.device_splats;
-  const bool is_limit = splats < std::numeric_limits<std::uint32_t>::max();  // what a device without memory of its own has
+  const bool is_limit =
+      splats < std::numeric_limits<std::uint32_t>::max();  // what a device without memory of its own has
   if (!is_limit) return fmt::format("--memory {}", options.memory);
   return fmt::format("--memory {} and the {} splats that --gpu-memory {} holds", options.memory, splats,
                      options.gpu_memory);

@@ -36,8 +36,8 @@ void open_standard_streams() {
     }
 }
 
-// By default a thread keeps tens of MiB of freed memory once large blocks have been freed. With fixed thresholds it goes
-// back to the system: svview stays within what was granted.
+// By default a thread keeps tens of MiB of freed memory once large blocks have been freed. With fixed thresholds it
+// goes back to the system: svview stays within what was granted.
 void return_freed_memory() {
 #ifdef M_TRIM_THRESHOLD
   ::mallopt(M_MMAP_THRESHOLD, 1 << 20);

@@ -151,7 +151,8 @@ TEST(Golden, DamagedBytesAreRefusedOrDoNotMatter) {
     const format::Bytes whole = bytes_of(path);
     const std::string dump = test::dump_volume(*open(path)).value();
     for (std::size_t at = 0; at < whole.size(); at += 1 + whole.size() / places)
-      for (const std::byte value : {std::byte{0}, std::byte{0xff}, whole[at] ^ std::byte{0x10}, whole[at] ^ std::byte{1}}) {
+      for (const std::byte value :
+           {std::byte{0}, std::byte{0xff}, whole[at] ^ std::byte{0x10}, whole[at] ^ std::byte{1}}) {
         format::Bytes damaged = whole;
         damaged[at] = value;
         expect_refused_or_same(damaged, dump, fmt::format("{}, byte {}", path.filename().string(), at));
