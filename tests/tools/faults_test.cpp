@@ -1,8 +1,10 @@
 // Programs on a system that refuses: handles, bytes on disk, inputs that shrink. Each ends as asked, or with one line
 // and exit code 1, and leaves nothing half-written.
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -11,6 +13,7 @@
 #include <fstream>
 #include <set>
 #include <thread>
+#include <vector>
 
 #include "base/file.h"
 #include "tests/support/require.h"
@@ -27,6 +30,12 @@ class Faults : public testing::Test {
     std::string pattern = (fs::path(testing::TempDir()) / "splatvol-faults-XXXXXX").string();
     folder_ = ::mkdtemp(pattern.data());
     fs::create_directory(folder_ / "out");
+    // The programs inherit no handle but the three of the shell: the limits below count them.
+    std::vector<int> handles;
+    for (const auto& entry : fs::directory_iterator("/proc/self/fd"))
+      handles.push_back(std::stoi(entry.path().filename()));
+    for (const int handle : handles)
+      if (handle > STDERR_FILENO) ::fcntl(handle, F_SETFD, FD_CLOEXEC);
   }
   ~Faults() override { fs::remove_all(folder_); }
 
