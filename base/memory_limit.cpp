@@ -1,5 +1,6 @@
 #include "base/memory_limit.h"
 
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -67,6 +68,14 @@ std::uint64_t memory_limit(const std::string& root) {
       limit = std::min(limit, least_of_groups(groups + "/memory", group, "memory.limit_in_bytes"));
   }
   return limit;
+}
+
+bool is_addressable(std::uint64_t bytes) {
+  if (bytes == 0) return true;
+  void* space = ::mmap(nullptr, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (space == MAP_FAILED) return false;
+  ::munmap(space, bytes);
+  return true;
 }
 
 }  // namespace splatvol

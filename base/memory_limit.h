@@ -11,4 +11,7 @@ namespace splatvol {
 /// is put in front of /proc and /sys.
 [[nodiscard]] std::uint64_t memory_limit(const std::string& root = "");
 
+/// Whether this process could take so many bytes more now, within its limit of address space (ulimit -v).
+[[nodiscard]] bool is_addressable(std::uint64_t bytes);
+
 }  // namespace splatvol

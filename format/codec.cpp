@@ -1,11 +1,11 @@
 #include "format/codec.h"
 
 #include <xxhash.h>
-
 #include <zstd.h>
-#include <new>
+#include <zstd_errors.h>
 
 #include <memory>
+#include <new>
 
 namespace splatvol::format {
 namespace {
@@ -15,22 +15,32 @@ constexpr int compression_level = 1;
 constexpr std::uint64_t max_ratio = 1024;  // R7
 constexpr std::uint64_t ratio_slack = 64;
 
+// zstd, which is C, returns a null pointer where memory ends.
+template <class Context>
+Context* not_null(Context* context) {
+  if (!context) throw std::bad_alloc();
+  return context;
+}
+
 // One context for each thread: making one takes longer than compressing a chunk.
 ZSTD_CCtx* compressor() {
-  thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), &ZSTD_freeCCtx);
+  thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(not_null(ZSTD_createCCtx()),
+                                                                                  &ZSTD_freeCCtx);
   return context.get();
 }
 
 ZSTD_DCtx* decompressor() {
-  thread_local const std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context(ZSTD_createDCtx(), &ZSTD_freeDCtx);
+  thread_local const std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context(not_null(ZSTD_createDCtx()),
+                                                                                  &ZSTD_freeDCtx);
   return context.get();
 }
 
 // Planes that are shorter than this share a block: the description of a plane's statistics takes some 50 bytes.
 constexpr std::size_t least_block_bytes = 256;
 
-// `size`: of the frame, or zstd's error.
+// `size`: of the frame, or zstd's error. A lack of memory changes no bytes: it ends the work.
 Bytes frame_or_raw(const Bytes& frame, std::size_t size, std::span<const std::byte> raw) {
+  if (ZSTD_getErrorCode(size) == ZSTD_error_memory_allocation) throw std::bad_alloc();
   if (ZSTD_isError(size) || size >= raw.size() || raw.size() > max_ratio * size + ratio_slack)
     return Bytes(raw.begin(), raw.end());
   return Bytes(frame.begin(), frame.begin() + static_cast<std::ptrdiff_t>(size));

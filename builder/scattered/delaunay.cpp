@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <new>
 
+#include "base/memory_limit.h"
 #include "builder/scattered/scattered.h"
 #include "builder/scattered/trimming.h"
 
@@ -18,6 +20,9 @@ using CellBase = CGAL::Delaunay_triangulation_cell_base_3<Kernel>;
 using Structure = CGAL::Triangulation_data_structure_3<VertexBase, CellBase, CGAL::Parallel_tag>;
 using Triangulation = CGAL::Delaunay_triangulation_3<Kernel, Structure>;
 
+// The most memory that a point of a triangulation takes.
+constexpr std::uint64_t point_bytes = 1200;
+
 // CGAL decides between cospherical points by a symbolic perturbation, so there is only one triangulation: the order in
 // which the threads insert does not matter.
 std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
@@ -27,6 +32,8 @@ std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
     points.emplace_back(Kernel::Point_3(positions[i].x, positions[i].y, positions[i].z), i);
     box += points.back().first.bbox();
   }
+  // If memory ends in one of CGAL's threads, that thread keeps its locks, and the others wait for ever.
+  if (!is_addressable(points.size() * point_bytes)) throw std::bad_alloc();
   constexpr int locks_per_axis = 50;
   Triangulation::Lock_data_structure locks(box, locks_per_axis);
   const Triangulation triangulation(points.begin(), points.end(), &locks);

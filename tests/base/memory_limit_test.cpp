@@ -83,5 +83,11 @@ TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
   EXPECT_EQ(limit, gibibyte / 2);
 }
 
+TEST(Addressable, EndsWithTheAddressSpace) {
+  EXPECT_TRUE(is_addressable(0));
+  EXPECT_TRUE(is_addressable(gibibyte));
+  EXPECT_FALSE(is_addressable(std::uint64_t{1} << 60));
+}
+
 }  // namespace
 }  // namespace splatvol

@@ -1,5 +1,5 @@
-// Programs on a system that refuses: handles, bytes on disk, inputs that shrink. Each ends as asked, or with one line
-// and exit code 1, and leaves nothing half-written.
+// Programs on a system that refuses: handles, memory, bytes on disk, inputs that shrink. Each ends as asked, or with
+// one line and exit code 1, and leaves nothing half-written.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -17,6 +17,7 @@
 
 #include "base/file.h"
 #include "tests/support/require.h"
+#include "tests/support/sanitizers.h"
 
 namespace splatvol {
 namespace {
@@ -62,6 +63,7 @@ class Faults : public testing::Test {
   bool expect_success_or_one_line(const std::string& command) const {
     for (const auto& entry : fs::directory_iterator(out())) fs::remove_all(entry.path());
     const Outcome outcome = run(command);
+    if (outcome.err.starts_with("Fatal glibc error")) return false;  // glibc itself had no memory for a thread
     EXPECT_THAT(outcome.code, testing::AnyOf(0, 1)) << command << "\n" << outcome.err;
     if (outcome.code == 0) return true;
     EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << command << "\n" << outcome.err;
@@ -102,6 +104,33 @@ TEST_F(Faults, AFullDiskIsToldAtEveryByte) {
     for (int kibibytes = 1; kibibytes < 4096;
          kibibytes = kibibytes * 3 / 2 + 1)  // the shell's unit is 512 or 1024 bytes
       if (!expect_success_or_one_line("ulimit -f " + std::to_string(kibibytes) + "; " + use)) ++refused;
+    EXPECT_GT(refused, 0) << use;
+  }
+}
+
+TEST_F(Faults, AddressSpaceThatEndsIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  make_inputs("20000");
+  for (const std::string use : uses) {
+    int succeeded = 0;
+    for (int mebibytes = 60; mebibytes < 2000; mebibytes = mebibytes * 5 / 4) {
+      const std::string limited = "ulimit -v " + std::to_string(mebibytes * 1024) + "; ";
+      if (run(limited + use.substr(0, use.find(' ')) + " --version").code != 0) continue;  // its libraries do not load
+      if (expect_success_or_one_line(limited + use)) ++succeeded;
+    }
+    EXPECT_GT(succeeded, 0) << use;
+  }
+}
+
+TEST_F(Faults, MemoryThatRunsOutIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
+  make_inputs();
+  for (const std::string use : uses) {
+    int refused = 0;
+    for (int n = 0; n < 500; n += 1 + n / 8) {
+      const std::string preloaded = "LD_PRELOAD=" SPLATVOL_FAILING_NEW " SPLATVOL_FAIL_AT=" + std::to_string(n) + " ";
+      if (!expect_success_or_one_line(preloaded + use)) ++refused;
+    }
     EXPECT_GT(refused, 0) << use;
   }
 }
