@@ -33,6 +33,7 @@ struct BuildOptions {
   std::vector<std::pair<std::string, std::string>> units = {};  // attribute, unit: instead of the source's
   std::string builder = "splatvol";                             // name and version of the program
   int up = -1;                                                  // format::VolumeInfo::up
+  bool strict = false;                                          // fail if the input would change (check_unchanged)
 };
 
 struct BuildReport {
@@ -46,6 +47,7 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::string>> aliases = {};    // attribute of the input, the same one in the file
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
+  std::vector<std::string> warnings = {};                           // precision_warnings()
 };
 
 /// The name as in options and provenance: "auto", "mesh", "delaunay", "none".

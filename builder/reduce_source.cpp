@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "builder/census_lines.h"
 #include "builder/connect.h"
 #include "builder/describe.h"
 #include "builder/memory_plan.h"
@@ -54,6 +55,7 @@ class Reducer {
     progress_("indexing", 0);
     const StoredSummary stored = packer.summary();
     BuildReport report = finish_description(pass, stored);
+    if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
     SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass, stored.histograms()}));
     return report;
   }
@@ -116,7 +118,8 @@ class Reducer {
                        .points = input().census,
                        .cells = input().cells,
                        .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
-                       .least_memory = std::max(least_memory(), input().bytes_to_read)};
+                       .least_memory = std::max(least_memory(), input().bytes_to_read),
+                       .warnings = precision_warnings(input())};
     for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
       info_.attributes[a].missing = stored.values[a].missing;
       info_.attributes[a].error = stored.values[a].error * info_.attributes[a].scale;

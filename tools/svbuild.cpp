@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/memory_limit.h"
 #include "builder/build.h"
+#include "builder/census_lines.h"
 #include "builder/input_files.h"
 #include "builder/open_own.h"
 #include "builder/series_build.h"
@@ -39,6 +40,7 @@ struct Options {
   std::optional<double> time;
   bool gradients = false;
   bool exact = false;
+  bool strict = false;
   std::string cells = "averaged";
   std::string up;  // x, y, z; empty: as is usual for the input
   std::vector<double> missing;
@@ -85,36 +87,6 @@ class StageBar {
   std::unique_ptr<ProgressBar> bar_;
 };
 
-using Counts = std::vector<std::pair<std::string, std::uint64_t>>;
-
-Counts census_lines(const BuildReport& report) {
-  Counts lines;
-  for (const auto& [type, count] : report.cells.cells) lines.emplace_back("cells: " + type, count);
-  lines.emplace_back("tetrahedra", report.cells.tetrahedra);
-  lines.emplace_back("tetrahedra inverted (absolute volume used)", report.cells.inverted);
-  lines.emplace_back("tetrahedra flat", report.cells.flat);
-  lines.emplace_back("cells without volume", report.cells.without_volume);
-  lines.emplace_back("cells without volume left out (flat)", report.cells.left_out_flat);
-  lines.emplace_back("cells hidden (blanked or ghost)", report.cells.hidden);
-  lines.emplace_back("points hidden (blanked or ghost)", report.cells.hidden_points);
-  lines.emplace_back("cells with more nodes than corners (corners taken)", report.cells.more_nodes);
-  lines.emplace_back("cells that are not star-shaped", report.cells.not_star_shaped);
-  lines.emplace_back("points with a coordinate that is not finite, a fill value, or far beyond all others (dropped)",
-                     report.points.not_finite);
-  lines.emplace_back("cells with such a corner (left out)", report.cells.non_finite);
-  lines.emplace_back("points merged (same position and values, in cells)", report.points.merged - report.points.unlike);
-  lines.emplace_back("points of several pieces merged though their values differ (the first one's kept)",
-                     report.points.unlike);
-  lines.emplace_back("points coincident with another (kept)", report.points.coincident);
-  lines.emplace_back("points in no cell (kept)", report.points.in_no_cell);
-  lines.emplace_back("points in no cell, outside of the box round all cells (dropped)", report.points.left_out);
-  lines.emplace_back("points joined without all that lies round them", report.uncertain);
-  for (const auto& [name, count] : report.missing) lines.emplace_back("missing values: " + name, count);
-  for (const auto& [name, count] : report.fills) lines.emplace_back("fill values taken as missing: " + name, count);
-  std::erase_if(lines, [](const auto& line) { return line.second == 0; });
-  return lines;
-}
-
 // Notes on the input that the report repeats.
 struct InputNotes {
   std::uint64_t memory = 0;              // BuildOptions::memory
@@ -125,7 +97,7 @@ struct InputNotes {
 
 void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
   nlohmann::ordered_json census = nlohmann::ordered_json::object();
-  for (const auto& [name, count] : census_lines(report)) census[name] = count;
+  for (const CensusLine& line : census_lines(report)) census[line.words] = line.count;
   nlohmann::ordered_json document = {{"output", options.output},
                                      {"points", report.resolution_counts.back()},
                                      {"resolutions", report.resolution_counts},
@@ -134,6 +106,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"seconds", seconds},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
+  if (!report.warnings.empty()) document["warnings"] = report.warnings;
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
@@ -157,7 +130,8 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
   for (const std::string& conversion : notes.conversions) print_out("  {}\n", conversion);
   for (const auto& [name, same] : report.aliases)
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
-  for (const auto& [name, count] : census_lines(report)) print_out("  {:>12} {}\n", count, name);
+  for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
+  for (const std::string& warning : report.warnings) print_out("  warning: {}\n", warning);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -168,6 +142,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.reduction = reduction_of(options.reduction);
   build_options.leaf_points = options.leaf;
   build_options.gradients = options.gradients;
+  build_options.strict = options.strict;
   build_options.exact = {.positions = options.exact, .values = options.exact};
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
@@ -333,6 +308,9 @@ void add_format_options(CLI::App& app, Options& options) {
                "Store positions and values as they are given, values in single precision: without it, a position may "
                "move by 1/64 of the smallest deviation of the splats around, and a value by 1/16 of theirs. The file "
                "becomes larger, pictures stay the same");
+  app.add_flag("--strict", options.strict,
+               "Write nothing if the file would not be the input as it is: cells or points left out, merged unlike or "
+               "inverted, numbers taken as fill values, detail lost far from the origin or beside large values");
   app.add_option("--up", options.up,
                  "The axis that points upwards in pictures; kept in the file (default: z for OpenFOAM; else none is "
                  "kept, and pictures take y)")

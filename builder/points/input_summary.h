@@ -33,6 +33,7 @@ struct InputSummary {
   Box box;                                    // round the points
   Cube cube;                                  // round the box
   std::vector<format::Attribute> attributes;  // name, unit, offset, scale, range
+  std::vector<double> least;                  // [attribute]: PointRanges::least
   std::vector<std::uint64_t> fills;           // [attribute]: numbers read that stood for none
   std::vector<format::Alias> aliases;         // other attributes of the source, with the values of one of these
   std::vector<std::size_t> stored;            // [attribute of the source]: index of the attribute that has its values

@@ -15,8 +15,6 @@
 namespace splatvol {
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
 constexpr std::size_t slice_tasks = 16;  // records that are made at a time are shared out to so many tasks
 
 // Values of a block's points, about. Those of their neighbours are some times as many; together they fit into a cache.
@@ -36,11 +34,6 @@ void get_values(const Piece& piece, std::size_t attribute, std::span<const std::
     for (std::size_t i = 0; i < points.size(); ++i) values[i] = piece.values[attribute][points[i]];
   }
   for (double& value : values) value = present_or_nan(value);
-}
-
-void include_value(double value, std::size_t attribute, PointRanges& ranges) {
-  if (value < ranges.low[attribute]) ranges.low[attribute] = value;
-  if (value > ranges.high[attribute]) ranges.high[attribute] = value;
 }
 
 // Bytes of a piece, and of what finds the material and the outer faces of its tetrahedra.
@@ -140,6 +133,7 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
     }
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));
     summary.attributes.back().unit = units[a];
+    summary.least.push_back(ranges.least[a]);
     summary.fills.push_back(fills_[a]);
   }
   summary.cells = cells_;
@@ -193,11 +187,7 @@ bool PieceReader::leave_out(const std::byte* record) {
     --census_.in_no_cell;
     return true;
   }
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const double value = layout_.value(record, a);
-    in_cells_.low[a] = std::min(in_cells_.low[a], std::isnan(value) ? infinity : value);
-    in_cells_.high[a] = std::max(in_cells_.high[a], std::isnan(value) ? -infinity : value);
-  }
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) in_cells_.include_value(a, layout_.value(record, a));
   return false;
 }
 
@@ -269,7 +259,7 @@ void PieceReader::find_ranges(const Piece& piece, const Block& block, PointRange
   for (const std::uint32_t i : block.points) ranges.box.include(piece.points[i]);
   for (std::size_t a = 0; a < layout_.attributes(); ++a)
     for (std::size_t number = 0; number < block.points.size(); ++number)
-      include_value(block.values.at(number, a), a, ranges);
+      ranges.include_value(a, block.values.at(number, a));
 }
 
 void PieceReader::find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
@@ -278,7 +268,7 @@ void PieceReader::find_ranges_in_cells(const Piece& piece, const PieceMaterial& 
     const std::uint32_t i = block.points[number];
     if (!material.in_cells(piece, i)) continue;
     ranges.box.include(piece.points[i]);
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) include_value(block.values.at(number, a), a, ranges);
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) ranges.include_value(a, block.values.at(number, a));
   }
 }
 

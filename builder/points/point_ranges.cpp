@@ -29,13 +29,22 @@ double choose_scale(double largest) {
 
 }  // namespace
 
-PointRanges::PointRanges(std::size_t attributes) : low(attributes, infinity), high(attributes, -infinity) {}
+PointRanges::PointRanges(std::size_t attributes)
+    : low(attributes, infinity), high(attributes, -infinity), least(attributes, infinity) {}
+
+void PointRanges::include_value(std::size_t attribute, double value) {
+  // Every comparison with NaN is false.
+  if (value < low[attribute]) low[attribute] = value;
+  if (value > high[attribute]) high[attribute] = value;
+  if (value != 0 && std::abs(value) < least[attribute]) least[attribute] = std::abs(value);
+}
 
 void PointRanges::include(const PointRanges& other) {
   box.include(other.box);
   for (std::size_t a = 0; a < low.size(); ++a) {
     low[a] = std::min(low[a], other.low[a]);
     high[a] = std::max(high[a], other.high[a]);
+    least[a] = std::min(least[a], other.least[a]);
   }
 }
 

@@ -15,8 +15,10 @@ namespace splatvol {
 struct PointRanges {
   Box box;
   std::vector<double> low, high;  // [attribute]
+  std::vector<double> least;      // [attribute]: the smallest absolute value that is not 0; infinity: none
 
   explicit PointRanges(std::size_t attributes);
+  void include_value(std::size_t attribute, double value);  // NaN: ignored
   void include(const PointRanges& other);
 };
 

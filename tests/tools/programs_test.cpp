@@ -1,4 +1,5 @@
 // The programs as a user meets them: exit codes, messages, files, pictures.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -130,6 +131,36 @@ TEST_F(Programs, FillValuesAreMissingAndCounted) {
   EXPECT_EQ(given["missing values: U[2]"], 1);
   expect_success("svinfo --verify " + path("out.svol"));
   EXPECT_EQ(run("svbuild " + path("mesh.vtu") + " --missing none -o " + path("out.svol")).code, 2);
+}
+
+// Points on a line along the diagonal, one apart, with their numbers as values, and more lines of text.
+std::string diagonal(double origin, const std::string& more) {
+  std::string text = "x,y,z,heat\n";
+  for (int i = 1; i < 20; ++i) text += fmt::format("{0},{0},{0},{1}\n", origin + i, i);
+  return text + more;
+}
+
+TEST_F(Programs, StrictBuildsRefuseEveryChange) {
+  const std::string to = " -o " + path("out.svol");
+  const auto expect_warning = [&](const std::string& name, const std::string& warning) {
+    expect_refused("svbuild --strict " + path(name) + to, warning, "out");
+    const Outcome outcome = run("svbuild --json " + path(name) + to);
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const json warnings = json::parse(outcome.out)["warnings"];
+    ASSERT_EQ(warnings.size(), 1u);
+    EXPECT_THAT(warnings[0].get<std::string>(), HasSubstr(warning));
+    fs::remove(path("out.svol"));
+  };
+  write("nan.csv", diagonal(0, "nan,1,1,1\n"));
+  expect_refused("svbuild --strict " + path("nan.csv") + to, "1 points with a coordinate that is not finite", "out");
+  write("fill.csv", diagonal(0, "21,21,21,9.969209968386869e36\n"));
+  expect_refused("svbuild --strict " + path("fill.csv") + to, "1 fill values taken as missing: heat", "out");
+  write("far.csv", diagonal(1e15, ""));
+  expect_warning("far.csv", "coordinates reach 1e+15, where double precision has steps of 0.12");
+  write("small.csv", diagonal(0, "21,21,21,1e-40\n"));
+  expect_warning("small.csv", "heat: values nearer to 0 than 1.2e-38 are stored as 0 beside the largest, 19");
+  write("whole.csv", diagonal(1e9, ""));
+  expect_success("svbuild --strict " + path("whole.csv") + to);
 }
 
 TEST_F(Programs, ABuildThatIsKilledLeavesTheOldFileAndNothingElse) {

@@ -1,0 +1,31 @@
+// What a build tells of its input, in words.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "builder/build.h"
+#include "builder/points/input_summary.h"
+
+namespace splatvol {
+
+/// A count of cells, points or values.
+struct CensusLine {
+  std::string words;
+  std::uint64_t count = 0;
+  bool is_change = false;  // the file lacks these, or has them otherwise than the input
+};
+
+/// The counts that are not 0.
+[[nodiscard]] std::vector<CensusLine> census_lines(const BuildReport& report);
+
+/// Tells of numbers that lose their detail: positions that lie far from the origin for their distance from each other,
+/// and values that are too small to be stored beside the largest.
+[[nodiscard]] std::vector<std::string> precision_warnings(const InputSummary& input);
+
+/// Fails if the file is not the whole input as it is (CensusLine::is_change), or if there are warnings.
+[[nodiscard]] Status check_unchanged(const BuildReport& report);
+
+}  // namespace splatvol
