@@ -3,7 +3,6 @@
 #include <fmt/ranges.h>
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
-#include <openvdb/util/logging.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -24,6 +23,7 @@
 #include "builder/sources/vdb_fields.h"
 #include "builder/sources/vdb_geometry.h"
 #include "builder/sources/vdb_header.h"
+#include "builder/sources/vdb_library.h"
 
 namespace splatvol {
 namespace {
@@ -77,8 +77,7 @@ class VdbFile {
     SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
     SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
-      openvdb::initialize();
-      openvdb::logging::setLevel(openvdb::logging::Level::Fatal);  // errors come as exceptions
+      start_vdb();
       auto file = std::make_unique<VdbFile>(path, missing);
       SPLATVOL_TRY(file->read(selection));
       return file;

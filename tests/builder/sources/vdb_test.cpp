@@ -3,10 +3,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <openvdb/io/Compression.h>
 #include <openvdb/openvdb.h>
 #include <tbb/global_control.h>
 
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <limits>
 #include <numeric>
@@ -15,6 +17,7 @@
 #include "base/vdb_share.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
+#include "builder/sources/vdb_library.h"
 #include "format/volume.h"
 #include "tests/builder/sources/folder_test.h"
 #include "tests/support/whole_points.h"
@@ -314,6 +317,35 @@ TEST_F(Vdb, EveryTruncationIsRefused) {
   for (std::size_t bytes = 0; bytes < whole.size(); bytes += bytes < 1000 ? 1 : 11) {
     std::ofstream(path(), std::ios::binary) << whole.substr(0, bytes);
     EXPECT_EQ(refusal().find('\n'), std::string::npos) << bytes;
+  }
+}
+
+// OpenVDB copies a block of plain values whose length is negative, and then looks if it has the memory.
+TEST_F(Vdb, BlocksOfAWrongLengthAreRefused) {
+  ASSERT_TRUE(start_vdb());
+  for (const std::uint32_t compression : {openvdb::io::COMPRESS_ZIP, openvdb::io::COMPRESS_BLOSC}) {
+    const auto grid = make_grid<openvdb::FloatGrid>("value");
+    for (int i = 0; i < 512; ++i) grid->tree().setValueOn(Coord(i % 8, i / 8 % 8, i / 64), static_cast<float>(i));
+    openvdb::io::File file(path());
+    file.setCompression(compression);
+    file.write({grid});
+    EXPECT_EQ(read().points.size(), 512U);
+
+    // All values of the brick differ, so that its block is the file's last one. The file ends with it.
+    const std::string whole = read_text_file(path()).value();
+    std::size_t place = whole.size();
+    std::int64_t length = 0;
+    do {
+      place -= 1;
+      std::memcpy(&length, &whole[place], std::min(sizeof(length), whole.size() - place));
+    } while (place + sizeof(length) + static_cast<std::size_t>(length) != whole.size());
+    for (const std::int64_t wrong : {std::int64_t{-1} << 20, std::numeric_limits<std::int64_t>::min(), std::int64_t{0},
+                                     std::int64_t{-2047}, std::int64_t{-2049}}) {
+      std::string damaged = whole;
+      std::memcpy(&damaged[place], &wrong, sizeof(wrong));
+      std::ofstream(path(), std::ios::binary) << damaged << std::string(2 << 20, 'x');
+      EXPECT_THAT(refusal(), HasSubstr("gives its length as")) << compression << ' ' << wrong;
+    }
   }
 }
 

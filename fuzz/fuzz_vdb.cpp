@@ -1,0 +1,79 @@
+// Voxels from an OpenVDB file, read by OpenVDB. The input names a file that OpenVDB writes, and the changes of its
+// bytes.
+#include <openvdb/io/Stream.h>
+#include <openvdb/openvdb.h>
+
+#include <array>
+#include <sstream>
+
+#include "builder/sources/vdb_library.h"
+#include "builder/sources/vdb_source.h"
+#include "fuzz/fuzz.h"
+#include "fuzz/read_source.h"
+
+using namespace splatvol;
+
+namespace {
+
+using openvdb::Coord;
+
+constexpr std::uint32_t kinds = 6;
+
+/// A brick whose values differ, one voxel far away, and a tile.
+template <class Grid>
+openvdb::GridBase::Ptr make_grid(bool half) {
+  using Value = typename Grid::ValueType;
+  const auto grid = Grid::create();
+  for (int i = 0; i < 100; ++i) grid->tree().setValueOn(Coord(i % 8, i / 8 % 8, i / 64), Value(i));
+  grid->tree().setValueOn(Coord(5000, 0, -1), Value(1));
+  grid->tree().addTile(1, Coord(64, 64, 64), Value(2), true);
+  grid->setName("value");
+  grid->setSaveFloatAsHalf(half);
+  return grid;
+}
+
+openvdb::GridBase::Ptr make_grid(std::uint32_t kind) {
+  switch (kind) {
+    case 0:
+      return make_grid<openvdb::FloatGrid>(false);
+    case 1:
+      return make_grid<openvdb::FloatGrid>(true);
+    case 2:
+      return make_grid<openvdb::DoubleGrid>(false);
+    case 3:
+      return make_grid<openvdb::Int32Grid>(false);
+    case 4:
+      return make_grid<openvdb::BoolGrid>(false);
+    default:
+      return make_grid<openvdb::Vec3SGrid>(false);
+  }
+}
+
+std::string write(std::uint32_t kind, std::uint32_t compression) {
+  std::ostringstream text(std::ios::binary);
+  openvdb::io::Stream stream(text);
+  stream.setCompression(compression);
+  stream.write({make_grid(kind)});
+  return text.str();
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::require(start_vdb(), "OpenVDB checks the lengths of blocks");
+  fuzz::Input input(fuzz::bytes_of(data, size));
+  const std::uint32_t kind = input.take_in(0, kinds - 1);
+  const std::array compressions = {openvdb::io::COMPRESS_NONE, openvdb::io::COMPRESS_ACTIVE_MASK,
+                                   openvdb::io::COMPRESS_ZIP | openvdb::io::COMPRESS_ACTIVE_MASK,
+                                   openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK};
+  std::string bytes = write(kind, compressions[input.take_in(0, compressions.size() - 1)]);
+  while (!input.rest().empty()) {
+    const auto place = input.take<std::uint16_t>() % bytes.size();
+    const auto width = std::size_t{1} << input.take_in(0, 3);
+    const auto value = input.take<std::uint64_t>();
+    std::memcpy(&bytes[place], &value, std::min(width, bytes.size() - place));
+  }
+  const fuzz::NamedBytes file(std::as_bytes(std::span(bytes)));
+  fuzz::read_all(open_vdb_files({file.path()}, {}));
+  return 0;
+}
