@@ -18,6 +18,7 @@ enum class ErrorCode {
   invalid_argument,  // the caller asked for something that is not possible
   out_of_budget,     // it would not fit into the granted memory
   device,            // OpenGL or EGL failed
+  cancelled,         // the caller changed its mind
 };
 
 /// A failure. Its message is one line, which names the file and the broken rule.

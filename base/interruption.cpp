@@ -7,15 +7,17 @@
 namespace splatvol {
 namespace {
 
-thread_local std::stop_token stop_of_thread;
+thread_local std::stop_token current_stop;
 
 }  // namespace
 
-Interruptible::Interruptible(std::stop_token stop) : before_(std::exchange(stop_of_thread, std::move(stop))) {}
+Interruptible::Interruptible(std::stop_token stop) : before_(std::exchange(current_stop, std::move(stop))) {}
 
-Interruptible::~Interruptible() { stop_of_thread = std::move(before_); }
+Interruptible::~Interruptible() { current_stop = std::move(before_); }
 
-bool is_interrupted() { return stop_of_thread.stop_requested(); }
+bool is_interrupted() { return current_stop.stop_requested(); }
+
+std::stop_token stop_of_thread() { return current_stop; }
 
 void sleep_interruptibly(std::chrono::milliseconds time) {
   using Clock = std::chrono::steady_clock;

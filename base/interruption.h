@@ -23,6 +23,9 @@ class Interruptible {
 /// Returns whether a stop of this thread's reads has been requested.
 [[nodiscard]] bool is_interrupted();
 
+/// Returns the stop that this thread heeds, for threads that read on its behalf.
+[[nodiscard]] std::stop_token stop_of_thread();
+
 /// The longest time for which a read waits without a look at `is_interrupted`.
 inline constexpr std::chrono::milliseconds interruption_delay{50};
 

@@ -13,6 +13,12 @@ class FramePacer {
  public:
   explicit FramePacer(double seconds) : seconds_(seconds), splats_(first_rate * seconds) {}
 
+  /// Changes the time that frames are to take.
+  void set_seconds(double seconds) {
+    splats_ = std::clamp(splats_ * seconds / seconds_, 1.0, most_splats);
+    seconds_ = seconds;
+  }
+
   /// Returns the number of splats for the next frame.
   [[nodiscard]] std::uint64_t splats() const { return static_cast<std::uint64_t>(std::max(splats_, 1.0)); }
 
@@ -20,7 +26,7 @@ class FramePacer {
   void add(std::uint64_t splats, double seconds) {
     if (seconds <= 0 || splats == 0) return;
     const double ratio = std::clamp(std::pow(seconds_ / seconds, damping), 0.25, 4.0);
-    splats_ = std::clamp(ratio * static_cast<double>(splats), 1.0, 1e15);
+    splats_ = std::clamp(ratio * static_cast<double>(splats), 1.0, most_splats);
   }
 
   /// Whether a time is near enough to the wanted time.
@@ -29,6 +35,7 @@ class FramePacer {
  private:
   static constexpr double first_rate = 3e5;  // splats a second for the first frame: as of a software rasterizer
   static constexpr double damping = 0.8;
+  static constexpr double most_splats = 1e15;
 
   double seconds_;
   double splats_;

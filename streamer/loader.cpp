@@ -214,10 +214,21 @@ void read_run(const format::Volume& volume, int attribute, LoadRun& run) {
   }
 }
 
+namespace {
+
+void cancel(LoadRun& run) {
+  for (PartLoad& part : run) part.data = fail(ErrorCode::cancelled, "cancelled");
+}
+
+}  // namespace
+
 void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs) {
   std::atomic<std::size_t> next = 0;
+  const std::stop_token stop = stop_of_thread();
   const auto work = [&] {
-    for (std::size_t i = next++; i < runs.size(); i = next++) read_run(volume, attribute, runs[i]);
+    const Interruptible interruptible(stop);
+    for (std::size_t i = next++; i < runs.size(); i = next++)
+      stop.stop_requested() ? cancel(runs[i]) : read_run(volume, attribute, runs[i]);
   };
   std::vector<std::jthread> others;
   try {
@@ -228,7 +239,8 @@ void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> r
   work();
 }
 
-Loader::Loader(const format::Volume& volume, int attribute, unsigned threads) : volume_(volume), attribute_(attribute) {
+Loader::Loader(const format::Volume& volume, int attribute, unsigned threads, std::function<void()> on_data)
+    : volume_(volume), attribute_(attribute), on_data_(std::move(on_data)) {
   threads_.reserve(threads);
   try {
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
@@ -268,7 +280,10 @@ std::vector<LoadRun> Loader::extract_done() {
 
 void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
   std::unique_lock lock(mutex_);
-  finished_.wait_until(lock, deadline, [this] { return !done_.empty() || (queue_.empty() && begun_ == 0); });
+  const auto is_over = [this] { return !done_.empty() || (queue_.empty() && begun_ == 0); };
+  for (auto now = std::chrono::steady_clock::now(); now < deadline && !is_interrupted() && !is_over();
+       now = std::chrono::steady_clock::now())
+    finished_.wait_until(lock, std::min(deadline, now + interruption_delay), is_over);
 }
 
 void Loader::work() {
@@ -287,6 +302,10 @@ void Loader::work() {
     --begun_;
     done_.push_back(std::move(run));
     finished_.notify_all();
+    if (!on_data_) continue;
+    lock.unlock();
+    on_data_();
+    lock.lock();
   }
 }
 

@@ -5,6 +5,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -78,14 +79,14 @@ using LoadRun = std::vector<PartLoad>;
 /// name the file and the part. Thread-safe.
 void read_run(const format::Volume& volume, int attribute, LoadRun& run);
 
-/// The same for several load runs, read_threads at a time.
+/// The same for several load runs, read_threads at a time. Those that were not begun fail if the caller is interrupted.
 void read_runs(const format::Volume& volume, int attribute, std::span<LoadRun> runs);
 
 /// Threads that read and decode load runs, in the order of `submit`. All calls must come from one thread.
 class Loader {
  public:
-  /// Keeps a reference to the volume.
-  Loader(const format::Volume& volume, int attribute, unsigned threads);
+  /// Keeps a reference to the volume. Calls `on_data`, if there is one, on its threads after each load run.
+  Loader(const format::Volume& volume, int attribute, unsigned threads, std::function<void()> on_data);
   Loader(const Loader&) = delete;
   Loader& operator=(const Loader&) = delete;
 
@@ -101,7 +102,8 @@ class Loader {
   /// Moves out the load runs that were read, or failed, since the last call.
   [[nodiscard]] std::vector<LoadRun> extract_done();
 
-  /// Waits until `extract_done` has a result, nothing is left to read, or `deadline`.
+  /// Waits until `extract_done` has a result, nothing is left to read, or `deadline`; less if the caller is
+  /// interrupted.
   void wait_until(std::chrono::steady_clock::time_point deadline);
 
  private:
@@ -109,6 +111,7 @@ class Loader {
 
   const format::Volume& volume_;
   const int attribute_;
+  const std::function<void()> on_data_;
   std::mutex mutex_;
   std::condition_variable submitted_;
   std::condition_variable finished_;

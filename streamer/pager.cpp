@@ -31,12 +31,13 @@ std::shared_ptr<const Page> typed(const Cache::Pointer& page) {
 
 }  // namespace
 
-Pager::Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads)
+Pager::Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
+             std::function<void()> on_data)
     : paged_(paged),
       cache_(cache),
       reader_(reader),
       most_in_flight_(bytes_in_flight),
-      loader_(paged.volume(), paged.attribute(), threads) {}
+      loader_(paged.volume(), paged.attribute(), threads, std::move(on_data)) {}
 
 Status Pager::pin_coarsest() {
   SPLATVOL_TRY(paged_.root());

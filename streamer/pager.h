@@ -33,7 +33,8 @@ class Pager final : public IndexPages, public Residency {
  public:
   /// `bytes_in_flight`: most bytes for parts that are being read and decoded, with their data; if this is too little
   /// for one part, one is read at a time. Keeps references to its arguments.
-  Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads);
+  Pager(PagedVolume& paged, Cache& cache, const RowReader& reader, std::uint64_t bytes_in_flight, unsigned threads,
+        std::function<void()> on_data);
 
   /// Reads the root of the index and all rows of resolution 0, with their directory pages. Holds them from then on.
   [[nodiscard]] Status pin_coarsest();

@@ -22,6 +22,7 @@ Streamer::Streamer(std::shared_ptr<const format::Volume> volume, int attribute, 
       kernel_(options.kernel),
       threads_(std::max(options.threads, 1U)),
       hide_(options.hide),
+      on_data_(options.on_data),
       budget_(options.memory_bytes),
       cache_(budget_),
       paged_(*volume_, attribute, cache_) {}

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -37,6 +38,9 @@ struct StreamerOptions {
   bool gradients = false;           // kernel octant: with gradients, for lighting; moments always have them
   unsigned threads = read_threads;  // for reading and decoding in `advance`
   bool hide = true;                 // leaves out nodes behind an opaque front; false: for comparisons
+
+  /// Called on the threads of `advance` when a part was read: another call would use it. Must not call the streamer.
+  std::function<void()> on_data = {};
 };
 
 /// How far a frame is from the picture that its view asks for.
@@ -233,6 +237,7 @@ class Streamer {
   KernelKind kernel_;
   unsigned threads_;
   bool hide_;
+  std::function<void()> on_data_;
   MemoryBudget budget_;
   std::uint64_t working_bytes_ = 0;
   std::uint64_t coarsest_bytes_ = 0;  // of what `advance` always holds: the root, the coarsest rows and their frame

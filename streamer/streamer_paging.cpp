@@ -21,7 +21,7 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 Status Streamer::start_paging() {
   if (pager_) return {};
   drop_frame();
-  auto pager = std::make_unique<Pager>(paged_, cache_, *reader_, free_bytes() / 8, threads_);
+  auto pager = std::make_unique<Pager>(paged_, cache_, *reader_, free_bytes() / 8, threads_, on_data_);
   SPLATVOL_TRY(pager->pin_coarsest());
   coarsest_frame_ = cache_.reserve(coarsest_frame_bytes());
   if (!coarsest_frame_) return fail(ErrorCode::out_of_budget, "{}: no memory for the coarsest splats", volume_->name());

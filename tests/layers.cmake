@@ -6,7 +6,7 @@ set(layers
     base scene reference format
     builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
     builder/output builder/points builder/reduction builder
-    exporter streamer renderer renderer/cpu renderer/gl renderer/device viewer tools)
+    exporter streamer renderer renderer/cpu renderer/gl renderer/device player viewer tools)
 
 # What each layer may include, besides itself.
 set(base_knows)
@@ -32,8 +32,9 @@ set(renderer/cpu_knows base scene streamer renderer)
 set(renderer/gl_knows base scene streamer renderer)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(renderer/device_knows base scene streamer renderer renderer/cpu renderer/gl)
-set(viewer_knows base scene format streamer ${renderer_rooms})
-set(tools_knows base scene reference format ${builder_rooms} builder exporter streamer ${renderer_rooms} viewer)
+set(player_knows base scene format streamer ${renderer_rooms})
+set(viewer_knows base scene format streamer ${renderer_rooms} player)
+set(tools_knows base scene reference format ${builder_rooms} builder exporter streamer ${renderer_rooms} player viewer)
 
 # Only these layers may include headers of OpenGL, and of VTK.
 set(gl_folders epoxy EGL GL GLES3 GLFW)

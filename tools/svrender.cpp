@@ -40,15 +40,15 @@ Status write_statistics(std::optional<AtomicFile>& file, const std::string& text
 }
 
 // An empty picture is a picture, but hardly the one that was meant.
-Status warn_if_empty(const RenderOptions& options, const Scene& scene, const View& view, const Drawing& drawing,
-                     const Image& image) {
+Status warn_if_empty(const RenderOptions& options, const Player& player, const Image& image) {
   constexpr float least_alpha = 0.5f / 255;  // what 8 bits show
   if (std::ranges::any_of(image.pixels, [](const vec4& pixel) { return pixel.a >= least_alpha; })) return {};
-  const format::VolumeInfo& info = drawing.streamer->info();
-  const auto& attribute = info.attributes[static_cast<std::size_t>(info.find_attribute(scene.attribute))];
-  SPLATVOL_TRY_ASSIGN(bounds, domain_of(drawing.streamer->volume()));
-  EmptyReason why = why_empty(view, scene.transfer_function, attribute, bounds);
-  if (!why) why = why_empty_in_view(drawing.frame->splats > 0);
+  const Scene& scene = player.scene();
+  const auto& attribute =
+      player.info().attributes[static_cast<std::size_t>(player.info().find_attribute(scene.attribute))];
+  SPLATVOL_TRY_ASSIGN(bounds, domain_of(player.streamer().volume()));
+  EmptyReason why = why_empty(player.view(), scene.transfer_function, attribute, bounds);
+  if (!why) why = why_empty_in_view(player.frame()->splats > 0);
   fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.output.empty() ? options.movie : options.output,
              why.reason, why.remedy);
   return {};
@@ -62,25 +62,26 @@ Status render(const RenderOptions& options) {
   if (!options.progress_frames.empty() && !std::filesystem::is_directory(options.progress_frames))
     return fail(ErrorCode::io, "{}: no such folder", options.progress_frames);
   SPLATVOL_TRY_ASSIGN(statistics_file, create_statistics(options.stats));
-  const auto view = make_view(scene);
-  if (!view) return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
+  if (const auto view = make_view(scene); !view)
+    return fail_in(options.scene.empty() ? options.volume : options.scene, view.error());
   SPLATVOL_TRY_ASSIGN(drawing, prepare_drawing(options, scene));
+  const Player& player = *drawing.player;
 
   Timings timings;
-  SPLATVOL_TRY_ASSIGN(unreadable, draw_picture(options, composition, *view, drawing, timings, start));
-  SPLATVOL_TRY_ASSIGN(image, drawing.renderer->read_image());
+  SPLATVOL_TRY_ASSIGN(unreadable, draw_picture(options, composition, drawing, timings, start));
+  SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
-  SPLATVOL_TRY(warn_if_empty(options, scene, *view, drawing, image));
+  SPLATVOL_TRY(warn_if_empty(options, player, image));
   if (!options.output.empty())
     SPLATVOL_TRY(
-        write_page(composition, *view, std::move(image), options.output, provenance_of(options, scene, drawing)));
+        write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawing)));
 
   if (!options.stats.empty()) {
-    if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, scene, *view, drawing, timings));
-    SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, scene, drawing, timings)));
+    if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, drawing, timings));
+    SPLATVOL_TRY(write_statistics(statistics_file, statistics_text(options, drawing, timings)));
   }
   const bool terminal_holds_statistics = !options.stats.empty() && !statistics_file;
-  if (!terminal_holds_statistics) print_summary(options, scene, drawing, timings);
+  if (!terminal_holds_statistics) print_summary(options, drawing, timings);
   return failure_of(unreadable);
 }
 

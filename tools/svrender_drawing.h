@@ -5,12 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "renderer/rasterizer.h"
-#include "scene/image.h"
-#include "scene/scene.h"
-#include "streamer/error_control.h"
-#include "streamer/record.h"
-#include "streamer/streamer.h"
+#include "player/player.h"
 #include "tools/svrender_options.h"
 #include "tools/svrender_page.h"
 
@@ -37,7 +32,7 @@ struct StepFrame {
   std::uint64_t splats, bytes_read;
 };
 
-/// Times in seconds. `fetch` and `upload` are those of the first frame; the vectors hold a number for each frame.
+/// Times in seconds. `fetch` and `upload` are those of the first picture; the vectors hold a number for each frame.
 struct Timings {
   std::vector<ProgressFrame> progress;
   std::vector<PathFrame> path;
@@ -47,23 +42,18 @@ struct Timings {
   double fetch = 0;
   double upload = 0;
   std::vector<double> cut, sort, draw, frame;
+
+  /// Adds the times of the player's last frame.
+  void add(const PlayerTimes& times);
 };
 
+/// What svrender draws with.
 struct Drawing {
-  std::optional<format::Steps> steps;
-  std::unique_ptr<Streamer> streamer;
-  std::unique_ptr<Rasterizer> renderer;
-  DetailOptions detail;
-  std::optional<double> max_error;                 // that is looked for by comparing pictures
-  std::optional<ErrorControl::Estimate> estimate;  // of max_error, for the view that it was measured at
-  std::vector<ErrorControl::Tried> tried;          // cuts on the way to it
-  int pictures_for_error = 0;
-  const FrameSplats* frame = nullptr;
-  int sample_spacing = 1;                         // of the last frame
-  bool can_mix = false;                           // in slabs, as the options want it
-  Compositing compositing = Compositing::splats;  // of the last frame
-
-  [[nodiscard]] const char* raster() const { return compositing == Compositing::slabs ? "slabs" : "splats"; }
+  DetailOptions detail;  // that the options ask for
+  DrawOptions how;
+  std::optional<double> max_error;  // that is looked for by comparing pictures
+  std::unique_ptr<Player> player = nullptr;
+  std::optional<ErrorSearch> search = std::nullopt;  // of max_error, for the view that it was measured at
 };
 
 /// Opens the volume and sets up the renderer. Errors name the file or the option.
@@ -72,14 +62,12 @@ struct Drawing {
 /// Draws the frames that the options ask for, up to the picture, and adds their times to `timings`. `start`: the
 /// program's, by seconds_now. Returns the parts of the file that could not be read and were drawn coarser.
 [[nodiscard]] Result<std::vector<Error>> draw_picture(const RenderOptions& options, const Composition& composition,
-                                                      const View& view, Drawing& drawing, Timings& timings,
-                                                      double start);
+                                                      Drawing& drawing, Timings& timings, double start);
 
 /// Draws --repeat frames of resident splats, and replaces the times of earlier frames.
-[[nodiscard]] Status draw_steady_frames(const RenderOptions& options, const Scene& scene, View view, Drawing& drawing,
-                                        Timings& timings);
+[[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawing& drawing, Timings& timings);
 
 /// Returns the provenance of the last frame.
-[[nodiscard]] Provenance provenance_of(const RenderOptions& options, const Scene& scene, const Drawing& drawing);
+[[nodiscard]] Provenance provenance_of(const RenderOptions& options, const Drawing& drawing);
 
 }  // namespace splatvol

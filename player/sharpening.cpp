@@ -1,4 +1,4 @@
-#include "viewer/sharpening.h"
+#include "player/sharpening.h"
 
 #include <algorithm>
 

@@ -1,0 +1,363 @@
+#include "player/player.h"
+
+#include <algorithm>
+#include <chrono>
+#include <limits>
+
+#include "base/http_source.h"
+#include "base/interruption.h"
+#include "player/step_ahead.h"
+#include "renderer/sampling.h"
+
+namespace splatvol {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+// The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
+constexpr double drawing_share = 0.7;
+
+Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
+  const Status set = rasterizer.set_transfer_function(scene.transfer_function, streamer.units());
+  return set ? set : Status(fail_in(streamer.volume().name(), set.error()));
+}
+
+DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
+  DetailOptions detail;
+  if (request.coarser > 0)
+    detail.resolution = std::max<std::size_t>(resolutions, request.coarser + 1) - 1 - request.coarser;
+  else
+    detail.goal = request.goal;
+  return detail;
+}
+
+// Half of the edges of the box round a splat, and its centre, relative to its block.
+struct SplatExtent {
+  dvec3 center, half;
+};
+
+SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
+  if (std::holds_alternative<std::vector<OctantShape>>(row.shapes->records())) {
+    const OctantSplat splat = unpack_octant(row, record);
+    return {dvec3(splat.position), dvec3(0.5 * static_cast<double>(splat.size))};
+  }
+  const Material splat = unpack(row, record);
+  const dmat3 axes = glm::mat3_cast(splat.orientation);
+  SplatExtent extent{splat.center, dvec3(0)};
+  for (int k = 0; k < 3; ++k) {
+    const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
+    extent.half[k] = std::sqrt(3.0) * glm::length(across * splat.deviations);
+  }
+  return extent;
+}
+
+}  // namespace
+
+// A public call: what it reads can be cancelled. Calls within it are parts of it.
+class Player::Call {
+ public:
+  explicit Call(Player& player) : player_(player), interruptible_(begin(player)) {}
+  Call(const Call&) = delete;
+  Call& operator=(const Call&) = delete;
+  ~Call() { --player_.calls_; }
+
+  [[nodiscard]] Status check() const {
+    if (!is_interrupted()) return {};
+    player_.frame_ = nullptr;
+    return fail(ErrorCode::cancelled, "{}: cancelled", player_.steps_.name());
+  }
+
+ private:
+  static std::stop_token begin(Player& player) {
+    const std::scoped_lock lock(player.stop_mutex_);
+    if (player.calls_++ == 0) player.stop_ = std::stop_source();
+    return player.stop_.get_token();
+  }
+
+  Player& player_;
+  Interruptible interruptible_;
+};
+
+Player::Player(format::Steps steps, std::size_t step) : steps_(std::move(steps)), step_(step) {}
+
+Player::~Player() = default;
+
+Result<std::unique_ptr<Player>> Player::open(const std::string& path, const std::optional<Scene>& scene,
+                                             const PlayerOptions& options) {
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file_or_url));
+  const std::size_t last = steps.last();
+  return open(std::move(steps), last, scene, options);
+}
+
+Result<std::unique_ptr<Player>> Player::open(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
+                                             const PlayerOptions& options) {
+  std::unique_ptr<Player> player(new Player(std::move(steps), step));
+  if (scene) {
+    SPLATVOL_TRY(player->use(*scene, options));
+    return player;
+  }
+  SPLATVOL_TRY_ASSIGN(volume, player->steps_.volume(step));
+  SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, ""));
+  SPLATVOL_TRY(player->use(fitting, options));
+  return player;
+}
+
+Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPicture& picture) const {
+  return default_scene(streamer_->volume(), attribute, picture);
+}
+
+Status Player::set_scene(const Scene& scene) { return use(scene, options_); }
+
+Status Player::set_memory(std::uint64_t bytes) {
+  PlayerOptions options = options_;
+  options.memory = bytes;
+  return use(scene_, options);
+}
+
+Status Player::set_kernel(KernelKind kernel) {
+  PlayerOptions options = options_;
+  options.kernel = kernel;
+  return use(scene_, options);
+}
+
+// Takes over a scene and options. The streamer is opened anew only if it would have other parts of the file.
+Status Player::use(const Scene& scene, const PlayerOptions& options) {
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  const bool other_parts = !streamer_ || options.memory != options_.memory || options.kernel != options_.kernel ||
+                           scene.attribute != scene_.attribute ||
+                           (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
+  if (other_parts)
+    SPLATVOL_TRY(open_streamer(scene, options));
+  else if (scene.transfer_function != scene_.transfer_function)
+    SPLATVOL_TRY(set_function(*rasterizer_, scene, *streamer_));
+  rasterizer_->set_lighting(scene.lighting);
+  scene_ = scene;
+  options_ = options;
+  view_ = view;
+  is_nudged_ = false;
+  return {};
+}
+
+// Replaces the streamer, and the rasterizer if it is of another kernel. If it fails, both stay.
+Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
+  SPLATVOL_TRY_ASSIGN(volume, steps_.volume(step_));
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
+                                                                   .attribute = scene.attribute,
+                                                                   .kernel = options.kernel,
+                                                                   .gradients = scene.lighting.has_value(),
+                                                                   .on_data = options.on_data}));
+  std::unique_ptr<Rasterizer> other;
+  if (!rasterizer_ || options.kernel != options_.kernel) {
+    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = options.kernel,
+                                                               .gpu_bytes = options.gpu_memory,
+                                                               .in_current_context = options.in_current_context}));
+    other = std::move(made);
+  }
+  Rasterizer& rasterizer = other ? *other : *rasterizer_;
+  SPLATVOL_TRY(set_function(rasterizer, scene, *streamer));
+  frame_ = nullptr;
+  is_lost_ = false;
+  streamer_ = std::move(streamer);
+  if (!other) return {};
+  rasterizer_ = std::move(other);
+  can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
+  room_ = std::numeric_limits<std::uint64_t>::max();
+  return {};
+}
+
+Status Player::show_step(std::size_t step) {
+  if (steps_.times().empty() || step >= steps_.times().size())
+    return fail(ErrorCode::invalid_argument, "{}: no step {}", steps_.name(), step);
+  frame_ = nullptr;
+  Status changed = change_step(step);
+  if (!changed) {
+    is_lost_ = !open_streamer(scene_, options_);
+    return changed;
+  }
+  step_ = step;
+  return set_function(*rasterizer_, scene_, *streamer_);
+}
+
+Status Player::change_step(std::size_t step) {
+  const Call call(*this);
+  if (!steps_.are_files()) return streamer_->set_step(step);
+  const bool is_ahead = ahead_ && ahead_->step() == step;
+  auto volume = is_ahead ? ahead_->volume() : steps_.volume(step);
+  ahead_.reset();
+  if (!volume) return tl::unexpected(volume.error());
+  return streamer_->set_step(std::move(*volume));
+}
+
+void Player::read_ahead(std::size_t step) {
+  if (step >= steps_.times().size() || step == step_) return;
+  if (!steps_.are_files()) return streamer_->prefetch_step(step);
+  if (ahead_ && ahead_->step() == step) return;
+  // Only its preamble: another mesh has other parts in view.
+  ahead_ = std::make_unique<StepAhead>(steps_, step);
+}
+
+bool Player::is_reading_ahead() const { return (ahead_ && !ahead_->is_done()) || streamer_->is_prefetching(); }
+
+std::uint64_t Player::device_splats() const {
+  return std::min(rasterizer_->plan_picture(scene_.width, scene_.height), room_);
+}
+
+View Player::view_now() const {
+  View view = view_;
+  const double distance = glm::length(scene_.camera.focal_point - scene_.camera.position);
+  if (is_nudged_) view.eye += 1e-9 * distance * view.right;
+  return view;
+}
+
+Status Player::choose(const FrameRequest& request) {
+  const Call call(*this);
+  const auto start = Clock::now();
+  frame_ = nullptr;
+  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+  request_ = request;
+  DetailOptions detail = request.detail;
+  detail.device_splats = std::min(detail.device_splats, device_splats());
+  if (detail.device_splats == 0)
+    return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
+                options_.gpu_memory, scene_.width, scene_.height);
+  auto chosen = request.wait_seconds ? streamer_->advance(view_now(), scene_.transfer_function, detail,
+                                                          *request.wait_seconds, request.change)
+                                     : streamer_->request(view_now(), scene_.transfer_function, detail);
+  SPLATVOL_TRY(call.check());
+  if (!chosen) return tl::unexpected(chosen.error());
+  frame_ = *chosen;
+  const StreamerStatistics statistics = streamer_->statistics();
+  times_ = {statistics.cut_seconds, statistics.fetch_seconds, {}, seconds_since(start)};
+  return {};
+}
+
+// Gives the chosen splats to the device. While it has no room for them, chooses fewer.
+Status Player::set_draw_list() {
+  for (std::uint64_t before = std::numeric_limits<std::uint64_t>::max();;) {
+    const Status set = rasterizer_->set_draw_list(frame_->list);
+    if (set) return {};
+    if (set.error().code != ErrorCode::out_of_budget || frame_->splats >= before) return set;
+    before = frame_->splats;
+    room_ = std::max<std::uint64_t>(std::min(device_splats(), frame_->splats) / 8 * 7, 1);
+    SPLATVOL_TRY(choose(request_));
+  }
+}
+
+Status Player::draw(const DrawOptions& options) {
+  if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
+  const auto start = Clock::now();
+  const double chosen_in = times_.frame;
+  SPLATVOL_TRY(set_draw_list());
+  const double set_seconds = seconds_since(start);
+  const View view = view_now();
+  const bool mixes =
+      options.raster == Raster::slabs || (options.raster == Raster::automatic && can_mix_ &&
+                                          options.sort == SortMode::exact && is_worth_mixing(view, frame_->splats));
+  compositing_ = mixes ? Compositing::slabs : Compositing::splats;
+  SPLATVOL_TRY(rasterizer_->set_compositing(compositing_));
+  sort_ = options.sort;
+  sample_spacing_ = options.sample_spacing > 0 ? options.sample_spacing
+                                               : automatic_sample_spacing(view, frame_->detail, compositing_);
+  SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, options.sort, sample_spacing_));
+  times.upload += set_seconds;
+  times_.draw = times;
+  times_.frame = chosen_in + seconds_since(start);
+  return {};
+}
+
+Status Player::draw_frame(const FrameRequest& request, const DrawOptions& options) {
+  const Call call(*this);
+  SPLATVOL_TRY(choose(request));
+  return draw(options);
+}
+
+Status Player::draw_within(double seconds, const DrawOptions& options) {
+  if (!(seconds > 0)) return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
+  const Call call(*this);
+  const auto start = Clock::now();
+  pacer_.set_seconds(drawing_share * seconds);
+  const std::uint64_t allowed = pacer_.splats();
+  FrameRequest request{.detail = {.goal = ErrorGoal{0, allowed}}, .wait_seconds = 0};
+  SPLATVOL_TRY(choose(request));
+  if (!frame_->progress.settled) {
+    const double share = std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(allowed));
+    request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
+    if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
+  }
+  const auto draw_start = Clock::now();
+  SPLATVOL_TRY(draw(options));
+  // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
+  pacer_.add(frame_->progress.settled ? allowed : frame_->splats, seconds_since(draw_start));
+  return {};
+}
+
+Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows, const DrawOptions& options) {
+  const Call call(*this);
+  ErrorControl control({.max_error = max_error, .max_splats = device_splats(), .grows = grows});
+  while (control.next()) {
+    SPLATVOL_TRY(draw_frame({.detail = detail_of(*control.next(), info().resolutions())}, options));
+    SPLATVOL_TRY_ASSIGN(picture, image());
+    const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
+    control.add({picture, frame_->splats, frame_->goal_error, frame_->finest, allowed});
+  }
+  return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
+}
+
+Result<std::vector<std::uint64_t>> Player::draw_at_pace(double seconds, const DrawOptions& options) {
+  constexpr int most_frames = 8;
+  const Call call(*this);
+  FramePacer pacer(seconds);
+  std::vector<std::uint64_t> splats;
+  for (int i = 0; i < most_frames; ++i) {
+    SPLATVOL_TRY(draw_frame({.detail = {.goal = ErrorGoal{0, pacer.splats()}}}, options));
+    SPLATVOL_TRY(draw_again(options));
+    splats.push_back(frame_->splats);
+    if (pacer.is_near(times_.frame)) break;
+    pacer.add(frame_->splats, times_.frame);
+  }
+  return splats;
+}
+
+Status Player::draw_again(const DrawOptions& options) {
+  is_nudged_ = !is_nudged_;
+  return draw_frame(FrameRequest(request_), options);
+}
+
+// sqrt(3) deviations each way are exact for a splat that is a uniform box.
+Result<Box> Player::find_domain() {
+  const Call call(*this);
+  const Cube& cube = info().cube;
+  Camera camera = scene_.camera;
+  camera.position = cube.origin + 4 * cube.edge;
+  camera.focal_point = cube.origin + 0.5 * cube.edge;
+  camera.up = {0, 1, 0};
+  SPLATVOL_TRY_ASSIGN(view, make_view(camera, 64, 64));
+  TransferFunction all;
+  all.colors = {{0, dvec3(1)}};
+  all.densities = {{0, 1}};
+  DetailOptions detail;
+  detail.resolution = 0;
+  frame_ = nullptr;
+  auto coarsest = streamer_->request(view, all, detail);
+  SPLATVOL_TRY(call.check());
+  if (!coarsest) return tl::unexpected(coarsest.error());
+  Box domain;
+  const double length = streamer_->units().length;
+  for (const DrawRange& range : (*coarsest)->list.ranges) {
+    const dvec3& origin = range.row.shapes->blocks()[range.block].origin;
+    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
+      const auto [center, half] = extent_of(range.row, i);
+      domain.include({origin + length * (center - half), origin + length * (center + half)});
+    }
+  }
+  return domain;
+}
+
+void Player::cancel() {
+  const std::scoped_lock lock(stop_mutex_);
+  stop_.request_stop();
+}
+
+}  // namespace splatvol

@@ -1,0 +1,214 @@
+// A .svol file and its pictures: opens the file, chooses splats and draws them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "base/error.h"
+#include "format/steps.h"
+#include "renderer/device/device.h"
+#include "renderer/rasterizer.h"
+#include "scene/scene.h"
+#include "streamer/default_scene.h"
+#include "streamer/error_control.h"
+#include "streamer/frame_pacer.h"
+#include "streamer/streamer.h"
+
+namespace splatvol {
+
+class StepAhead;
+
+struct PlayerOptions {
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes that the streamer may hold
+  std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
+  Device device = Device::automatic;
+  bool in_current_context = false;  // of OpenGL; else the rasterizer makes a context of its own if it needs one
+  KernelKind kernel = KernelKind::moments;
+
+  /// Called when parts of the file have come that a frame did not wait for: time to draw another. Runs on threads of
+  /// the player, and must not call it: to wake the thread that draws.
+  std::function<void()> on_data = {};
+};
+
+/// How splats that overlap become a picture.
+enum class Raster {
+  automatic,  // slabs where the device has them, for the exact order and not too many splats; else splats
+  splats,
+  slabs,
+};
+
+struct DrawOptions {
+  SortMode sort = SortMode::exact;
+  Raster raster = Raster::automatic;
+  int sample_spacing = 0;  // pixels from one sample to the next, up to max_sample_spacing; 0: as many as lose nothing
+};
+
+/// What a frame is made of.
+struct FrameRequest {
+  DetailOptions detail = {};
+
+  /// How long to wait for parts of the file, in seconds. Until they come, their places are drawn coarser. None: waits
+  /// for all, and fails if one cannot be read.
+  std::optional<double> wait_seconds = std::nullopt;
+
+  double change = 1;  // as in Streamer::advance; with wait_seconds
+};
+
+/// Seconds of the last frame.
+struct PlayerTimes {
+  double cut = 0;    // choosing the splats
+  double fetch = 0;  // reading and decoding them
+  FrameTimes draw;
+  double frame = 0;  // all of it
+};
+
+/// What comparing pictures found out (ErrorControl).
+struct ErrorSearch {
+  ErrorControl::Estimate estimate;
+  std::vector<ErrorControl::Tried> tried;  // cuts on the way to the last picture
+  int pictures = 0;
+  double learned = 1;
+};
+
+/// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
+/// `cancel`; with a device of OpenGL, its context is current in that thread.
+class Player {
+ public:
+  /// Opens the last step of a file, or of an index of files (.svols), by its path or address. Without a scene: one that
+  /// fits the data.
+  [[nodiscard]] static Result<std::unique_ptr<Player>> open(const std::string& path,
+                                                            const std::optional<Scene>& scene = std::nullopt,
+                                                            const PlayerOptions& options = {});
+
+  /// The same at a step that is there.
+  [[nodiscard]] static Result<std::unique_ptr<Player>> open(format::Steps steps, std::size_t step,
+                                                            const std::optional<Scene>& scene,
+                                                            const PlayerOptions& options);
+  Player(const Player&) = delete;
+  Player& operator=(const Player&) = delete;
+  ~Player();
+
+  /// Changes what is drawn. Another camera or size costs nothing, another function or lighting little; another
+  /// attribute opens the file anew. If it fails, all stays as it was.
+  [[nodiscard]] Status set_scene(const Scene& scene);
+  [[nodiscard]] const Scene& scene() const { return scene_; }
+  [[nodiscard]] const View& view() const { return view_; }
+
+  /// Change an option; the file is opened anew. If it fails, all stays as it was.
+  [[nodiscard]] Status set_memory(std::uint64_t bytes);
+  [[nodiscard]] Status set_kernel(KernelKind kernel);
+
+  /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
+  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", const FirstPicture& picture = {}) const;
+
+  /// Returns the steps of a time series, in one file or in several; no times for another file.
+  [[nodiscard]] const format::Steps& steps() const { return steps_; }
+  [[nodiscard]] std::size_t step() const { return step_; }
+
+  /// Changes to another step. If it fails, the step before is opened again.
+  [[nodiscard]] Status show_step(std::size_t step);
+
+  /// Begins to read another step on a thread of its own, for `show_step`. Does nothing if there is no such step.
+  void read_ahead(std::size_t step);
+
+  /// Whether `show_step` would wait for what `read_ahead` reads.
+  [[nodiscard]] bool is_reading_ahead() const;
+
+  /// Chooses the splats of the next frame, and reads them. Draws nothing. The budgets may make it coarser than asked.
+  [[nodiscard]] Status choose(const FrameRequest& request);
+
+  /// Draws the chosen splats. If the device has no room for them, chooses fewer.
+  [[nodiscard]] Status draw(const DrawOptions& options = {});
+
+  /// Chooses and draws.
+  [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
+
+  /// Draws the best picture that can be there in `seconds` from now: with the splats that the device can draw in the
+  /// time, of parts that are there or come in time. Learns the device's speed from call to call, so that the first
+  /// calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
+
+  /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture
+  /// (root mean square of linear RGB), or the finest that the file and the budgets have. `grows`: soon, instead of with
+  /// the fewest splats (ErrorControl::Options).
+  [[nodiscard]] Result<ErrorSearch> draw_to_error(double max_error, bool grows = true, const DrawOptions& options = {});
+
+  /// Finds how many splats can be drawn in `seconds`, in a few frames. Returns the splats of each.
+  [[nodiscard]] Result<std::vector<std::uint64_t>> draw_at_pace(double seconds, const DrawOptions& options = {});
+
+  /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
+  [[nodiscard]] Status draw_again(const DrawOptions& options = {});
+
+  /// Returns a box round the material of the coarsest splats, in world units. Chooses splats anew.
+  [[nodiscard]] Result<Box> find_domain();
+
+  /// Ends the call that is in progress in another thread: it fails with ErrorCode::cancelled, within a tenth of a
+  /// second besides the time of a frame. Does nothing to later calls. Thread-safe.
+  void cancel();
+
+  /// Returns the splats of the last frame. Null before the first, and after a call that failed.
+  [[nodiscard]] const FrameSplats* frame() const { return frame_; }
+
+  /// Returns the request of the last frame.
+  [[nodiscard]] const FrameRequest& request() const { return request_; }
+
+  /// Returns how the last frame was drawn.
+  [[nodiscard]] SortMode sort() const { return sort_; }
+  [[nodiscard]] Compositing compositing() const { return compositing_; }
+  [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
+  [[nodiscard]] const PlayerTimes& times() const { return times_; }
+
+  /// Returns the picture of the last `draw`, in linear premultiplied RGBA.
+  [[nodiscard]] Result<Image> image() const { return rasterizer_->read_image(); }
+
+  /// Returns the splats that the device has room for beside the picture; 2^32 - 1 if it knows no limit.
+  [[nodiscard]] std::uint64_t device_splats() const;
+
+  [[nodiscard]] const PlayerOptions& options() const { return options_; }
+  [[nodiscard]] const format::VolumeInfo& info() const { return streamer_->info(); }
+  [[nodiscard]] const Streamer& streamer() const { return *streamer_; }
+  [[nodiscard]] const Rasterizer& rasterizer() const { return *rasterizer_; }
+
+ private:
+  class Call;
+
+  Player(format::Steps steps, std::size_t step);
+  [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
+  [[nodiscard]] Status open_streamer(const Scene& scene, const PlayerOptions& options);
+  [[nodiscard]] Status change_step(std::size_t step);
+  [[nodiscard]] View view_now() const;
+  [[nodiscard]] Status set_draw_list();
+
+  format::Steps steps_;
+  std::size_t step_;
+  std::unique_ptr<StepAhead> ahead_;  // of a series of files
+  PlayerOptions options_;
+  Scene scene_;
+  View view_;
+  bool is_nudged_ = false;  // by draw_again
+  bool is_lost_ = false;    // no step could be opened again
+  std::unique_ptr<Streamer> streamer_;
+  std::unique_ptr<Rasterizer> rasterizer_;
+  bool can_mix_ = false;    // whether it draws in slabs
+  std::uint64_t room_ = 0;  // splats that the device took, as far as is known
+  const FrameSplats* frame_ = nullptr;
+  FrameRequest request_;
+  SortMode sort_ = SortMode::exact;
+  Compositing compositing_ = Compositing::splats;
+  int sample_spacing_ = 1;
+  PlayerTimes times_;
+  FramePacer pacer_{1};
+
+  std::mutex stop_mutex_;
+  std::stop_source stop_;  // of the call in progress
+  int calls_ = 0;          // one within the other
+};
+
+}  // namespace splatvol

@@ -1,0 +1,63 @@
+#include "player/statistics.h"
+
+namespace splatvol {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+// As in a scene file.
+json lighting_of(const Scene& scene) {
+  if (!scene.lighting) return false;
+  return {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
+}
+
+}  // namespace
+
+std::string_view name_of(KernelKind kernel) { return kernel == KernelKind::octant ? "octant" : "moments"; }
+
+std::string_view name_of(SortMode sort) {
+  if (sort == SortMode::none) return "none";
+  return sort == SortMode::axis ? "axis" : "exact";
+}
+
+std::string_view name_of(Compositing compositing) { return compositing == Compositing::slabs ? "slabs" : "splats"; }
+
+json statistics_of(const Player& player) {
+  const FrameSplats& frame = *player.frame();
+  const Scene& scene = player.scene();
+  const StreamerStatistics statistics = player.streamer().statistics();
+  return {{"file", player.streamer().volume().name()},
+          {"attribute", scene.attribute},
+          {"width", scene.width},
+          {"height", scene.height},
+          {"kernel", name_of(player.options().kernel)},
+          {"sort", name_of(player.sort())},
+          {"raster", name_of(player.compositing())},
+          {"lighting", lighting_of(scene)},
+          {"sample_spacing", player.sample_spacing()},
+          {"splats", frame.splats},
+          {"nodes", frame.nodes},
+          {"expected_error", frame.expected_error},
+          {"resolution_histogram", frame.nodes_by_resolution},
+          {"splats_by_resolution", frame.splats_by_resolution},
+          {"file_bytes", player.streamer().volume().file_bytes()},
+          {"bytes_read", statistics.bytes_read},
+          {"bytes_resident_peak", statistics.bytes_resident_peak},
+          {"gpu_bytes", player.rasterizer().device_bytes()},
+          {"complete", frame.progress.complete},
+          {"missing_rows", frame.progress.missing_rows},
+          {"missing_pages", frame.progress.missing_pages},
+          {"missing_bytes", frame.progress.missing_bytes},
+          {"renderer", player.rasterizer().description()}};
+}
+
+json statistics_of(const ErrorSearch& search) {
+  json document = {{"estimated_error", search.estimate.error},
+                   {"file_error", search.estimate.file_error},
+                   {"pictures_for_error", search.pictures}};
+  for (const auto& [splats, error] : search.tried)
+    document["tried_for_error"].push_back({{"splats", splats}, {"estimated_error", error}});
+  return document;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,22 @@
+// What a frame shows and costs, as JSON.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "player/player.h"
+
+namespace splatvol {
+
+/// Return the words of svrender's options.
+[[nodiscard]] std::string_view name_of(KernelKind kernel);
+[[nodiscard]] std::string_view name_of(SortMode sort);
+[[nodiscard]] std::string_view name_of(Compositing compositing);
+
+/// Returns the statistics of the last frame (docs/svrender.md). Requires a frame.
+[[nodiscard]] nlohmann::ordered_json statistics_of(const Player& player);
+
+/// Returns those of a search for an error.
+[[nodiscard]] nlohmann::ordered_json statistics_of(const ErrorSearch& search);
+
+}  // namespace splatvol

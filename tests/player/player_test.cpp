@@ -1,0 +1,228 @@
+// Files and their pictures, drawn by the processor.
+#include "player/player.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <future>
+#include <limits>
+
+#include "base/interruption.h"
+#include "builder/build.h"
+#include "player/statistics.h"
+#include "scene/image.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+#include "tests/support/require.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::HasSubstr;
+
+// A file whose reads wait, as from a server that has stalled: until they are let go, or interrupted.
+class StalledSource final : public ByteSource {
+ public:
+  StalledSource(std::unique_ptr<ByteSource> content, std::atomic<bool>& stalls, std::atomic<int>& waiting)
+      : content_(std::move(content)), stalls_(stalls), waiting_(waiting) {}
+  std::uint64_t size() const override { return content_->size(); }
+  const std::string& name() const override { return content_->name(); }
+  Status read(std::uint64_t offset, std::span<std::byte> out) override {
+    ++waiting_;
+    while (stalls_ && !is_interrupted()) sleep_interruptibly(std::chrono::milliseconds(10));
+    --waiting_;
+    if (is_interrupted()) return fail(ErrorCode::io, "{}: interrupted", name());
+    return content_->read(offset, out);
+  }
+
+ private:
+  std::unique_ptr<ByteSource> content_;
+  std::atomic<bool>& stalls_;
+  std::atomic<int>& waiting_;
+};
+
+class PlayerOfALattice : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    test::require(::mkdtemp(folder.data()) != nullptr, folder);
+    const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
+    test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); })});
+    test::require(build_volume(source, path(), {}, [](const char*, double) {}));
+  }
+  static void TearDownTestSuite() { std::filesystem::remove_all(folder); }
+
+  static std::string path() { return folder + "/m.svol"; }
+  static PlayerOptions on_processor() { return {.device = Device::cpu}; }
+
+  static std::unique_ptr<Player> open(PlayerOptions options = on_processor()) {
+    auto player = Player::open(path(), std::nullopt, options);
+    EXPECT_TRUE(player) << player.error().message;
+    Scene scene = (*player)->scene();
+    scene.width = 120;
+    scene.height = 90;
+    EXPECT_TRUE((*player)->set_scene(scene));
+    return std::move(*player);
+  }
+
+  /// All points.
+  static FrameRequest all() { return {.detail = {.tolerance_percent = 0}}; }
+
+  static Image drawn(Player& player, const FrameRequest& request = all()) {
+    const Status status = player.draw_frame(request);
+    EXPECT_TRUE(status) << status.error().message;
+    return player.image().value();
+  }
+
+  static inline std::string folder = (std::filesystem::temp_directory_path() / "splatvol-player-XXXXXX").string();
+};
+
+TEST_F(PlayerOfALattice, FramesWhileItLoadsEndInTheCompleteOne) {
+  const Image complete = drawn(*open());
+  const auto player = open();
+  FrameRequest request = all();
+  request.wait_seconds = 0;
+  Image last;
+  do {
+    last = drawn(*player, request);
+    EXPECT_GT(player->frame()->splats, 0U) << "there is always a picture";
+  } while (!player->frame()->progress.settled);
+  EXPECT_TRUE(player->frame()->progress.complete);
+  EXPECT_EQ(player->frame()->splats, player->info().point_count());
+  EXPECT_EQ(compare_images(last, complete)->max, 0);
+}
+
+TEST_F(PlayerOfALattice, WhatIsRefusedStaysAsItWas) {
+  const auto player = open();
+  const Image before = drawn(*player);
+  Scene scene = player->scene();
+  scene.attribute = "no such";
+  const Status refused = player->set_scene(scene);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("no such"));
+  EXPECT_FALSE(player->set_memory(1000));
+  EXPECT_FALSE(player->show_step(0)) << "the file is no series";
+  scene = player->scene();
+  scene.width = 0;
+  EXPECT_FALSE(player->set_scene(scene));
+  EXPECT_EQ(player->scene().width, 120);
+  EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
+}
+
+TEST_F(PlayerOfALattice, SceneMemoryAndKernelChange) {
+  const auto player = open();
+  const Image before = drawn(*player);
+  Scene scene = player->scene();
+  scene.transfer_function.densities = {{0, 0.0}, {1, 0.0}};
+  ASSERT_TRUE(player->set_scene(scene));
+  EXPECT_GT(compare_images(drawn(*player), before)->rmse, 0.01);
+  scene.transfer_function = open()->scene().transfer_function;
+  scene.lighting = Lighting();
+  ASSERT_TRUE(player->set_scene(scene));
+  EXPECT_GT(compare_images(drawn(*player), before)->rmse, 1e-4);
+  EXPECT_FALSE(player->set_kernel(KernelKind::octant)) << "light needs gradients, which the file lacks";
+  scene.lighting.reset();
+  ASSERT_TRUE(player->set_scene(scene));
+  ASSERT_TRUE(player->set_kernel(KernelKind::octant));
+  EXPECT_GT(compare_images(drawn(*player), before)->rmse, 1e-4);
+  ASSERT_TRUE(player->set_kernel(KernelKind::moments));
+  ASSERT_TRUE(player->set_memory(player->options().memory / 2));
+  EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
+}
+
+TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
+  const auto player = open();
+  const Image finest = drawn(*player);
+  constexpr double wanted = 0.02;
+  const auto search = player->draw_to_error(wanted, false);
+  ASSERT_TRUE(search) << search.error().message;
+  EXPECT_TRUE(search->estimate.reached);
+  EXPECT_GT(search->pictures, 1);
+  EXPECT_LT(player->frame()->splats, player->info().point_count());
+  EXPECT_LT(compare_images(player->image().value(), finest)->rmse, 1.5 * wanted);
+  const auto document = statistics_of(*search);
+  EXPECT_EQ(document["pictures_for_error"], search->pictures);
+}
+
+TEST_F(PlayerOfALattice, DrawsWhatThereIsTimeFor) {
+  const auto player = open();
+  EXPECT_FALSE(player->draw_within(0));
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_within(1e-6));
+  const std::uint64_t few = player->frame()->splats;
+  EXPECT_LT(few, player->info().point_count() / 10);
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_within(1000));
+  EXPECT_TRUE(player->frame()->progress.complete);
+  EXPECT_TRUE(player->frame()->finest) << "all the time in the world";
+  EXPECT_GT(player->frame()->splats, few);
+}
+
+TEST_F(PlayerOfALattice, AFrameAgainIsTheSamePicture) {
+  const auto player = open();
+  const Image before = drawn(*player);
+  ASSERT_TRUE(player->draw_again());
+  EXPECT_LT(compare_images(player->image().value(), before)->rmse, 1e-5);
+  EXPECT_GT(player->times().frame, 0);
+}
+
+TEST_F(PlayerOfALattice, TellsWhenDataHaveCome) {
+  std::atomic<int> told = 0;
+  PlayerOptions options = on_processor();
+  options.on_data = [&] { ++told; };
+  const auto player = open(options);
+  FrameRequest request = all();
+  request.wait_seconds = 0;
+  static_cast<void>(drawn(*player, request));
+  while (told == 0) std::this_thread::yield();  // ends by the test's time limit if nothing comes
+  while (!player->frame()->progress.settled) static_cast<void>(drawn(*player, request));
+  EXPECT_TRUE(player->frame()->progress.complete);
+}
+
+TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
+  std::atomic<bool> stalls = false;
+  std::atomic<int> waiting = 0;
+  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
+    SPLATVOL_TRY_ASSIGN(content, open_file(file));
+    return std::make_unique<StalledSource>(std::move(content), stalls, waiting);
+  };
+  auto steps = format::Steps::open(path(), open_stalled);
+  ASSERT_TRUE(steps);
+  const auto player = Player::open(std::move(*steps), 0, open()->scene(), on_processor()).value();
+  for (const std::optional<double> wait_seconds : {std::optional<double>(), std::optional<double>(1e6)}) {
+    stalls = true;
+    FrameRequest request = all();
+    request.wait_seconds = wait_seconds;
+    auto frame = std::async(std::launch::async, [&] { return player->draw_frame(request); });
+    while (waiting == 0) std::this_thread::yield();
+    player->cancel();
+    const Status cancelled = frame.get();
+    ASSERT_FALSE(cancelled);
+    EXPECT_EQ(cancelled.error().code, ErrorCode::cancelled) << cancelled.error().message;
+    EXPECT_EQ(player->frame(), nullptr);
+    stalls = false;
+  }
+  EXPECT_EQ(drawn(*player).pixels.size(), 120U * 90U) << "later calls are not cancelled";
+}
+
+TEST_F(PlayerOfALattice, StatisticsNameTheFrame) {
+  const auto player = open();
+  static_cast<void>(drawn(*player));
+  const auto document = statistics_of(*player);
+  EXPECT_EQ(document["file"], path());
+  EXPECT_EQ(document["splats"], player->info().point_count());
+  EXPECT_EQ(document["kernel"], "moments");
+  EXPECT_EQ(document["complete"], true);
+}
+
+TEST_F(PlayerOfALattice, TheDomainIsTheLatticesBox) {
+  const auto player = open();
+  const auto domain = player->find_domain();
+  ASSERT_TRUE(domain);
+  EXPECT_LT(glm::length(domain->low - dvec3(0)), 0.1);
+  EXPECT_LT(glm::length(domain->high - dvec3(1)), 0.1);
+}
+
+}  // namespace
+}  // namespace splatvol
