@@ -63,9 +63,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fuzz::require(start_vdb(), "OpenVDB checks the lengths of blocks");
   fuzz::Input input(fuzz::bytes_of(data, size));
   const std::uint32_t kind = input.take_in(0, kinds - 1);
-  const std::array compressions = {openvdb::io::COMPRESS_NONE, openvdb::io::COMPRESS_ACTIVE_MASK,
-                                   openvdb::io::COMPRESS_ZIP | openvdb::io::COMPRESS_ACTIVE_MASK,
-                                   openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK};
+  const std::array<std::uint32_t, 4> compressions = {openvdb::io::COMPRESS_NONE, openvdb::io::COMPRESS_ACTIVE_MASK,
+                                                     openvdb::io::COMPRESS_ZIP | openvdb::io::COMPRESS_ACTIVE_MASK,
+                                                     openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK};
   std::string bytes = write(kind, compressions[input.take_in(0, compressions.size() - 1)]);
   while (!input.rest().empty()) {
     const auto place = input.take<std::uint16_t>() % bytes.size();

@@ -236,7 +236,7 @@ Status Player::choose(const FrameRequest& request) {
 // Gives the chosen splats to the device. While it has no room for them, chooses fewer.
 Status Player::set_draw_list() {
   for (std::uint64_t before = std::numeric_limits<std::uint64_t>::max();;) {
-    const Status set = rasterizer_->set_draw_list(frame_->list);
+    Status set = rasterizer_->set_draw_list(frame_->list);
     if (set) return {};
     if (set.error().code != ErrorCode::out_of_budget || frame_->splats >= before) return set;
     before = frame_->splats;
