@@ -77,16 +77,20 @@ Status check_vdb_header(ByteSource& file) {
   cursor.skip(uuid_bytes);
   cursor.skip_metadata();
   const std::uint32_t grids = cursor.number<std::uint32_t>();
-  for (std::uint32_t i = 0; i < grids && has_offsets && cursor.valid(); ++i) {
+  for (std::uint32_t i = 0; i < grids && cursor.valid(); ++i) {
     cursor.skip_text();  // name
     cursor.skip_text();  // type
     cursor.skip_text();  // another grid, if this one shares its tree
     const std::uint64_t begin = cursor.number<std::uint64_t>(), bricks = cursor.number<std::uint64_t>(),
                         end = cursor.number<std::uint64_t>();
-    if (begin < cursor.offset() || begin > bricks || bricks > end) cursor.seek(file.size() + 1);
-    cursor.seek(begin);
+    if (has_offsets) {
+      if (begin < cursor.offset() || begin > bricks || bricks > end) cursor.seek(file.size() + 1);
+      cursor.seek(begin);
+    }
     cursor.skip(sizeof(std::uint32_t));  // compression
     cursor.skip_metadata();
+    cursor.skip_text();       // type of the transform
+    if (!has_offsets) break;  // only OpenVDB finds out where the next grid begins
     cursor.seek(end);
   }
   if (cursor.valid()) return {};

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <openvdb/io/Compression.h>
+#include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
 #include <tbb/global_control.h>
 
@@ -12,6 +13,7 @@
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <sstream>
 
 #include "base/file.h"
 #include "base/vdb_share.h"
@@ -346,6 +348,21 @@ TEST_F(Vdb, BlocksOfAWrongLengthAreRefused) {
       std::ofstream(path(), std::ios::binary) << damaged << std::string(2 << 20, 'x');
       EXPECT_THAT(refusal(), HasSubstr("gives its length as")) << compression << ' ' << wrong;
     }
+  }
+}
+
+// A file that was written to a stream does not say where its grids are.
+TEST_F(Vdb, FilesOfStreamsAreCheckedToo) {
+  std::ostringstream text(std::ios::binary);
+  openvdb::io::Stream(text).write({one_voxel<openvdb::FloatGrid>("a", 1), one_voxel<openvdb::FloatGrid>("b", 2)});
+  const std::string whole = text.str();
+  std::ofstream(path(), std::ios::binary) << whole;
+  EXPECT_EQ(open_vdb_files({path()}, {}).value()->attributes(), (std::vector<std::string>{"a", "b"}));
+  for (const std::string part : {"Tree_float_5_4_3", "UniformScaleMap"}) {
+    std::string damaged = whole;
+    damaged[damaged.find(part) - 1] = 0x70;  // the text is said to have 1.8 GB
+    std::ofstream(path(), std::ios::binary) << damaged;
+    EXPECT_THAT(refusal(), HasSubstr("ends past the end of the file")) << part;
   }
 }
 
