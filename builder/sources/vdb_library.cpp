@@ -46,8 +46,12 @@ std::int64_t length_ahead(std::istream& in) {
 /// Has `read` read a block of `bytes` bytes of values to `values`, if its length is right.
 void read_checked(ReadBlock read, std::istream& in, char* values, std::size_t bytes) {
   if (read == nullptr) OPENVDB_THROW(openvdb::LookupError, "no function of OpenVDB to read compressed values");
+  // Compressed values are hardly longer than plain ones: OpenVDB would take memory for whatever is stated.
   const std::int64_t length = length_ahead(in);
-  if (length <= 0 && std::uint64_t{0} - static_cast<std::uint64_t>(length) != bytes)
+  const std::uint64_t most_compressed = 2 * std::uint64_t{bytes} + 1024;
+  const bool fits = length > 0 ? static_cast<std::uint64_t>(length) <= most_compressed
+                               : std::uint64_t{0} - static_cast<std::uint64_t>(length) == bytes;
+  if (!fits)
     OPENVDB_THROW(openvdb::IoError,
                   "a block of " + std::to_string(bytes) + " bytes gives its length as " + std::to_string(length));
   read(in, values, bytes);

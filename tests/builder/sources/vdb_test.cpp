@@ -342,7 +342,7 @@ TEST_F(Vdb, BlocksOfAWrongLengthAreRefused) {
       std::memcpy(&length, &whole[place], std::min(sizeof(length), whole.size() - place));
     } while (place + sizeof(length) + static_cast<std::size_t>(length) != whole.size());
     for (const std::int64_t wrong : {std::int64_t{-1} << 20, std::numeric_limits<std::int64_t>::min(), std::int64_t{0},
-                                     std::int64_t{-2047}, std::int64_t{-2049}}) {
+                                     std::int64_t{-2047}, std::int64_t{-2049}, std::int64_t{1} << 32}) {
       std::string damaged = whole;
       std::memcpy(&damaged[place], &wrong, sizeof(wrong));
       std::ofstream(path(), std::ios::binary) << damaged << std::string(2 << 20, 'x');
