@@ -1,35 +1,15 @@
-// The error type of the project. Libraries return errors; only tools print them.
+// Makes and passes on errors (splatvol/error.h). Only tools print them.
 #pragma once
 
 #include <fmt/format.h>
 
 #include <string>
-#include <tl/expected.hpp>
 #include <utility>
 
 #include "base/printable.h"
+#include "splatvol/error.h"
 
 namespace splatvol {
-
-enum class ErrorCode {
-  io,                // the system refused: open, read, write, rename
-  invalid_data,      // the bytes break a rule of their format
-  unsupported,       // well-formed, but this version does not handle it
-  invalid_argument,  // the caller asked for something that is not possible
-  out_of_budget,     // it would not fit into the granted memory
-  device,            // OpenGL or EGL failed
-  cancelled,         // the caller changed its mind
-};
-
-/// A failure. Its message is one line, which names the file and the broken rule.
-struct Error {
-  ErrorCode code;
-  std::string message;
-};
-
-template <class T>
-using Result = tl::expected<T, Error>;
-using Status = Result<void>;
 
 /// Makes a failure, for a function that returns a Result: `return fail(ErrorCode::io, "...", ...)`. `?` stands for the
 /// control characters of names and texts in the message.

@@ -7,17 +7,14 @@
 #include <glm/gtc/quaternion.hpp>
 #include <glm/mat3x3.hpp>
 #include <glm/vec2.hpp>
-#include <glm/vec3.hpp>
-#include <glm/vec4.hpp>
-#include <limits>
+
+#include "splatvol/geometry.h"
 
 namespace splatvol {
 
 using glm::dmat3;
 using glm::dvec2;
-using glm::dvec3;
 using glm::vec3;
-using glm::vec4;
 
 /// Rounds to the nearest integer, ties to the even one; faster than the library's functions. Requires
 /// |number| < 2^51.
@@ -37,26 +34,6 @@ using glm::vec4;
 struct Cube {
   dvec3 origin{0};  // the corner with the lowest coordinates
   double edge = 0;
-};
-
-/// An axis-aligned box in world units; empty at first.
-struct Box {
-  dvec3 low{std::numeric_limits<double>::infinity()};
-  dvec3 high{-std::numeric_limits<double>::infinity()};
-
-  void include(const dvec3& position) {
-    low = glm::min(low, position);
-    high = glm::max(high, position);
-  }
-  void include(const Box& other) {
-    low = glm::min(low, other.low);
-    high = glm::max(high, other.high);
-  }
-
-  /// Lengths of the edges. Requires that the box is not empty.
-  [[nodiscard]] dvec3 extent() const { return high - low; }
-
-  [[nodiscard]] bool operator==(const Box&) const = default;
 };
 
 /// The square of the smallest distance between a box and a position, or two boxes: 0 where they touch.

@@ -8,7 +8,7 @@ endif()
 include(CheckCXXCompilerFlag)
 include(CheckLinkerFlag)
 
-foreach(flag -fstack-protector-strong -fstack-clash-protection -fcf-protection -fPIE)
+foreach(flag -fstack-protector-strong -fstack-clash-protection -fcf-protection)
   string(MAKE_C_IDENTIFIER "SPLATVOL_HAS${flag}" has)
   check_cxx_compiler_flag(${flag} ${has})
   if(${has})

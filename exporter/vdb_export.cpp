@@ -27,7 +27,7 @@ struct VoxelFrame {
   [[nodiscard]] dvec3 position(const dvec3& world) const { return (world - origin) / voxel; }
 };
 
-VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
+VoxelSplat make_splat(const format::SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
   format::SplatShape shape = group.shapes[i];
   shape.deviations /= frame.voxel;
   const dvec3 centroid = frame.position(group.centroids[i]);
@@ -44,7 +44,7 @@ VoxelSplat make_splat(const SplatGroup& group, std::size_t i, const VoxelFrame& 
 // Makes one grid for the fraction and one for each attribute.
 class GridBuilder {
  public:
-  GridBuilder(const format::Volume& volume, const ExportSelection& selection, const VoxelFrame& frame)
+  GridBuilder(const format::Volume& volume, const format::SplatSelection& selection, const VoxelFrame& frame)
       : voxel_volume_(frame.voxel * frame.voxel * frame.voxel), grids_(names_of(selection), frame.origin, frame.voxel) {
     grids_.mark_share(0);
     for (const std::size_t a : selection.attributes) {
@@ -77,7 +77,7 @@ class GridBuilder {
  private:
   static constexpr float missing = std::numeric_limits<float>::quiet_NaN();
 
-  static std::vector<std::string> names_of(const ExportSelection& selection) {
+  static std::vector<std::string> names_of(const format::SplatSelection& selection) {
     std::vector<std::string> names = {fraction_name};
     names.insert(names.end(), selection.names.begin(), selection.names.end());
     return names;
@@ -107,7 +107,7 @@ Status check_range(const format::Volume& volume, const format::Attribute& attrib
 
 }  // namespace
 
-Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path, const ExportSelection& selection,
+Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path, const format::SplatSelection& selection,
                              double voxel, std::uint64_t memory, const std::function<void(double)>& progress) {
   const format::VolumeInfo& info = volume.info();
   if (std::ranges::find(selection.names, fraction_name) != selection.names.end())
@@ -124,7 +124,7 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
   const Box box{frame.position(selection.box.low), frame.position(selection.box.high)};
   VoxelSums sums(selection.attributes.size(), box, memory);
   std::vector<VoxelSplat> splats;
-  const auto add_group = [&](const SplatGroup& group) {
+  const auto add_group = [&](const format::SplatGroup& group) {
     splats.clear();
     for (std::size_t i = 0; i < group.size(); ++i) {
       if (!(group.shapes[i].mass > 0)) continue;
@@ -137,7 +137,7 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
     const Status added = sums.add(splats);
     return added ? added : Status(fail_in(volume.name(), added.error()));
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.material = true}, add_group, progress));
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection), {.material = true}, add_group, progress));
 
   GridBuilder grids(volume, selection, frame);
   sums.drain([&](const VoxelSums::BrickIndex& index, std::span<const double> brick) {

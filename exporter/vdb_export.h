@@ -6,7 +6,7 @@
 #include <string>
 
 #include "base/error.h"
-#include "exporter/splat_reader.h"
+#include "exporter/splat_groups.h"
 #include "format/volume.h"
 
 namespace splatvol {
@@ -30,7 +30,7 @@ struct VdbReport {
 /// attribute has the name of the other grid, if there are too many voxels along an axis, or if there is no material.
 /// Fails with out_of_budget if `memory` does not suffice.
 [[nodiscard]] Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path,
-                                           const ExportSelection& selection, double voxel, std::uint64_t memory,
+                                           const format::SplatSelection& selection, double voxel, std::uint64_t memory,
                                            const std::function<void(double)>& progress);
 
 }  // namespace splatvol

@@ -84,7 +84,7 @@ dvec3 unit(const vec3& direction) { return direction == vec3(0) ? dvec3(0) : glm
 
 class VtuFile {
  public:
-  VtuFile(const format::Volume& volume, const ExportSelection& selection) : selection_(selection) {
+  VtuFile(const format::Volume& volume, const format::SplatSelection& selection) : selection_(selection) {
     arrays_.push_back({.name = "Points", .components = 3});
     const format::VolumeInfo& info = volume.info();
     for (std::size_t i = 0; i < selection.attributes.size(); ++i) {
@@ -142,7 +142,7 @@ class VtuFile {
   }
 
   // Appends the points of a group that are in the box.
-  void collect(const SplatGroup& group, Columns& columns, VtuReport& report) const {
+  void collect(const format::SplatGroup& group, Columns& columns, VtuReport& report) const {
     columns.resize(data_arrays_);
     for (std::size_t i = 0; i < group.size(); ++i) {
       if (!is_inside(selection_.box, group.positions[i])) continue;
@@ -226,7 +226,7 @@ class VtuFile {
     return {};
   }
 
-  const ExportSelection& selection_;
+  const format::SplatSelection& selection_;
   std::vector<format::Attribute> attributes_;
   std::vector<bool> has_direction_;  // [attribute]
   std::vector<Array> arrays_;        // points and their data, then those of the cells
@@ -236,23 +236,23 @@ class VtuFile {
 };
 
 // Without a box, the metadata tells the number of points.
-Result<std::uint64_t> count_points(const format::Volume& volume, const ExportSelection& selection,
+Result<std::uint64_t> count_points(const format::Volume& volume, const format::SplatSelection& selection,
                                    const std::function<void(double)>& progress) {
-  if (selection.box == ExportSelection().box) return volume.info().resolution_counts[selection.resolution];
+  if (selection.box == format::SplatSelection().box) return volume.info().resolution_counts[selection.resolution];
   std::uint64_t points = 0;
-  const auto count_group = [&](const SplatGroup& group) -> Status {
+  const auto count_group = [&](const format::SplatGroup& group) -> Status {
     points += static_cast<std::uint64_t>(
         std::ranges::count_if(group.positions, [&](const dvec3& p) { return is_inside(selection.box, p); }));
     return {};
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection), {.positions = true}, count_group, progress));
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection), {.positions = true}, count_group, progress));
   if (points == 0) return fail(ErrorCode::invalid_argument, "{}: no points in the box", volume.name());
   return points;
 }
 
 }  // namespace
 
-Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path, const ExportSelection& selection,
+Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path, const format::SplatSelection& selection,
                              const std::function<void(double)>& progress) {
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
@@ -265,14 +265,14 @@ Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& pa
   SPLATVOL_TRY(vtu.start(file, points));
   VtuReport report;
   Columns columns;
-  const auto write_group = [&](const SplatGroup& group) -> Status {
+  const auto write_group = [&](const format::SplatGroup& group) -> Status {
     columns.clear();
     vtu.collect(group, columns, report);
     SPLATVOL_TRY(vtu.write(file, columns, report.points));
     report.points += columns[0].size() / 3;
     return {};
   };
-  SPLATVOL_TRY(for_each_group(SplatReader(volume, selection),
+  SPLATVOL_TRY(for_each_group(format::SplatReader(volume, selection),
                               {.positions = true, .values = true, .material = true, .directions = true}, write_group,
                               [&](double done) { progress(0.25 + 0.75 * done); }));
   SPLATVOL_TRY(file.commit());

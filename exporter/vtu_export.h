@@ -6,7 +6,7 @@
 #include <string>
 
 #include "base/error.h"
-#include "exporter/splat_reader.h"
+#include "exporter/splat_groups.h"
 #include "format/volume.h"
 
 namespace splatvol {
@@ -32,7 +32,7 @@ struct VtuReport {
 /// whole or not at all. Output does not depend on threads. Fails if an attribute has the name of another array, or if
 /// no point is in the box.
 [[nodiscard]] Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path,
-                                           const ExportSelection& selection,
+                                           const format::SplatSelection& selection,
                                            const std::function<void(double)>& progress);
 
 }  // namespace splatvol

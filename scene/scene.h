@@ -1,9 +1,6 @@
-// Scenes: camera, image, attribute and transfer function; read from a scene file.
+// Cameras of scenes (splatvol/scene.h), and their axes.
 #pragma once
 
-#include <array>
-#include <cmath>
-#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,56 +8,9 @@
 #include "base/error.h"
 #include "base/math.h"
 #include "scene/transfer_function.h"
+#include "splatvol/scene.h"
 
 namespace splatvol {
-
-struct Camera {
-  enum class Projection { perspective, orthographic };
-
-  Projection projection = Projection::perspective;
-  double vertical_fov_degrees = 30;  // perspective: full angle, (0, 180)
-  double parallel_height = 1;        // orthographic: world units from the image's lower to its upper edge, > 0
-  dvec3 position{0};
-  dvec3 focal_point{0};
-  dvec3 up{0, 1, 0};
-
-  [[nodiscard]] bool operator==(const Camera&) const = default;
-};
-
-/// A light at the eye. It multiplies colours by ambient + diffuse |cos a|, where a is the angle between the ray and the
-/// value's gradient, and by ambient + diffuse where there is no gradient.
-struct Lighting {
-  double ambient = 0.3;
-  double diffuse = 0.7;
-
-  /// Returns the factor, for vectors of length 1 along the ray and the gradient (0: none).
-  [[nodiscard]] double factor(dvec3 ray, dvec3 gradient) const {
-    return ambient + diffuse * (gradient == dvec3(0) ? 1 : std::abs(glm::dot(ray, gradient)));
-  }
-
-  [[nodiscard]] bool operator==(const Lighting&) const = default;
-};
-
-struct Scene {
-  Camera camera;
-  int width = 512;
-  int height = 512;
-  dvec3 background{0};  // linear
-  std::string attribute;
-  TransferFunction transfer_function;
-  std::optional<Lighting> lighting;
-  std::optional<Box> clip_box;  // only the inside is drawn
-  bool outline = false;         // the edges of the domain's box are drawn over and behind the volume
-};
-
-/// Reads a scene from JSON text. The error names the field that is missing or out of range.
-[[nodiscard]] Result<Scene> parse_scene(const std::string& json);
-
-/// Reads a scene file. The error begins with the path.
-[[nodiscard]] Result<Scene> load_scene(const std::string& path);
-
-/// Returns the text of a scene file that parse_scene reads back as `scene`.
-[[nodiscard]] std::string scene_to_json(const Scene& scene);
 
 /// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would.
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);

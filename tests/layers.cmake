@@ -3,7 +3,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(layers
-    base scene reference format
+    splatvol base scene reference format
     builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
     builder/output builder/points builder/reduction builder
     exporter streamer renderer renderer/cpu renderer/gl renderer/device player viewer tools)

@@ -39,7 +39,7 @@ void check_usage(const Options& options) {
       throw CLI::ValidationError("--box", "the first corner must be the lower one");
 }
 
-Result<json> export_voxels(const format::Volume& volume, const ExportSelection& selection, const Options& options) {
+Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection, const Options& options) {
   std::uint64_t memory = memory_limit() / 4;
   if (!options.memory.empty()) {
     SPLATVOL_TRY_ASSIGN(granted, parse_bytes(options.memory));
@@ -52,7 +52,7 @@ Result<json> export_voxels(const format::Volume& volume, const ExportSelection& 
               {"splat_mass", report.splat_mass}, {"voxel_mass", report.voxel_mass}, {"file_bytes", report.file_bytes}};
 }
 
-Result<json> export_points(const format::Volume& volume, const ExportSelection& selection, const Options& options) {
+Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection, const Options& options) {
   ProgressBar bar("exporting");
   SPLATVOL_TRY_ASSIGN(report,
                       export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
@@ -97,10 +97,10 @@ Status run_export(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY(check_outputs({options.output}, {options.file}));
   SPLATVOL_TRY_ASSIGN(volume, open_step(options.file, options.step));
-  Box box = ExportSelection().box;
+  Box box = format::SplatSelection().box;
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
-  SPLATVOL_TRY_ASSIGN(selection, select(*volume, options.resolution, options.attributes, box));
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(*volume, options.resolution, options.attributes, box));
   SPLATVOL_TRY_ASSIGN(report, options.is_vdb() ? export_voxels(*volume, selection, options)
                                                : export_points(*volume, selection, options));
   report["seconds"] = seconds_now() - start;

@@ -7,14 +7,9 @@
 
 #include "base/error.h"
 #include "renderer/rasterizer.h"
+#include "splatvol/device.h"
 
 namespace splatvol {
-
-enum class Device {
-  automatic,  // OpenGL on a graphics card, else the processor
-  cpu,        // tiles on the processor
-  gl,         // OpenGL, in software too
-};
 
 /// Returns the device of "auto", "cpu" or "gl". Fails for another name, and for "gl" in a build without OpenGL.
 [[nodiscard]] Result<Device> parse_device(std::string_view name);

@@ -75,13 +75,13 @@ class Export : public testing::Test {
 };
 
 double mass_of(const format::Volume& volume, std::size_t resolution) {
-  const ExportSelection selection = select(volume, resolution, {}, ExportSelection().box).value();
+  const format::SplatSelection selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
   double mass = 0;
-  const auto add = [&](const SplatGroup& group) -> Status {
+  const auto add = [&](const format::SplatGroup& group) -> Status {
     for (const format::SplatShape& shape : group.shapes) mass += shape.mass;
     return {};
   };
-  EXPECT_TRUE(for_each_group(SplatReader(volume, selection), {.material = true}, add, no_progress));
+  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, add, no_progress));
   return mass;
 }
 
@@ -110,7 +110,7 @@ TEST_F(Export, VoxelsHoldTheWholeMass) {
     const auto volume = random_volume(origin);
     for (const double voxel : {0.3, 0.05, 0.011})
       for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
-        const auto selection = select(*volume, r, {}, ExportSelection().box).value();
+        const auto selection = format::select_splats(*volume, r, {}, format::SplatSelection().box).value();
         const VdbReport report = export_vdb(*volume, path("out.vdb"), selection, voxel, enough, no_progress).value();
         const double mass = mass_of(*volume, r);
         EXPECT_NEAR(report.splat_mass, mass, 1e-12 * mass);
@@ -128,7 +128,7 @@ TEST_F(Export, VoxelsHoldTheWholeMass) {
 
 TEST_F(Export, ValuesStayInTheirRangeAndMissingOnesAreNotThere) {
   const auto volume = random_volume();
-  const auto selection = select(*volume, std::nullopt, {"a1"}, ExportSelection().box).value();
+  const auto selection = format::select_splats(*volume, std::nullopt, {"a1"}, format::SplatSelection().box).value();
   ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, enough, no_progress));
   const auto values = grid("out.vdb", "a1");
   EXPECT_LT(values->activeVoxelCount(), grid("out.vdb", "volume_fraction")->activeVoxelCount());
@@ -146,7 +146,7 @@ TEST_F(Export, ALinearFieldComesBack) {
   for (const dvec3 origin : {dvec3(0), dvec3(1e7, -1e7, 1e7)}) {
     const auto source = open_source({write_linear_box(path("in.vdb"), origin)}, {}).value();
     const auto volume = build(*source, "box.svol");
-    const auto selection = select(*volume, std::nullopt, {}, ExportSelection().box).value();
+    const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
     for (const double voxel : {0.5, 0.2}) {
       ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, voxel, enough, no_progress));
       const auto value = grid("out.vdb", "value"), fraction = grid("out.vdb", "volume_fraction");
@@ -168,7 +168,7 @@ TEST_F(Export, ALinearFieldComesBack) {
 
 TEST_F(Export, TheMassOfVoxelsSurvivesTheWayBack) {
   const auto volume = random_volume();
-  const auto selection = select(*volume, std::nullopt, {"a0"}, ExportSelection().box).value();
+  const auto selection = format::select_splats(*volume, std::nullopt, {"a0"}, format::SplatSelection().box).value();
   ASSERT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, enough, no_progress));
   const auto source = open_source({path("out.vdb")}, {{"a0"}, {}}).value();
   const auto back = build(*source, "back.svol");
@@ -180,8 +180,8 @@ TEST_F(Export, TheMassOfVoxelsSurvivesTheWayBack) {
 TEST_F(Export, ABoxIsThePartOfTheWhole) {
   const auto volume = random_volume();
   const Box box{dvec3(0.2, 0.2, 0.2), dvec3(0.6, 0.7, 0.8)};
-  const auto all = select(*volume, std::nullopt, {"a0"}, ExportSelection().box).value();
-  const auto part = select(*volume, std::nullopt, {"a0"}, box).value();
+  const auto all = format::select_splats(*volume, std::nullopt, {"a0"}, format::SplatSelection().box).value();
+  const auto part = format::select_splats(*volume, std::nullopt, {"a0"}, box).value();
   ASSERT_TRUE(export_vdb(*volume, path("all.vdb"), all, 0.04, enough, no_progress));
   ASSERT_TRUE(export_vdb(*volume, path("part.vdb"), part, 0.04, enough, no_progress));
   const auto whole = grid("all.vdb", "volume_fraction"), cut = grid("part.vdb", "volume_fraction");
@@ -201,7 +201,7 @@ TEST_F(Export, ABoxIsThePartOfTheWhole) {
 
 TEST_F(Export, BytesDoNotDependOnThreadsOrMemory) {
   const auto volume = random_volume();
-  const auto selection = select(*volume, std::nullopt, {}, ExportSelection().box).value();
+  const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
   const auto export_with = [&](std::size_t threads, std::uint64_t memory) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     EXPECT_TRUE(export_vdb(*volume, path("out.vdb"), selection, 0.05, memory, no_progress));
@@ -215,10 +215,10 @@ TEST_F(Export, BytesDoNotDependOnThreadsOrMemory) {
 
 TEST_F(Export, RefusesWhatCannotBe) {
   const auto volume = random_volume();
-  const Box all = ExportSelection().box;
-  EXPECT_THAT(select(*volume, 99, {}, all).error().message, HasSubstr("no resolution 99; the finest is"));
-  EXPECT_THAT(select(*volume, 0, {"x"}, all).error().message, HasSubstr("no attribute \"x\"; there are: a0, a1"));
-  const auto selection = select(*volume, std::nullopt, {}, all).value();
+  const Box all = format::SplatSelection().box;
+  EXPECT_THAT(format::select_splats(*volume, 99, {}, all).error().message, HasSubstr("no resolution 99; the finest is"));
+  EXPECT_THAT(format::select_splats(*volume, 0, {"x"}, all).error().message, HasSubstr("no attribute \"x\"; there are: a0, a1"));
+  const auto selection = format::select_splats(*volume, std::nullopt, {}, all).value();
 
   const auto refused = [&](double voxel, std::uint64_t memory) {
     const auto report = export_vdb(*volume, path("out.vdb"), selection, voxel, memory, no_progress);
@@ -232,7 +232,7 @@ TEST_F(Export, RefusesWhatCannotBe) {
   EXPECT_EQ(refused(1e-5, 1 << 20).code, ErrorCode::out_of_budget) << "one splat alone has too many voxels";
   EXPECT_THAT(refused(1e-12, enough).message, HasSubstr("cannot be numbered"));
 
-  const auto outside = select(*volume, std::nullopt, {}, {dvec3(50), dvec3(60)}).value();
+  const auto outside = format::select_splats(*volume, std::nullopt, {}, {dvec3(50), dvec3(60)}).value();
   EXPECT_THAT(export_vdb(*volume, path("out.vdb"), outside, 0.1, enough, no_progress).error().message,
               HasSubstr("no material"));
   EXPECT_THAT(export_vtu(*volume, path("out.vtu"), outside, no_progress).error().message, HasSubstr("no points"));
@@ -243,12 +243,12 @@ TEST_F(Export, NamesThatClashAreRefused) {
   volume.info.attributes[0].name = "mass";
   ASSERT_TRUE(test::write_test_volume(volume, path("mass.svol")));
   const auto mass = open("mass.svol");
-  const auto selection = select(*mass, std::nullopt, {}, ExportSelection().box).value();
+  const auto selection = format::select_splats(*mass, std::nullopt, {}, format::SplatSelection().box).value();
   EXPECT_THAT(export_vtu(*mass, path("out.vtu"), selection, no_progress).error().message, HasSubstr("\"mass\""));
   volume.info.attributes[0].name = "volume_fraction";
   ASSERT_TRUE(test::write_test_volume(volume, path("fraction.svol")));
   const auto fraction = open("fraction.svol");
-  const auto other = select(*fraction, std::nullopt, {}, ExportSelection().box).value();
+  const auto other = format::select_splats(*fraction, std::nullopt, {}, format::SplatSelection().box).value();
   EXPECT_THAT(export_vdb(*fraction, path("out.vdb"), other, 0.1, enough, no_progress).error().message,
               HasSubstr("\"volume_fraction\""));
 }
@@ -257,7 +257,7 @@ TEST_F(Export, NamesThatClashAreRefused) {
 TEST_F(Export, VtkReadsThePoints) {
   const auto volume = random_volume(dvec3(1e7));
   for (std::size_t r = 0; r < volume->info().resolutions(); ++r) {
-    const auto selection = select(*volume, r, {}, ExportSelection().box).value();
+    const auto selection = format::select_splats(*volume, r, {}, format::SplatSelection().box).value();
     const VtuReport report = export_vtu(*volume, path("out.vtu"), selection, no_progress).value();
     EXPECT_EQ(report.points, volume->info().resolution_counts[r]);
     EXPECT_EQ(report.file_bytes, std::filesystem::file_size(path("out.vtu")));
@@ -273,7 +273,7 @@ TEST_F(Export, VtkReadsThePoints) {
       return piece->values[static_cast<std::size_t>(found - names.begin())];
     };
     std::size_t i = 0;
-    const auto compare = [&](const SplatGroup& group) -> Status {
+    const auto compare = [&](const format::SplatGroup& group) -> Status {
       for (std::size_t k = 0; k < group.size(); ++k, ++i) {
         EXPECT_EQ(piece->points[i], group.positions[k]);
         EXPECT_EQ(values("a0")[i], static_cast<double>(group.values[0][k]));
@@ -292,7 +292,7 @@ TEST_F(Export, VtkReadsThePoints) {
       }
       return {};
     };
-    const SplatReader reader(*volume, selection);
+    const format::SplatReader reader(*volume, selection);
     EXPECT_TRUE(for_each_group(reader, {.positions = true, .values = true, .material = true}, compare, no_progress));
     EXPECT_EQ(i, report.points);
   }
@@ -314,7 +314,7 @@ struct Exported {
 };
 
 Exported export_and_read(const format::Volume& volume, std::size_t resolution, const std::string& file) {
-  const auto selection = select(volume, resolution, {}, ExportSelection().box).value();
+  const auto selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
   EXPECT_TRUE(export_vtu(volume, file, selection, no_progress).has_value());
   const auto source = open_source({file}, {}).value();
   const auto piece = source->next().value();
@@ -335,7 +335,7 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
   const auto gradients = exported.vectors("value gradient");
   double squares = 0;
   std::size_t i = 0;
-  const auto compare = [&](const SplatGroup& group) -> Status {
+  const auto compare = [&](const format::SplatGroup& group) -> Status {
     for (std::size_t k = 0; k < group.size(); ++k, ++i) {
       const double error = glm::length(gradients[i] - slope);
       EXPECT_LT(error, gradient_bound(group.shapes[k], group.materials[0][k])) << resolution << " " << i;
@@ -343,8 +343,8 @@ void expect_slope(const format::Volume& volume, std::size_t resolution, const Ex
     }
     return {};
   };
-  const auto selection = select(volume, resolution, {}, ExportSelection().box).value();
-  EXPECT_TRUE(for_each_group(SplatReader(volume, selection), {.material = true}, compare, no_progress));
+  const auto selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
+  EXPECT_TRUE(for_each_group(format::SplatReader(volume, selection), {.material = true}, compare, no_progress));
   EXPECT_EQ(i, gradients.size());
   EXPECT_LT(std::sqrt(squares / static_cast<double>(i)), 0.06 * glm::length(slope));
 }
@@ -435,7 +435,7 @@ TEST_F(Export, UnitsSurvive) {
   options.units = {{"value", "kg/m^3"}};
   const auto volume = build(source, "units.svol", options);
   EXPECT_EQ(volume->info().attributes[0].unit, "kg/m^3");
-  const auto selection = select(*volume, std::nullopt, {}, ExportSelection().box).value();
+  const auto selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
   ASSERT_TRUE(export_vtu(*volume, path("out.vtu"), selection, no_progress).has_value());
   const auto back = open_source({path("out.vtu")}, {{"value", "value mean", "mass"}, {}}).value();
   EXPECT_THAT(back->units(), ElementsAre("kg/m^3", "kg/m^3", ""));
@@ -458,7 +458,7 @@ TEST_F(Export, AUnitNeedsItsAttribute) {
 TEST_F(Export, PointsOfABoxBecomeAFileAgain) {
   const auto volume = random_volume();
   const Box box{dvec3(0), dvec3(0.5, 1, 1)};
-  const auto selection = select(*volume, std::nullopt, {"a0"}, box).value();
+  const auto selection = format::select_splats(*volume, std::nullopt, {"a0"}, box).value();
   const VtuReport report = export_vtu(*volume, path("out.vtu"), selection, no_progress).value();
   EXPECT_LT(report.points, volume->info().point_count());
   const auto source = open_source({path("out.vtu")}, {{"a0"}, {}}).value();

@@ -11,43 +11,22 @@
 #include <vtkSetGet.h>
 
 #include <algorithm>
-#include <cmath>
 
 namespace splatvol {
 namespace {
 
-/// Appends the attributes of one array: a number gives one, a vector its magnitude and components.
-void append_array(const VtkAttribute& array, std::vector<VtkAttribute>& attributes) {
-  attributes.push_back(array);
-  if (array.components == 1) return;
-  attributes.back().component = VtkAttribute::magnitude;
-  for (int c = 0; c < array.components; ++c) {
-    attributes.push_back(array);
-    attributes.back().name = fmt::format("{}[{}]", array.name, c);
-    attributes.back().component = c;
-  }
-}
-
-/// Appends the attributes of the points' arrays, or of the cells'. `suffix`: for names that are taken already.
-void append_arrays(vtkDataSet& data, bool of_cells, const char* suffix, std::vector<VtkAttribute>& attributes) {
+/// The arrays of the points, or of the cells, that give attributes.
+std::vector<NamedArray> named_arrays(vtkDataSet& data, bool of_cells) {
   vtkDataSetAttributes& arrays = arrays_of(data, of_cells);
-  const std::vector<VtkAttribute> taken = attributes;
+  std::vector<NamedArray> named;
   for (int i = 0; i < arrays.GetNumberOfArrays(); ++i) {
     vtkDataArray* array = arrays.GetArray(i);  // null for strings
     if (!array || !arrays.GetArrayName(i)) continue;
     const std::string name = arrays.GetArrayName(i);
     if (is_bookkeeping(arrays, i, name) || (of_cells && name == "HigherOrderDegrees")) continue;
-    std::vector<VtkAttribute> added;
-    append_array({name, name, array->GetNumberOfComponents(), 0, of_cells}, added);
-    const bool clashes = std::ranges::any_of(added, [&](const VtkAttribute& attribute) {
-      return std::ranges::find(taken, attribute.name, &VtkAttribute::name) != taken.end();
-    });
-    if (clashes) {
-      added.clear();
-      append_array({name + suffix, name, array->GetNumberOfComponents(), 0, of_cells}, added);
-    }
-    attributes.insert(attributes.end(), added.begin(), added.end());
+    named.push_back({name, array->GetNumberOfComponents()});
   }
+  return named;
 }
 
 }  // namespace
@@ -75,12 +54,8 @@ bool wants_array(const std::vector<std::string>& selection, const std::string& a
   return selection.empty() || std::ranges::any_of(selection, is_array);
 }
 
-std::vector<VtkAttribute> attributes_of(vtkDataSet& data, CellValues cells) {
-  const bool own = cells == CellValues::own;
-  std::vector<VtkAttribute> attributes;
-  append_arrays(data, own, "", attributes);
-  append_arrays(data, !own, (own ? points_suffix : cells_suffix).data(), attributes);
-  return attributes;
+std::vector<ArrayAttribute> attributes_of(vtkDataSet& data, CellValues cells) {
+  return attributes_of(named_arrays(data, false), named_arrays(data, true), cells);
 }
 
 void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells) {
@@ -108,23 +83,15 @@ std::string unit_label(vtkDataSet& data, const std::string& array) {
   return {};
 }
 
-std::string full_name(const VtkAttribute& attribute) {
-  std::string name = attribute.array;
-  name += attribute.of_cells ? cells_suffix : points_suffix;
-  if (attribute.components > 1 && attribute.component != VtkAttribute::magnitude)
-    name += fmt::format("[{}]", attribute.component);
-  return name;
-}
-
-Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, std::span<const VtkAttribute> attributes,
+Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, std::span<const ArrayAttribute> attributes,
                               std::size_t number) {
-  const VtkAttribute& attribute = attributes[number];
+  const ArrayAttribute& attribute = attributes[number];
   const auto array_of = [&](bool of_cells) {
     vtkDataArray* array = arrays_of(data, of_cells).GetArray(attribute.array.c_str());
     return array && array->GetNumberOfComponents() == attribute.components ? array : nullptr;
   };
   VtkValues values{array_of(attribute.of_cells), attribute.of_cells};
-  const bool other_taken = std::ranges::any_of(attributes, [&](const VtkAttribute& other) {
+  const bool other_taken = std::ranges::any_of(attributes, [&](const ArrayAttribute& other) {
     return other.array == attribute.array && other.of_cells != attribute.of_cells;
   });
   if (!values.array && !other_taken) values = {array_of(!attribute.of_cells), !attribute.of_cells};
@@ -135,21 +102,6 @@ Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, std::sp
   if (values.array->GetNumberOfTuples() < expected)
     return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} values for {} {}", path, attribute.array,
                 values.array->GetNumberOfTuples(), expected, values.of_cells ? "cells" : "points");
-  return values;
-}
-
-std::vector<double> attribute_values(const VtkAttribute& attribute,
-                                     const std::function<std::vector<double>(int)>& component) {
-  std::vector<double> values;
-  if (attribute.component != VtkAttribute::magnitude) {
-    values = component(attribute.component);
-  } else {
-    for (int c = 0; c < attribute.components; ++c) {
-      const std::vector<double> next = component(c);
-      values.resize(next.size());
-      for (std::size_t i = 0; i < values.size(); ++i) values[i] = std::hypot(values[i], next[i]);
-    }
-  }
   return values;
 }
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/source.h"
 
 class vtkDataArray;
@@ -17,20 +17,6 @@ class vtkDataSet;
 class vtkDataSetAttributes;
 
 namespace splatvol {
-
-/// An attribute, and the array that holds it: one of its components, or its magnitude.
-struct VtkAttribute {
-  static constexpr int magnitude = -1;
-  std::string name;
-  std::string array;
-  int components = 1;
-  int component = 0;
-  bool of_cells = false;
-};
-
-/// Ends of the names of attributes whose array's name is taken.
-inline constexpr std::string_view cells_suffix = " (cells)";
-inline constexpr std::string_view points_suffix = " (points)";
 
 /// Whether an array of this name marks points or cells as ghost copies or hidden.
 [[nodiscard]] bool is_ghost_array(std::string_view name);
@@ -57,16 +43,11 @@ struct ArrayShape {
 void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells);
 
 /// Lists all attributes of a data set, in the order of its arrays. Strings, ghost flags and ids are no attributes.
-/// First come the arrays that need no conversion: those of points, or of cells if they are points of their own. An
-/// array of the others whose name is taken is called "NAME (cells)", or "NAME (points)".
-[[nodiscard]] std::vector<VtkAttribute> attributes_of(vtkDataSet& data, CellValues cells);
+[[nodiscard]] std::vector<ArrayAttribute> attributes_of(vtkDataSet& data, CellValues cells);
 
 /// The unit that a file gives an array of the points or of the cells in VTK's own way (the key UNITS_LABEL); empty if
 /// there is none.
 [[nodiscard]] std::string unit_label(vtkDataSet& data, const std::string& array);
-
-/// The name of an attribute as if its array's name were taken.
-[[nodiscard]] std::string full_name(const VtkAttribute& attribute);
 
 /// An array with the values of an attribute, and whether it is one of the cells.
 struct VtkValues {
@@ -78,11 +59,7 @@ struct VtkValues {
 /// the other of points and cells, unless another attribute has that. Fails if there is none with as many components, or
 /// if it is too short; `path` begins the message.
 [[nodiscard]] Result<VtkValues> find_values(const std::string& path, vtkDataSet& data,
-                                            std::span<const VtkAttribute> attributes, std::size_t number);
-
-/// Returns an attribute's values: `component(c)` returns those of one component. Values that are not finite are NaN.
-[[nodiscard]] std::vector<double> attribute_values(const VtkAttribute& attribute,
-                                                   const std::function<std::vector<double>(int)>& component);
+                                            std::span<const ArrayAttribute> attributes, std::size_t number);
 
 /// Reads one component of an array, an element for each index. Requires indices in range. Thread-safe.
 void read_component(vtkDataArray& array, int component, std::span<const std::uint32_t> indices,

@@ -18,7 +18,7 @@
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_checks.h"
 #include "builder/sources/vtk/block_readers.h"
-#include "builder/sources/vtk/cell_averages.h"
+#include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/piece.h"
 #include "builder/sources/vtk/shared_points.h"

@@ -19,7 +19,7 @@
 
 #include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/block_readers.h"
-#include "builder/sources/vtk/cell_averages.h"
+#include "builder/sources/vtk/cell_counts.h"
 #include "builder/sources/vtk/messages.h"
 #include "builder/sources/vtk/reader.h"
 #include "builder/sources/vtk/xml_checks.h"

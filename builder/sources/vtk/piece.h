@@ -1,33 +1,22 @@
 // Turns one of VTK's data sets into a Piece.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <span>
 #include <string>
 
 #include "base/error.h"
-#include "builder/sources/source.h"
-#include "builder/sources/vtk/attributes.h"
-#include "builder/sources/vtk/cell_averages.h"
+#include "builder/sources/piece_maker.h"
 
 class vtkDataSet;
 
 namespace splatvol {
 
-/// Changes the means of a component of an array of cells, at all points of a data set.
-using ChangeMeans = std::function<void(const std::string& array, int component, std::span<double> means)>;
-
-/// Returns the points, the values of `attributes`, and the cells as tetrahedra, as open_source promises. With cells of
-/// their own the points are these cells, without those of no volume. Calls `change_means` on the means of cells at the
-/// points, if it is not empty. With `lend`, the piece lends its values (LentValues). Fails if cells are damaged or not
-/// supported, or if an attribute is not there; `path` begins the message. Safe on untrusted data sets.
+/// As for a DataSet (builder/sources/piece_maker.h). Errors of VTK become errors.
 [[nodiscard]] Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& data,
-                                                        std::span<const VtkAttribute> attributes, CellValues cells,
+                                                        std::span<const ArrayAttribute> attributes, CellValues cells,
                                                         const MissingValues& missing,
                                                         const ChangeMeans& change_means = {}, bool lend = false);
-
-/// Returns the averages that make_piece() uses. Fails if cells are damaged or not supported.
 [[nodiscard]] Result<CellAverages> make_averages(const std::string& path, vtkDataSet& data);
 
 }  // namespace splatvol

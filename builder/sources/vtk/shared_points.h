@@ -9,7 +9,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "builder/sources/vtk/cell_averages.h"
+#include "builder/mesh/cell_averages.h"
+#include "builder/sources/source.h"
 
 class vtkDataArray;
 class vtkDataSet;

@@ -21,12 +21,6 @@
 namespace splatvol {
 namespace {
 
-std::vector<std::string> names_of(const std::vector<VtkAttribute>& attributes) {
-  std::vector<std::string> names;
-  for (const VtkAttribute& attribute : attributes) names.push_back(attribute.name);
-  return names;
-}
-
 // The time that a file states, as ParaView writes it (TimeValue) or older writers (TIME).
 std::optional<double> time_in_fields(vtkDataSet& data) {
   for (const char* name : {"TimeValue", "TIME"}) {
@@ -60,28 +54,16 @@ class VtkSource final : public Source {
     SPLATVOL_TRY(load());
     if (!pending_) return fail_no_points();
     time_ = time_in_fields(*pending_);
-    const std::vector<VtkAttribute> all = attributes_of(*pending_, cells_);
+    const std::vector<ArrayAttribute> all = attributes_of(*pending_, cells_);
     if (all.empty() && selection.empty())
       return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
                   data_sets_->path());
     available_ = names_of(all);
     if (const auto duplicate = find_duplicate(available_))
       return fail(ErrorCode::invalid_data, "{}: two attributes are called \"{}\"", data_sets_->path(), *duplicate);
-    if (selection.empty()) attributes_ = all;
-    for (const std::string& name : selection) {
-      auto attribute = std::ranges::find(all, name, &VtkAttribute::name);
-      // The array that takes an attribute's name may not have been read: it is not selected.
-      if (attribute == all.end())
-        attribute = std::ranges::find_if(all, [&](const VtkAttribute& converted) {
-          return converted.of_cells != own_cells_ && full_name(converted) == name;
-        });
-      if (attribute == all.end() && missing.empty()) missing = name;
-      if (attribute == all.end()) continue;
-      attributes_.push_back(*attribute);
-      attributes_.back().name = name;
-    }
+    attributes_ = select_attributes(all, selection, cells_, missing);
     names_ = names_of(attributes_);
-    for (const VtkAttribute& attribute : attributes_) {
+    for (const ArrayAttribute& attribute : attributes_) {
       const std::string unit = data_sets_->unit(attribute.array);
       units_.push_back(unit.empty() ? unit_label(*pending_, attribute.array) : unit);
     }
@@ -111,7 +93,7 @@ class VtkSource final : public Source {
 
   bool averages_by_piece() const override {
     return !own_cells_ && data_sets_->averages_by_data_set() &&
-           std::ranges::any_of(attributes_, [](const VtkAttribute& attribute) { return attribute.of_cells; });
+           std::ranges::any_of(attributes_, [](const ArrayAttribute& attribute) { return attribute.of_cells; });
   }
 
   std::vector<std::string> conversions() const override {
@@ -136,8 +118,8 @@ class VtkSource final : public Source {
     for (std::size_t a = 0; a < attributes_.size(); ++a) {
       const auto values = find_values({}, data, attributes_, a);
       if (!values || values->of_cells == own_cells_) continue;
-      if (attributes_[a].component == VtkAttribute::magnitude) vectors.insert(attributes_[a].array);
-      if (attributes_[a].components == 1 || attributes_[a].component == VtkAttribute::magnitude ||
+      if (attributes_[a].component == ArrayAttribute::magnitude) vectors.insert(attributes_[a].array);
+      if (attributes_[a].components == 1 || attributes_[a].component == ArrayAttribute::magnitude ||
           !vectors.contains(attributes_[a].array))
         converted_.insert(attributes_[a].name);
     }
@@ -160,7 +142,7 @@ class VtkSource final : public Source {
   std::uint64_t points_ = 0;         // of the pieces so far
   std::set<std::string> converted_;  // attributes
   std::optional<TimeStep> step_;     // instead of that of data_sets_
-  std::vector<VtkAttribute> attributes_;
+  std::vector<ArrayAttribute> attributes_;
   std::vector<std::string> names_;      // of attributes_
   std::vector<std::string> units_;      // of attributes_
   std::vector<std::string> available_;  // of the first piece

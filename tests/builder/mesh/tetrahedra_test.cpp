@@ -11,7 +11,7 @@
 #include <random>
 #include <set>
 
-#include "builder/sources/vtk/lattice.h"
+#include "builder/mesh/lattice.h"
 #include "tests/support/random.h"
 
 namespace splatvol {

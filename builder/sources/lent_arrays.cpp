@@ -1,13 +1,9 @@
-#include "builder/sources/vtk/lent_arrays.h"
-
-#include <vtkDataArray.h>
+#include "builder/sources/lent_arrays.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
-
-#include "builder/sources/vtk/attributes.h"
 
 namespace splatvol {
 namespace {
@@ -19,8 +15,8 @@ constexpr std::size_t read_at_once = 1024;
 LentArrays::LentArrays(MissingValues missing, std::vector<std::uint32_t> kept)
     : missing_(std::move(missing)), kept_(std::move(kept)) {}
 
-void LentArrays::add(vtkDataArray& array, int component) {
-  columns_.push_back({&array, component, {}});
+void LentArrays::add(std::shared_ptr<const NumberArray> array, int component) {
+  columns_.push_back({std::move(array), component, {}});
   count_fills(columns_.back());
 }
 
@@ -31,8 +27,8 @@ std::uint64_t LentArrays::bytes() const {
 }
 
 void LentArrays::count_fills(const Column& column) {
-  const bool all = column.component == VtkAttribute::magnitude;
-  const int first = all ? 0 : column.component, end = all ? column.array->GetNumberOfComponents() : first + 1;
+  const bool all = column.component == ArrayAttribute::magnitude;
+  const int first = all ? 0 : column.component, end = all ? column.array->components() : first + 1;
   std::vector<double> values(read_at_once);
   fills_ = 0;
   for (int component = first; component < end; ++component) {
@@ -48,7 +44,7 @@ void LentArrays::count_fills(const Column& column) {
 // Reads a component; the missing ones become NaN. Returns how many of them were finite.
 std::uint64_t LentArrays::read(const Column& column, int component, std::span<const std::uint32_t> elements,
                                std::span<double> values) const {
-  read_component(*column.array, component, elements, values);
+  column.array->read(component, elements, values);
   return missing_.replace(values);
 }
 
@@ -65,12 +61,12 @@ void LentArrays::get(std::size_t attribute, std::span<const std::uint32_t> point
     const auto of_elements = std::span(elements).first(count);
     const std::span<double> part = values.subspan(begin, count);
     for (std::size_t i = 0; i < count; ++i) of_elements[i] = kept_[points[begin + i]];
-    if (column.component != VtkAttribute::magnitude) {
+    if (column.component != ArrayAttribute::magnitude) {
       read(column, column.component, of_elements, part);
       continue;
     }
     std::ranges::fill(part, 0.0);
-    for (int c = 0; c < column.array->GetNumberOfComponents(); ++c) {
+    for (int c = 0; c < column.array->components(); ++c) {
       read(column, c, of_elements, std::span(component).first(count));
       for (std::size_t i = 0; i < count; ++i) part[i] = std::hypot(part[i], component[i]);
     }

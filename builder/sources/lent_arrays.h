@@ -1,27 +1,26 @@
-// Values of a piece that stay in VTK's arrays.
+// Values of a piece that stay in their arrays.
 #pragma once
 
-#include <vtkSmartPointer.h>
-
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
+#include "builder/sources/data_set.h"
 #include "builder/sources/source.h"
-
-class vtkDataArray;
 
 namespace splatvol {
 
-/// Lends arrays, and columns that were made from arrays. Holds the arrays, not the data set.
+/// Lends arrays, and columns that were made from arrays. Holds the arrays, not their data set.
 class LentArrays final : public LentValues {
  public:
   /// `kept`: the elements of the arrays that are points of the piece, in their order.
   LentArrays(MissingValues missing, std::vector<std::uint32_t> kept);
 
-  /// Adds the next attribute: a component of an array, or its magnitude (VtkAttribute::magnitude). Counts the finite
+  /// Adds the next attribute: a component of an array, or its magnitude (ArrayAttribute::magnitude). Counts the finite
   /// numbers that stand for none.
-  void add(vtkDataArray& array, int component);
+  void add(std::shared_ptr<const NumberArray> array, int component);
 
   /// Adds the next attribute, with a value for each point.
   void add(std::vector<double> values) { columns_.push_back({nullptr, 0, std::move(values)}); }
@@ -35,7 +34,7 @@ class LentArrays final : public LentValues {
 
  private:
   struct Column {
-    vtkSmartPointer<vtkDataArray> array;  // null: made
+    std::shared_ptr<const NumberArray> array;  // null: made
     int component;
     std::vector<double> made;  // [point]
   };

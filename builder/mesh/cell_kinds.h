@@ -1,4 +1,4 @@
-// VTK's cell types, and how each is split into tetrahedra.
+// The cell types of meshes, by VTK's numbers, and how each is split into tetrahedra.
 #pragma once
 
 #include <algorithm>

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -15,10 +14,10 @@
 #include "base/math.h"
 #include "format/volume.h"
 
-namespace splatvol {
+namespace splatvol::format {
 
-/// The part of a file to export.
-struct ExportSelection {
+/// The part of a file to read.
+struct SplatSelection {
   std::size_t resolution = 0;
   std::vector<std::size_t> attributes;  // indices into VolumeInfo::attributes
   std::vector<std::string> names;       // [attribute of the selection]: its name in the output, which may be an alias
@@ -33,7 +32,7 @@ struct ExportSelection {
 /// Makes a selection from a resolution (none: the finest) and names of attributes or aliases (none: all of both). Fails
 /// if the file does not have the resolution or an attribute (the message lists what it has), or lacks splat moments of
 /// an attribute.
-[[nodiscard]] Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
+[[nodiscard]] Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::size_t> resolution,
                                              const std::vector<std::string>& attributes, const Box& box);
 
 /// Points of the file with their material, in file order: [splat], or [attribute of the selection][splat].
@@ -41,8 +40,8 @@ struct SplatGroup {
   std::vector<dvec3> positions;
   std::vector<std::vector<float>> values;  // stored; NaN: missing
   std::vector<dvec3> centroids;
-  std::vector<format::SplatShape> shapes;
-  std::vector<std::vector<format::SplatValue>> materials;
+  std::vector<SplatShape> shapes;
+  std::vector<std::vector<SplatValue>> materials;
   std::vector<std::vector<vec3>> directions;  // of the values' gradients, as stored; empty if the file has none
 
   [[nodiscard]] std::size_t size() const { return std::max(positions.size(), centroids.size()); }
@@ -52,7 +51,7 @@ struct SplatGroup {
 class SplatReader {
  public:
   /// Both arguments must outlive the reader.
-  SplatReader(const format::Volume& volume, const ExportSelection& selection)
+  SplatReader(const Volume& volume, const SplatSelection& selection)
       : volume_(volume), selection_(selection) {}
 
   [[nodiscard]] std::uint64_t group_count() const;
@@ -64,7 +63,7 @@ class SplatReader {
   [[nodiscard]] Result<SplatGroup> read(std::uint64_t group, Parts parts) const;
 
  private:
-  using Page = std::shared_ptr<const format::DirectoryPage>;
+  using Page = std::shared_ptr<const DirectoryPage>;
   struct HeldPage {
     std::uint64_t number;
     Page page;
@@ -73,19 +72,13 @@ class SplatReader {
 
   /// Reads and unpacks a chunk of a row with unpack(entry, bytes, what).
   template <class Unpack>
-  [[nodiscard]] Status read_chunk(std::uint64_t row, format::ColumnKind kind, int attribute,
+  [[nodiscard]] Status read_chunk(std::uint64_t row, ColumnKind kind, int attribute,
                                   const Unpack& unpack) const;
 
-  const format::Volume& volume_;
-  const ExportSelection& selection_;
+  const Volume& volume_;
+  const SplatSelection& selection_;
   mutable std::mutex mutex_;
   mutable std::vector<HeldPage> pages_;  // last used last
 };
 
-/// Reads all groups, several at a time, and calls visit(group) with each, in order. Stops at the first failure. Calls
-/// `progress` with the share done, in [0, 1].
-[[nodiscard]] Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
-                                    const std::function<Status(const SplatGroup&)>& visit,
-                                    const std::function<void(double)>& progress);
-
-}  // namespace splatvol
+}  // namespace splatvol::format

@@ -1,38 +1,33 @@
-#include "exporter/splat_reader.h"
-
-#include <tbb/parallel_for.h>
+#include "format/splat_reader.h"
 
 #include <algorithm>
 #include <optional>
 #include <utility>
 
-namespace splatvol {
-
-using format::ColumnKind;
+namespace splatvol::format {
 
 namespace {
 
 constexpr std::size_t held_pages = 8;
-constexpr std::uint64_t groups_at_once = 32;
 
 }  // namespace
 
-Result<ExportSelection> select(const format::Volume& volume, std::optional<std::size_t> resolution,
+Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::size_t> resolution,
                                const std::vector<std::string>& attributes, const Box& box) {
-  const format::VolumeInfo& info = volume.info();
-  ExportSelection selection;
+  const VolumeInfo& info = volume.info();
+  SplatSelection selection;
   selection.box = box;
   selection.resolution = resolution.value_or(info.resolutions() - 1);
   if (selection.resolution >= info.resolutions())
     return fail(ErrorCode::invalid_argument, "{}: no resolution {}; the finest is {}", volume.name(),
                 selection.resolution, info.resolutions() - 1);
   for (const std::string& name : attributes) {
-    SPLATVOL_TRY_ASSIGN(attribute, format::find_attribute(info, name, volume.name()));
+    SPLATVOL_TRY_ASSIGN(attribute, find_attribute(info, name, volume.name()));
     selection.add(static_cast<std::size_t>(attribute), name);
   }
   if (attributes.empty()) {
     for (std::size_t a = 0; a < info.attributes.size(); ++a) selection.add(a, info.attributes[a].name);
-    for (const format::Alias& alias : info.aliases)
+    for (const Alias& alias : info.aliases)
       selection.add(static_cast<std::size_t>(alias.attribute), alias.name);
   }
   bool complete = info.find_column(ColumnKind::centroid) >= 0 && info.find_column(ColumnKind::moments) >= 0;
@@ -45,7 +40,7 @@ Result<ExportSelection> select(const format::Volume& volume, std::optional<std::
 }
 
 std::uint64_t SplatReader::group_count() const {
-  const format::RowLayout& rows = volume_.rows();
+  const RowLayout& rows = volume_.rows();
   return rows.first_row(selection_.resolution + 1) - rows.first_row(selection_.resolution);
 }
 
@@ -56,7 +51,7 @@ Result<SplatReader::Page> SplatReader::page_of(std::uint64_t row, int column) co
   if (found == pages_.end()) {
     SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
     if (pages_.size() == held_pages) pages_.erase(pages_.begin());
-    pages_.push_back({number, std::make_shared<const format::DirectoryPage>(std::move(page))});
+    pages_.push_back({number, std::make_shared<const DirectoryPage>(std::move(page))});
     return pages_.back().page;
   }
   std::rotate(found, found + 1, pages_.end());
@@ -67,68 +62,52 @@ template <class Unpack>
 Status SplatReader::read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const {
   const int column = volume_.info().find_column(kind, attribute);
   SPLATVOL_TRY_ASSIGN(page, page_of(row, column));
-  const format::ChunkLocation& location = volume_.find_chunk(*page, row, column);
+  const ChunkLocation& location = volume_.find_chunk(*page, row, column);
   SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(location.offset, location.entry.packed_bytes));
   return unpack(location.entry, bytes, fmt::format("{}: chunk at {}", volume_.name(), location.offset));
 }
 
 Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
-  const format::Group group = volume_.rows().group(number);
+  const Group group = volume_.rows().group(number);
   // The columns of scope segment are in the group's first row.
   const std::uint64_t row = volume_.rows().row(selection_.resolution, number);
   const std::uint64_t segment_row = volume_.rows().row(group.segment, number);
   SplatGroup result;
   const auto into = [&](auto& out, auto unpack) {
     out.resize(group.count);
-    return [&out, unpack](const format::ChunkEntry& entry, const format::Bytes& bytes, const std::string& what) {
+    return [&out, unpack](const ChunkEntry& entry, const Bytes& bytes, const std::string& what) {
       return unpack(entry, bytes, std::span(out), what);
     };
   };
   // Lengths are checked against the cube, or its edge.
   const auto into_lengths = [&](auto& out, auto unpack, const auto& bound) {
-    return into(out, [unpack, &bound](const format::ChunkEntry& entry, const format::Bytes& bytes, auto span,
+    return into(out, [unpack, &bound](const ChunkEntry& entry, const Bytes& bytes, auto span,
                                       const std::string& what) { return unpack(entry, bytes, span, bound, what); });
   };
   const Cube& cube = volume_.info().cube;
   if (parts.positions)
     SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::position, -1,
-                            into_lengths(result.positions, format::unpack_positions, cube)));
+                            into_lengths(result.positions, unpack_positions, cube)));
   if (parts.material) {
     SPLATVOL_TRY(
-        read_chunk(row, ColumnKind::centroid, -1, into_lengths(result.centroids, format::unpack_centroids, cube)));
+        read_chunk(row, ColumnKind::centroid, -1, into_lengths(result.centroids, unpack_centroids, cube)));
     SPLATVOL_TRY(
-        read_chunk(row, ColumnKind::moments, -1, into_lengths(result.shapes, format::unpack_moments, cube.edge)));
+        read_chunk(row, ColumnKind::moments, -1, into_lengths(result.shapes, unpack_moments, cube.edge)));
   }
   for (const std::size_t a : selection_.attributes) {
     if (parts.values)
       SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::value, static_cast<int>(a),
-                              into(result.values.emplace_back(), format::unpack_values)));
+                              into(result.values.emplace_back(), unpack_values)));
     if (parts.material)
       SPLATVOL_TRY(read_chunk(row, ColumnKind::value_moments, static_cast<int>(a),
-                              into(result.materials.emplace_back(), format::unpack_value_moments)));
+                              into(result.materials.emplace_back(), unpack_value_moments)));
     if (!parts.directions) continue;
     std::vector<vec3>& directions = result.directions.emplace_back();
     if (volume_.info().find_column(ColumnKind::gradient, static_cast<int>(a)) >= 0)
       SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::gradient, static_cast<int>(a),
-                              into(directions, format::unpack_gradients)));
+                              into(directions, unpack_gradients)));
   }
   return result;
 }
 
-Status for_each_group(const SplatReader& reader, SplatReader::Parts parts,
-                      const std::function<Status(const SplatGroup&)>& visit,
-                      const std::function<void(double)>& progress) {
-  const std::uint64_t count = reader.group_count();
-  for (std::uint64_t first = 0; first < count; first += groups_at_once) {
-    std::vector<Result<SplatGroup>> groups(std::min(groups_at_once, count - first));
-    tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) { groups[g] = reader.read(first + g, parts); });
-    for (const Result<SplatGroup>& group : groups) {
-      if (!group) return tl::unexpected(group.error());  // SPLATVOL_TRY would copy the group
-      SPLATVOL_TRY(visit(*group));
-    }
-    progress(static_cast<double>(first + groups.size()) / static_cast<double>(count));
-  }
-  return {};
-}
-
-}  // namespace splatvol
+}  // namespace splatvol::format

@@ -1,4 +1,4 @@
-#include "builder/sources/vtk/lattice.h"
+#include "builder/mesh/lattice.h"
 
 #include <algorithm>
 #include <array>

@@ -1,28 +1,22 @@
-// Arrays of the cells as values at the points.
+// Values of cells as values at the points.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
-#include "builder/sources/source.h"
-
-class vtkDataSet;
-
 namespace splatvol {
 
-/// Whether a data set has cells with an area, and none with a volume.
-[[nodiscard]] bool is_surface(vtkDataSet& data);
-
-/// Counts the cells of a data set, and those without volume.
-[[nodiscard]] CellCensus census_of(vtkDataSet& data);
-
-/// Averages arrays of the cells: a point gets the mean of the cells round it, each with its volume as weight.
+/// Averages values of cells: a point gets the mean of the cells round it, each with its volume as weight.
 class CellAverages {
  public:
+  /// Appends the numbers of a cell's points; those that are out of range do not count.
+  using PointsOf = std::function<void(std::size_t cell, std::vector<std::int64_t>& points)>;
+
   /// `volumes`: of each cell; negative: the cell does not count. If no cell has a volume, all cells that count have the
   /// same weight.
-  CellAverages(vtkDataSet& data, std::vector<double> volumes);
+  CellAverages(std::size_t points, std::vector<double> volumes, const PointsOf& points_of);
 
   /// Returns the means of the cells' values at the points; cells whose value is not finite do not count. NaN at points
   /// of no cell that counts. Requires a value for each cell.

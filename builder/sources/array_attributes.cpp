@@ -1,0 +1,95 @@
+#include "builder/sources/array_attributes.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace splatvol {
+namespace {
+
+/// The attributes of one array: a number gives one, a vector its magnitude and components.
+std::vector<ArrayAttribute> attributes_of(const NamedArray& array, std::string_view suffix, bool of_cells) {
+  std::vector<ArrayAttribute> attributes = {
+      {array.name + std::string(suffix), array.name, array.components, 0, of_cells}};
+  if (array.components == 1) return attributes;
+  const std::string vector = attributes[0].name;
+  attributes[0].component = ArrayAttribute::magnitude;
+  for (int c = 0; c < array.components; ++c) {
+    attributes.push_back(attributes[0]);
+    attributes.back().name = fmt::format("{}[{}]", vector, c);
+    attributes.back().component = c;
+  }
+  return attributes;
+}
+
+/// Appends the attributes of the points' arrays, or of the cells'. `suffix`: for names that are taken already.
+void append_arrays(std::span<const NamedArray> arrays, bool of_cells, std::string_view suffix,
+                   std::vector<ArrayAttribute>& attributes) {
+  const std::vector<ArrayAttribute> taken = attributes;
+  for (const NamedArray& array : arrays) {
+    std::vector<ArrayAttribute> added = attributes_of(array, "", of_cells);
+    const bool clashes = std::ranges::any_of(added, [&](const ArrayAttribute& attribute) {
+      return std::ranges::find(taken, attribute.name, &ArrayAttribute::name) != taken.end();
+    });
+    if (clashes) added = attributes_of(array, suffix, of_cells);
+    attributes.insert(attributes.end(), added.begin(), added.end());
+  }
+}
+
+}  // namespace
+
+std::vector<ArrayAttribute> attributes_of(std::span<const NamedArray> of_points, std::span<const NamedArray> of_cells,
+                                          CellValues cells) {
+  const bool own = cells == CellValues::own;
+  std::vector<ArrayAttribute> attributes;
+  append_arrays(own ? of_cells : of_points, own, "", attributes);
+  append_arrays(own ? of_points : of_cells, !own, own ? points_suffix : cells_suffix, attributes);
+  return attributes;
+}
+
+std::string full_name(const ArrayAttribute& attribute) {
+  std::string name = attribute.array;
+  name += attribute.of_cells ? cells_suffix : points_suffix;
+  if (attribute.components > 1 && attribute.component != ArrayAttribute::magnitude)
+    name += fmt::format("[{}]", attribute.component);
+  return name;
+}
+
+std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes) {
+  std::vector<std::string> names;
+  for (const ArrayAttribute& attribute : attributes) names.push_back(attribute.name);
+  return names;
+}
+
+std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
+                                              const std::vector<std::string>& selection, CellValues cells,
+                                              std::string& missing) {
+  if (selection.empty()) return all;
+  const bool own = cells == CellValues::own;
+  std::vector<ArrayAttribute> selected;
+  for (const std::string& name : selection) {
+    auto attribute = std::ranges::find(all, name, &ArrayAttribute::name);
+    if (attribute == all.end())
+      attribute = std::ranges::find_if(all, [&](const ArrayAttribute& converted) {
+        return converted.of_cells != own && full_name(converted) == name;
+      });
+    if (attribute == all.end() && missing.empty()) missing = name;
+    if (attribute == all.end()) continue;
+    selected.push_back(*attribute);
+    selected.back().name = name;
+  }
+  return selected;
+}
+
+std::vector<double> attribute_values(const ArrayAttribute& attribute,
+                                     const std::function<std::vector<double>(int)>& component) {
+  std::vector<double> values;
+  if (attribute.component != ArrayAttribute::magnitude) return component(attribute.component);
+  for (int c = 0; c < attribute.components; ++c) {
+    const std::vector<double> next = component(c);
+    values.resize(next.size());
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = std::hypot(values[i], next[i]);
+  }
+  return values;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,56 @@
+// The attributes that arrays of numbers give: at the points of a mesh, and in its cells.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "builder/sources/source.h"
+
+namespace splatvol {
+
+/// An attribute, and the array that holds it: one of its components, or its magnitude.
+struct ArrayAttribute {
+  static constexpr int magnitude = -1;
+  std::string name;
+  std::string array;
+  int components = 1;
+  int component = 0;
+  bool of_cells = false;
+};
+
+/// Ends of the names of attributes whose array's name is taken.
+inline constexpr std::string_view cells_suffix = " (cells)";
+inline constexpr std::string_view points_suffix = " (points)";
+
+/// An array of numbers by its name and form.
+struct NamedArray {
+  std::string name;
+  int components = 1;
+};
+
+/// Lists the attributes of arrays, in their order: an array of numbers gives one, a vector its magnitude and then its
+/// components. First come the arrays that need no conversion: those of points, or of cells if they are points of their
+/// own. An array of the others whose name is taken is called "NAME (cells)", or "NAME (points)".
+[[nodiscard]] std::vector<ArrayAttribute> attributes_of(std::span<const NamedArray> of_points,
+                                                        std::span<const NamedArray> of_cells, CellValues cells);
+
+/// The name of an attribute as if its array's name were taken.
+[[nodiscard]] std::string full_name(const ArrayAttribute& attribute);
+
+/// Returns the names of attributes.
+[[nodiscard]] std::vector<std::string> names_of(const std::vector<ArrayAttribute>& attributes);
+
+/// Returns those of `all` that a selection names, in its order; all if it is empty. The array that takes an attribute's
+/// name may not have been read, so full names count too. Sets `missing` to the first name that is not there.
+[[nodiscard]] std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>& all,
+                                                            const std::vector<std::string>& selection, CellValues cells,
+                                                            std::string& missing);
+
+/// Returns an attribute's values: `component(c)` returns those of one component.
+[[nodiscard]] std::vector<double> attribute_values(const ArrayAttribute& attribute,
+                                                   const std::function<std::vector<double>(int)>& component);
+
+}  // namespace splatvol

@@ -1,0 +1,16 @@
+// What kinds of cells a data set has.
+#pragma once
+
+#include "builder/mesh/cell_census.h"
+
+class vtkDataSet;
+
+namespace splatvol {
+
+/// Whether a data set has cells with an area, and none with a volume.
+[[nodiscard]] bool is_surface(vtkDataSet& data);
+
+/// Counts the cells of a data set, and those without volume.
+[[nodiscard]] CellCensus census_of(vtkDataSet& data);
+
+}  // namespace splatvol

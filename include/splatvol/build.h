@@ -1,0 +1,80 @@
+// Writes .svol files from arrays in memory. Component `build`: a program that links it is under the GPL, version 3 or
+// later, as it holds CGAL's triangulations.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "splatvol/error.h"
+#include "splatvol/export.h"
+
+namespace splatvol {
+
+/// Numbers of the caller, in single or double precision. They are read where they lie.
+using Numbers = std::variant<std::span<const double>, std::span<const float>>;
+
+/// An array of values at the points, or in the cells.
+struct ValueArray {
+  std::string name;
+  Numbers values;      // [point or cell][component]; NaN: missing
+  int components = 1;  // more: a vector. Its magnitude is an attribute `name`, its components are `name[0]`, ...
+  std::string unit = {};
+};
+
+/// A mesh, or scattered points if it has no cells. Arrays are as in VTK's vtkUnstructuredGrid. Nothing of them needs to
+/// be valid: each index is checked.
+struct MeshArrays {
+  Numbers points;                              // [point][x, y, z]
+  std::span<const std::int64_t> connectivity;  // numbers of points, cell by cell
+  std::span<const std::int64_t> offsets;       // [cell + 1]: where each cell begins in `connectivity`, then its end
+  std::span<const std::uint8_t> types;         // [cell]: VTK's numbers of cell types, such as 10 for a tetrahedron
+
+  // Of polyhedra (type 42): for each its number of faces, then for each face its number of points and these. `locations`
+  // tells where each cell begins in `faces`; -1: no polyhedron. May be empty if there are none.
+  std::span<const std::int64_t> faces = {};
+  std::span<const std::int64_t> face_locations = {};
+
+  std::vector<ValueArray> point_values = {};
+  std::vector<ValueArray> cell_values = {};
+};
+
+struct MeshBuildOptions {
+  /// Each cell becomes a point, with one value in all of it. Else values of cells are averaged to points.
+  bool own_cells = false;
+
+  /// How points are joined: "auto", "mesh", "delaunay", "none" (Voronoi cells), "boxes".
+  std::string connectivity = "auto";
+  std::string reduction = "octree";  // or "mis", "kdtree": how coarser resolutions are chosen
+  std::vector<double> missing = {};  // numbers that stand for values that are not there, such as -9999
+  bool exact = false;                // rounds nothing but values, to single precision
+  bool strict = false;               // fails if the file would not be the input as it is
+  std::uint64_t memory = 0;          // bytes to hold besides the arrays; 0: a quarter of the machine's
+  std::string temp_folder = {};      // empty: the output's folder
+  char up = 0;                       // 'x', 'y' or 'z': the axis that points upwards in pictures
+  std::string name = "arrays";       // of the input, for messages and the file's provenance
+  std::function<void(const char* stage, double share)> progress = {};  // share of the stage that is done, in [0, 1]
+};
+
+/// What was built.
+struct MeshBuildReport {
+  std::vector<std::uint64_t> resolution_counts;  // points of each resolution; the last one has all
+  std::uint64_t file_bytes = 0;
+  std::string connectivity;  // that was used
+  std::vector<std::pair<std::string, std::uint64_t>> census;  // what was counted or left out, in words
+  std::vector<std::string> warnings;
+  std::vector<std::string> conversions;  // attributes that are not as in the input
+};
+
+/// Builds a .svol file, which appears whole or not at all. The same arrays give the same bytes, whatever the memory and
+/// the threads. Fails if the arrays do not fit each other, name points that are not there, or hold cells that are not
+/// supported (VTK's Lagrange and Bezier cells are not); then the file that was there stays. The message begins with
+/// `options.name` or the output. Uses all processors.
+[[nodiscard]] SPLATVOL_EXPORT Result<MeshBuildReport> build(const MeshArrays& mesh, const std::string& output,
+                                                            const MeshBuildOptions& options = {});
+
+}  // namespace splatvol

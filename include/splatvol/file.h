@@ -1,0 +1,111 @@
+// Reads .svol files: what they hold, their points, and values between the points. Component `read`.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "splatvol/error.h"
+#include "splatvol/export.h"
+#include "splatvol/geometry.h"
+
+namespace splatvol {
+
+/// An attribute of a file: a named number at each point.
+struct Attribute {
+  std::string name;
+  std::string unit;           // such as "m/s"; empty: not known
+  double low = 0, high = 0;   // range of the values; NaN if no point has a value
+  std::uint64_t missing = 0;  // points without a value
+  double error = 0;           // no stored value differs by more from that of the input
+};
+
+/// The points to read.
+struct PointsRequest {
+  /// 0 is the coarsest. None: the finest with at most `max_points` points; if there is none, the coarsest.
+  std::optional<std::size_t> resolution = std::nullopt;
+  std::uint64_t max_points = std::numeric_limits<std::uint64_t>::max();
+
+  std::vector<std::string> attributes = {};  // empty: all
+  std::optional<Box> box = std::nullopt;     // points outside are left out
+  bool material = false;                     // also Points::volumes and the vectors after it
+};
+
+/// Points of one resolution. A point of a coarse resolution stands for those near it that the resolution lacks.
+struct Points {
+  std::size_t resolution = 0;
+  std::vector<std::string> names;           // [attribute]
+  std::vector<dvec3> positions;             // [point]
+  std::vector<std::vector<double>> values;  // [attribute][point], at the position; NaN: missing
+
+  // The material that each point stands for, if it was asked for.
+  std::vector<double> volumes;                      // [point]
+  std::vector<dvec3> centroids;                     // [point]
+  std::vector<std::array<double, 6>> covariances;   // [point]: xx, yy, zz, xy, yz, xz
+  std::vector<std::vector<double>> means;           // [attribute][point]: of the values in the material; NaN: missing
+  std::vector<std::vector<double>> deviations;      // [attribute][point]: standard deviations
+};
+
+/// An open file; of a time series, at one of its steps. Each byte is checked before it is used. Errors name the file.
+/// Thread-safe, except for `show_step`.
+class SPLATVOL_EXPORT File {
+ public:
+  /// Opens a .svol file, or an index of files (.svols), by its path or its address (http:// or https://). Of a time
+  /// series, the last step is shown. Reads the preamble only.
+  [[nodiscard]] static Result<File> open(const std::string& path);
+  File(File&&) noexcept;
+  File& operator=(File&&) noexcept;
+  ~File();
+
+  /// Returns the name for messages: the path, or the address without user, password and query.
+  [[nodiscard]] const std::string& name() const;
+  [[nodiscard]] const std::vector<Attribute>& attributes() const;
+
+  /// Returns the number of points of each resolution, which rises.
+  [[nodiscard]] const std::vector<std::uint64_t>& resolution_counts() const;
+  [[nodiscard]] std::uint64_t point_count() const { return resolution_counts().back(); }
+
+  /// Returns a cube round all points.
+  [[nodiscard]] Box bounds() const;
+
+  /// Returns the times of the steps, which rise; none if the file is no time series.
+  [[nodiscard]] const std::vector<double>& times() const;
+
+  /// Returns the number of the step that is shown; 0 if the file is no time series.
+  [[nodiscard]] std::size_t step() const;
+
+  /// Changes to another step. If it fails, all stays as it was.
+  [[nodiscard]] Status show_step(std::size_t step);
+
+  /// Reads points. Reads only chunks that it needs: of parts outside of the box, the positions alone. Fails if the
+  /// file lacks the resolution or an attribute.
+  [[nodiscard]] Result<Points> points(const PointsRequest& request = {}) const;
+
+  /// Returns the values of an attribute at positions, in world units; NaN where no material is, or no value. They are
+  /// the means of the splats' linear fields, weighted by their densities. Reads the whole resolution (none: the
+  /// finest), chunk by chunk. Takes about 64 bytes for each position.
+  [[nodiscard]] Result<std::vector<double>> sample(std::span<const dvec3> positions, const std::string& attribute,
+                                                   std::optional<std::size_t> resolution = std::nullopt) const;
+
+  /// Checks every byte of the file. Calls `progress` with the share done, in [0, 1].
+  [[nodiscard]] Status verify(const std::function<void(double)>& progress = {}) const;
+
+  [[nodiscard]] std::uint64_t file_bytes() const;
+
+  /// Returns the bytes read of the file so far.
+  [[nodiscard]] std::uint64_t bytes_read() const;
+
+ private:
+  struct Contents;
+  explicit File(std::unique_ptr<Contents> contents);
+  std::unique_ptr<Contents> contents_;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,114 @@
+// Draws .svol files. Component `render`.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "splatvol/device.h"
+#include "splatvol/error.h"
+#include "splatvol/export.h"
+#include "splatvol/image.h"
+#include "splatvol/scene.h"
+#include "splatvol/surface_depths.h"
+
+namespace splatvol {
+
+struct RendererOptions {
+  std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of the file
+  std::uint64_t gpu_memory = std::uint64_t{1} << 30;  // bytes that OpenGL may take
+  Device device = Device::automatic;
+
+  /// Called when parts of the file have come that `render_now` did not wait for: time to call it again. Runs on threads
+  /// of the renderer, and must not call it: to wake the thread that draws.
+  std::function<void()> on_data = {};
+};
+
+/// How good a picture is to be. At most one of the numbers.
+///
+/// None of them: all points of a file of up to 2^19 points. Of a larger file, finer and finer pictures, until one has
+/// an error of .002.
+struct Quality {
+  std::optional<double> max_error;          // root mean square of linear RGB, against the exact picture
+  std::optional<std::uint64_t> max_splats;  // put where they reduce the error most
+  std::optional<double> tolerance_percent;  // the largest share of the shorter side that a splat may cover; 0: all points
+  std::optional<std::size_t> resolution;    // that of all points; 0: the coarsest
+};
+
+/// What the last picture shows and cost.
+struct RenderStatistics {
+  std::uint64_t splats = 0;
+  double error = 0;            // estimated, against the exact picture
+  bool is_complete = true;     // nothing is missing of what was asked for
+  bool is_settled = true;      // it will not change: what is missing cannot be read or held
+  std::uint64_t missing_bytes = 0;  // of the file, still to be read for the picture
+  std::uint64_t bytes_read = 0;     // of the file, since it was opened
+  std::uint64_t bytes_held = 0;     // of the file, the most at any time
+  double seconds = 0;
+  std::vector<Error> unreadable;  // parts that could not be read; each once. Their places are drawn coarser
+};
+
+/// An open file, its scene, and a device that draws it. Errors name the file. Calls may come from any thread, one at a
+/// time; `cancel` at any time. A thread of its own draws, so contexts and state of the caller's OpenGL stay as they are.
+class SPLATVOL_EXPORT Renderer {
+ public:
+  /// Opens a .svol file, or an index of files (.svols), by its path or address, at its last step. Without a scene: one
+  /// that fits the data.
+  [[nodiscard]] static Result<Renderer> open(const std::string& path, const std::optional<Scene>& scene = std::nullopt,
+                                             const RendererOptions& options = {});
+  Renderer(Renderer&&) noexcept;
+  Renderer& operator=(Renderer&&) noexcept;
+  ~Renderer();
+
+  [[nodiscard]] const Scene& scene() const;
+
+  /// Changes what is drawn. Another camera or size costs nothing, another function or lighting little; another
+  /// attribute reads other parts of the file. If it fails, all stays as it was.
+  [[nodiscard]] Status set_scene(const Scene& scene);
+
+  /// Returns a scene of this size that fits the data, for an attribute; empty: the one with most to see.
+  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", int width = 512, int height = 512) const;
+
+  /// Hides what lies behind surfaces of another program, exactly: the part of each splat that is in front is drawn.
+  /// Holds for pictures of this size, until the next call. None: no surfaces. If it fails, all stays as it was.
+  [[nodiscard]] Status set_surface_depths(std::optional<SurfaceDepths> depths);
+
+  /// Returns the times of the steps, which rise; none if the file is no time series.
+  [[nodiscard]] const std::vector<double>& times() const;
+  [[nodiscard]] std::size_t step() const;
+
+  /// Changes to another step. If it fails, the step before is shown.
+  [[nodiscard]] Status show_step(std::size_t step);
+
+  /// Draws the complete picture. If the budgets allow only a coarser one, draws that: never one with holes. Fails if a
+  /// part of the file cannot be read.
+  [[nodiscard]] Result<Image> render(const Quality& quality = {});
+
+  /// Draws the best picture that can be there in `seconds` from now. Learns the device's speed from call to call.
+  [[nodiscard]] Result<Image> render_within(double seconds);
+
+  /// Draws the picture of what has been read, and waits up to `wait_seconds` for more. Threads go on reading until the
+  /// next call. Calls with the same scene and quality end in a picture with `is_settled`. A `max_error` counts as
+  /// expected, not as measured.
+  [[nodiscard]] Result<Image> render_now(double wait_seconds = 0, const Quality& quality = {});
+
+  [[nodiscard]] const RenderStatistics& statistics() const;
+
+  /// Ends the call that is in progress in another thread: it fails with ErrorCode::cancelled, within a tenth of a
+  /// second besides the time of a frame. Thread-safe.
+  void cancel();
+
+  /// Returns the device in words.
+  [[nodiscard]] std::string device() const;
+
+ private:
+  struct Contents;
+  explicit Renderer(std::unique_ptr<Contents> contents);
+  std::unique_ptr<Contents> contents_;
+};
+
+}  // namespace splatvol

@@ -1,0 +1,163 @@
+#include "splatvol/file.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "base/http_source.h"
+#include "format/splat_reader.h"
+#include "format/steps.h"
+#include "library/field_sampler.h"
+
+namespace splatvol {
+namespace {
+
+std::vector<Attribute> attributes_of(const format::VolumeInfo& info) {
+  std::vector<Attribute> attributes;
+  const auto add = [&](const std::string& name, const format::Attribute& stored) {
+    attributes.push_back({name, stored.unit, stored.min, stored.max, stored.missing, stored.error});
+  };
+  for (const format::Attribute& stored : info.attributes) add(stored.name, stored);
+  for (const format::Alias& alias : info.aliases)
+    add(alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)]);
+  return attributes;
+}
+
+std::size_t finest_within(const std::vector<std::uint64_t>& counts, std::uint64_t most) {
+  const auto above = std::ranges::upper_bound(counts, most);
+  return above == counts.begin() ? 0 : static_cast<std::size_t>(above - counts.begin()) - 1;
+}
+
+bool contains(const Box& box, const dvec3& p) {
+  return glm::all(glm::lessThanEqual(box.low, p)) && glm::all(glm::lessThanEqual(p, box.high));
+}
+
+std::array<double, 6> covariance_of(const format::SplatShape& shape) {
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  dmat3 sum(0);
+  for (int k = 0; k < 3; ++k)
+    sum += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
+  return {sum[0][0], sum[1][1], sum[2][2], sum[0][1], sum[1][2], sum[0][2]};
+}
+
+// Appends some points of a group: those of `kept`.
+void append(const format::SplatGroup& group, const std::vector<std::size_t>& kept,
+            const std::vector<format::Attribute>& stored, const format::SplatSelection& selection, bool material,
+            Points& points) {
+  for (const std::size_t i : kept) {
+    points.positions.push_back(group.positions[i]);
+    if (!material) continue;
+    points.volumes.push_back(group.shapes[i].mass);
+    points.centroids.push_back(group.centroids[i]);
+    points.covariances.push_back(covariance_of(group.shapes[i]));
+  }
+  for (std::size_t a = 0; a < selection.attributes.size(); ++a) {
+    const format::Attribute& attribute = stored[selection.attributes[a]];
+    for (const std::size_t i : kept) {
+      points.values[a].push_back(attribute.value(static_cast<double>(group.values[a][i])));
+      if (!material) continue;
+      const format::SplatValue& value = group.materials[a][i];
+      constexpr double none = std::numeric_limits<double>::quiet_NaN();
+      points.means[a].push_back(value.coverage > 0 ? attribute.value(value.mean) : none);
+      points.deviations[a].push_back(value.coverage > 0 ? attribute.scale * value.deviation : none);
+    }
+  }
+}
+
+}  // namespace
+
+struct File::Contents {
+  format::Steps steps;
+  std::size_t step = 0;
+  std::shared_ptr<const format::Volume> volume = nullptr;
+  std::vector<Attribute> attributes = {};
+
+  Status show(std::size_t number) {
+    SPLATVOL_TRY_ASSIGN(opened, steps.volume(number));
+    volume = std::move(opened);
+    step = number;
+    attributes = attributes_of(volume->info());
+    return {};
+  }
+};
+
+File::File(std::unique_ptr<Contents> contents) : contents_(std::move(contents)) {}
+File::File(File&&) noexcept = default;
+File& File::operator=(File&&) noexcept = default;
+File::~File() = default;
+
+Result<File> File::open(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file_or_url));
+  auto contents = std::make_unique<Contents>(Contents{std::move(steps)});
+  SPLATVOL_TRY(contents->show(contents->steps.last()));
+  return File(std::move(contents));
+}
+
+const std::string& File::name() const { return contents_->steps.name(); }
+const std::vector<Attribute>& File::attributes() const { return contents_->attributes; }
+const std::vector<std::uint64_t>& File::resolution_counts() const {
+  return contents_->volume->info().resolution_counts;
+}
+Box File::bounds() const {
+  const Cube& cube = contents_->volume->info().cube;
+  return {cube.origin, cube.origin + cube.edge};
+}
+const std::vector<double>& File::times() const { return contents_->steps.times(); }
+std::size_t File::step() const { return contents_->step; }
+std::uint64_t File::file_bytes() const { return contents_->volume->file_bytes(); }
+std::uint64_t File::bytes_read() const { return contents_->volume->bytes_read(); }
+
+Status File::show_step(std::size_t step) {
+  if (step > contents_->steps.last())
+    return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", name(), step, contents_->steps.last());
+  return contents_->show(step);
+}
+
+Result<Points> File::points(const PointsRequest& request) const {
+  const format::Volume& volume = *contents_->volume;
+  const std::size_t resolution = request.resolution.value_or(finest_within(resolution_counts(), request.max_points));
+  const Box box = request.box.value_or(format::SplatSelection().box);
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, request.attributes, box));
+  Points points;
+  points.resolution = resolution;
+  points.names = selection.names;
+  points.values.resize(selection.names.size());
+  if (request.material) points.means = points.deviations = points.values;
+
+  const format::SplatReader reader(volume, selection);
+  for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
+    SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.positions = true}));
+    std::vector<std::size_t> kept;
+    for (std::size_t i = 0; i < group.size(); ++i)
+      if (contains(box, group.positions[i])) kept.push_back(i);
+    if (kept.empty()) continue;
+    SPLATVOL_TRY_ASSIGN(rest, reader.read(g, {.values = true, .material = request.material}));
+    rest.positions = std::move(group.positions);
+    append(rest, kept, volume.info().attributes, selection, request.material, points);
+  }
+  return points;
+}
+
+Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const std::string& attribute,
+                                         std::optional<std::size_t> resolution) const {
+  if (positions.size() >= std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::invalid_argument, "{}: {} positions; at most 2^32 - 2 at once", name(), positions.size());
+  const format::Volume& volume = *contents_->volume;
+  SPLATVOL_TRY_ASSIGN(selection,
+                      format::select_splats(volume, resolution, {attribute}, format::SplatSelection().box));
+  FieldSampler sampler(positions);
+  const format::SplatReader reader(volume, selection);
+  for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
+    SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.material = true}));
+    sampler.add(group);
+  }
+  std::vector<double> values = sampler.values();
+  const format::Attribute& stored = volume.info().attributes[selection.attributes[0]];
+  for (double& value : values) value = stored.value(value);
+  return values;
+}
+
+Status File::verify(const std::function<void(double)>& progress) const {
+  return contents_->volume->verify(progress ? progress : [](double) {});
+}
+
+}  // namespace splatvol
