@@ -157,6 +157,7 @@ Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
   SPLATVOL_TRY(set_function(rasterizer, scene, *streamer));
+  if (other) SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   frame_ = nullptr;
   is_lost_ = false;
   streamer_ = std::move(streamer);
@@ -164,6 +165,12 @@ Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
   rasterizer_ = std::move(other);
   can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
   room_ = std::numeric_limits<std::uint64_t>::max();
+  return {};
+}
+
+Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
+  SPLATVOL_TRY(rasterizer_->set_surface_depths(depths));
+  surface_depths_ = std::move(depths);
   return {};
 }
 
@@ -260,6 +267,7 @@ Status Player::draw(const DrawOptions& options) {
   sort_ = options.sort;
   sample_spacing_ = options.sample_spacing > 0 ? options.sample_spacing
                                                : automatic_sample_spacing(view, frame_->detail, compositing_);
+  if (surface_depths_) sample_spacing_ = 1;
   SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, options.sort, sample_spacing_));
   times.upload += set_seconds;
   times_.draw = times;

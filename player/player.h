@@ -105,6 +105,10 @@ class Player {
   [[nodiscard]] Status set_memory(std::uint64_t bytes);
   [[nodiscard]] Status set_kernel(KernelKind kernel);
 
+  /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
+  /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was.
+  [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
+
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", const FirstPicture& picture = {}) const;
 
@@ -196,6 +200,7 @@ class Player {
   bool is_lost_ = false;    // no step could be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
+  std::shared_ptr<const SurfaceDepths> surface_depths_;
   bool can_mix_ = false;    // whether it draws in slabs
   std::uint64_t room_ = 0;  // splats that the device took, as far as is known
   const FrameSplats* frame_ = nullptr;

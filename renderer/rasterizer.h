@@ -3,10 +3,12 @@
 
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 
 #include "base/error.h"
+#include "renderer/surface_depths.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/record.h"
@@ -62,7 +64,17 @@ class Rasterizer {
   /// the device cannot hold them; then nothing is drawn.
   [[nodiscard]] virtual Status set_draw_list(const DrawList& list) = 0;
 
-  /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows.
+  /// Hides what lies behind surfaces, exactly: a splat is drawn as far as its material is in front of the surface, in
+  /// each pixel. A splat of `octant` is flat: it is drawn where its centre is in front. Pictures have one sample for
+  /// each pixel then, as samples between which the surfaces end would blur their outlines. Splats in front of all
+  /// surfaces look the same as without them.
+  ///
+  /// The depths hold until the next call, and must not change while they do. Null, as at first: no surfaces. Fails
+  /// unless there is a depth for each pixel; then nothing changes.
+  [[nodiscard]] virtual Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) = 0;
+
+  /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows,
+  /// or has another size than the depths of the surfaces.
   /// A splat draws nothing if its value is NaN, or if its weight is 0, or its extinction unless it is mixed with
   /// others. A splat of `octant` draws nothing either if its centre is not in front of the eye.
   ///

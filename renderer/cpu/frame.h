@@ -8,6 +8,7 @@
 #include <span>
 
 #include "renderer/common.h"
+#include "renderer/surfaces.h"
 #include "streamer/record.h"
 
 namespace splatvol::tiles {
@@ -52,6 +53,7 @@ struct FrameConstants {
   StoredAxis axis;
   TableView table;
   const float* peaks = nullptr;  // make_peak_levels, one level after another
+  const Surfaces* surfaces = nullptr;  // null: there are none
 };
 
 /// A range of the draw list in the view.
@@ -141,20 +143,21 @@ struct NearSplat {
   std::array<float, 3> normal;  // of the boundary; 0: none
   float stretch;
   float spread, light;  // of all pixels, for an ellipse; negative: each pixel has its own
+  float inverse_depth;  // 1 / depth of k = 1
 };
-static_assert(sizeof(NearSplat) == 172);
+static_assert(sizeof(NearSplat) == 176);
 
 inline constexpr int coarsest_samples = 8;
 
 /// What slabs need of a near splat besides. Depths are in drawing units.
 struct SlabSplat {
-  float front, back;           // depths between which it lies
-  float depth, inverse_depth;  // of k = 1
-  float chord;                 // through its centre, as a difference of depths
-  float weight;                // about its optical depth; 0: nothing of it can be seen
-  float spacing;               // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
-  float stretch;               // as the near splat's
-  float kept;                  // its volume before it was widened to pixels, as a share of that after
+  float front, back;  // depths between which it lies
+  float depth;        // of k = 1
+  float chord;        // through its centre, as a difference of depths
+  float weight;       // about its optical depth; 0: nothing of it can be seen
+  float spacing;      // of the pixels at which it is sampled: 1, 2, 4 ... coarsest_samples
+  float stretch;      // as the near splat's
+  float kept;         // its volume before it was widened to pixels, as a share of that after
 };
 
 /// A part of a tile between two depths, in drawing units.
@@ -173,7 +176,13 @@ struct GaussianSplat {
 };
 static_assert(sizeof(GaussianSplat) == 32);
 
-enum class Form : std::uint8_t { none, far, near, gaussian };
+enum class Form : std::uint8_t {
+  none,
+  far,
+  near,
+  partial,  // a near splat, of which surfaces may hide a part
+  gaussian,
+};
 
 /// Splats of a batch on the screen, by their slots. A slot has its data in the array of its form.
 struct ScreenSplats {
@@ -183,6 +192,7 @@ struct ScreenSplats {
   NearSplat* near = nullptr;
   GaussianSplat* gaussians = nullptr;
   SlabSplat* slab = nullptr;  // null: splats are not mixed in slabs
+  float* depths = nullptr;    // of Gaussians, as far as surfaces may hide them, else negative; null: no surfaces
 
   [[nodiscard]] ScreenSplats from(std::size_t slot) const {
     return {bounds + slot,
@@ -190,7 +200,8 @@ struct ScreenSplats {
             far ? far + slot : nullptr,
             near ? near + slot : nullptr,
             gaussians ? gaussians + slot : nullptr,
-            slab ? slab + slot : nullptr};
+            slab ? slab + slot : nullptr,
+            depths ? depths + slot : nullptr};
   }
 };
 

@@ -281,13 +281,14 @@ HWY_INLINE NearSample sample_ellipse(const NearSplat& splat, Float t, float v, F
   return sample;
 }
 
-/// A splat that the eye's plane cuts or almost touches.
-HWY_INLINE NearSample sample_box(const FrameConstants& frame, const NearSplat& splat, const NearChord& at, Float t,
-                                 float v, Float ray) {
+/// Sets depth and mean of a splat by the part of its chords that counts. `partial`: it is in front of `surface`.
+template <bool partial>
+HWY_INLINE void set_visible_part(const NearSplat& splat, const NearChord& at, Float t, float v, Float ray,
+                                 Float surface, NearSample& sample) {
   const Vector3 d = at.direction, gradient = vector_of(splat.gradient), normal = vector_of(splat.normal);
   const Float d_along = fma(t, splat.along[1], splat.along[0] + v * splat.along[2]);
 
-  // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
+  // The chord runs from -1 to 1 in u. Its parts behind the eye, beyond the boundary or behind a surface do not count.
   const Float half_chord = sqrt(at.q), least_half = max(half_chord, 1e-20F);
   Float begin = clamp(d_along * at.root / least_half, -1.0F, 1.0F);
   Float end(1.0F);
@@ -300,24 +301,33 @@ HWY_INLINE NearSample sample_box(const FrameConstants& frame, const NearSplat& s
     end = select(enters, 1.0F, max(min(cut, 1.0F), begin));
     begin = select(enters, max(begin, min(cut, 1.0F)), begin);
   }
+  if constexpr (partial) {
+    const Float cut = fma(surface * splat.inverse_depth, at.square, d_along) * at.root / least_half;
+    end = max(min(end, cut), begin);
+  }
   const ChordRest from = rest_of_chord(begin), to = rest_of_chord(end);
   const Float mass = max(from.mass - to.mass, 0.0F);
   const Float mean_u = (from.moment - to.moment) / max(mass, 1e-10F);
 
   constexpr float by_whole = 0.848826363F;  // 8 / (3 pi)
   const Float along = dot(gradient, d);
-  NearSample sample;
   sample.depth = ray * at.root * at.q * at.q * mass * (splat.strength * by_whole);
   sample.mean = fma(along * at.root * half_chord, clamp(mean_u, begin, end), dot(gradient, at.middle) + splat.mean);
-  const Float stretch = normal_along * splat.stretch;
+}
+
+/// Sets spread and light of a splat that the eye's plane cuts or almost touches.
+HWY_INLINE void set_spread(const FrameConstants& frame, const NearSplat& splat, const NearChord& at, Float ray,
+                           NearSample& sample) {
+  const Vector3 gradient = vector_of(splat.gradient);
+  const Float along = dot(gradient, at.direction);
+  const Float stretch = dot(vector_of(splat.normal), at.direction) * splat.stretch;
   sample.spread =
       sqrt(fma(along, along / (fma(stretch, stretch, at.square) * (half_axis * half_axis)), splat.residual));
   sample.light = frame.ambient;
-  if (frame.diffuse == 0) return sample;
+  if (frame.diffuse == 0) return;
   const Float cosine = splat.inverse_slope > 0 ? min(abs(along) * splat.inverse_slope / ray, 1.0F) : Float(1.0F);
   const Float scatter = scatter_of(Float(splat.residual * (half_axis * half_axis)), dot(gradient, gradient));
   sample.light = fma(mean_cosine(cosine, scatter), frame.diffuse, frame.ambient);
-  return sample;
 }
 
 HWY_INLINE void blend_near_sample(const NearSample& sample, Float light, const Material& material, Mask inside,
@@ -331,7 +341,7 @@ HWY_INLINE Float column_of(const FrameConstants& frame, Float mean, Float column
   return fma(mean - 0.5F, columns, 0.5F * static_cast<float>(frame.table.columns - 1));
 }
 
-/// Blends a vector of pixels for each call.
+/// Blends a vector of pixels for each call. `row` and `x`: of the tile.
 struct EllipseBlender {
   const FrameConstants& frame;
   const NearSplat& splat;
@@ -347,7 +357,7 @@ struct EllipseBlender {
     const Float column = column_of(frame, sample.mean, table.columns);
     blend_near_sample(sample, splat.light, look_up_row(frame.table, row, column, inside), inside, pixels);
   }
-  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, int /*row*/, int /*x*/, float* pixels) const {
     if (splat.stretch > 0)
       blend_vector<true>(t, v, ray, inside, pixels);
     else
@@ -355,15 +365,36 @@ struct EllipseBlender {
   }
 };
 
+/// Blends an ellipse of which surfaces may hide a part.
+struct PartialEllipseBlender {
+  EllipseBlender whole;
+  const TileArea& area;
+
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, int row, int x, float* pixels) const {
+    const FrameConstants& frame = whole.frame;
+    const NearSplat& splat = whole.splat;
+    const Float surface = load(frame.surfaces->at(area.left + x, area.bottom + row));
+    NearSample sample;
+    set_visible_part<true>(splat, near_chord(splat, t, v), t, v, ray, surface, sample);
+    const Float column = column_of(frame, sample.mean, whole.table.columns);
+    blend_near_sample(sample, splat.light, look_up_row(frame.table, whole.row, column, inside), inside, pixels);
+  }
+};
+
+template <bool partial>
 struct BoxBlender {
   const FrameConstants& frame;
   const NearSplat& splat;
+  const TileArea& area;
 
-  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, float* pixels) const {
+  HWY_INLINE void operator()(Float t, float v, Float ray, Mask inside, int row, int x, float* pixels) const {
     const NearChord chord = near_chord(splat, t, v);
     inside = both(inside, chord.q > Float(0.0F));
     if (!any(inside)) return;  // a box has many pixels beside its ellipsoid
-    const NearSample sample = sample_box(frame, splat, chord, t, v, ray);
+    const Float surface = partial ? load(frame.surfaces->at(area.left + x, area.bottom + row)) : Float(0.0F);
+    NearSample sample;
+    set_visible_part<partial>(splat, chord, t, v, ray, surface, sample);
+    set_spread(frame, splat, chord, ray, sample);
     const TableRow table = table_row(frame.table, sample.spread);
     const Float column = column_of(frame, sample.mean, table.columns);
     const Material material = look_up_rows(frame.table, max(table.row, Int(0)), column, inside);
@@ -383,11 +414,13 @@ HWY_INLINE void blend_near_rows(const FrameConstants& frame, const NearSplat& sp
       const Mask inside = at < Float(static_cast<float>(rows.end[row]));
       const Float tangent_x = (at + (static_cast<float>(area.left) - 0.5F * frame.width)) * by_focal;
       const Float ray = sqrt(fma(tangent_x, tangent_x, tangent_y * tangent_y + 1.0F));
-      blender(at - rows.centre[row], v, ray, inside, pixels.values.data() + row * TilePixels::row_stride + x);
+      blender(at - rows.centre[row], v, ray, inside, row, x, pixels.values.data() + row * TilePixels::row_stride + x);
     }
   }
 }
 
+/// `partial`: surfaces may hide a part of the splat.
+template <bool partial>
 HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, const TileArea& area, const Part& part,
                            TilePixels& pixels) {
   NearRows rows;
@@ -395,10 +428,12 @@ HWY_INLINE void blend_near(const FrameConstants& frame, const NearSplat& splat, 
     const Float v = lane_numbers() + (static_cast<float>(area.bottom + row) + 0.5F - splat.outline.y);
     set_spans(span_of(splat.outline, v), row_centres(splat.outline, area, v), part, row, rows);
   }
-  if (splat.spread >= 0)
-    blend_near_rows(frame, splat, area, part, rows, EllipseBlender(frame, splat), pixels);
+  if (!(splat.spread >= 0))
+    blend_near_rows(frame, splat, area, part, rows, BoxBlender<partial>{frame, splat, area}, pixels);
+  else if constexpr (partial)
+    blend_near_rows(frame, splat, area, part, rows, PartialEllipseBlender{{frame, splat}, area}, pixels);
   else
-    blend_near_rows(frame, splat, area, part, rows, BoxBlender{frame, splat}, pixels);
+    blend_near_rows(frame, splat, area, part, rows, EllipseBlender(frame, splat), pixels);
 }
 
 /// Splats of a tile are far apart in memory.
@@ -409,8 +444,9 @@ HWY_INLINE void prefetch(const ScreenSplats& screen, std::uint32_t slot) {
   hwy::Prefetch(&screen.far[slot].light);
 }
 
-bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
-               const TileArea& area, TilePixels& pixels) {
+template <bool surfaces>
+HWY_INLINE bool blend_slots(const FrameConstants& frame, const ScreenSplats& screen,
+                            std::span<const std::uint32_t> slots, const TileArea& area, TilePixels& pixels) {
   constexpr std::size_t splats_per_check = 64, ahead = 8;
   for (std::size_t i = 0; i < slots.size(); ++i) {
     if (i % splats_per_check == 0 && is_opaque(area, pixels)) return true;
@@ -418,13 +454,25 @@ bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::spa
     if (i + ahead < slots.size()) prefetch(screen, slots[i + ahead]);
     const Part part = part_of(screen.bounds[slot], area);
     if (screen.forms[slot] == Form::near)
-      blend_near(frame, screen.near[slot], area, part, pixels);
+      blend_near<false>(frame, screen.near[slot], area, part, pixels);
+    else if (surfaces && screen.forms[slot] == Form::partial)
+      blend_near<true>(frame, screen.near[slot], area, part, pixels);
     else if (const FarSplat& splat = screen.far[slot]; splat.cutting[0] < 1e17F)
       blend_far<true>(frame, splat, area, part, pixels);
     else
       blend_far<false>(frame, splat, area, part, pixels);
   }
   return is_opaque(area, pixels);
+}
+
+bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+               const TileArea& area, TilePixels& pixels) {
+  return blend_slots<false>(frame, screen, slots, area, pixels);
+}
+
+bool blend_with_surfaces(const FrameConstants& frame, const ScreenSplats& screen,
+                           std::span<const std::uint32_t> slots, const TileArea& area, TilePixels& pixels) {
+  return blend_slots<true>(frame, screen, slots, area, pixels);
 }
 
 }  // namespace
@@ -435,9 +483,11 @@ HWY_AFTER_NAMESPACE();
 namespace splatvol::tiles {
 
 HWY_EXPORT(blend_all);
+HWY_EXPORT(blend_with_surfaces);
 
 bool blend_moments(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
                    const TileArea& area, TilePixels& pixels) {
+  if (frame.surfaces) return HWY_DYNAMIC_DISPATCH(blend_with_surfaces)(frame, screen, slots, area, pixels);
   return HWY_DYNAMIC_DISPATCH(blend_all)(frame, screen, slots, area, pixels);
 }
 

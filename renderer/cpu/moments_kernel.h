@@ -32,6 +32,7 @@ struct SlabWorkspace {
     std::uint32_t slot;
     std::uint8_t grid;  // 2^grid: the spacing of its samples
     bool bounded;
+    bool partial;  // surfaces may hide a part of it
   };
   std::vector<float> planes;
   std::vector<std::uint64_t> keys;

@@ -649,6 +649,9 @@ HWY_INLINE void add_linear(Vector3 constant, Vector3 by_x, Vector3 by_y, const T
   fields.add(fma(by_x, m.x_v, by_y * m.y_v));
 }
 
+/// Returns the depth of k = 1, in drawing units.
+HWY_INLINE Float unit_depth(const Body& body, const Rays& rays) { return rays.scale * body.pixel_size; }
+
 HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays& rays, const Middle& middle,
                                 Float strength, const Screen& screen, NearFields& fields) {
   add_outline(screen, body.near, fields);
@@ -667,6 +670,7 @@ HWY_INLINE void set_near_fields(const Body& body, const Value& value, const Rays
   fields.add(body.stretch);
   fields.add(select(body.near, -1.0F, middle.spread));
   fields.add(select(body.near, -1.0F, middle.light));
+  fields.add(Float(1.0F) / unit_depth(body, rays));
 }
 
 /// Returns where single precision holds all of the splat: else it is so large or so near that it overflows.
@@ -746,16 +750,42 @@ HWY_INLINE Float sample_spacing(const Body& body, const Rays& rays, const Screen
   return spacing;
 }
 
+/// Depths between which a splat lies, in drawing units.
+struct DepthExtent {
+  Float reach, front, back;
+};
+
+HWY_INLINE DepthExtent depth_extent(const Body& body) {
+  const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
+  return {reach, middle - reach, middle + reach};
+}
+
+/// Where surfaces hide all of a splat, and where they may hide a part.
+struct Hidden {
+  Mask all, part;
+};
+
+HWY_INLINE Hidden hidden_by(const Surfaces& surfaces, const DepthExtent& extent, const Bounds& bounds) {
+  alignas(64) std::array<float, most_lanes> nearest, farthest;
+  for (int lane = 0; lane < lane_count(); ++lane) {
+    const DepthRange range =
+        surfaces.range(bounds.left[lane], bounds.bottom[lane], bounds.right[lane], bounds.top[lane]);
+    nearest[lane] = range.nearest;
+    farthest[lane] = range.farthest;
+  }
+  const Mask all = extent.front >= load(farthest.data());
+  return {all, hn::AndNot(all, extent.back > load(nearest.data()))};
+}
+
 /// `peak`: the largest extinction in the splat.
 HWY_INLINE void set_slab_fields(const Body& body, const Rays& rays, Float strength, Float peak, Float spacing,
                                 SlabFields& fields) {
-  const Float reach = length(body.l_z) * body.pixel_size, middle = body.centre.z * body.pixel_size;
-  const Float depth = rays.scale * body.pixel_size;
+  const auto [reach, front, back] = depth_extent(body);
+  const Float depth = unit_depth(body, rays);
   const Float root = inverse_sqrt(dot(rays.d_0, rays.d_0));
-  fields.add(middle - reach);
-  fields.add(middle + reach);
+  fields.add(front);
+  fields.add(back);
   fields.add(depth);
-  fields.add(Float(1.0F) / depth);
   fields.add(min(root * depth * 2.0F, reach * 2.0F));
   fields.add(max(root * strength * peak, 1e-12F));
   fields.add(spacing);
@@ -806,11 +836,21 @@ void project(const FrameConstants& frame, const Records& records, bool in_slabs,
   }
 
   const Mask changing = max(size_of(terms.g_change), size_of(terms.ray_change)) > Float(most_change);
-  const Mask near = in_slabs ? drawn : both(drawn, either(body.near, changing)), far = hn::AndNot(near, drawn);
-  const Float spacing = in_slabs ? sample_spacing(body, rays, screen) : 1.0F;
+  Float spacing = in_slabs ? sample_spacing(body, rays, screen) : 1.0F;
   set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
-  store(select_int(near, static_cast<int>(Form::near), select_int(far, static_cast<int>(Form::far), 0)),
-        result.forms.data());
+  Mask partial = Float(0.0F) > Float(0.0F);
+  if (frame.surfaces) {
+    const Hidden hidden = hidden_by(*frame.surfaces, depth_extent(body), result.bounds);
+    drawn = hn::AndNot(hidden.all, drawn);
+    partial = both(drawn, hidden.part);
+    // At a surface's outline, chords are not smooth from pixel to pixel.
+    spacing = select(partial, 1.0F, spacing);
+    set_bounds(frame, screen, body.near, spacing - 1.0F, result.bounds);
+  }
+  const Mask near = in_slabs ? drawn : both(drawn, either(partial, either(body.near, changing)));
+  const Mask far = hn::AndNot(near, drawn);
+  const Int near_form = select_int(partial, static_cast<int>(Form::partial), static_cast<int>(Form::near));
+  store(select_int(near, near_form, select_int(far, static_cast<int>(Form::far), 0)), result.forms.data());
   const Middle middle = make_middle(frame, body, value, rays, terms);
   result.far.used = result.near.used = result.slab.used = 0;
   if (in_slabs) set_slab_fields(body, rays, strength, peak, spacing, result.slab);
@@ -827,7 +867,7 @@ void write_splat(const Projection& projection, int lane, const ScreenSplats& scr
   screen.bounds[slot] = pixels;
   screen.forms[slot] = pixels.left == pixels.right ? Form::none : form;
   if (screen.forms[slot] == Form::far) projection.far.copy(lane, &screen.far[slot]);
-  if (screen.forms[slot] != Form::near) return;
+  if (screen.forms[slot] != Form::near && screen.forms[slot] != Form::partial) return;
   projection.near.copy(lane, &screen.near[slot]);
   if (screen.slab) projection.slab.copy(lane, &screen.slab[slot]);
 }

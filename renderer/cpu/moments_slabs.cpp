@@ -28,25 +28,40 @@ namespace {
 struct Neighbours {
   const SlabPlanes *before, *slab, *after;  // null: there is none
   float before_thickness, thickness, after_thickness;
-  float kept;  // as of the slab
+  float kept;   // as of the slab
+  float front;  // depth of the slab's front
 };
+
+/// How thick a slab and the one behind it are at some pixels: Number is a float where no surface ends them.
+template <class Number>
+struct Thickness {
+  Number slab, after;
+};
+
+/// Surfaces end slabs where they hide a part of a splat in them. A slab that only whole splats are in stays as it is.
+HWY_INLINE Thickness<Float> in_front_of(Float surface, const Neighbours& n) {
+  const Float in_slab = clamp(surface - n.front, n.thickness * 1e-6F, n.thickness);
+  return {in_slab, clamp(surface - (n.front + n.thickness), 0.0F, n.after_thickness)};
+}
 
 /// Returns the density of a slab that is full: 1, but less for what is thinner than pixels. It was widened, so that its
 /// density falls: to that of the slab or its neighbours, whichever is densest.
-HWY_INLINE Float full_density(const Neighbours& n, Float mass, int at) {
+template <class Number>
+HWY_INLINE Float full_density(const Neighbours& n, Number thickness, Float mass, int at) {
   const float thin = std::max(1 - 2 * n.kept, 0.0F);
   if (thin == 0) return Float(1.0F);
-  const auto density = [&](const SlabPlanes* slab, float thickness)
-                           HWY_ATTR { return slab ? load(slab->mass + at) * (1.0F / thickness) : Float(0.0F); };
+  const auto density = [&](const SlabPlanes* slab, float whole)
+                           HWY_ATTR { return slab ? load(slab->mass + at) * (1.0F / whole) : Float(0.0F); };
   const Float densest =
-      max(mass * (1.0F / n.thickness), max(density(n.before, n.before_thickness), density(n.after, n.after_thickness)));
+      max(mass * (1.0F / thickness), max(density(n.before, n.before_thickness), density(n.after, n.after_thickness)));
   return fma(clamp(densest * 1.25F, 1e-6F, 1.0F) - 1.0F, thin, 1.0F);
 }
 
 /// Returns the length of material in a slab, at some pixels. `bounded`: it may have boundaries.
-HWY_INLINE Float length_of(const Neighbours& n, bool bounded, Float mass, int at) {
+template <class Number>
+HWY_INLINE Float length_of(const Neighbours& n, Number slab_thickness, bool bounded, Float mass, int at) {
   constexpr float least_density = 0.25F;  // of a boundary that counts; at twice of it, it decides
-  const Float thickness(n.thickness);
+  const Float thickness(slab_thickness);
   Float within = thickness;
   if (bounded) {
     const SlabPlanes& p = *n.slab;
@@ -63,7 +78,7 @@ HWY_INLINE Float length_of(const Neighbours& n, bool bounded, Float mass, int at
     within = max(fma(max(leaves, enters), between - thickness, thickness), n.thickness * 1e-6F);
   }
   // Inside, the sum of densities only ripples. Where material ends without a boundary, it falls from 1 to 0.
-  const Float full = full_density(n, mass, at);
+  const Float full = full_density(n, slab_thickness, mass, at);
   const auto filled = [&](Float length, Float held) HWY_ATTR {
     return length * full * clamp(fma(held / (length * full), 1.5F, -0.25F), 0.0F, 1.0F);
   };
@@ -86,16 +101,19 @@ HWY_INLINE MeanValue mean_value(const SlabPlanes& slab, float thickness, int at)
 }
 
 /// Half of the difference of the values at a slab's back and front.
-HWY_INLINE Float half_range(const Neighbours& n, Float value, Float length, int at) {
-  const auto step = [&](const SlabPlanes* other, float thickness) HWY_ATTR {
+template <class Number>
+HWY_INLINE Float half_range(const Neighbours& n, const Thickness<Number>& thickness, Float value, Float length,
+                            int at) {
+  const auto step = [&](const SlabPlanes* other, float whole, Number part) HWY_ATTR {
     if (!other) return Float(0.0F);
-    const MeanValue mean = mean_value(*other, thickness, at);
-    return only(mean.known, (mean.value - value) * (n.thickness / (n.thickness + thickness)));
+    const MeanValue mean = mean_value(*other, whole, at);
+    return only(mean.known, (mean.value - value) * (thickness.slab / (thickness.slab + part)));
   };
-  const Float to_front = step(n.before, n.before_thickness), to_back = step(n.after, n.after_thickness);
+  const Float to_front = step(n.before, n.before_thickness, n.before_thickness);
+  const Float to_back = step(n.after, n.after_thickness, thickness.after);
   // Without one of the neighbours, the value goes on as towards the other one.
   const Mask whole = both(abs(to_front) > Float(0.0F), abs(to_back) > Float(0.0F));
-  return (to_back - to_front) * select(whole, 0.5F, length * (1.0F / n.thickness));
+  return (to_back - to_front) * select(whole, 0.5F, length * (1.0F / thickness.slab));
 }
 
 /// Looks up the material of some values with their spreads.
@@ -105,6 +123,16 @@ HWY_INLINE Material material_of(const FrameConstants& frame, Float value, Float 
   return look_up_rows(frame.table, max(table.row, Int(0)), column, filled);
 }
 
+template <bool partial>
+HWY_INLINE auto thickness_at(const FrameConstants& frame, const TileArea& area, const Neighbours& n, int row, int x) {
+  if constexpr (partial)
+    return in_front_of(load(frame.surfaces->at(area.left + x, area.bottom + row)), n);
+  else
+    return Thickness<float>{n.thickness, n.after_thickness};
+}
+
+/// `partial`: surfaces may hide a part of it.
+template <bool partial>
 void classify(const FrameConstants& frame, const TileArea& area, const Neighbours& n, bool bounded,
               TilePixels& pixels) {
   constexpr float residual_share = 0.25F;  // what splats mixed do not tell of each other's residual
@@ -116,10 +144,11 @@ void classify(const FrameConstants& frame, const TileArea& area, const Neighbour
       const MeanValue mean = mean_value(*n.slab, n.thickness, at);
       if (!any(mean.known)) continue;
       const Float mass = load(n.slab->mass + at), by_mass = only(mean.known, Float(1.0F) / mass);
-      const Float length = length_of(n, bounded, mass, at);
+      const auto thickness = thickness_at<partial>(frame, area, n, row, x);
+      const Float length = length_of(n, thickness.slab, bounded, mass, at);
       const Mask filled = both(mean.known, length > Float(0.0F));
       if (!any(filled)) continue;
-      const Float half = half_range(n, mean.value, length, at);
+      const Float half = half_range(n, thickness, mean.value, length, at);
       const Float residual = load(n.slab->residual + at) * by_mass;
       const Float spread = sqrt(max(fma(half * half, 1.0F / 3, residual * residual_share), 0.0F));
       const Material material = material_of(frame, mean.value, spread, filled);
@@ -151,7 +180,8 @@ void sort_splats(const ScreenSplats& screen, std::span<const std::uint32_t> slot
     const SlabSplat& splat = screen.slab[slot];
     const auto spacing = static_cast<unsigned>(splat.spacing);
     work.splats.push_back({splat.front, splat.back, splat.weight, splat.weight / splat.chord, splat.kept, slot,
-                           static_cast<std::uint8_t>(std::countr_zero(spacing)), splat.stretch > 0});
+                           static_cast<std::uint8_t>(std::countr_zero(spacing)), splat.stretch > 0,
+                           screen.forms[slot] == Form::partial});
   }
 }
 
@@ -255,6 +285,7 @@ class SlabSequence {
       planes[i - first] = planes_of(i);
       fronts[i - first] = slabs_[i].front;
       bounded_[i % ring_.size()] = bounded;
+      partial_[i % ring_.size()] = false;
       clear(planes_of(i), coarsest, bounded);
     }
     for (std::size_t i = 0; i < work_.active.size(); ++i) {
@@ -264,12 +295,13 @@ class SlabSequence {
       std::size_t begin = 0, back = slabs.size();
       while (slabs[begin].back <= splat.front) ++begin;
       while (slabs[back - 1].front >= splat.back) --back;
+      for (std::size_t j = begin; splat.partial && j < back; ++j) partial_[(first + j) % ring_.size()] = true;
       const SampleGrid& grid = sample_grids[splat.grid];
       const Part part = samples_of(frame_, screen_.bounds[splat.slot], area_, grid.spacing);
       if (part.left >= part.right || part.bottom >= part.top) continue;
       mix_splat({screen_.near[splat.slot], screen_.slab[splat.slot], area_, grid, part, lit_,
                  slabs.subspan(begin, back - begin), fronts.data() + begin,
-                 std::span(planes).subspan(begin, back - begin)});
+                 std::span(planes).subspan(begin, back - begin), splat.partial ? frame_.surfaces : nullptr});
     }
     for (std::size_t i = first; i < end; ++i)
       for (std::size_t grid = coarsest; grid > 0; --grid)
@@ -292,7 +324,8 @@ class SlabSequence {
   }
 
   void classify_slab(std::size_t i, TilePixels& pixels) const {
-    Neighbours n{nullptr, &planes_of(i), nullptr, 0, thickness(i), 0, slabs_[i].kept};
+    Neighbours n{nullptr, &planes_of(i), nullptr, 0, thickness(i), 0, slabs_[i].kept, slabs_[i].front};
+    bool partial = partial_[i % ring_.size()];
     if (i > 0 && touches_next(i - 1)) {
       n.before = &planes_of(i - 1);
       n.before_thickness = thickness(i - 1);
@@ -300,8 +333,9 @@ class SlabSequence {
     if (touches_next(i)) {
       n.after = &planes_of(i + 1);
       n.after_thickness = thickness(i + 1);
+      partial |= partial_[(i + 1) % ring_.size()];
     }
-    classify(frame_, area_, n, bounded_[i % ring_.size()], pixels);
+    (partial ? classify<true> : classify<false>)(frame_, area_, n, bounded_[i % ring_.size()], pixels);
   }
 
   /// Splats of a tile are far apart in memory.
@@ -319,6 +353,7 @@ class SlabSequence {
   std::span<const Slab> slabs_;
   std::array<SlabPlanes, slabs_at_once + 2> ring_;
   std::array<bool, slabs_at_once + 2> bounded_{};  // whether a slab of the ring may have boundaries
+  std::array<bool, slabs_at_once + 2> partial_{};  // whether surfaces may hide a part of it
   std::size_t entered_ = 0;
   bool lit_;
 };

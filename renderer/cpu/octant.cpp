@@ -87,6 +87,7 @@ struct Projection {
   alignas(64) std::array<std::array<float, most_lanes>, sizeof(GaussianSplat) / 4> fields;
   alignas(64) std::array<std::int32_t, most_lanes> left, bottom, right, top;
   alignas(64) std::array<std::int32_t, most_lanes> drawn;
+  alignas(64) std::array<float, most_lanes> depths;
 };
 
 /// Stores the pixels whose centres lie within `cut` of `at`. Next to the eye the bounds are infinite until they are
@@ -134,12 +135,22 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   for (std::size_t i = 0; i < fields.size(); ++i) store(fields[i], result.fields[i].data());
   const Mask sound = both(is_finite(fields[0] + fields[1] + scale), is_finite(lit + alpha));
   store(select_int(both(drawn, sound), 1, 0), result.drawn.data());
+  store(centre.z, result.depths.data());
 }
 
-void write_splat(const Projection& projection, int lane, const ScreenSplats& screen, std::size_t slot) {
+/// Sets the depth of a splat that surfaces may hide in some pixels. Removes it if they hide it in all.
+void compare_with_surfaces(const Surfaces& surfaces, float depth, PixelBounds& pixels, float& compared) {
+  const DepthRange range = surfaces.range(pixels.left, pixels.bottom, pixels.right, pixels.top);
+  if (depth >= range.farthest) pixels = {};
+  compared = depth < range.nearest ? -1.0F : depth;
+}
+
+void write_splat(const FrameConstants& frame, const Projection& projection, int lane, const ScreenSplats& screen,
+                 std::size_t slot) {
   const auto edge = [lane](const auto& edges) { return static_cast<std::uint16_t>(edges[lane]); };
   PixelBounds pixels{edge(projection.left), edge(projection.bottom), edge(projection.right), edge(projection.top)};
   if (projection.drawn[lane] == 0 || pixels.left >= pixels.right || pixels.bottom >= pixels.top) pixels = {};
+  if (frame.surfaces) compare_with_surfaces(*frame.surfaces, projection.depths[lane], pixels, screen.depths[slot]);
   screen.bounds[slot] = pixels;
   screen.forms[slot] = pixels.left == pixels.right ? Form::none : Form::gaussian;
   std::array<float, sizeof(GaussianSplat) / 4> line;
@@ -154,7 +165,7 @@ void project_all(const FrameConstants& frame, const SplatNumbers& splats, std::s
   for_each_group(splats, numbers, records, [&](std::size_t first, std::size_t count) HWY_ATTR {
     project(frame, records, projection);
     for (std::size_t lane = 0; lane < count; ++lane)
-      write_splat(projection, static_cast<int>(lane), screen, first + lane);
+      write_splat(frame, projection, static_cast<int>(lane), screen, first + lane);
   });
 }
 
@@ -184,8 +195,10 @@ HWY_INLINE Float weighted_share(Float alpha, float weight) {
   return select(alpha < Float(0.01F), series, opacity(depth * weight) / max(alpha, 1e-30F));
 }
 
+/// `surfaces`: null, or those that hide the splat where they are not behind `depth`.
+template <bool partial>
 HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bounds, const TileArea& area,
-                            TilePixels& pixels) {
+                            const Surfaces* surfaces, float depth, TilePixels& pixels) {
   const int lanes = lane_count();
   const int left = std::max(bounds.left - area.left, 0), right = std::min(bounds.right - area.left, area.width);
   const int bottom = std::max(bounds.bottom - area.bottom, 0), top = std::min(bounds.top - area.bottom, area.height);
@@ -207,16 +220,22 @@ HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bound
     for (int x = left; x < right; x += lanes) {
       Float alpha = load(by_column.data() + x) * by_row[y];
       if (splat.weight < 1) alpha = alpha * weighted_share(alpha, splat.weight);
+      if constexpr (partial)
+        alpha = only(load(surfaces->at(area.left + x, area.bottom + y)) > Float(depth), alpha);
       blend(alpha, 1.0F, material, pixels.values.data() + y * TilePixels::row_stride + x);
     }
 }
 
-bool blend_all(const ScreenSplats& screen, std::span<const std::uint32_t> slots, const TileArea& area,
-               TilePixels& pixels) {
+bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+               const TileArea& area, TilePixels& pixels) {
   constexpr std::size_t splats_per_check = 64;
   for (std::size_t i = 0; i < slots.size(); ++i) {
     if (i % splats_per_check == 0 && is_opaque(area, pixels)) return true;
-    blend_splat(screen.gaussians[slots[i]], screen.bounds[slots[i]], area, pixels);
+    const std::uint32_t slot = slots[i];
+    if (screen.depths && screen.depths[slot] >= 0)
+      blend_splat<true>(screen.gaussians[slot], screen.bounds[slot], area, frame.surfaces, screen.depths[slot], pixels);
+    else
+      blend_splat<false>(screen.gaussians[slot], screen.bounds[slot], area, nullptr, 0, pixels);
   }
   return is_opaque(area, pixels);
 }
@@ -241,9 +260,9 @@ void project_octant(const FrameConstants& frame, const SplatNumbers& splats, std
   HWY_DYNAMIC_DISPATCH(project_all)(frame, splats, numbers, screen);
 }
 
-bool blend_octant(const ScreenSplats& screen, std::span<const std::uint32_t> slots, const TileArea& area,
-                  TilePixels& pixels) {
-  return HWY_DYNAMIC_DISPATCH(blend_all)(screen, slots, area, pixels);
+bool blend_octant(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+                  const TileArea& area, TilePixels& pixels) {
+  return HWY_DYNAMIC_DISPATCH(blend_all)(frame, screen, slots, area, pixels);
 }
 
 }  // namespace splatvol::tiles

@@ -16,7 +16,7 @@ void project_octant(const FrameConstants& frame, const SplatNumbers& splats, std
                     const ScreenSplats& screen);
 
 /// As blend_moments.
-bool blend_octant(const ScreenSplats& screen, std::span<const std::uint32_t> slots, const TileArea& area,
-                  TilePixels& pixels);
+bool blend_octant(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+                  const TileArea& area, TilePixels& pixels);
 
 }  // namespace splatvol::tiles

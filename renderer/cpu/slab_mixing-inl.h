@@ -84,7 +84,7 @@ HWY_INLINE Float chord_density(Float u) {
   return w * sqrt(w) * 0.848826363F;
 }
 
-/// A splat's chords through some pixels. `whole`: neither the eye nor a boundary cuts them off.
+/// A splat's chords through some pixels. `whole`: nothing cuts them off (is_whole).
 template <bool whole>
 struct Chords {
   Float middle, half, inverse_half;  // depths
@@ -104,6 +104,14 @@ struct Chords {
   }
 };
 
+/// Reads depths of surfaces at a vector of pixels, as load_pixels.
+template <bool paired>
+HWY_INLINE Float load_depths(const float* depths, int row_stride_of_depths) {
+  if constexpr (!paired) return load(depths);
+  const auto lower = hn::LoadU(HalfTag(), depths);
+  return hn::Combine(FloatTag(), hn::LoadU(HalfTag(), depths + row_stride_of_depths), lower);
+}
+
 /// A splat in a tile, and the slabs that it touches.
 struct SplatPart {
   const NearSplat& splat;
@@ -115,7 +123,13 @@ struct SplatPart {
   std::span<const Slab> slabs;
   const float* fronts;  // of the slabs, and of what follows in the group; then infinity
   std::span<const SlabPlanes> planes;
+  const Surfaces* surfaces;  // null: no surface hides a part of the splat
 };
+
+/// Returns whether neither the eye, a boundary nor a surface cuts the splat's chords off.
+HWY_INLINE bool is_whole(const SplatPart& at) {
+  return at.slab.front > 0 && !(at.slab.stretch > 0) && !at.surfaces;
+}
 
 template <bool whole, class Height>
 HWY_INLINE void set_chords(const SplatPart& at, Float t, Height v, Mask inside, Chords<whole>& chords) {
@@ -126,7 +140,7 @@ HWY_INLINE void set_chords(const SplatPart& at, Float t, Height v, Mask inside, 
   const Vector3 gradient = vector_of(splat.gradient);
   chords.middle = along * chord.root * chord.root * -at.slab.depth;
   chords.half = root_q * chord.root * at.slab.depth;
-  chords.inverse_half = inverse_root_q * chord.square * chord.root * at.slab.inverse_depth;
+  chords.inverse_half = inverse_root_q * chord.square * chord.root * splat.inverse_depth;
   chords.mass = only(both(inside, chord.q > Float(0.0F)), chord.root * chord.q * chord.q * splat.strength);
   chords.value = dot(gradient, chord.middle) + splat.mean;
   chords.slope = dot(gradient, chord.direction) * chord.root * root_q;
@@ -145,6 +159,13 @@ HWY_INLINE void set_chords(const SplatPart& at, Float t, Height v, Mask inside, 
     chords.end = select(chords.enters, 1.0F, max(min(chords.cut, 1.0F), chords.begin));
     chords.begin = select(chords.enters, max(chords.begin, min(chords.cut, 1.0F)), chords.begin);
   }
+}
+
+/// Ends chords at surfaces. A boundary behind them is none.
+HWY_INLINE void end_at(Float surface, Chords<false>& chords) {
+  const Float cut = (surface - chords.middle) * chords.inverse_half;
+  chords.end = max(min(chords.end, cut), chords.begin);
+  chords.cut = select(chords.cut > cut, 2.0F, chords.cut);
 }
 
 /// Adds the boundaries that chords meet in a slab.
@@ -227,6 +248,11 @@ HWY_NOINLINE void mix(const SplatPart& at) {
   const float height = static_cast<float>(at.area.bottom) + 0.5F - outline.y;  // of the first row
   const auto place = [&](Float t, auto v, Mask inside, int row, int column) HWY_ATTR {
     set_chords<whole>(at, t, v, inside, placed[count].chords);
+    if constexpr (!whole)
+      if (at.surfaces) {  // its samples are pixels
+        const float* depths = at.surfaces->at(at.area.left + column, at.area.bottom + row);
+        end_at(load_depths<paired>(depths, at.surfaces->row_stride()), placed[count].chords);
+      }
     placed[count].sample = (at.grid.first_row + row) * row_stride + column;
     find_slabs(at, placed[count]);
     ++count;
@@ -259,7 +285,7 @@ HWY_NOINLINE void mix(const SplatPart& at) {
 }
 
 void mix_splat(const SplatPart& at) {
-  const bool whole = at.slab.front > 0 && !(at.slab.stretch > 0);
+  const bool whole = is_whole(at);
   const bool paired = at.part.right - at.part.left <= lane_count() / 2;
   if (paired)
     whole ? mix<true, true>(at) : mix<false, true>(at);

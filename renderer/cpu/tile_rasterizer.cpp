@@ -122,6 +122,7 @@ TileRasterizer::~TileRasterizer() = default;
 
 Status TileRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
   SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
+  if (units.length != units_.length) surfaces_.reset();
   units_ = units;
   frame_.axis = stored_axis(function, units);
   ordered_view_.reset();
@@ -181,6 +182,22 @@ Status TileRasterizer::set_draw_list(const DrawList& list) {
   return {};
 }
 
+Status TileRasterizer::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
+  if (depths) SPLATVOL_TRY(check_surface_depths(*depths));
+  surface_depths_ = std::move(depths);
+  surfaces_.reset();
+  return {};
+}
+
+Status TileRasterizer::prepare_surfaces(const View& view) {
+  frame_.surfaces = nullptr;
+  if (!surface_depths_) return {};
+  SPLATVOL_TRY(check_size(*surface_depths_, view));
+  if (!surfaces_) surfaces_.emplace(*surface_depths_, units_.length);
+  frame_.surfaces = &*surfaces_;
+  return {};
+}
+
 Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sample_spacing) {
   if (frame_.table.columns == 0) return fail(ErrorCode::invalid_argument, "no transfer function has been set");
   if (sample_spacing < 1 || sample_spacing > max_sample_spacing)
@@ -190,15 +207,18 @@ Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sam
     return fail(ErrorCode::invalid_argument, "a picture of {} x {} pixels: 1 to {} on each side are possible",
                 view.width, view.height, largest_tiled_side);
   FrameTimes times;
+  Stopwatch stopwatch;
+  SPLATVOL_TRY(prepare_surfaces(view));
+  times.upload = stopwatch.lap();
   resize(picture_, view.width, view.height);
-  if (sample_spacing == 1) {
+  if (sample_spacing == 1 || frame_.surfaces) {
     draw_samples(view, sort, picture_, times);
     return times;
   }
   const View sampled = sampled_view(view, sample_spacing);
   resize(samples_, sampled.width, sampled.height);
   draw_samples(sampled, sort, samples_, times);
-  Stopwatch stopwatch;
+  stopwatch.lap();
   interpolate(samples_, sample_spacing, sample_rows_, picture_);
   times.draw += stopwatch.lap();
   return times;
@@ -309,6 +329,7 @@ void TileRasterizer::reserve_batch() {
   if (forms_.size() < slots) forms_.resize(slots);
   if (kernel_ == KernelKind::octant) {
     gaussians_.reserve(slots);
+    if (frame_.surfaces) depths_of_gaussians_.reserve(slots);
     return;
   }
   near_.reserve(slots, carried_);
@@ -319,7 +340,13 @@ void TileRasterizer::reserve_batch() {
 }
 
 ScreenSplats TileRasterizer::screen() {
-  return {bounds_.data(), forms_.data(), far_.data(), near_.data(), gaussians_.data(), mixes_ ? slab_.data() : nullptr};
+  return {bounds_.data(),
+          forms_.data(),
+          far_.data(),
+          near_.data(),
+          gaussians_.data(),
+          mixes_ ? slab_.data() : nullptr,
+          frame_.surfaces ? depths_of_gaussians_.data() : nullptr};
 }
 
 void TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, Image& target) {
@@ -369,7 +396,7 @@ void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
   else if (kernel_ == KernelKind::moments)
     opaque = blend_moments(frame_, screen(), slots, area, pixels);
   else
-    opaque = blend_octant(screen(), slots, area, pixels);
+    opaque = blend_octant(frame_, screen(), slots, area, pixels);
   closed_[tile] = opaque ? 1 : 0;
   store_pixels(pixels, area, target);
 }
@@ -378,7 +405,8 @@ void TileRasterizer::draw_tile(std::size_t tile, Image& target) {
 void TileRasterizer::carry_over(std::size_t slots) {
   carried_ = 0;
   for (std::size_t slot = 0; slot < slots; ++slot) {
-    if (forms_[slot] != Form::near || slab_.data()[slot].back <= depths_.back) continue;
+    const bool is_near = forms_[slot] == Form::near || forms_[slot] == Form::partial;
+    if (!is_near || slab_.data()[slot].back <= depths_.back) continue;
     bounds_[carried_] = bounds_[slot];
     forms_[carried_] = forms_[slot];
     near_.data()[carried_] = near_.data()[slot];
@@ -396,7 +424,7 @@ std::uint64_t TileRasterizer::device_bytes() const {
                         bytes_of(keys_) + sorter_.memory_bytes() + bytes_of(numbers_) + bytes_of(bounds_) +
                         bytes_of(forms_) + far_.memory_bytes() + near_.memory_bytes() + gaussians_.memory_bytes() +
                         bins_.memory_bytes() + bytes_of(closed_);
-  bytes += slab_.memory_bytes();
+  bytes += slab_.memory_bytes() + depths_of_gaussians_.memory_bytes() + (surfaces_ ? surfaces_->memory_bytes() : 0);
   for (const SlabWorkspace& workspace : workspaces_->of_threads) bytes += workspace.memory_bytes();
   for (const std::vector<std::uint32_t>& order : axis_orders_) bytes += bytes_of(order);
   for (const Image* image : {&picture_, &samples_, &sample_rows_}) bytes += bytes_of(image->pixels);

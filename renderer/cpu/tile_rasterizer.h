@@ -16,6 +16,7 @@
 #include "renderer/cpu/packed_table.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
+#include "renderer/surfaces.h"
 
 namespace splatvol {
 
@@ -57,6 +58,7 @@ class TileRasterizer final : public Rasterizer {
   /// Slabs have no order of splats: `draw` then ignores its sort mode.
   [[nodiscard]] Status set_compositing(Compositing compositing) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
+  [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
@@ -80,6 +82,7 @@ class TileRasterizer final : public Rasterizer {
   void set_tables(const TransferFunction& function);
   [[nodiscard]] bool can_mix() const;
   void set_view(const View& view);
+  [[nodiscard]] Status prepare_surfaces(const View& view);
   void draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times);
   [[nodiscard]] Sequence sequence_of(const View& view, SortMode sort);
   [[nodiscard]] std::span<const std::uint32_t> sort_keys(KeySorter& sorter, tiles::SortKey kind);
@@ -102,6 +105,8 @@ class TileRasterizer final : public Rasterizer {
   tiles::FrameConstants frame_;
   tiles::PackedTable table_;
   std::vector<float> peaks_;
+  std::shared_ptr<const SurfaceDepths> surface_depths_;
+  std::optional<Surfaces> surfaces_;  // made of the depths when first drawn with
 
   // The draw list.
   DrawList list_;
@@ -122,6 +127,7 @@ class TileRasterizer final : public Rasterizer {
   Scratch<tiles::NearSplat> near_;
   Scratch<tiles::GaussianSplat> gaussians_;
   Scratch<tiles::SlabSplat> slab_;
+  Scratch<float> depths_of_gaussians_;
   std::size_t carried_ = 0;   // slots at the beginning of a batch, whose splats reach behind the batch before
   tiles::Slab depths_{0, 0};  // of a batch
   std::unique_ptr<Workspaces> workspaces_;

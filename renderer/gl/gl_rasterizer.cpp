@@ -39,7 +39,7 @@ struct DrawCommand {
   GLuint count = 0, instances = 1, first_index = 0, base_vertex = 0, base_instance = 0;
 };
 using Run = std::array<DrawCommand, most_forms>;
-static_assert(sizeof(Run) == 60);
+static_assert(sizeof(Run) == 80);
 
 void bind(const Buffer& buffer, Binding binding) {
   buffer.bind(GL_SHADER_STORAGE_BUFFER, static_cast<GLuint>(binding));
@@ -111,6 +111,7 @@ Status GlRasterizer::prepare_quads() {
 
 Status GlRasterizer::set_transfer_function(const TransferFunction& world_function, const DrawingUnits& units) {
   SPLATVOL_TRY_ASSIGN(function, in_drawing_units(world_function, units));
+  if (units.length != units_.length) forget_surfaces();
   units_ = units;
   axis_ = stored_axis(function, units);
   ordered_view_.reset();
@@ -144,7 +145,7 @@ void GlRasterizer::set_lighting(const std::optional<Lighting>& lighting) { light
 std::uint64_t GlRasterizer::fixed_bytes() const {
   const std::uint64_t table =
       kernel_.table.columns * kernel_.table.rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
-  return table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes() + picture_bytes_;
+  return table + frame_.bytes() + quads_.bytes() + quad_indices_.bytes() + picture_bytes_ + surface_bytes();
 }
 
 // Returns the bytes of a list besides its records: entries, keys, one order and runs of quads.
@@ -271,12 +272,19 @@ Result<FrameTimes> GlRasterizer::draw(const View& view, SortMode sort, int sampl
     return fail(ErrorCode::invalid_argument, "samples every {} pixels: 1 to {} are possible", sample_spacing,
                 max_sample_spacing);
   SPLATVOL_TRY(picture_.resize(view.width, view.height));
-  if (sample_spacing == 1) return draw_samples(view, sort, picture_);
+  Stopwatch stopwatch;
+  SPLATVOL_TRY(upload_surfaces(view));
+  const double upload = stopwatch.lap();
+  if (sample_spacing == 1 || surface_depths_) {
+    SPLATVOL_TRY_ASSIGN(times, draw_samples(view, sort, picture_));
+    times.upload += upload;
+    return times;
+  }
 
   const View sampled = sampled_view(view, sample_spacing);
   SPLATVOL_TRY(samples_.resize(sampled.width, sampled.height));
   SPLATVOL_TRY_ASSIGN(times, draw_samples(sampled, sort, samples_));
-  Stopwatch stopwatch;
+  stopwatch.lap();
   SPLATVOL_TRY(upsampler_.run(samples_, sample_spacing, picture_));
   glFinish();
   times.draw += stopwatch.lap();
@@ -301,6 +309,52 @@ Result<FrameTimes> GlRasterizer::draw_samples(const View& view, SortMode sort, c
   times.draw = stopwatch.lap();
   SPLATVOL_TRY(check_gl("drawing"));
   return times;
+}
+
+Status GlRasterizer::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
+  if (depths) SPLATVOL_TRY(check_surface_depths(*depths));
+  surface_depths_ = std::move(depths);
+  forget_surfaces();
+  return {};
+}
+
+void GlRasterizer::forget_surfaces() {
+  depth_texture_ = {};
+  range_texture_ = {};
+  surface_levels_ = 0;
+}
+
+// Returns the bytes of the depths, and the most that their ranges may take.
+std::uint64_t GlRasterizer::surface_bytes() const {
+  if (!surface_depths_) return 0;
+  return surface_depths_->depths.size() * sizeof(float) * 5;
+}
+
+Status GlRasterizer::upload_surfaces(const View& view) {
+  if (!surface_depths_ || surface_levels_ > 0) return surface_depths_ ? check_size(*surface_depths_, view) : Status{};
+  SPLATVOL_TRY(check_size(*surface_depths_, view));
+  SPLATVOL_TRY(add_surface_forms(kernel_));
+  const Surfaces surfaces(*surface_depths_, units_.length);
+  GLuint name = 0;
+  glCreateTextures(GL_TEXTURE_2D, 1, &name);
+  depth_texture_ = Texture(name);
+  glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTextureStorage2D(name, 1, GL_R32F, surfaces.width(), surfaces.height());
+  glBindBuffer(GL_PIXEL_UNPACK_BUFFER, 0);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, surfaces.row_stride());
+  glTextureSubImage2D(name, 0, 0, 0, surfaces.width(), surfaces.height(), GL_RED, GL_FLOAT, surfaces.at(0, 0));
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+
+  const std::vector<Surfaces::Level>& levels = surfaces.levels();
+  glCreateTextures(GL_TEXTURE_2D, 1, &name);
+  range_texture_ = Texture(name);
+  glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST_MIPMAP_NEAREST);
+  glTextureStorage2D(name, static_cast<GLsizei>(levels.size()), GL_RG32F, levels[0].columns, levels[0].rows);
+  for (GLint i = 0; const Surfaces::Level& level : levels)
+    glTextureSubImage2D(name, i++, 0, 0, level.columns, level.rows, GL_RG, GL_FLOAT, level.ranges.data());
+  surface_levels_ = static_cast<GLint>(levels.size());
+  return check_gl("uploading the depths of surfaces");
 }
 
 Status GlRasterizer::upload_frame(const View& view) {
@@ -445,8 +499,9 @@ void GlRasterizer::draw_run(const Sequence& sequence, std::size_t first, std::si
     dispatch(kernel_.project, first, count);
   }
   glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_COMMAND_BARRIER_BIT);
-  for (std::size_t form = 0; form < kernel_.forms.size(); ++form) {
-    glUseProgram(kernel_.forms[form].name());
+  const std::vector<Program>& forms = surface_depths_ ? kernel_.forms_with_surfaces : kernel_.forms;
+  for (std::size_t form = 0; form < forms.size(); ++form) {
+    glUseProgram(forms[form].name());
     const std::size_t command = run * sizeof(Run) + form * sizeof(DrawCommand);
     glDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, reinterpret_cast<const void*>(command));
   }
@@ -463,6 +518,11 @@ void GlRasterizer::draw_quads(const Sequence& sequence) const {
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, runs_.object());
   bind_page(0);
   glProgramUniform1i(kernel_.project.name(), location::ordering, !sequence.order ? 0 : sequence.from_end ? -1 : 1);
+  glProgramUniform1i(kernel_.project.name(), location::surface_levels, surface_levels_);
+  if (surface_depths_) {
+    glBindTextureUnit(3, depth_texture_.name());
+    glBindTextureUnit(4, range_texture_.name());
+  }
 
   const std::size_t runs = (sequence.count + quads_per_run - 1) / quads_per_run;
   for (std::size_t i = 0; i < runs; ++i) {
@@ -491,6 +551,7 @@ Result<Image> GlRasterizer::read_image() const {
 
 std::uint64_t GlRasterizer::device_bytes() const {
   std::uint64_t bytes = picture_.bytes() + samples_.bytes() + upsampler_.bytes() + pages_.bytes();
+  if (surface_levels_ > 0) bytes += surface_bytes();
   if (transfer_table_.name() != 0)
     bytes += kernel_.table.columns * kernel_.table.rows * sizeof(vec4) + 2 * peak_entries * sizeof(float);
   const auto add = [&](const Order& order) {

@@ -18,6 +18,7 @@
 #include "renderer/gl/upsampler.h"
 #include "renderer/rasterizer.h"
 #include "renderer/sort.h"
+#include "renderer/surfaces.h"
 #include "scene/image.h"
 #include "scene/scene.h"
 #include "streamer/splat.h"
@@ -47,6 +48,7 @@ class GlRasterizer : public Rasterizer {
   [[nodiscard]] Status set_transfer_function(const TransferFunction& function, const DrawingUnits& units) override;
   void set_lighting(const std::optional<Lighting>& lighting) override;
   [[nodiscard]] Status set_draw_list(const DrawList& list) override;
+  [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
   [[nodiscard]] std::uint64_t device_bytes() const override;
@@ -102,6 +104,9 @@ class GlRasterizer : public Rasterizer {
   };
   [[nodiscard]] Result<FrameTimes> draw_samples(const View& view, SortMode sort, const Target& target);
   [[nodiscard]] Status upload_frame(const View& view);
+  void forget_surfaces();
+  [[nodiscard]] Status upload_surfaces(const View& view);
+  [[nodiscard]] std::uint64_t surface_bytes() const;
   [[nodiscard]] Result<Sequence> prepare_order(const View& view, SortMode sort, FrameTimes& times);
   [[nodiscard]] Result<Sequence> order_along(int axis, const View& view, FrameTimes& times);
   [[nodiscard]] Status make_order(bool by_depth, Order& order, FrameTimes& times);
@@ -135,6 +140,11 @@ class GlRasterizer : public Rasterizer {
   DrawingUnits units_;
   StoredAxis axis_;
   std::optional<Lighting> lighting_;
+
+  std::shared_ptr<const SurfaceDepths> surface_depths_;
+  Texture depth_texture_;   // of the surfaces, made when first drawn with
+  Texture range_texture_;   // Surfaces::levels
+  GLint surface_levels_ = 0;
 
   // The present frame.
   Buffer frame_{"frame"};

@@ -12,7 +12,57 @@ using namespace shaders;
 
 Result<Program> build_compute(std::string_view name, std::string_view common, std::string_view quad,
                               std::string_view project, std::string_view main) {
-  return build_program(name, {{GL_COMPUTE_SHADER, {frame_glsl, records_glsl, common, quad, project, main}}});
+  return build_program(
+      name, {{GL_COMPUTE_SHADER, {frame_glsl, records_glsl, surface_ranges_glsl, common, quad, project, main}}});
+}
+
+/// What programs with opaque surfaces have besides.
+struct SurfaceSources {
+  std::string_view define = "", depths = "";  // of both stages; of the fragments
+};
+constexpr SurfaceSources no_surfaces;
+constexpr SurfaceSources with_surfaces{"#define SURFACES\n", surface_depths_glsl};
+
+Result<std::vector<Program>> make_octant_forms(const SurfaceSources& surfaces) {
+  std::vector<Program> forms;
+  for (const std::string_view fragment : {octant_frag, octant_weighted_frag}) {
+    SPLATVOL_TRY_ASSIGN(
+        form,
+        build_program("octant's quads",
+                      {{GL_VERTEX_SHADER, {frame_glsl, surfaces.define, octant_quad_glsl, octant_vert}},
+                       {GL_FRAGMENT_SHADER, {frame_glsl, surfaces.define, surfaces.depths, fragment}}}));
+    forms.push_back(std::move(form));
+  }
+  return forms;
+}
+
+/// A form of the kernel moments.
+struct MomentsForm {
+  std::string_view defines, fragment;
+};
+constexpr MomentsForm far_form{"#define FORM far_form\n#define FORM_COUNT far_form_count\n", moments_far_frag};
+constexpr MomentsForm middle_form{"#define FORM middle_form\n#define FORM_COUNT middle_form_count\n",
+                                  moments_middle_frag};
+constexpr MomentsForm near_form{"#define FORM near_form\n#define FORM_COUNT near_form_count\n", moments_near_frag};
+
+Status add_moments_form(const MomentsForm& form, const SurfaceSources& surfaces, std::vector<Program>& forms) {
+  SPLATVOL_TRY_ASSIGN(
+      program, build_program("moments' quads",
+                             {{GL_VERTEX_SHADER,
+                               {frame_glsl, surfaces.define, moments_common_glsl, moments_quad_glsl, form.defines,
+                                moments_vert}},
+                              {GL_FRAGMENT_SHADER,
+                               {frame_glsl, surfaces.define, surfaces.depths, moments_common_glsl,
+                                moments_fragment_glsl, form.fragment}}}));
+  forms.push_back(std::move(program));
+  return {};
+}
+
+Result<std::vector<Program>> make_moments_forms() {
+  std::vector<Program> forms;
+  for (const MomentsForm& form : {far_form, middle_form, near_form})
+    SPLATVOL_TRY(add_moments_form(form, no_surfaces, forms));
+  return forms;
 }
 
 Result<Kernel> make_octant_kernel() {
@@ -20,17 +70,12 @@ Result<Kernel> make_octant_kernel() {
       key, build_compute("octant's keys", octant_transfer_glsl, octant_quad_glsl, octant_project_glsl, key_comp));
   SPLATVOL_TRY_ASSIGN(project, build_compute("octant's projection", octant_transfer_glsl, octant_quad_glsl,
                                              octant_project_glsl, project_comp));
-  std::vector<Program> forms;
-  for (const std::string_view fragment : {octant_frag, octant_weighted_frag}) {
-    SPLATVOL_TRY_ASSIGN(
-        form, build_program("octant's quads", {{GL_VERTEX_SHADER, {frame_glsl, octant_quad_glsl, octant_vert}},
-                                               {GL_FRAGMENT_SHADER, {frame_glsl, fragment}}}));
-    forms.push_back(std::move(form));
-  }
+  SPLATVOL_TRY_ASSIGN(forms, make_octant_forms(no_surfaces));
   return Kernel{.kind = KernelKind::octant,
                 .key = std::move(key),
                 .project = std::move(project),
                 .forms = std::move(forms),
+                .forms_with_surfaces = {},
                 .quad_bytes = 48,
                 .table = table_size(KernelKind::octant)};
 }
@@ -40,26 +85,12 @@ Result<Kernel> make_moments_kernel() {
       key, build_compute("moments' keys", moments_common_glsl, moments_quad_glsl, moments_project_glsl, key_comp));
   SPLATVOL_TRY_ASSIGN(project, build_compute("moments' projection", moments_common_glsl, moments_quad_glsl,
                                              moments_project_glsl, project_comp));
-  struct Form {
-    std::string_view defines, fragment;
-  };
-  constexpr std::array<Form, most_forms> sources{
-      Form{"#define FORM far_form\n#define FORM_COUNT far_form_count\n", moments_far_frag},
-      Form{"#define FORM middle_form\n#define FORM_COUNT middle_form_count\n", moments_middle_frag},
-      Form{"#define FORM near_form\n#define FORM_COUNT near_form_count\n", moments_near_frag}};
-  std::vector<Program> forms;
-  for (const auto& [defines, fragment] : sources) {
-    SPLATVOL_TRY_ASSIGN(
-        form,
-        build_program("moments' quads",
-                      {{GL_VERTEX_SHADER, {frame_glsl, moments_common_glsl, moments_quad_glsl, defines, moments_vert}},
-                       {GL_FRAGMENT_SHADER, {frame_glsl, moments_common_glsl, moments_fragment_glsl, fragment}}}));
-    forms.push_back(std::move(form));
-  }
+  SPLATVOL_TRY_ASSIGN(forms, make_moments_forms());
   return Kernel{.kind = KernelKind::moments,
                 .key = std::move(key),
                 .project = std::move(project),
                 .forms = std::move(forms),
+                .forms_with_surfaces = {},
                 .quad_bytes = 352,
                 .table = table_size(KernelKind::moments)};
 }
@@ -68,6 +99,19 @@ Result<Kernel> make_moments_kernel() {
 
 Result<Kernel> make_kernel(KernelKind kind) {
   return kind == KernelKind::octant ? make_octant_kernel() : make_moments_kernel();
+}
+
+Status add_surface_forms(Kernel& kernel) {
+  if (!kernel.forms_with_surfaces.empty()) return {};
+  if (kernel.kind == KernelKind::octant) {
+    SPLATVOL_TRY_ASSIGN(forms, make_octant_forms(with_surfaces));
+    kernel.forms_with_surfaces = std::move(forms);
+    return {};
+  }
+  SPLATVOL_TRY_ASSIGN(forms, make_moments_forms());
+  SPLATVOL_TRY(add_moments_form(near_form, with_surfaces, forms));
+  kernel.forms_with_surfaces = std::move(forms);
+  return {};
 }
 
 }  // namespace splatvol

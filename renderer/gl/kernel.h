@@ -19,11 +19,12 @@ struct Kernel {
   Program key;
   Program project;
   std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
+  std::vector<Program> forms_with_surfaces;  // the same with opaque surfaces; none until add_surface_forms
   std::size_t quad_bytes;      // of Quad, as std430 lays it out
   TableSize table;             // of the transfer function
 };
 
-inline constexpr std::size_t most_forms = 3;
+inline constexpr std::size_t most_forms = 4;
 
 /// The binding points of the buffers, as in the shaders.
 enum class Binding : GLuint {
@@ -46,6 +47,7 @@ inline constexpr GLint ordering = 2;  // of `project`
 inline constexpr GLint by_depth = 2;  // of `key`
 inline constexpr GLint page = 3;
 inline constexpr GLint run = 4;
+inline constexpr GLint surface_levels = 5;
 }  // namespace location
 
 /// Invocations in a work group of `key` and `project`.
@@ -53,5 +55,8 @@ inline constexpr std::size_t group_size = 64;
 
 /// Compiles the programs. Needs a current context.
 [[nodiscard]] Result<Kernel> make_kernel(KernelKind kind);
+
+/// Compiles the programs for pictures with opaque surfaces, unless they are there. Needs a current context.
+[[nodiscard]] Status add_surface_forms(Kernel& kernel);
 
 }  // namespace splatvol

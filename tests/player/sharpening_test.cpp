@@ -12,6 +12,7 @@ class OnePixel final : public Rasterizer {
   Status set_transfer_function(const TransferFunction&, const DrawingUnits&) override { return {}; }
   void set_lighting(const std::optional<Lighting>&) override {}
   Status set_draw_list(const DrawList&) override { return {}; }
+  Status set_surface_depths(std::shared_ptr<const SurfaceDepths>) override { return {}; }
   Result<FrameTimes> draw(const View&, SortMode, int) override { return FrameTimes{}; }
   Result<Image> read_image() const override { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
   std::uint64_t device_bytes() const override { return 0; }

@@ -15,7 +15,8 @@ void main() {
   if (is_in_entry(number)) {
     Quad quad;
     float distance_to_eye = by_depth ? position_in_view(number).z : 0.0;
-    if (by_depth || project(number, quad, distance_to_eye)) {
+    vec2 depths;
+    if (by_depth || project(number, quad, distance_to_eye, depths)) {
       uint bits = floatBitsToUint(distance_to_eye);
       key = (bits >> 31) != 0u ? bits : bits ^ 0x7fffffffu;
     }

@@ -1,6 +1,9 @@
-// The near form: any ellipsoid, with the eye beside or inside it.
+// The near form: any ellipsoid, with the eye beside or inside it. With SURFACES, they may hide a part of it.
 noperspective in vec2 s;
 flat in vec4 form[near_form_count];
+#ifdef SURFACES
+flat in float inverse_depth;
+#endif
 layout(location = 0) out vec4 pixel;
 
 const float pi = 3.14159265;
@@ -25,7 +28,7 @@ void main() {
   float q = max(1.0 - dot(n, n) * r, 0.0);
   vec3 middle = cross(d.xyz, n) * r;
 
-  // The chord runs from -1 to 1 in u. Its parts behind the eye or beyond the boundary do not count.
+  // The chord runs from -1 to 1 in u. Its parts behind the eye, beyond the boundary or behind a surface do not count.
   float half_chord = sqrt(q);
   float begin = clamp(d.w * root / max(half_chord, 1e-20), -1.0, 1.0);
   float end = 1.0;
@@ -39,6 +42,10 @@ void main() {
       end = clamp(cut, begin, 1.0);
     }
   }
+#ifdef SURFACES
+  float surface = (d.w + surface_depth() * inverse_depth * dot(d.xyz, d.xyz)) * root / max(half_chord, 1e-20);
+  end = max(min(end, surface), begin);
+#endif
   vec2 part = rest_of_chord(begin) - rest_of_chord(end);
   part = vec2(max(part.x, 0.0), part.y / max(part.x, 1e-10));
   float ray = sqrt(ray_length_squared());

@@ -417,7 +417,7 @@ void set_far_form(Terms terms, inout Quad quad) {
   float towards = max(max(abs(terms.towards.x), 0.5 * length(by_pixel)), 1e-6);
   vec2 cutting =
       terms.cutting.slope - terms.cutting.constant * terms.towards.x / (towards * towards) * terms.towards.yz;
-  quad.far_form[0] = vec4(depth.constant, depth.slope, 0.0);
+  quad.far_form[0].xyz = vec3(depth.constant, depth.slope);
   quad.far_form[1] = vec4(depth.bend, terms.light);
   quad.far_form[2] = vec4(terms.column + shift.constant, shift.slope, terms.row);
   quad.far_form[3] = vec4(shift.bend, 0.0);
@@ -475,8 +475,19 @@ bool make_outline(vec2 half_image, inout Body body, out Outline outline) {
   return all(greaterThan(reach, vec2(0.0)));
 }
 
-// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
-bool project(uint number, out Quad quad, out float distance_to_eye) {
+// Empties the quad if surfaces hide all of the splat, and gives it the last form if they may hide a part.
+void compare_with_surfaces(vec2 depths, inout Quad quad) {
+  vec2 reach = quad.reach * (abs(quad.axes.xy) + abs(quad.axes.zw));
+  vec2 range = surface_range(quad.centre - reach, quad.centre + reach);
+  if (depths.x >= range.y)
+    quad = empty_quad();
+  else if (depths.y > range.x)
+    quad.form = 3u;
+}
+
+// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`. The splat lies
+// between two `depths`.
+bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 depths) {
   Splat splat = read_splat(number);
   vec3 centre = splat.position;
   distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
@@ -485,6 +496,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye) {
   Body body;
   Value value;
   if (!make_body(splat, body, value)) return false;
+  depths = body.pixel_size * (body.centre.z + length(body.l_z) * vec2(-1.0, 1.0));
   float extent = length(value.gradient) + 4.0 * sqrt(value.residual);
   float peak = peak_extinction(value.mean - extent, value.mean + extent);
   if (!(peak > 0.0)) return false;
@@ -502,6 +514,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye) {
   quad.axes = vec4(outline.e_1, outline.e_2) * focal;
   quad.reach = 1.0;
   quad.form = 2u;
+  quad.far_form[0].w = 1.0 / (rays.scale * body.pixel_size);
   set_near_form(body, value, rays, strength, quad);
   if (!is_finite(quad)) return false;  // so large or so near that single precision overflows
   if (body.near) return peak * strength / rays.scale * body.longest > least_depth;

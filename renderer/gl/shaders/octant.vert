@@ -1,6 +1,9 @@
 // Corner gl_VertexID % 4 of quad gl_VertexID / 4.
 flat out vec4 color;
 flat out float weight;
+#ifdef SURFACES
+flat out float depth;
+#endif
 noperspective out vec2 offset;  // from the centre, in half widths at half maximum
 
 void main() {
@@ -11,6 +14,9 @@ void main() {
 
   color = quad.color;
   weight = quad.weight;
+#ifdef SURFACES
+  depth = quad.depth;
+#endif
   offset = quad.corner + vec2(corner - first) * quad.pixel;
   gl_Position = vec4(2.0 * vec2(corner) / frame.image_size - 1.0, 0.0, 1.0);
 }

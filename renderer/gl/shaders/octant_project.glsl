@@ -45,8 +45,15 @@ float light_on(vec3 gradient, vec3 centre, float distance_to_eye) {
   return frame.ambient + frame.diffuse * cosine;
 }
 
-// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`.
-bool project(uint number, out Quad quad, out float distance_to_eye) {
+// Empties the quad if surfaces hide all of it.
+void compare_with_surfaces(vec2 depths, inout Quad quad) {
+  uvec2 edges = uvec2(quad.columns, quad.rows);
+  if (depths.x >= surface_range(vec2(edges & 0xffffu), vec2((edges >> 16) - 1u)).y) quad = empty_quad();
+}
+
+// Projects a splat; false if it draws nothing. Exact sorting orders the splats by `distance_to_eye`. The splat lies
+// between two `depths`, which are one: it is flat.
+bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 depths) {
   uint record = record_of(number);
   float size = uintBitsToFloat(shape_words[shape_size * record + 2u]);
   float value = uintBitsToFloat(value_words[value_size * record]);
@@ -74,5 +81,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye) {
   float light = light_on(rotate_to_view(unpackSnorm4x8(gradient).xyz), centre, distance_to_eye);
   quad.color = vec4(material.rgb * (alpha * light), alpha);
   quad.weight = weight;
+  quad.depth = centre.z;
+  depths = vec2(centre.z);
   return true;
 }

@@ -1,10 +1,16 @@
 // Draws a part `weight` of the splat's optical depth: alpha becomes 1 - (1 - alpha)^weight.
 flat in vec4 color;
 flat in float weight;
+#ifdef SURFACES
+flat in float depth;
+#endif
 noperspective in vec2 offset;
 layout(location = 0) out vec4 pixel;
 
 void main() {
+#ifdef SURFACES
+  if (depth >= surface_depth()) discard;
+#endif
   float fall = exp2(-dot(offset, offset));
   float alpha = color.a * fall;
   float rest = 1.0 - weight;

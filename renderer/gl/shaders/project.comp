@@ -7,7 +7,7 @@ struct DrawCommand {
   uint count, instances, first_index, base_vertex, base_instance;
 };
 struct Run {
-  DrawCommand commands[3];
+  DrawCommand commands[4];
 };
 
 layout(std430, binding = 2) restrict readonly buffer OrderBlock { uint order[]; };
@@ -26,7 +26,11 @@ void main() {
   if (page_of(number) != page) return;
   Quad quad;
   float distance_to_eye;
-  if (!is_in_entry(number) || !project(number, quad, distance_to_eye)) quad = empty_quad();
+  vec2 depths;
+  if (!is_in_entry(number) || !project(number, quad, distance_to_eye, depths))
+    quad = empty_quad();
+  else if (surface_levels > 0)
+    compare_with_surfaces(depths, quad);
   quads[i] = quad;
 
   uint form = form_of(quad);
