@@ -5,7 +5,6 @@ find_package(fmt REQUIRED)
 find_package(glm REQUIRED)
 find_package(tl-expected REQUIRED)
 find_package(nlohmann_json REQUIRED)
-find_package(CLI11 REQUIRED)
 find_package(TBB REQUIRED)
 find_package(CGAL 5.5 REQUIRED)
 include(CGAL_TBB_support)
@@ -26,6 +25,11 @@ if(SPLATVOL_OPENGL)
   find_package(glfw3 REQUIRED)
 endif()
 
+if(NOT SPLATVOL_PROGRAMS)
+  return()
+endif()
+find_package(CLI11 REQUIRED)
+
 # OpenVDB's own module asks for development packages of what its library alone needs.
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h REQUIRED)
 find_library(OPENVDB_LIBRARY openvdb REQUIRED)
@@ -33,7 +37,9 @@ add_library(OpenVDB::openvdb UNKNOWN IMPORTED)
 set_target_properties(OpenVDB::openvdb PROPERTIES
   IMPORTED_LOCATION ${OPENVDB_LIBRARY}
   INTERFACE_INCLUDE_DIRECTORIES ${OPENVDB_INCLUDE_DIR}
-  INTERFACE_LINK_LIBRARIES TBB::tbb)
+  INTERFACE_LINK_LIBRARIES TBB::tbb
+  # Its templates have static members that must be those of its library: their symbols may not be hidden.
+  INTERFACE_COMPILE_OPTIONS -fvisibility=default)
 
 # VTK 9.1's package asks for MPI's targets without finding them itself.
 find_package(MPI QUIET)
