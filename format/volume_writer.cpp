@@ -143,7 +143,7 @@ Status VolumeWriter::check(const Checking& checking) const {
     SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
     return volume->verify(checking);
   }();
-  if (checked) return {};
+  if (checked || checked.error().code == ErrorCode::cancelled) return checked;
   return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",
               checked.error().message);
 }

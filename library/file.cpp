@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/http_source.h"
+#include "base/interruption.h"
 #include "format/splat_reader.h"
 #include "format/steps.h"
 #include "library/field_sampler.h"
@@ -125,6 +126,7 @@ Result<Points> File::points(const PointsRequest& request) const {
 
   const format::SplatReader reader(volume, selection);
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
+    SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.positions = true}));
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < group.size(); ++i)
@@ -147,6 +149,7 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
   FieldSampler sampler(positions);
   const format::SplatReader reader(volume, selection);
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {
+    SPLATVOL_TRY(check_interruption());
     SPLATVOL_TRY_ASSIGN(group, reader.read(g, {.material = true}));
     sampler.add(group);
   }

@@ -10,6 +10,7 @@
 #include <memory>
 #include <utility>
 
+#include "base/interruption.h"
 #include "builder/mesh/usable_numbers.h"
 
 namespace splatvol {
@@ -161,6 +162,7 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
   for (std::size_t first = 0; first < kept.size(); first += most) {
     make_records(piece, material, std::span(kept).subspan(first, std::min(most, kept.size() - first)));
     SPLATVOL_TRY(visit(records_));
+    SPLATVOL_TRY(check_interruption());
   }
   const bool has_mesh = material.mesh.has_value();
   material = {};  // finding faces takes memory of its own

@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/interruption.h"
 #include "base/temp_file.h"
 #include "builder/points/piece_faces.h"
 #include "builder/points/piece_reader.h"
@@ -161,6 +162,7 @@ Result<std::size_t> PointStream::read_whole_run() {
 }
 
 Result<bool> PointStream::next(PointBatch& batch) {
+  SPLATVOL_TRY(check_interruption());
   SPLATVOL_TRY_ASSIGN(whole, read_whole_run());
   if (whole == 0) return false;
   const std::size_t longest = longest_run(layout_.has_material());

@@ -7,6 +7,8 @@
 #include <memory>
 #include <vector>
 
+#include "base/interruption.h"
+
 namespace splatvol {
 namespace {
 
@@ -69,7 +71,8 @@ class ReductionPipeline {
     Item* item = items_.acquire();
     const auto more = stages_.batches.next(item->batch);
     if (!more) cut_ = tl::unexpected(more.error());
-    if (more && *more && !failed_) {
+    if (stop_.stop_requested()) cut_ = fail(ErrorCode::cancelled, "cancelled");
+    if (cut_ && *more && !failed_) {
       stages_.pass.prepare(item->batch, item->reduced);
       return item;
     }
@@ -121,6 +124,7 @@ class ReductionPipeline {
   const ReductionStages& stages_;
   const std::function<void(std::uint64_t)>& progress_;
   std::size_t most_batches_;
+  const std::stop_token stop_ = stop_of_thread();  // of the caller: any thread may cut
   ItemPool items_;
   const bool recycles_ = stages_.rows.recycles();
   Status cut_, added_, packed_, written_;

@@ -13,6 +13,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/interruption.h"
 #include "builder/scattered/trimming.h"
 #include "builder/scattered/voronoi_cell.h"
 
@@ -146,10 +147,12 @@ class ScatteredEstimate::Builder {
     domain_.high += margin;
   }
 
-  void run() {
+  Status run() {
     find_cells();
+    SPLATVOL_TRY(check_interruption());
     store_neighbours();
     trim_cells(usual_radii());
+    return {};
   }
 
  private:
@@ -165,7 +168,8 @@ class ScatteredEstimate::Builder {
 
   // Finds all cells, and measures them.
   void find_cells() {
-    for_each_task([&](std::size_t task, std::span<const std::uint32_t> points) {
+    for_each_task([&, stop = stop_of_thread()](std::size_t task, std::span<const std::uint32_t> points) {
+      if (stop.stop_requested()) return;
       ConvexCell cell;
       std::vector<double> items;
       for (const std::uint32_t point : points) {
@@ -236,7 +240,7 @@ Result<ScatteredEstimate> ScatteredEstimate::create(std::span<const dvec3> posit
   estimate.positions_ = positions;
   estimate.spatial_.resize(positions.size());
   estimate.begins_.resize(positions.size() + 1);
-  if (!positions.empty()) Builder(estimate).run();
+  if (!positions.empty()) SPLATVOL_TRY(Builder(estimate).run());
   return estimate;
 }
 
