@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/file.h"
+#include "base/temporary_names.h"
 #include "builder/open_own.h"
 #include "builder/sources/generator.h"
 #include "builder/sources/refined_source.h"
@@ -99,14 +100,17 @@ class AtomicFolder {
     std::random_device random;
     const fs::path temporary = fmt::format("{}.{:08x}{:08x}", target.string(), random(), random());
     if (!fs::create_directory(temporary, error)) return fail(ErrorCode::io, "{}: {}", path, error.message());
+    note_temporary(temporary);
     return AtomicFolder(target, temporary);
   }
   AtomicFolder(AtomicFolder&& other) noexcept
       : target_(std::move(other.target_)), temporary_(std::exchange(other.temporary_, {})) {}
   AtomicFolder& operator=(AtomicFolder&&) = delete;
   ~AtomicFolder() {
+    if (temporary_.empty()) return;
     std::error_code error;
-    if (!temporary_.empty()) fs::remove_all(temporary_, error);
+    fs::remove_all(temporary_, error);
+    forget_temporary(temporary_);
   }
 
   /// Returns the path of a file in the folder, valid until commit.
@@ -116,6 +120,7 @@ class AtomicFolder {
     std::error_code error;
     fs::rename(temporary_, target_, error);
     if (error) return fail(ErrorCode::io, "{}: {}", target_.string(), error.message());
+    forget_temporary(temporary_);
     temporary_.clear();
     return {};
   }

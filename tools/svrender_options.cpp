@@ -43,7 +43,7 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
       ->check([](const std::string& text) { return parse_color(text) ? "" : parse_color(text).error().message; });
   app.add_flag("--colour-bar,--color-bar", options.color_bar,
                "Show the attribute's name, unit, colours and values right of the picture (.png)");
-  app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("TEXT");
+  app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("WORDS");
   app.add_flag(
       "--transparent", options.transparent,
       "Keep the alpha of a .png, so that what lies behind shows through; words have a halo, to be read on anything");

@@ -252,8 +252,10 @@ Status run(const Options& options) {
 
 void add_view_options(CLI::App& app, Options& options) {
   app.add_option("volume", options.volume,
-                 "The .svol file, the index of a series of files (.svols), or its address (https://...)");
+                 "The .svol file, the index of a series of files (.svols), or its address (https://...)")
+      ->type_name("FILE.svol|URL");
   app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
+      ->type_name("S.json")
       ->needs("volume");
   app.add_option("--size", options.size, "Size of the window")
       ->type_name("WxH")
@@ -276,7 +278,9 @@ void add_view_options(CLI::App& app, Options& options) {
       ->check(CLI::Range(0.0, 100.0))
       ->excludes(max_error);
   add_device_option(app, options.device);
-  app.add_option("--kernel", options.kernel)->check(CLI::IsMember({"moments", "octant"}))->capture_default_str();
+  app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
+      ->check(CLI::IsMember({"moments", "octant"}))
+      ->capture_default_str();
 }
 
 void add_recording_options(CLI::App& app, Options& options) {
@@ -304,7 +308,8 @@ void add_recording_options(CLI::App& app, Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
-  CLI::App app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.");
+  CLI::App app("Shows a .svol file in a window: turn, zoom, edit the transfer function. F1 there lists the keys.",
+               "svview");
   Options options;
   add_view_options(app, options);
   add_recording_options(app, options);

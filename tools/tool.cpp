@@ -20,7 +20,9 @@
 
 #include "base/memory_limit.h"
 #include "base/replaceable.h"
-#include "base/temporary_names.h"
+#include "tools/ending.h"
+#include "tools/limits.h"
+#include "tools/program_options.h"
 #include "tools/version.h"
 
 namespace splatvol {
@@ -46,22 +48,9 @@ void return_freed_memory() {
 }
 
 // Prints an error if it can be printed.
-int fail_with(const CLI::App& app, const std::string& message) {
-  std::fputs(fmt::format("{}: {}\n", app.get_name(), message).c_str(), stderr);
+int fail_with(const CLI::App& app, std::string_view message) {
+  say(app.get_name(), message);
   return 1;
-}
-
-// Some file systems have no files without a name.
-void leave_no_files_at(int signal) {
-  struct sigaction before {};
-  if (::sigaction(signal, nullptr, &before) != 0 || before.sa_handler != SIG_DFL) return;
-  struct sigaction action {};
-  action.sa_handler = [](int ending) {
-    remove_temporaries();
-    ::raise(ending);
-  };
-  action.sa_flags = static_cast<int>(SA_RESETHAND);
-  ::sigaction(signal, &action, nullptr);
 }
 
 template <class T>
@@ -69,8 +58,43 @@ std::string reason(const Result<T>& result) {
   return result ? "" : result.error().message;
 }
 
+// The man page or the completions, if the command line asks for them. Neither is in the help: the build makes files of
+// them (tools/CMakeLists.txt).
+std::string text_for_installation(const CLI::App& app, int argc, char** argv) {
+  const std::string_view option = argc > 1 ? argv[1] : "";
+  const std::string name = std::filesystem::path(app.get_name().empty() ? argv[0] : app.get_name()).filename();
+  if (argc == 2 && option == "--help-man") return man_page(options_of(app, name), SPLATVOL_VERSION);
+  if (argc == 3 && option == "--completion") return completion(options_of(app, name), argv[2]);
+  return "";
+}
+
 std::string check_path(const std::string& path, const std::string& extension) {
   return has_extension(path, extension) ? "" : fmt::format("'{}' does not end in {}", path, extension);
+}
+
+int print_fully(const CLI::App& app, std::string_view text) {
+  const bool printed = static_cast<bool>((std::cout << text).flush());
+  return printed ? 0 : fail_with(app, "cannot write to the standard output");
+}
+
+// May throw what the libraries throw.
+int parse_and_run(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
+  app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
+  if (const std::string text = text_for_installation(app, argc, argv); !text.empty()) return print_fully(app, text);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) != 0 ? 2 : print_fully(app, "");
+  }
+
+  clean_up_at_signals();
+  // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
+  std::signal(SIGXFSZ, SIG_IGN);
+  Status status = heed_limits();
+  if (status) status = body();
+  if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
+    status = fail(ErrorCode::io, "cannot write to the standard output");
+  return status ? 0 : fail_with(app, status.error().message);
 }
 
 }  // namespace
@@ -78,29 +102,13 @@ std::string check_path(const std::string& path, const std::string& extension) {
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body) {
   open_standard_streams();
   return_freed_memory();
-  app.set_version_flag("--version", app.get_name() + " " SPLATVOL_VERSION);
   try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (app.exit(error) != 0) return 2;
-    const bool printed = static_cast<bool>(std::cout.flush());
-    return printed ? 0 : fail_with(app, "cannot write to the standard output");
-  }
-
-  for (const int ending : {SIGINT, SIGTERM, SIGHUP}) leave_no_files_at(ending);
-  // At a limit on file sizes, a write is to fail with an error. By default the signal would end the program.
-  std::signal(SIGXFSZ, SIG_IGN);
-  Status status;
-  try {
-    status = body();
+    return parse_and_run(app, argc, argv, body);
   } catch (const std::bad_alloc&) {
-    status = fail(ErrorCode::out_of_budget, "not enough memory");
+    return fail_with(app, "not enough memory");
   } catch (const std::exception& error) {
-    status = fail(ErrorCode::io, "{}", error.what());
+    return fail_with(app, one_line(error.what()));
   }
-  if (status && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
-    status = fail(ErrorCode::io, "cannot write to the standard output");
-  return status ? 0 : fail_with(app, status.error().message);
 }
 
 Status check_outputs(const std::vector<std::string>& outputs, const std::vector<std::string>& inputs) {

@@ -16,7 +16,9 @@
 namespace splatvol {
 
 /// Parses the command line and runs `body`. Returns the exit code of the process: 0 for success, 1 for bad data or a
-/// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0.
+/// bad file (with one line on stderr, "tool: reason"), 2 for wrong usage. --help and --version print and return 0,
+/// and so do --help-man and --completion SHELL, which the help leaves out: the man page, and a script for bash, zsh or
+/// fish.
 int run_tool(CLI::App& app, int argc, char** argv, const std::function<Status()>& body);
 
 /// Prints to stdout, without the control characters that names and texts of files may hold (base/printable.h).

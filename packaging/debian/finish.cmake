@@ -1,0 +1,17 @@
+# Runs after the files of the packages have been gathered, and before they are packed: adds the licence and the changelog
+# to each, and compresses manual pages.
+cmake_minimum_required(VERSION 3.25)
+foreach(component runtime library development)
+  set(root ${CPACK_TEMPORARY_DIRECTORY}/${component})
+  if(NOT IS_DIRECTORY ${root})
+    continue()
+  endif()
+  string(TOUPPER ${component} upper)
+  set(package ${CPACK_DEBIAN_${upper}_PACKAGE_NAME})
+  set(documents ${root}/usr/share/doc/${package})
+  file(MAKE_DIRECTORY ${documents})
+  file(COPY_FILE ${CPACK_SPLATVOL_PACKAGING}/debian/copyright ${documents}/copyright)
+  file(COPY_FILE ${CPACK_SPLATVOL_CHANGELOG} ${documents}/changelog)
+  file(GLOB pages ${root}/usr/share/man/man1/*.1)
+  execute_process(COMMAND gzip -9nf ${documents}/changelog ${pages} COMMAND_ERROR_IS_FATAL ANY)
+endforeach()
