@@ -52,7 +52,7 @@ struct FrameConstants {
   float ambient = 1, diffuse = 0;  // factor on colours: ambient + diffuse * cosine
   StoredAxis axis;
   TableView table;
-  const float* peaks = nullptr;  // make_peak_levels, one level after another
+  const float* peaks = nullptr;        // make_peak_levels, one level after another
   const Surfaces* surfaces = nullptr;  // null: there are none
 };
 

@@ -470,8 +470,8 @@ bool blend_all(const FrameConstants& frame, const ScreenSplats& screen, std::spa
   return blend_slots<false>(frame, screen, slots, area, pixels);
 }
 
-bool blend_with_surfaces(const FrameConstants& frame, const ScreenSplats& screen,
-                           std::span<const std::uint32_t> slots, const TileArea& area, TilePixels& pixels) {
+bool blend_with_surfaces(const FrameConstants& frame, const ScreenSplats& screen, std::span<const std::uint32_t> slots,
+                         const TileArea& area, TilePixels& pixels) {
   return blend_slots<true>(frame, screen, slots, area, pixels);
 }
 

@@ -220,8 +220,7 @@ HWY_INLINE void blend_splat(const GaussianSplat& splat, const PixelBounds& bound
     for (int x = left; x < right; x += lanes) {
       Float alpha = load(by_column.data() + x) * by_row[y];
       if (splat.weight < 1) alpha = alpha * weighted_share(alpha, splat.weight);
-      if constexpr (partial)
-        alpha = only(load(surfaces->at(area.left + x, area.bottom + y)) > Float(depth), alpha);
+      if constexpr (partial) alpha = only(load(surfaces->at(area.left + x, area.bottom + y)) > Float(depth), alpha);
       blend(alpha, 1.0F, material, pixels.values.data() + y * TilePixels::row_stride + x);
     }
 }

@@ -127,9 +127,7 @@ struct SplatPart {
 };
 
 /// Returns whether neither the eye, a boundary nor a surface cuts the splat's chords off.
-HWY_INLINE bool is_whole(const SplatPart& at) {
-  return at.slab.front > 0 && !(at.slab.stretch > 0) && !at.surfaces;
-}
+HWY_INLINE bool is_whole(const SplatPart& at) { return at.slab.front > 0 && !(at.slab.stretch > 0) && !at.surfaces; }
 
 template <bool whole, class Height>
 HWY_INLINE void set_chords(const SplatPart& at, Float t, Height v, Mask inside, Chords<whole>& chords) {

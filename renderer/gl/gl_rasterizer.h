@@ -142,8 +142,8 @@ class GlRasterizer : public Rasterizer {
   std::optional<Lighting> lighting_;
 
   std::shared_ptr<const SurfaceDepths> surface_depths_;
-  Texture depth_texture_;   // of the surfaces, made when first drawn with
-  Texture range_texture_;   // Surfaces::levels
+  Texture depth_texture_;  // of the surfaces, made when first drawn with
+  Texture range_texture_;  // Surfaces::levels
   GLint surface_levels_ = 0;
 
   // The present frame.

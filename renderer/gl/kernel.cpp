@@ -27,42 +27,42 @@ Result<std::vector<Program>> make_octant_forms(const SurfaceSources& surfaces) {
   std::vector<Program> forms;
   for (const std::string_view fragment : {octant_frag, octant_weighted_frag}) {
     SPLATVOL_TRY_ASSIGN(
-        form,
-        build_program("octant's quads",
-                      {{GL_VERTEX_SHADER, {frame_glsl, surfaces.define, octant_quad_glsl, octant_vert}},
-                       {GL_FRAGMENT_SHADER, {frame_glsl, surfaces.define, surfaces.depths, fragment}}}));
+        form, build_program("octant's quads",
+                            {{GL_VERTEX_SHADER, {frame_glsl, surfaces.define, octant_quad_glsl, octant_vert}},
+                             {GL_FRAGMENT_SHADER, {frame_glsl, surfaces.define, surfaces.depths, fragment}}}));
     forms.push_back(std::move(form));
   }
   return forms;
 }
 
-/// A form of the kernel moments.
-struct MomentsForm {
-  std::string_view defines, fragment;
-};
-constexpr MomentsForm far_form{"#define FORM far_form\n#define FORM_COUNT far_form_count\n", moments_far_frag};
-constexpr MomentsForm middle_form{"#define FORM middle_form\n#define FORM_COUNT middle_form_count\n",
-                                  moments_middle_frag};
-constexpr MomentsForm near_form{"#define FORM near_form\n#define FORM_COUNT near_form_count\n", moments_near_frag};
-
-Status add_moments_form(const MomentsForm& form, const SurfaceSources& surfaces, std::vector<Program>& forms) {
-  SPLATVOL_TRY_ASSIGN(
-      program, build_program("moments' quads",
-                             {{GL_VERTEX_SHADER,
-                               {frame_glsl, surfaces.define, moments_common_glsl, moments_quad_glsl, form.defines,
-                                moments_vert}},
-                              {GL_FRAGMENT_SHADER,
-                               {frame_glsl, surfaces.define, surfaces.depths, moments_common_glsl,
-                                moments_fragment_glsl, form.fragment}}}));
-  forms.push_back(std::move(program));
-  return {};
+Result<std::vector<Program>> make_moments_forms() {
+  struct Form {
+    std::string_view defines, functions, fragment;
+  };
+  constexpr std::array<Form, 3> sources{
+      Form{"#define FORM far_form\n#define FORM_COUNT far_form_count\n", moments_far_glsl, moments_far_frag},
+      Form{"#define FORM middle_form\n#define FORM_COUNT middle_form_count\n", "", moments_middle_frag},
+      Form{"#define FORM near_form\n#define FORM_COUNT near_form_count\n", moments_near_glsl, moments_near_frag}};
+  std::vector<Program> forms;
+  for (const auto& [defines, functions, fragment] : sources) {
+    SPLATVOL_TRY_ASSIGN(
+        form,
+        build_program(
+            "moments' quads",
+            {{GL_VERTEX_SHADER, {frame_glsl, moments_common_glsl, moments_quad_glsl, defines, moments_vert}},
+             {GL_FRAGMENT_SHADER, {frame_glsl, moments_common_glsl, moments_fragment_glsl, functions, fragment}}}));
+    forms.push_back(std::move(form));
+  }
+  return forms;
 }
 
-Result<std::vector<Program>> make_moments_forms() {
-  std::vector<Program> forms;
-  for (const MomentsForm& form : {far_form, middle_form, near_form})
-    SPLATVOL_TRY(add_moments_form(form, no_surfaces, forms));
-  return forms;
+Result<Program> make_moments_form_with_surfaces() {
+  return build_program(
+      "moments' quads with surfaces",
+      {{GL_VERTEX_SHADER, {frame_glsl, with_surfaces.define, moments_common_glsl, moments_quad_glsl, moments_vert}},
+       {GL_FRAGMENT_SHADER,
+        {frame_glsl, with_surfaces.define, with_surfaces.depths, moments_common_glsl, moments_quad_glsl,
+         moments_fragment_glsl, moments_far_glsl, moments_near_glsl, moments_surfaces_frag}}});
 }
 
 Result<Kernel> make_octant_kernel() {
@@ -109,7 +109,8 @@ Status add_surface_forms(Kernel& kernel) {
     return {};
   }
   SPLATVOL_TRY_ASSIGN(forms, make_moments_forms());
-  SPLATVOL_TRY(add_moments_form(near_form, with_surfaces, forms));
+  SPLATVOL_TRY_ASSIGN(last, make_moments_form_with_surfaces());
+  forms.push_back(std::move(last));
   kernel.forms_with_surfaces = std::move(forms);
   return {};
 }

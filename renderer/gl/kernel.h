@@ -18,10 +18,10 @@ struct Kernel {
   KernelKind kind;
   Program key;
   Program project;
-  std::vector<Program> forms;  // at most most_forms; each serves all quads that the one before does
+  std::vector<Program> forms;                // at most most_forms; each serves all quads that the one before does
   std::vector<Program> forms_with_surfaces;  // the same with opaque surfaces; none until add_surface_forms
-  std::size_t quad_bytes;      // of Quad, as std430 lays it out
-  TableSize table;             // of the transfer function
+  std::size_t quad_bytes;                    // of Quad, as std430 lays it out
+  TableSize table;                           // of the transfer function
 };
 
 inline constexpr std::size_t most_forms = 4;

@@ -119,9 +119,9 @@ inline Image exact(const std::vector<Body>& bodies, double extinction, const Vie
     for (int x = 0; x < view.width; ++x) {
       const Ray ray = ray_of(view, x, y);
       const int pixel = (view.height - 1 - y) * view.width + x;
-      const double farthest = surfaces ? surfaces->depths[static_cast<std::size_t>(pixel)] /
-                                             glm::dot(ray.direction, view.forward)
-                                       : std::numeric_limits<double>::infinity();
+      const double farthest =
+          surfaces ? surfaces->depths[static_cast<std::size_t>(pixel)] / glm::dot(ray.direction, view.forward)
+                   : std::numeric_limits<double>::infinity();
       double length = 0;
       for (const Body& body : bodies) {
         const auto [begin, end] = crossing(ray, body);

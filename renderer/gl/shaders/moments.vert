@@ -1,15 +1,18 @@
-// Corner gl_VertexID % 4 of quad gl_VertexID / 4. FORM and FORM_COUNT name the form of the fragments.
+// Corner gl_VertexID % 4 of quad gl_VertexID / 4. FORM and FORM_COUNT name the form of the fragments. With SURFACES,
+// they find the form of their quad themselves.
 noperspective out vec2 s;
-flat out vec4 form[FORM_COUNT];
 #ifdef SURFACES
-flat out float inverse_depth;
+flat out uint index;
+#else
+flat out vec4 form[FORM_COUNT];
 #endif
 
 void main() {
+#ifdef SURFACES
+  index = gl_VertexID >> 2;
+#else
   uint index = gl_VertexID >> 2;
   form = quads[index].FORM;
-#ifdef SURFACES
-  inverse_depth = quads[index].far_form[0].w;
 #endif
   s = quads[index].reach * vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
   vec2 corner = quads[index].centre + s.x * quads[index].axes.xy + s.y * quads[index].axes.zw;

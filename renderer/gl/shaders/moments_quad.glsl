@@ -1,10 +1,10 @@
 // A splat of the kernel `moments` on the screen: a parallelogram, in which s runs from -1 to 1 along both axes, and the
-// data of its fragments in three forms. A later form serves every splat that an earlier one serves. The last form is the
-// near one with surfaces, which may hide a part of the splat.
+// data of its fragments in three forms. A later form serves every splat that an earlier one serves. Form 3 is the near
+// one of a splat of which surfaces may hide a part.
 struct Quad {
-  vec4 far_form[far_form_count];        // of moments_far.frag; [0].w: 1 / depth of a d' of length 1 in near_form
+  vec4 far_form[far_form_count];        // of moments_far.glsl; [0].w: a depth of 1 in units of d'
   vec4 middle_form[middle_form_count];  // of moments_middle.frag
-  vec4 near_form[near_form_count];      // of moments_near.frag
+  vec4 near_form[near_form_count];      // of moments_near.glsl
   vec4 axes;                            // to s = (1, 0) and to s = (0, 1), pixels
   vec2 centre;                          // pixels
   float reach;                          // largest |s|: less than 1 if the rest is too faint; 0: nothing to draw
