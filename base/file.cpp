@@ -33,6 +33,14 @@ std::string unpredictable_name(const std::string& path) {
   return fmt::format("{}/.splatvol-{:08x}{:08x}", folder_of(path), random(), random());
 }
 
+// The rights for others of a file that replaces one: never more than that one gave, also where it cannot have its
+// group.
+mode_t rights_for(int descriptor, const FileRights& rights) {
+  if (::geteuid() == 0 && ::fchown(descriptor, rights.owner, rights.group) == 0) return rights.mode;
+  if (::fchown(descriptor, static_cast<uid_t>(-1), rights.group) == 0) return rights.mode;
+  return (rights.mode & ~mode_t{070}) | ((rights.mode & 07) << 3);
+}
+
 Status read_exactly(int descriptor, std::uint64_t offset, std::span<std::byte> out, const std::string& path) {
   if (read_fully(descriptor, offset, out)) return {};
   if (errno == 0) return fail(ErrorCode::io, "{}: the file became shorter while it was open", path);
@@ -129,17 +137,19 @@ Result<AtomicFile> AtomicFile::create(const std::string& target, Unnamed unnamed
   while (std::filesystem::is_symlink(path, error))
     path = path.parent_path() / std::filesystem::read_symlink(path, error);
 
-  SPLATVOL_TRY_ASSIGN(file, create_beside(path.string(), unnamed));
-  if (exists) file.rights_ = status.st_mode & 07777;
-  return file;
+  std::optional<FileRights> rights;
+  if (exists) rights = {status.st_mode & 0777, status.st_uid, status.st_gid};
+  return create_beside(path.string(), unnamed, rights);
 }
 
-Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed unnamed) {
+Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed unnamed,
+                                             const std::optional<FileRights>& rights) {
+  const mode_t mode = rights ? 0600 : 0666;
   const int descriptor = unnamed == Unnamed::if_possible
-                             ? ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666)
+                             ? ::open(folder_of(path).c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, mode)
                              : (errno = EOPNOTSUPP, -1);
   if (descriptor >= 0) {
-    AtomicFile file(descriptor, path, "");
+    AtomicFile file(descriptor, path, "", rights);
     // Without /proc, a file without a name could not get one.
     if (::access(file.path_to_write().c_str(), F_OK) == 0) return file;
     errno = EOPNOTSUPP;
@@ -147,16 +157,17 @@ Result<AtomicFile> AtomicFile::create_beside(const std::string& path, Unnamed un
   if (errno != EOPNOTSUPP && errno != EISDIR) return fail_errno(path, "cannot create");
   for (;;) {
     std::string temporary = unpredictable_name(path);
-    const int named = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    const int named = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode);
     if (named < 0 && errno == EEXIST) continue;
     if (named < 0) return fail_errno(path, "cannot create");
     note_temporary(temporary);
-    return AtomicFile(named, path, std::move(temporary));
+    return AtomicFile(named, path, std::move(temporary), rights);
   }
 }
 
-AtomicFile::AtomicFile(int descriptor, std::string path, std::string temporary_path)
-    : descriptor_(descriptor), path_(std::move(path)), temporary_path_(std::move(temporary_path)) {}
+AtomicFile::AtomicFile(int descriptor, std::string path, std::string temporary_path,
+                       const std::optional<FileRights>& rights)
+    : descriptor_(descriptor), path_(std::move(path)), temporary_path_(std::move(temporary_path)), rights_(rights) {}
 
 AtomicFile::AtomicFile(AtomicFile&& other) noexcept
     : descriptor_(std::exchange(other.descriptor_, -1)),
@@ -228,7 +239,7 @@ Status AtomicFile::give_name() {
 }
 
 Status AtomicFile::copy_to_named() {
-  SPLATVOL_TRY_ASSIGN(copy, create_beside(path_, Unnamed::never));
+  SPLATVOL_TRY_ASSIGN(copy, create_beside(path_, Unnamed::never, rights_));
   const off_t size = ::lseek(descriptor_, 0, SEEK_END);
   std::vector<std::byte> buffer(moved_together);
   for (std::uint64_t at = 0; at < static_cast<std::uint64_t>(size); at += buffer.size()) {
@@ -245,8 +256,8 @@ Status AtomicFile::commit() {
   SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
   SPLATVOL_TRY(give_name());
-  // A file that only its owner may read stays so. Where the system does not allow that, the usual rights stay.
-  if (rights_) (void)!::fchmod(descriptor_, *rights_);
+  // Only the owner could read it until now. Where the system does not allow more, that stays.
+  if (rights_) (void)!::fchmod(descriptor_, rights_for(descriptor_, *rights_));
   if (::rename(temporary_path_.c_str(), path_.c_str()) != 0) {
     // The work of hours is complete: it stays under the name that it has.
     const Status failure = fail_errno(path_, "cannot rename to");

@@ -47,6 +47,13 @@ class ByteSource {
 /// Reads a whole file of at most 64 MiB. Fails if it is larger, missing, unreadable or not a regular file.
 [[nodiscard]] Result<std::string> read_text_file(const std::string& path);
 
+/// Who may do what with a file.
+struct FileRights {
+  mode_t mode;
+  uid_t owner;
+  gid_t group;
+};
+
 /// A file that gets its name only when it is complete.
 ///
 /// Bytes go to a file without a name, in the folder of `target`; the system removes it however the process ends. Some
@@ -60,7 +67,8 @@ class AtomicFile {
 
   /// Fails if the folder cannot be written to, or if `target` exists and is not a regular file. Fails also if `target`
   /// is not of the kind that its extension stands for (base/replaceable.h), and so does `commit`. If `target` is a
-  /// link, replaces the file that it points to. A file that is replaced keeps its rights.
+  /// link, replaces the file that it points to. A file that is replaced keeps its rights, and its owner and group where
+  /// the system allows it; until `commit`, only the user may read the new one.
   [[nodiscard]] static Result<AtomicFile> create(const std::string& target, Unnamed unnamed = Unnamed::if_possible);
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
@@ -91,15 +99,16 @@ class AtomicFile {
   [[nodiscard]] Status commit();
 
  private:
-  AtomicFile(int descriptor, std::string path, std::string temporary_path);
-  [[nodiscard]] static Result<AtomicFile> create_beside(const std::string& path, Unnamed unnamed);
+  AtomicFile(int descriptor, std::string path, std::string temporary_path, const std::optional<FileRights>& rights);
+  [[nodiscard]] static Result<AtomicFile> create_beside(const std::string& path, Unnamed unnamed,
+                                                        const std::optional<FileRights>& rights);
   [[nodiscard]] Status give_name();
   [[nodiscard]] Status copy_to_named();
 
   int descriptor_;
   std::string path_;
-  std::string temporary_path_;    // empty: the file has no name
-  std::optional<mode_t> rights_;  // of the file that it replaces
+  std::string temporary_path_;        // empty: the file has no name
+  std::optional<FileRights> rights_;  // of the file that it replaces
   std::uint64_t end_ = 0;
   std::uint64_t begun_ = 0;  // the disk was told to write the bytes before this offset
 };

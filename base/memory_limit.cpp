@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -35,15 +36,30 @@ std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path g
   }
 }
 
-/// What the process itself may have (ulimit -v and -d).
-std::uint64_t process_limit() {
-  std::uint64_t least = no_limit;
-  for (const auto kind : {RLIMIT_AS, RLIMIT_DATA}) {
-    rlimit limit{};
-    if (::getrlimit(kind, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
-      least = std::min<std::uint64_t>(least, limit.rlim_cur);
-  }
-  return least;
+/// Bytes of address space and of data that the process has. Zeros without /proc.
+struct Taken {
+  std::uint64_t all = 0, data = 0;
+};
+
+Taken taken_bytes(const std::string& root) {
+  std::ifstream file(root + "/proc/self/statm");
+  std::array<std::uint64_t, 6> pages{};  // size, resident, shared, text, always 0, data and stacks
+  for (std::uint64_t& number : pages) file >> number;
+  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  return {pages[0] * page, pages[5] * page};
+}
+
+/// What a limit leaves beside the bytes that are taken.
+std::uint64_t left_of(__rlimit_resource kind, std::uint64_t taken) {
+  rlimit limit{};
+  if (::getrlimit(kind, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return no_limit;
+  return limit.rlim_cur > taken ? limit.rlim_cur - taken : 0;
+}
+
+/// What the process itself may have.
+std::uint64_t process_limit(const std::string& root) {
+  const Taken taken = taken_bytes(root);
+  return std::min(left_of(RLIMIT_AS, taken.all), left_of(RLIMIT_DATA, taken.data));
 }
 
 /// Whether "memory" is one of the names, which are separated by commas.
@@ -54,7 +70,7 @@ bool names_memory(const std::string& controllers) {
 }  // namespace
 
 std::uint64_t memory_limit(const std::string& root) {
-  std::uint64_t limit = std::min(machine_bytes(root), process_limit());
+  std::uint64_t limit = std::min(machine_bytes(root), process_limit(root));
   const std::string groups = root + "/sys/fs/cgroup";
   std::ifstream file(root + "/proc/self/cgroup");
   for (std::string line; std::getline(file, line);) {  // hierarchy:controllers:group
@@ -69,6 +85,8 @@ std::uint64_t memory_limit(const std::string& root) {
   }
   return limit;
 }
+
+std::uint64_t free_address_space() { return left_of(RLIMIT_AS, taken_bytes("").all); }
 
 bool is_addressable(std::uint64_t bytes) {
   if (bytes == 0) return true;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <string_view>
 #include <utility>
 
 #include "base/file.h"
@@ -31,31 +32,44 @@ struct Array {
 constexpr std::uint8_t vertex_type = 1;
 constexpr std::uint64_t cells_at_once = std::uint64_t{1} << 16;
 
-// XML has no way to write control characters; `?` stands for them.
-std::string escape(const std::string& text) {
+// A character at the front of a text in UTF-8: its number and bytes. Zero bytes: there is none.
+struct Character {
+  std::uint32_t number = 0;
+  std::size_t bytes = 0;
+};
+
+Character first_character(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0u; };
+  const std::size_t bytes = byte(0) < 0x80 ? 1 : byte(0) < 0xc2 ? 0 : byte(0) < 0xe0 ? 2 : byte(0) < 0xf0 ? 3 : 4;
+  if (bytes < 2) return {byte(0), bytes};
+  std::uint32_t number = byte(0) & (0xffu >> (bytes + 1));
+  for (std::size_t i = 1; i < bytes; ++i) {
+    if ((byte(i) & 0xc0) != 0x80) return {};
+    number = number << 6 | (byte(i) & 0x3f);
+  }
+  constexpr std::array<std::uint32_t, 5> least = {0, 0, 0x80, 0x800, 0x10000};  // fewer bytes would do below it
+  return number < least[bytes] ? Character{} : Character{number, bytes};
+}
+
+// XML 1.0, production 2: no control characters, surrogates, or U+FFFE and U+FFFF.
+bool is_xml(std::uint32_t number) {
+  return number == '\t' || number == '\n' || (number >= 0x20 && number < 0xd800) ||
+         (number >= 0xe000 && number < 0xfffe) || (number >= 0x10000 && number < 0x110000);
+}
+
+// XML has no way to write some characters, nor bytes that are no UTF-8; `?` stands for each.
+std::string escape(std::string_view text) {
   std::string escaped;
-  for (const char c : text) switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      case '\t':
-        escaped += "&#9;";
-        break;
-      case '\n':
-        escaped += "&#10;";
-        break;
-      default:
-        escaped += static_cast<unsigned char>(c) < 0x20 ? '?' : c;
-    }
+  for (std::size_t bytes = 0; !text.empty(); text.remove_prefix(bytes)) {
+    const Character character = first_character(text);
+    bytes = std::max<std::size_t>(character.bytes, 1);
+    if (character.bytes == 0 || !is_xml(character.number))
+      escaped += '?';
+    else if (bytes == 1 && std::string_view("&<>\"\t\n").find(text[0]) != std::string_view::npos)
+      escaped += fmt::format("&#{};", character.number);
+    else
+      escaped += text.substr(0, bytes);
+  }
   return escaped;
 }
 
@@ -252,8 +266,8 @@ Result<std::uint64_t> count_points(const format::Volume& volume, const format::S
 
 }  // namespace
 
-Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path, const format::SplatSelection& selection,
-                             const std::function<void(double)>& progress) {
+Result<VtuReport> export_vtu(const format::Volume& volume, const std::string& path,
+                             const format::SplatSelection& selection, const std::function<void(double)>& progress) {
   for (const std::size_t a : selection.attributes)
     if (volume.info().find_column(format::ColumnKind::value, static_cast<int>(a)) < 0)
       return fail(ErrorCode::unsupported, "{}: no values of attribute \"{}\"", volume.name(),

@@ -12,11 +12,12 @@
 
 namespace splatvol {
 
-/// Opens the file of a step. Its destruction does not wait for a server.
+/// Opens the file of a step. Its destruction does not wait for a server. Where no thread starts, volume() opens it.
 class StepAhead {
  public:
   StepAhead(const format::Steps& steps, std::size_t step)
-      : step_(step), volume_(std::async(std::launch::async, [steps, step, stop = stop_.get_token()] {
+      : step_(step),
+        volume_(std::async(std::launch::async | std::launch::deferred, [steps, step, stop = stop_.get_token()] {
           const Interruptible interruptible(stop);
           return steps.volume(step);
         })) {}
@@ -25,7 +26,9 @@ class StepAhead {
   ~StepAhead() { stop_.request_stop(); }
 
   [[nodiscard]] std::size_t step() const { return step_; }
-  [[nodiscard]] bool is_done() const { return volume_.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }
+  [[nodiscard]] bool is_done() const {
+    return volume_.wait_for(std::chrono::seconds(0)) != std::future_status::timeout;
+  }
 
   /// Waits for it. Called once, at the end.
   [[nodiscard]] Result<std::shared_ptr<const format::Volume>> volume() { return volume_.get(); }

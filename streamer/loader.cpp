@@ -258,6 +258,16 @@ Loader::~Loader() {
   for (std::thread& thread : threads_) thread.join();
 }
 
+namespace {
+
+std::vector<LoadRun> take_all(std::list<LoadRun>& runs) {
+  std::vector<LoadRun> taken(std::make_move_iterator(runs.begin()), std::make_move_iterator(runs.end()));
+  runs.clear();
+  return taken;
+}
+
+}  // namespace
+
 void Loader::submit(LoadRun run) {
   {
     const std::scoped_lock lock(mutex_);
@@ -268,14 +278,12 @@ void Loader::submit(LoadRun run) {
 
 std::vector<LoadRun> Loader::withdraw() {
   const std::scoped_lock lock(mutex_);
-  std::vector<LoadRun> runs(std::make_move_iterator(queue_.begin()), std::make_move_iterator(queue_.end()));
-  queue_.clear();
-  return runs;
+  return take_all(queue_);
 }
 
 std::vector<LoadRun> Loader::extract_done() {
   const std::scoped_lock lock(mutex_);
-  return std::exchange(done_, {});
+  return take_all(done_);
 }
 
 void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
@@ -292,15 +300,15 @@ void Loader::work() {
   for (;;) {
     submitted_.wait(lock, [this] { return stop_.stop_requested() || !queue_.empty(); });
     if (stop_.stop_requested()) return;
-    LoadRun run = std::move(queue_.front());
-    queue_.pop_front();
+    std::list<LoadRun> run;
+    run.splice(run.begin(), queue_, queue_.begin());
     ++begun_;
     lock.unlock();
-    read_run(volume_, attribute_, run);
-    for (PartLoad& part : run) part.working = Reservation();
+    read_run(volume_, attribute_, run.front());
+    for (PartLoad& part : run.front()) part.working = Reservation();
     lock.lock();
     --begun_;
-    done_.push_back(std::move(run));
+    done_.splice(done_.end(), run);
     finished_.notify_all();
     if (!on_data_) continue;
     lock.unlock();

@@ -4,8 +4,8 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <deque>
 #include <functional>
+#include <list>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -115,8 +115,8 @@ class Loader {
   std::mutex mutex_;
   std::condition_variable submitted_;
   std::condition_variable finished_;
-  std::deque<LoadRun> queue_;
-  std::vector<LoadRun> done_;
+  std::list<LoadRun> queue_;  // lists, so that a thread moves a run without memory
+  std::list<LoadRun> done_;
   std::size_t begun_ = 0;  // begun and not done
   std::stop_source stop_;
   std::vector<std::thread> threads_;

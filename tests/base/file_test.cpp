@@ -394,6 +394,34 @@ TEST_F(FileTest, AReplacedFileKeepsItsRights) {
   }
 }
 
+// What replaces a private file is never readable by others, also while it is written.
+TEST_F(FileTest, WhatReplacesAPrivateFileIsPrivateFromTheFirstByte) {
+  for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
+    write("old", "old");
+    ASSERT_EQ(::chmod(path("old").c_str(), 0600), 0);
+    auto file = AtomicFile::create(path("old"), unnamed).value();
+    struct stat status {};
+    ASSERT_EQ(::stat(file.path_to_write().c_str(), &status), 0);
+    EXPECT_EQ(status.st_mode & 07777U, 0600U);
+    ASSERT_TRUE(file.append(bytes_of("new")));
+    ASSERT_TRUE(file.commit());
+    ASSERT_EQ(::stat(path("old").c_str(), &status), 0);
+    EXPECT_EQ(status.st_mode & 07777U, 0600U);
+  }
+}
+
+TEST_F(FileTest, AReplacedFileKeepsItsOwnerWhereRootWritesIt) {
+  if (::geteuid() != 0) GTEST_SKIP() << "only root may";
+  write("old", "old");
+  ASSERT_EQ(::chown(path("old").c_str(), 1234, 5678), 0);
+  auto file = AtomicFile::create(path("old")).value();
+  ASSERT_TRUE(file.commit());
+  struct stat status {};
+  ASSERT_EQ(::stat(path("old").c_str(), &status), 0);
+  EXPECT_EQ(status.st_uid, 1234U);
+  EXPECT_EQ(status.st_gid, 5678U);
+}
+
 TEST_F(FileTest, LongNamesAreTakenAndTooLongOnesRefusedAtOnce) {
   const std::string longest(255, 'a');
   for (const auto unnamed : {AtomicFile::Unnamed::if_possible, AtomicFile::Unnamed::never}) {
@@ -461,6 +489,14 @@ TEST_F(FileTest, ASignalHandlerRemovesTemporaryNames) {
     remove_temporaries();
     EXPECT_EQ(names(), Names{"first"});
   }
+  // A folder goes with its files.
+  fs::create_directory(path("folder"));
+  write("folder/a", "a");
+  write("folder/b", "b");
+  note_temporary(path("folder"));
+  remove_temporaries();
+  forget_temporary(path("folder"));
+  EXPECT_EQ(names(), Names{"first"});
   // A name that is forgotten stays.
   note_temporary(path("first"));
   forget_temporary(path("first"));

@@ -83,6 +83,22 @@ TEST_F(MemoryLimit, TheProcessesOwnLimitsCount) {
   EXPECT_EQ(limit, gibibyte / 2);
 }
 
+TEST_F(MemoryLimit, WhatTheProgramTakesIsNotLeft) {
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_DATA, &before), 0);
+  rlimit lower = before;
+  lower.rlim_cur = gibibyte;
+  ASSERT_EQ(::setrlimit(RLIMIT_DATA, &lower), 0);
+  const auto page = static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  write("/proc/self/statm", "900 5 5 5 0 100 0\n");
+  const std::uint64_t limit = memory_limit(root_);
+  write("/proc/self/statm", "9000000 5 5 5 0 1000000 0\n");
+  const std::uint64_t nothing = memory_limit(root_);
+  ASSERT_EQ(::setrlimit(RLIMIT_DATA, &before), 0);
+  EXPECT_EQ(limit, gibibyte - 100 * page);
+  EXPECT_EQ(nothing, 0u);
+}
+
 TEST(Addressable, EndsWithTheAddressSpace) {
   EXPECT_TRUE(is_addressable(0));
   EXPECT_TRUE(is_addressable(gibibyte));

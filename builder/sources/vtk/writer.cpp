@@ -5,6 +5,7 @@
 #include <vtkErrorCode.h>
 #include <vtkFloatArray.h>
 #include <vtkNew.h>
+#include <vtkObject.h>
 #include <vtkPointData.h>
 #include <vtkPoints.h>
 #include <vtkUnstructuredGrid.h>
@@ -43,6 +44,18 @@ vtkNew<vtkUnstructuredGrid> make_grid(std::span<const dvec3> points,
   return grid;
 }
 
+// Keeps VTK from printing dumps of its objects.
+class Silence {
+ public:
+  Silence() { vtkObject::GlobalWarningDisplayOff(); }
+  Silence(const Silence&) = delete;
+  Silence& operator=(const Silence&) = delete;
+  ~Silence() { vtkObject::SetGlobalWarningDisplay(before_); }
+
+ private:
+  int before_ = vtkObject::GetGlobalWarningDisplay();
+};
+
 }  // namespace
 
 Status write_vtu(const std::string& path, std::span<const dvec3> points,
@@ -53,6 +66,7 @@ Status write_vtu(const std::string& path, std::span<const dvec3> points,
   writer->SetFileName(file.path_to_write().c_str());
   writer->SetHeaderTypeToUInt64();
   writer->SetInputData(grid);
+  const Silence silence;
   const bool written = writer->Write() != 0;
   const unsigned long error = writer->GetErrorCode();
   if (error == vtkErrorCode::OutOfDiskSpaceError)

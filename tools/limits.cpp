@@ -1,0 +1,87 @@
+#include "tools/limits.h"
+
+#include <malloc.h>
+#include <pthread.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "base/memory_limit.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20;
+constexpr std::uint64_t least_bytes = 24 * mebibyte;  // that must be free: less does not start all threads
+constexpr std::uint64_t much = 1024 * mebibyte;
+constexpr std::size_t worker_stack = 4 * mebibyte;    // TBB's
+constexpr std::size_t small_stack = 2 * mebibyte;     // of all other threads, if address space is scarce
+constexpr std::uint64_t worker_bytes = 8 * mebibyte;  // its stack, and what it keeps for itself
+constexpr std::size_t other_threads = 12;             // that read, and those of a graphics driver
+
+void* wait_for_unlock(void* mutex) {
+  const std::lock_guard lock(*static_cast<std::mutex*>(mutex));
+  return nullptr;
+}
+
+// Starts so many threads at once, or as many as the system allows, and returns their number.
+std::size_t startable_threads(std::size_t wanted) {
+  std::mutex running;
+  std::vector<pthread_t> threads;
+  threads.reserve(wanted);
+  pthread_attr_t attributes;
+  ::pthread_attr_init(&attributes);
+  ::pthread_attr_setstacksize(&attributes, worker_stack);
+  {
+    const std::lock_guard lock(running);
+    for (pthread_t thread{}; threads.size() < wanted; threads.push_back(thread))
+      if (::pthread_create(&thread, &attributes, wait_for_unlock, &running) != 0) break;
+  }
+  for (const pthread_t thread : threads) ::pthread_join(thread, nullptr);
+  ::pthread_attr_destroy(&attributes);
+  return threads.size();
+}
+
+// glibc takes 64 MiB of address space for each thread's pool, and 8 MiB for its stack.
+void save_address_space(std::uint64_t free) {
+  ::mallopt(M_ARENA_MAX, static_cast<int>(std::clamp<std::uint64_t>(free / much, 1, 1024)));
+  if (free > much) return;
+  pthread_attr_t attributes;
+  ::pthread_attr_init(&attributes);
+  ::pthread_attr_setstacksize(&attributes, small_stack);
+  ::pthread_setattr_default_np(&attributes);
+  ::pthread_attr_destroy(&attributes);
+}
+
+// TBB starts its threads when they are needed, and ends the program if one does not start.
+void limit_workers(std::size_t workers) {
+  static const auto* const limit = new tbb::global_control(tbb::global_control::max_allowed_parallelism,
+                                                           workers + 1);  // for the program's whole life
+  (void)limit;
+}
+
+}  // namespace
+
+Status heed_limits() {
+  const std::uint64_t free = free_address_space();
+  std::size_t workers = std::max(1u, std::thread::hardware_concurrency()) - 1;
+  const std::size_t wanted = workers;
+  if (free != unlimited_address_space) {
+    if (free < least_bytes)
+      return fail(ErrorCode::out_of_budget, "{} MiB more of address space are needed: raise the limit (ulimit -v)",
+                  (least_bytes - free + mebibyte - 1) / mebibyte);
+    save_address_space(free);
+    // An eighth of the space: the rest is for data.
+    workers = std::min<std::size_t>(workers, free / 8 / worker_bytes);
+  }
+  const std::size_t started = startable_threads(workers + other_threads);
+  if (started < workers + other_threads) workers = std::min(workers, started / 4);
+  if (workers < wanted) limit_workers(workers);
+  return {};
+}
+
+}  // namespace splatvol
