@@ -1,0 +1,121 @@
+#include "splatvol/renderer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <thread>
+
+#include "splatvol/build.h"
+#include "tests/library/lattice.h"
+
+namespace splatvol {
+namespace {
+
+using ::testing::HasSubstr;
+
+float largest_alpha(const Image& image) {
+  float alpha = 0;
+  for (const vec4& pixel : image.pixels) alpha = std::max(alpha, pixel.a);
+  return alpha;
+}
+
+class DrawFile : public ::testing::Test {
+ protected:
+  DrawFile() {
+    const auto built = build(test::Lattice(20).mesh(), path_);
+    EXPECT_TRUE(built) << built.error().message;
+  }
+  [[nodiscard]] Renderer open(const std::optional<Scene>& scene = std::nullopt) const {
+    return Renderer::open(path_, scene, {.device = Device::cpu}).value();
+  }
+
+  test::Folder folder_;
+  std::string path_ = folder_.file("lattice.svol");
+};
+
+TEST_F(DrawFile, DrawsASceneThatFits) {
+  Renderer renderer = open();
+  EXPECT_EQ(renderer.scene().attribute, "v");
+  const Image image = renderer.render().value();
+  EXPECT_EQ(image.width, renderer.scene().width);
+  EXPECT_GT(largest_alpha(image), 0.1F);
+  EXPECT_TRUE(renderer.statistics().is_complete);
+  EXPECT_EQ(renderer.statistics().splats, 9261);
+  EXPECT_GT(renderer.statistics().bytes_read, 0);
+}
+
+TEST_F(DrawFile, TwoRenderersOfOneFileDrawTheSame) {
+  Renderer a = open(), b = open(a.scene());
+  EXPECT_EQ(a.render()->pixels, b.render()->pixels);
+}
+
+TEST_F(DrawFile, KeepsToItsQuality) {
+  Renderer renderer = open();
+  const Image exact = renderer.render().value();
+  ASSERT_TRUE(renderer.render({.max_splats = 500}));
+  EXPECT_LE(renderer.statistics().splats, 500);
+  ASSERT_TRUE(renderer.render({.resolution = 0}));
+  const std::uint64_t coarsest = renderer.statistics().splats;
+  ASSERT_TRUE(renderer.render({.tolerance_percent = 20}));
+  EXPECT_LT(renderer.statistics().splats, 9261);
+  EXPECT_GE(renderer.statistics().splats, coarsest);
+  ASSERT_TRUE(renderer.render({.max_error = 0.02}));
+  EXPECT_LE(renderer.statistics().error, 0.025);
+  EXPECT_THAT(renderer.render({.max_error = 0.02, .max_splats = 5}).error().message, HasSubstr("one number"));
+  EXPECT_THAT(renderer.render({.max_error = -1}).error().message, HasSubstr("above 0"));
+  EXPECT_THAT(renderer.render({.max_splats = 0}).error().message, HasSubstr("0 splats"));
+  EXPECT_EQ(renderer.render()->pixels, exact.pixels);
+}
+
+TEST_F(DrawFile, SettlesWhileItLoads) {
+  std::atomic<int> wakes = 0;
+  Renderer renderer = Renderer::open(path_, std::nullopt, {.device = Device::cpu, .on_data = [&] { ++wakes; }}).value();
+  int frames = 0;
+  do {
+    ASSERT_TRUE(renderer.render_now(0.01));
+  } while (!renderer.statistics().is_settled && ++frames < 1000);
+  EXPECT_TRUE(renderer.statistics().is_complete);
+  EXPECT_EQ(renderer.statistics().splats, 9261);
+  EXPECT_TRUE(renderer.render_within(0.05));
+}
+
+TEST_F(DrawFile, ChangesSceneAndSize) {
+  Renderer renderer = open();
+  Scene scene = renderer.fitting_scene("v", 64, 32).value();
+  ASSERT_TRUE(renderer.set_scene(scene));
+  EXPECT_EQ(renderer.render()->pixels.size(), 64 * 32);
+  scene.attribute = "w";
+  EXPECT_THAT(renderer.set_scene(scene).error().message, HasSubstr("no attribute \"w\""));
+  EXPECT_EQ(renderer.scene().attribute, "v");
+  EXPECT_TRUE(renderer.render());
+  EXPECT_FALSE(renderer.show_step(1));
+}
+
+TEST_F(DrawFile, SurfacesHideWhatIsBehind) {
+  Renderer renderer = open();
+  const Scene& scene = renderer.scene();
+  const auto pixels = static_cast<std::size_t>(scene.width) * static_cast<std::size_t>(scene.height);
+  const Image all = renderer.render().value();
+  ASSERT_TRUE(renderer.set_surface_depths(SurfaceDepths{scene.width, scene.height, std::vector<float>(pixels, 0.001F)}));
+  EXPECT_EQ(largest_alpha(*renderer.render()), 0);
+  ASSERT_TRUE(renderer.set_surface_depths(std::nullopt));
+  EXPECT_EQ(renderer.render()->pixels, all.pixels);
+}
+
+TEST_F(DrawFile, CallsComeFromAnyThread) {
+  Renderer renderer = open();
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 4; ++i) threads.emplace_back([&] { EXPECT_TRUE(renderer.render({.max_splats = 300})); });
+  for (std::thread& thread : threads) thread.join();
+  renderer.cancel();
+  EXPECT_TRUE(renderer.render());
+}
+
+TEST_F(DrawFile, ErrorsNameTheFile) {
+  EXPECT_THAT(Renderer::open(folder_.file("none.svol")).error().message, HasSubstr("none.svol"));
+}
+
+}  // namespace
+}  // namespace splatvol
