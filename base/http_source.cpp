@@ -408,8 +408,7 @@ class HttpSource final : public ByteSource {
       libcurl().easy_setopt(connection.handle.get(), option, value);
     };
     set(CURLOPT_PROTOCOLS_STR, protocols);
-    // What is asked for in private is not fetched in public.
-    set(CURLOPT_REDIR_PROTOCOLS_STR, url_.starts_with("https:") ? "https" : protocols);
+    set(CURLOPT_REDIR_PROTOCOLS_STR, redirect_protocols(url_));
     set(CURLOPT_FOLLOWLOCATION, 1L);
     set(CURLOPT_MAXREDIRS, max_redirects);
     set(CURLOPT_USERAGENT, "splatvol/" SPLATVOL_VERSION);
@@ -433,6 +432,8 @@ class HttpSource final : public ByteSource {
 };
 
 }  // namespace
+
+const char* redirect_protocols(std::string_view url) { return url.starts_with("https:") ? "https" : protocols; }
 
 Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options) {
   if (!is_url(url)) return fail(ErrorCode::invalid_argument, "not an address that begins with http:// or https://");

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/error.h"
 #include "base/file.h"
@@ -32,6 +33,10 @@ struct HttpOptions {
 ///
 /// The source's name, and so its messages, leave out user, password and query, which may be secret.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_url(const std::string& url, const HttpOptions& options = {});
+
+/// Returns the protocols that a redirect from this address may lead to, separated by commas: what is asked for in
+/// private is not fetched in public.
+[[nodiscard]] const char* redirect_protocols(std::string_view url);
 
 /// Opens the address if it begins with http:// or https://, else the file of this name.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_file_or_url(const std::string& path_or_url);

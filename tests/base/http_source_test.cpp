@@ -311,6 +311,29 @@ TEST(MisbehavingServer, AStalledTransferIsTriedAgain) {
   EXPECT_EQ(patience.waits.size(), 2u);
 }
 
+// A server that sends next to nothing, or headers without end, is no better than one that sends nothing.
+TEST(MisbehavingServer, ADripAndEndlessHeadersAreEnded) {
+  const Reply drip = part(50'000, 1000, {.missing = 990}, Reply::Then::drip);
+  const Reply header_drip = {"HTTP/1.1 206 Partial Content\r\nX-", Reply::Then::drip};
+  const Reply continues = {"HTTP/1.1 100 Continue\r\n\r\n", Reply::Then::repeat};
+  const Reply headers = {"HTTP/1.1 206 Partial Content\r\n" + std::string(1000, 'X') + ": a\r\n", Reply::Then::repeat};
+  for (const Reply& reply : {drip, header_drip, continues, headers}) {
+    ScriptedServer server({head(), reply});
+    Patience patience;
+    HttpOptions options = patience.options();
+    options.attempts = 2;
+    options.stall_timeout = std::chrono::seconds(1);
+    const auto start = std::chrono::steady_clock::now();
+    EXPECT_THAT(outcome(server, options), HasSubstr("127.0.0.1")) << reply.text;
+    EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20)) << reply.text;
+  }
+}
+
+TEST(Redirects, LeadFromPrivateAddressesToPrivateOnesOnly) {
+  EXPECT_STREQ(redirect_protocols("https://host/file"), "https");
+  EXPECT_STREQ(redirect_protocols("http://host/file"), "http,https");
+}
+
 // A server that sends nothing, or a part of the answer, or wants to be asked later. Each waits for ever, or a minute.
 TEST(MisbehavingServer, AWaitIsInterrupted) {
   for (const Reply& reply : {Reply{"", Reply::Then::stall}, part(50'000, 1000, {.missing = 400}, Reply::Then::stall),

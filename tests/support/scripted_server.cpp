@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
+#include <string_view>
 #include <utility>
 
 #include "tests/support/loopback.h"
@@ -24,12 +26,18 @@ std::string receive_header(int connection) {
   return header;
 }
 
-void send_all(int connection, std::string_view text) {
+// Returns whether the client took all of it.
+bool send_all(int connection, std::string_view text) {
   while (!text.empty()) {
     const ssize_t sent = ::send(connection, text.data(), text.size(), MSG_NOSIGNAL);
-    if (sent <= 0) return;
+    if (sent <= 0) return false;
     text.remove_prefix(static_cast<std::size_t>(sent));
   }
+  return true;
+}
+
+void send_for_ever(int connection, std::string_view text, std::chrono::milliseconds pause) {
+  while (send_all(connection, text)) std::this_thread::sleep_for(pause);
 }
 
 }  // namespace
@@ -95,10 +103,10 @@ void ScriptedServer::converse(int connection) {
       ::setsockopt(connection, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once));
       return;
     }
-    if (reply.then == Reply::Then::stall) {
-      receive_header(connection);
-      return;
-    }
+    if (reply.then == Reply::Then::drip) send_for_ever(connection, "x", std::chrono::milliseconds(100));
+    if (reply.then == Reply::Then::repeat) send_for_ever(connection, reply.text, std::chrono::milliseconds(1));
+    if (reply.then == Reply::Then::stall) receive_header(connection);
+    if (reply.then != Reply::Then::keep) return;
   }
 }
 

@@ -9,9 +9,9 @@
 namespace splatvol::test {
 
 /// The reply to one request. The server sends `text`, header and body, as it is. Then it keeps, closes or resets the
-/// connection, or waits until the client gives up.
+/// connection; or until the client gives up, it waits, sends ten bytes a second, or sends `text` again and again.
 struct Reply {
-  enum class Then { keep, close, reset, stall };
+  enum class Then { keep, close, reset, stall, drip, repeat };
   std::string text;
   Then then = Then::keep;
 };
