@@ -33,18 +33,19 @@ struct RendererOptions {
 /// None of them: all points of a file of up to 2^19 points. Of a larger file, finer and finer pictures, until one has
 /// an error of .002.
 struct Quality {
-  std::optional<double> max_error;          // root mean square of linear RGB, against the exact picture
-  std::optional<std::uint64_t> max_splats;  // put where they reduce the error most
-  std::optional<double> tolerance_percent;  // the largest share of the shorter side that a splat may cover; 0: all points
-  std::optional<std::size_t> resolution;    // that of all points; 0: the coarsest
+  std::optional<double> max_error = {};          // root mean square of linear RGB, against the exact picture
+  std::optional<std::uint64_t> max_splats = {};  // put where they reduce the error most
+  std::optional<double> tolerance_percent =
+      {};  // the largest share of the shorter side that a splat may cover; 0: all points
+  std::optional<std::size_t> resolution = {};  // that of all points; 0: the coarsest
 };
 
 /// What the last picture shows and cost.
 struct RenderStatistics {
   std::uint64_t splats = 0;
-  double error = 0;            // estimated, against the exact picture
-  bool is_complete = true;     // nothing is missing of what was asked for
-  bool is_settled = true;      // it will not change: what is missing cannot be read or held
+  double error = 0;                 // estimated, against the exact picture
+  bool is_complete = true;          // nothing is missing of what was asked for
+  bool is_settled = true;           // it will not change: what is missing cannot be read or held
   std::uint64_t missing_bytes = 0;  // of the file, still to be read for the picture
   std::uint64_t bytes_read = 0;     // of the file, since it was opened
   std::uint64_t bytes_held = 0;     // of the file, the most at any time
@@ -53,7 +54,8 @@ struct RenderStatistics {
 };
 
 /// An open file, its scene, and a device that draws it. Errors name the file. Calls may come from any thread, one at a
-/// time; `cancel` at any time. A thread of its own draws, so contexts and state of the caller's OpenGL stay as they are.
+/// time; `cancel` at any time. A thread of its own draws, so contexts and state of the caller's OpenGL stay as they
+/// are.
 class SPLATVOL_EXPORT Renderer {
  public:
   /// Opens a .svol file, or an index of files (.svols), by its path or address, at its last step. Without a scene: one
