@@ -35,9 +35,8 @@ struct RendererOptions {
 struct Quality {
   std::optional<double> max_error = {};          // root mean square of linear RGB, against the exact picture
   std::optional<std::uint64_t> max_splats = {};  // put where they reduce the error most
-  std::optional<double> tolerance_percent =
-      {};  // the largest share of the shorter side that a splat may cover; 0: all points
-  std::optional<std::size_t> resolution = {};  // that of all points; 0: the coarsest
+  std::optional<double> tolerance_percent = {};  // the largest share of the shorter side for a splat; 0: all points
+  std::optional<std::size_t> resolution = {};    // that of all points; 0: the coarsest
 };
 
 /// What the last picture shows and cost.
