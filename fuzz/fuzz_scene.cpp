@@ -53,7 +53,10 @@ void check_tables(const TransferFunction& function) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const auto scene = parse_scene(std::string(reinterpret_cast<const char*>(data), size));
+  const std::string text(reinterpret_cast<const char*>(data), size);
+  if (const auto alone = parse_camera(text))
+    require(parse_camera(camera_to_json(*alone)) == *alone, "a camera file comes back");
+  const auto scene = parse_scene(text);
   if (!scene) {
     require(scene.error().message.find('\n') == std::string::npos, "an error is one line");
     return 0;

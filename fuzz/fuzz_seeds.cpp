@@ -151,8 +151,15 @@ Status add_scenes(Seeds& seeds) {
   scene.camera.projection = Camera::Projection::orthographic;
   SPLATVOL_TRY(seeds.add("fuzz_scene", scene_to_json(scene)));
 
+  // Settings, then bytes of control points; settings, then counts of no elements.
+  SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(100, '\1')));
+  SPLATVOL_TRY(seeds.add("fuzz_transfer_table", std::string(9000, '\5')));
+  for (const char kind : {'\0', '\1', '\2', '\3'})
+    SPLATVOL_TRY(seeds.add("fuzz_messages", kind + std::string(400, '\0')));
+
   Camera camera;
   camera.position = {1, 2, 3};
+  SPLATVOL_TRY(seeds.add("fuzz_scene", camera_to_json(camera)));
   const std::string from = camera_to_json(camera);
   camera.position = {3, 0, 1};
   SPLATVOL_TRY(seeds.add("fuzz_camera_path",
