@@ -1,5 +1,6 @@
 #include "builder/output/row_files.h"
 
+#include <sys/resource.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -11,15 +12,22 @@ namespace {
 
 constexpr std::uint64_t released_together = 4u << 20;  // bytes; a call for each row takes longer than to copy the row
 
+// Returns how many files may be open: those that the process may have, less those that the rest of a build needs. With
+// 15 resolutions, 120 streams have their own file. The streams of coarser resolutions hold little, and share the last.
+std::size_t most_files() {
+  constexpr rlim_t most = 128, others = 24;
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return most;
+  return std::clamp<rlim_t>(limit.rlim_cur, others + 1, others + most) - others;
+}
+
 }  // namespace
 
 Result<RowFiles::Stream*> RowFiles::open_stream(const PendingRow& row) {
-  // With 15 resolutions each stream has its own file. The streams of coarser resolutions hold little, and share one.
-  constexpr std::size_t most_files = 128;
   while (streams_.size() <= row.segment) streams_.emplace_back(streams_.size() + 1);
   Stream& stream = streams_[row.segment][row.level];
   if (!stream.file) {
-    if (files_.size() < most_files) {
+    if (files_.size() < most_files()) {
       SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
       files_.push_back(std::move(file));
     }

@@ -19,8 +19,8 @@
 namespace splatvol {
 
 /// Keeps packed rows in temporary files: one file for each segment at each level, so that each is read from its
-/// beginning to its end. The finest rows are the last of the file and more than half of it: their chunks go where they
-/// are to stay, and only their entries into a temporary file.
+/// beginning to its end. Where the process may have few files open, some share one. The finest rows are the last of the
+/// file and more than half of it: their chunks go where they are to stay, and only their entries into a temporary file.
 class RowFiles {
  public:
   /// `folder`: for the temporary files. `finest`: gets the chunks of segment 0 at level 0, side by side; must outlive
