@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <map>
 
+#include "base/file.h"
 #include "base/vdb_share.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
@@ -75,7 +76,8 @@ class Export : public testing::Test {
 };
 
 double mass_of(const format::Volume& volume, std::size_t resolution) {
-  const format::SplatSelection selection = format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
+  const format::SplatSelection selection =
+      format::select_splats(volume, resolution, {}, format::SplatSelection().box).value();
   double mass = 0;
   const auto add = [&](const format::SplatGroup& group) -> Status {
     for (const format::SplatShape& shape : group.shapes) mass += shape.mass;
@@ -216,8 +218,10 @@ TEST_F(Export, BytesDoNotDependOnThreadsOrMemory) {
 TEST_F(Export, RefusesWhatCannotBe) {
   const auto volume = random_volume();
   const Box all = format::SplatSelection().box;
-  EXPECT_THAT(format::select_splats(*volume, 99, {}, all).error().message, HasSubstr("no resolution 99; the finest is"));
-  EXPECT_THAT(format::select_splats(*volume, 0, {"x"}, all).error().message, HasSubstr("no attribute \"x\"; there are: a0, a1"));
+  EXPECT_THAT(format::select_splats(*volume, 99, {}, all).error().message,
+              HasSubstr("no resolution 99; the finest is"));
+  EXPECT_THAT(format::select_splats(*volume, 0, {"x"}, all).error().message,
+              HasSubstr("no attribute \"x\"; there are: a0, a1"));
   const auto selection = format::select_splats(*volume, std::nullopt, {}, all).value();
 
   const auto refused = [&](double voxel, std::uint64_t memory) {
@@ -322,6 +326,25 @@ Exported export_and_read(const format::Volume& volume, std::size_t resolution, c
   for (std::size_t a = 0; a < source->attributes().size(); ++a)
     result.arrays[source->attributes()[a]] = piece->values[a];
   return result;
+}
+
+// XML 1.0 has no control characters, surrogates, U+FFFE or U+FFFF, in whatever form; nor bytes that are no UTF-8.
+TEST_F(Export, NamesOfAllKindsAreXml) {
+  const test::Mesh mesh = test::jittered(3, 0.1);
+  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
+  const auto volume = build(source, "names.svol");
+  auto selection = format::select_splats(*volume, 0, {}, format::SplatSelection().box).value();
+  for (const auto& [name, written] : {std::pair<std::string, std::string>{"a<b>&\"c\"", "a&#60;b&#62;&#38;&#34;c&#34;"},
+                                      {"\t\n\r\x01", "&#9;&#10;??"},
+                                      {"\xef\xbf\xbe \xef\xbf\xbf \xef\xbf\xbd", "? ? \xef\xbf\xbd"},
+                                      {"\xed\xa0\x80 \xed\xbf\xbf \xee\x80\x80", "? ? \xee\x80\x80"},
+                                      {"\xf0\x9f\x98\x80 \xf4\x90\x80\x80", "\xf0\x9f\x98\x80 ?"},
+                                      {"\xc0\x80 \xe0\x80\x80 \xc3", "?? ??? ?"},
+                                      {"\xc3\xa9\x7f", "\xc3\xa9\x7f"}}) {
+    selection.names[0] = name;
+    ASSERT_TRUE(export_vtu(*volume, path("names.vtu"), selection, no_progress).has_value());
+    EXPECT_THAT(*read_text_file(path("names.vtu")), testing::HasSubstr("Name=\"" + written + " mean\"")) << written;
+  }
 }
 
 // Bound on the error of a linear field's gradient from the rounding of codes: correlations within 1/30, deviations of

@@ -207,6 +207,20 @@ TEST(ParseScene, NamesTheWrongPartOfTheTransferFunction) {
   refuses("linear_width", 1, "linear_width");
 }
 
+TEST(ParseScene, TakesSoManyControlPointsAndNoMore) {
+  json colors = json::array(), densities = json::array();
+  for (int i = 0; i < 4096; ++i) {
+    colors.push_back({i / 5000.0, 0, 0.5, 1});
+    densities.push_back({i / 5000.0, 1});
+  }
+  EXPECT_EQ(error_of(changed("/transfer_function/colors", colors)), "accepted");
+  EXPECT_EQ(error_of(changed("/transfer_function/density", densities)), "accepted");
+  colors.push_back({1, 0, 0.5, 1});
+  densities.push_back({1, 1});
+  EXPECT_THAT(error_of(changed("/transfer_function/colors", colors)), HasSubstr("4097 control points; at most 4096"));
+  EXPECT_THAT(error_of(changed("/transfer_function/density", densities)), HasSubstr("4097 control points"));
+}
+
 TEST(ParseScene, ReadsAndWritesTheAxis) {
   json document = valid_scene();
   json& function = document["transfer_function"];

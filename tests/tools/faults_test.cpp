@@ -112,6 +112,30 @@ TEST_F(Faults, AFullDiskIsToldAtEveryByte) {
   }
 }
 
+// As in a container, or a system in trouble. Files without a name could not get one.
+TEST_F(Faults, WithoutProcProgramsWork) {
+  const std::string without_proc = "unshare -rm sh -c 'mount -t tmpfs none /proc && exec \"$@\"' sh ";
+  if (run(without_proc + "true").code != 0) GTEST_SKIP() << "no namespaces here";
+  make_inputs();
+  for (const std::string use : uses) EXPECT_TRUE(expect_success_or_one_line(without_proc + use)) << run(use).err;
+  EXPECT_TRUE(expect_success_or_one_line(without_proc + "$BIN/svdemo --points 1000 -o $OUT/d.vtu"));
+}
+
+// Memory for a picture of 2^28 pixels is not there.
+TEST_F(Faults, APictureThatDoesNotFitIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  make_inputs();
+  EXPECT_FALSE(expect_success_or_one_line(
+      "ulimit -v 2000000; $BIN/svrender $IN/a.svol --device cpu --size 16384x16384 -o $OUT/a.png"));
+}
+
+// So many points that each resolution has several rows, which wait in temporary files.
+TEST_F(Faults, SixteenHandlesAreEnoughForALargeBuild) {
+  make_inputs("1000000");
+  EXPECT_TRUE(expect_success_or_one_line(
+      "ulimit -n 16; $BIN/svbuild $IN/a.npy --memory 64M --connectivity boxes -o $OUT/b.svol"));
+}
+
 // VTK writes the mesh. Its dumps of objects are no error for a user.
 TEST_F(Faults, AFullDiskIsToldByVtksWriterToo) {
   for (const std::string use : {"$BIN/svgen mesh --cells 3000 -o $OUT/m", "$BIN/svdemo --points 1000 -o $OUT/d.vtu"})
