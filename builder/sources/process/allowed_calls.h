@@ -1,0 +1,10 @@
+// The system calls that a reader process may make.
+#pragma once
+
+namespace splatvol {
+
+/// Lets all threads of this process, now and later, make only the system calls that reading files takes. The others
+/// fail. Files can be opened for reading only. Requires no_new_privs. Does nothing where the kernel has no seccomp.
+void allow_reading_only();
+
+}  // namespace splatvol

@@ -1,0 +1,290 @@
+// What a reader process that a file has taken over may try.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <linux/sched.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/ptrace.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/uio.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "builder/open_source.h"
+#include "builder/sources/process/serve_sources.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+#include "tests/support/sanitizers.h"
+
+namespace splatvol {
+namespace {
+
+constexpr std::uint64_t plenty = std::uint64_t{1} << 30;
+
+/// Something that a reader must not be able to do.
+struct Escape {
+  const char* name;
+  std::function<bool()> succeeds;
+};
+
+template <class... Arguments>
+bool call(long number, Arguments... arguments) {
+  return ::syscall(number, arguments...) >= 0;
+}
+
+/// In the child, a fork ends at once.
+bool forks(long result) {
+  if (result == 0) ::_exit(0);
+  return result > 0;
+}
+
+std::vector<Escape> escapes_to_files(const std::string& folder, const std::string& victim, int inherited) {
+  const char* const file = victim.c_str();
+  const auto opens = [=](int flags) { return ::open(file, flags, 0600) >= 0; };
+  const auto read_only = [=] { return ::open(file, O_RDONLY | O_CLOEXEC); };
+  const std::string other = folder + "escaped";
+  return {
+      {"create", [=] { return ::open(other.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600) >= 0; }},
+      {"creat", [=] { return ::creat(other.c_str(), 0600) >= 0; }},
+      {"unnamed", [=] { return ::open(folder.c_str(), O_RDWR | O_TMPFILE | O_CLOEXEC, 0600) >= 0; }},
+      {"write", [=] { return opens(O_WRONLY); }},
+      {"read and write", [=] { return opens(O_RDWR); }},
+      {"no access", [=] { return opens(O_ACCMODE); }},
+      {"empty", [=] { return opens(O_RDONLY | O_TRUNC); }},
+      {"truncate", [=] { return ::truncate(file, 0) == 0; }},
+      {"chmod", [=] { return ::chmod(file, 0777) == 0; }},
+      {"fchmod", [=] { return ::fchmod(read_only(), 0777) == 0; }},
+      {"fchmodat", [=] { return ::fchmodat(AT_FDCWD, file, 0777, 0) == 0; }},
+      {"chown", [=] { return ::chown(file, ::getuid(), ::getgid()) == 0; }},
+      {"fchown", [=] { return ::fchown(read_only(), ::getuid(), ::getgid()) == 0; }},
+      {"fchownat", [=] { return ::fchownat(AT_FDCWD, file, ::getuid(), ::getgid(), 0) == 0; }},
+      {"setxattr", [=] { return call(SYS_setxattr, file, "user.a", "b", 1, 0); }},
+      {"fsetxattr", [=] { return call(SYS_fsetxattr, read_only(), "user.a", "b", 1, 0); }},
+      {"utimensat", [=] { return ::utimensat(AT_FDCWD, file, nullptr, 0) == 0; }},
+      {"rename", [=] { return std::rename(file, other.c_str()) == 0; }},
+      {"unlink", [=] { return ::unlink(file) == 0; }},
+      {"link", [=] { return ::link(file, other.c_str()) == 0; }},
+      {"symlink", [=] { return ::symlink(file, other.c_str()) == 0; }},
+      {"mkdir", [=] { return ::mkdir(other.c_str(), 0700) == 0; }},
+      {"mkfifo", [=] { return ::mkfifo(other.c_str(), 0600) == 0; }},
+      {"descriptor that is left open", [=] { return ::write(inherited, "x", 1) > 0; }},
+      {"descriptor that is left open, its length", [=] { return ::ftruncate(inherited, 0) == 0; }},
+      {"openat2", [=] { return call(437, AT_FDCWD, file, std::array<std::uint64_t, 3>{O_RDWR}.data(), 24); }},
+  };
+}
+
+std::vector<Escape> escapes_to_processes() {
+  const pid_t parent = ::getppid();
+  static char memory[8];
+  static iovec here{memory, 8}, there{memory, 8};
+  static siginfo_t signal{};
+  return {
+      {"kill", [=] { return ::kill(parent, 0) == 0; }},
+      {"tkill", [=] { return call(SYS_tkill, parent, 0); }},
+      {"tgkill", [=] { return call(SYS_tgkill, parent, parent, 0); }},
+      {"rt_sigqueueinfo", [=] { return call(SYS_rt_sigqueueinfo, parent, 0, &signal); }},
+      {"rt_tgsigqueueinfo", [=] { return call(SYS_rt_tgsigqueueinfo, parent, parent, 0, &signal); }},
+      {"pidfd_open", [=] { return call(SYS_pidfd_open, parent, 0); }},
+      {"fcntl", [=] { return ::fcntl(0, F_SETOWN, parent) == 0; }},
+      {"ptrace", [=] { return ::ptrace(PTRACE_SEIZE, parent, 0, 0) == 0; }},
+      {"process_vm_readv", [=] { return call(SYS_process_vm_readv, parent, &here, 1, &there, 1, 0); }},
+      {"process_vm_writev", [=] { return call(SYS_process_vm_writev, parent, &here, 1, &there, 1, 0); }},
+      {"prlimit",
+       [=] {
+         rlimit limit{};
+         return call(SYS_prlimit64, parent, RLIMIT_NOFILE, nullptr, &limit);
+       }},
+      {"setpriority", [=] { return ::setpriority(PRIO_PROCESS, static_cast<id_t>(parent), 1) == 0; }},
+      {"sched_setaffinity", [=] { return call(SYS_sched_setaffinity, parent, 8, memory); }},
+      {"more memory",
+       [=] {
+         const rlimit limit{2 * plenty, 2 * plenty};
+         return ::setrlimit(RLIMIT_DATA, &limit) == 0;
+       }},
+  };
+}
+
+std::vector<Escape> escapes_to_programs() {
+  static char* const nothing[] = {nullptr};
+  return {
+      {"fork", [] { return forks(::fork()); }},
+      {"clone", [] { return forks(::syscall(SYS_clone, SIGCHLD, 0, 0, 0, 0)); }},
+      {"clone3",
+       [] {
+         clone_args arguments{};
+         arguments.exit_signal = SIGCHLD;
+         return forks(::syscall(SYS_clone3, &arguments, sizeof(arguments)));
+       }},
+      {"execve", [] { return ::execve("/bin/true", nothing, nothing) == 0 || errno != EPERM; }},
+      {"execveat", [] { return call(SYS_execveat, AT_FDCWD, "/bin/true", nothing, nothing, 0) || errno != EPERM; }},
+      {"memfd_create", [] { return call(SYS_memfd_create, "a", 0); }},
+      {"socket", [] { return ::socket(AF_INET, SOCK_STREAM, 0) >= 0; }},
+      {"local socket", [] { return ::socket(AF_UNIX, SOCK_DGRAM, 0) >= 0; }},
+      {"socketpair",
+       [] {
+         int pair[2];
+         return ::socketpair(AF_UNIX, SOCK_DGRAM, 0, pair) == 0;
+       }},
+      {"io_uring",
+       [] {
+         std::array<std::uint64_t, 32> parameters{};
+         return call(SYS_io_uring_setup, 1, parameters.data());
+       }},
+      {"unshare", [] { return call(SYS_unshare, CLONE_NEWUSER); }},
+      {"keyctl", [] { return call(SYS_keyctl, 0, -3, 1); }},
+      {"typing",
+       [] {
+         char letter = 'x';
+         return ::ioctl(0, TIOCSTI, &letter) == 0 || errno != EPERM;
+       }},
+  };
+}
+
+/// Returns the names of what succeeds, and of what a reader needs and does not get.
+std::string try_all(const std::vector<Escape>& escapes, const std::string& victim) {
+  std::string names;
+  for (const Escape& escape : escapes)
+    if (escape.succeeds()) names += std::string(escape.name) + "; ";
+  char text[9] = {};
+  const int file = ::open(victim.c_str(), O_RDONLY | O_CLOEXEC);
+  if (::read(file, text, 8) != 8 || std::string(text) != "precious") names += "cannot read; ";
+  return names;
+}
+
+class ConfineTest : public test::FolderTest {
+ protected:
+  enum class From { main, new_thread, old_thread };
+
+  /// Tries everything in a reader process. Returns what succeeded.
+  std::string escaped(From from) const {
+    void* const shared = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    std::array<int, 2> sockets{};
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()), 0);
+    const std::string victim = write("victim", "precious");
+    const pid_t child = ::fork();
+    if (child == 0) {
+      const int inherited = ::open(victim.c_str(), O_RDWR);
+      const std::string names = confined(from, sockets[0], all_escapes(victim, inherited), victim);
+      names.copy(static_cast<char*>(shared), 4095);
+      ::_exit(0);
+    }
+    int status = -1;
+    ::waitpid(child, &status, 0);
+    EXPECT_EQ(status, 0);
+    ::close(sockets[0]);
+    ::close(sockets[1]);
+    std::string names(static_cast<const char*>(shared));
+    ::munmap(shared, 4096);
+    return names;
+  }
+
+ private:
+  std::vector<Escape> all_escapes(const std::string& victim, int inherited) const {
+    std::vector<Escape> all = escapes_to_files(folder_, victim, inherited);
+    for (const auto& more : {escapes_to_processes(), escapes_to_programs()})
+      all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+
+  static std::string confined(From from, int socket, const std::vector<Escape>& escapes, const std::string& victim) {
+    std::atomic<bool> is_confined = false;
+    std::string names;
+    const auto try_when_confined = [&] {
+      is_confined.wait(false);
+      names = try_all(escapes, victim);
+    };
+    std::thread old_thread;  // as a library may start one before main()
+    if (from == From::old_thread) old_thread = std::thread(try_when_confined);
+    confine_reader(socket, {plenty});
+    is_confined = true;
+    is_confined.notify_all();
+    if (from == From::old_thread) old_thread.join();
+    if (from == From::main) try_when_confined();
+    if (from == From::new_thread) std::thread(try_when_confined).join();
+    return names;
+  }
+};
+
+TEST_F(ConfineTest, NoThreadCanDoMoreThanRead) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers need these calls at the end";
+  for (const From from : {From::main, From::new_thread, From::old_thread}) {
+    EXPECT_EQ(escaped(from), "") << static_cast<int>(from);
+    std::ifstream victim(path("victim"));
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(victim), {}), "precious");
+    EXPECT_FALSE(std::filesystem::exists(path("escaped")));
+  }
+}
+
+TEST_F(ConfineTest, AReaderInAnEndlessLoopEndsWithTheProgramThatStartedIt) {
+  std::array<int, 2> sockets{};
+  ASSERT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets.data()), 0);
+  const pid_t reader = ::fork();
+  if (reader == 0) {
+    ::close(sockets[1]);
+    confine_reader(sockets[0], {plenty});
+    for (volatile bool forever = true; forever;) {
+    }
+  }
+  const pid_t program = ::fork();
+  if (program == 0) {
+    ::close(sockets[0]);
+    for (;;) ::pause();
+  }
+  ::close(sockets[0]);
+  ::close(sockets[1]);
+  ::usleep(100000);
+  EXPECT_EQ(::waitpid(reader, nullptr, WNOHANG), 0);
+  ::kill(program, SIGKILL);
+  ::waitpid(program, nullptr, 0);
+  int status = 0;
+  EXPECT_EQ(::waitpid(reader, &status, 0), reader);
+  EXPECT_EQ(WEXITSTATUS(status), 1);
+}
+
+/// Returns the processes that this one has started.
+std::vector<std::filesystem::path> children() {
+  std::vector<std::filesystem::path> found;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    std::ifstream file(entry.path() / "status");
+    for (std::string line; std::getline(file, line);)
+      if (line == "PPid:\t" + std::to_string(::getpid())) found.push_back(entry.path());
+  }
+  return found;
+}
+
+TEST_F(ConfineTest, EveryThreadOfTheProgramIsConfined) {
+  ReaderProcess reader(test::reader_options());
+  const auto source = reader.open({write("points.vtk",
+                                         "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n"
+                                         "DIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 8\n"
+                                         "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5 6 7 8\n")},
+                                  {});
+  ASSERT_TRUE(source) << source.error().message;
+  ASSERT_EQ(children().size(), 1u);
+  for (const auto& thread : std::filesystem::directory_iterator(children()[0] / "task")) {
+    std::stringstream text;
+    text << std::ifstream(thread.path() / "status").rdbuf();
+    EXPECT_THAT(text.str(), testing::HasSubstr("NoNewPrivs:\t1\n")) << thread.path();
+    EXPECT_THAT(text.str(), testing::HasSubstr("Seccomp:\t2\n")) << thread.path();
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
