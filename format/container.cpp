@@ -182,6 +182,19 @@ Result<Bytes> Container::read_bytes(std::uint64_t offset, std::uint64_t count) c
   return read;
 }
 
+Result<std::uint64_t> Container::read_in_parts(
+    std::uint64_t offset, std::uint64_t count, std::uint64_t record_bytes,
+    const std::function<Status(std::span<const std::byte>)>& use) const {
+  const std::uint64_t most = (std::uint64_t{1} << 20) / record_bytes * record_bytes;
+  StreamHash hash;
+  for (std::uint64_t at = 0; at < count; at += most) {
+    SPLATVOL_TRY_ASSIGN(part, read_bytes(offset + at, std::min(most, count - at)));
+    SPLATVOL_TRY(use(part));
+    hash.add(part);
+  }
+  return hash.value();
+}
+
 Result<Bytes> Container::read_section(const SectionEntry& section) const {
   SPLATVOL_TRY_ASSIGN(packed, read_bytes(section.offset, section.packed_bytes));
   const std::string what = fmt::format("{}: section {}", name_, static_cast<std::uint32_t>(section.kind));

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -61,6 +62,12 @@ class Container {
 
   /// Reads packed bytes: from the preamble if it holds them, else from the source.
   [[nodiscard]] Result<Bytes> read_bytes(std::uint64_t offset, std::uint64_t count) const;
+
+  /// Reads packed bytes in parts, of which `use` gets one after the other: a length that the file states takes no
+  /// memory. All parts but the last hold whole records. Returns the hash of all, or the first failure of `use`.
+  [[nodiscard]] Result<std::uint64_t> read_in_parts(std::uint64_t offset, std::uint64_t count,
+                                                    std::uint64_t record_bytes,
+                                                    const std::function<Status(std::span<const std::byte>)>& use) const;
 
   /// Whether the preamble holds these bytes.
   [[nodiscard]] bool holds(std::uint64_t offset, std::uint64_t count) const {

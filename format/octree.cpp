@@ -119,7 +119,8 @@ Status read_node(StructureReader& reader, std::uint64_t links_end, std::string_v
   const IndexPageRef ref = reader.link();
   if (ref.offset > links_end || ref.page_bytes > links_end - ref.offset)
     return fail(ErrorCode::invalid_data, "{}: node {} links to no page before this one [R16]", what, node);
-  if (ref.front_bytes > ref.page_bytes || ref.front_bytes < index_table_bytes(shape.attributes))
+  if (ref.front_bytes > ref.page_bytes || ref.front_bytes < index_table_bytes(shape.attributes) ||
+      ref.front_bytes - index_table_bytes(shape.attributes) > max_page_nodes * max_structure_bytes(shape))
     return fail(ErrorCode::invalid_data, "{}: node {} links to a page of the wrong length [R15]", what, node);
   page.pages.push_back(ref);
   return {};

@@ -60,6 +60,8 @@ Status StepDirectory::write(StepWriter& step, const StepWriter::Append& append) 
   if (last != entries_.rend() && !(step.step().time > last->time))
     return fail(ErrorCode::invalid_data, "the time {} is not behind {}, the time of the step before", step.step().time,
                 last->time);
+  if (entries_.size() >= max_step_entries)
+    return fail(ErrorCode::unsupported, "a time series has at most {} steps and appends", max_step_entries);
   SPLATVOL_TRY_ASSIGN(entry, step.write(end_, append));
   entries_.push_back(entry);
   end_ += entry.bytes;

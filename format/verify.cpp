@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 
+#include "base/interruption.h"
 #include "format/series_index.h"
 #include "format/volume.h"
 
@@ -49,23 +50,16 @@ class Volume::Verifier {
     return {};
   }
 
-  // A section of an unknown kind may be of any length.
-  static Result<std::uint64_t> hash_of(const Container& container, const SectionEntry& section) {
-    constexpr std::uint64_t read_together = std::uint64_t{1} << 20;
-    StreamHash hash;
-    for (std::uint64_t at = 0; at < section.packed_bytes; at += read_together) {
-      SPLATVOL_TRY_ASSIGN(
-          bytes, container.read_bytes(section.offset + at, std::min(read_together, section.packed_bytes - at)));
-      hash.add(bytes);
-    }
-    return hash.value();
+  // Sections of unknown kinds and dead parts may be long.
+  static Result<std::uint64_t> hash_of(const Container& container, std::uint64_t offset, std::uint64_t bytes) {
+    return container.read_in_parts(offset, bytes, 1, [](std::span<const std::byte>) { return Status(); });
   }
 
   // The hash covers sections of unknown kinds too. An extent has no hash: those of its parts cover it.
   static Status check_sections(const Container& container) {
     for (const SectionEntry& section : container.sections()) {
       if (section.codec == Codec::extent) continue;
-      SPLATVOL_TRY_ASSIGN(hash, hash_of(container, section));
+      SPLATVOL_TRY_ASSIGN(hash, hash_of(container, section.offset, section.packed_bytes));
       if (hash != section.hash)
         return container.broken(fmt::format("section {}: checksum mismatch", static_cast<std::uint32_t>(section.kind)));
     }
@@ -82,8 +76,8 @@ class Volume::Verifier {
     for (const StepEntry& entry : volume_.series_->entries) {
       if (entry.kind != StepEntryKind::dead) continue;
       if (entry.bytes > max_dead_bytes) return volume_.broken("a dead part is too large [R18]");
-      SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(entry.offset, entry.bytes));
-      if (hash_bytes(bytes) != entry.hash) return volume_.broken("a dead part: checksum mismatch [R18]");
+      SPLATVOL_TRY_ASSIGN(hash, hash_of(*volume_.file_, entry.offset, entry.bytes));
+      if (hash != entry.hash) return volume_.broken("a dead part: checksum mismatch [R18]");
     }
     return {};
   }
@@ -180,6 +174,7 @@ class Volume::Verifier {
           SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
         }
         progress_(static_cast<double>(next - begin) / static_cast<double>(section.packed_bytes));
+        SPLATVOL_TRY(check_interruption());
       }
     }
     if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");

@@ -12,6 +12,8 @@ namespace {
 // read.
 constexpr std::uint64_t one_read_bytes = 4u << 10;
 
+constexpr const char* untiled = "the summary pages do not tile their section [R20]";
+
 bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
   if (kind != ColumnKind::value && kind != ColumnKind::value_moments) return true;
   return ValueSummary{entry.min, entry.max, entry.occupancy}.is_valid();
@@ -84,22 +86,33 @@ Status Volume::read_summary_table() {
   const SectionEntry& section = *step_part_->find_section(SectionKind::summary_table);
   if (section.packed_bytes == 0 || section.packed_bytes % sizeof(SummaryPageRef) != 0)
     return step_part_->broken("the summary table has the wrong length [R20]");
-  SPLATVOL_TRY_ASSIGN(raw, step_part_->read_section(section));
-  const SectionEntry& pages = *step_part_->find_section(SectionKind::index_pages);
-  const SectionEntry& root = *step_part_->find_section(SectionKind::index_root);
-  const std::uint64_t table_bytes = info_.attributes.size() * sizeof(IndexPagePart);
+  const std::uint64_t count = section.packed_bytes / sizeof(SummaryPageRef);
   std::uint64_t end = 0;
-  for (std::size_t at = 0; at < raw.size(); at += sizeof(SummaryPageRef)) {
-    const auto ref = read_record<SummaryPageRef>(raw, at);
-    const bool last = at + sizeof(SummaryPageRef) == raw.size();
-    const std::uint64_t most = last ? root.packed_bytes : pages.packed_bytes - end;
-    if (ref.offset != (last ? 0 : end) || ref.page_bytes > most || ref.page_bytes < table_bytes || ref.node_count < 1 ||
-        ref.node_count > max_page_nodes || (last && ref.page_bytes != root.packed_bytes))
-      return step_part_->broken("the summary pages do not tile their section [R20]");
+  // Each entry is checked before the next part is read: only entries of pages that are there take memory.
+  SPLATVOL_TRY_ASSIGN(hash, step_part_->read_in_parts(
+                                section.offset, section.packed_bytes, sizeof(SummaryPageRef),
+                                [&](std::span<const std::byte> part) { return add_summary_pages(part, count, end); }));
+  if (hash != section.hash) return step_part_->broken("summary table: checksum mismatch [R20]");
+  if (end != step_part_->find_section(SectionKind::index_pages)->packed_bytes) return step_part_->broken(untiled);
+  return {};
+}
+
+// `count`: entries of the whole table; `end`: of the pages so far.
+Status Volume::add_summary_pages(std::span<const std::byte> entries, std::uint64_t count, std::uint64_t& end) {
+  const std::uint64_t pages_bytes = step_part_->find_section(SectionKind::index_pages)->packed_bytes;
+  const std::uint64_t root_bytes = step_part_->find_section(SectionKind::index_root)->packed_bytes;
+  const std::uint64_t attributes = info_.attributes.size(), table_bytes = attributes * sizeof(IndexPagePart);
+  for (std::size_t at = 0; at < entries.size(); at += sizeof(SummaryPageRef)) {
+    const auto ref = read_record<SummaryPageRef>(entries, at);
+    const bool last = summaries_.size() + 1 == count;
+    if (ref.node_count < 1 || ref.node_count > max_page_nodes || ref.page_bytes < table_bytes ||
+        ref.page_bytes - table_bytes > attributes * ref.node_count * summary_bytes)
+      return step_part_->broken("a summary page has the wrong length [R20]");
+    if (last ? ref.offset != 0 || ref.page_bytes != root_bytes : ref.offset != end || ref.page_bytes > pages_bytes - end)
+      return step_part_->broken(untiled);
     if (!last) end += ref.page_bytes;
     summaries_.push_back(ref);
   }
-  if (end != pages.packed_bytes) return step_part_->broken("the summary pages do not tile their section [R20]");
   return {};
 }
 
@@ -120,14 +133,14 @@ Status Volume::read_series() {
   const std::uint64_t ranges = attributes * sizeof(StepRange);
   if (begin < file_->sections_end() || begin > limit || limit - begin < sizeof(StepDirectoryHead) + ranges)
     return broken("the step directory is out of range [R18]");
+  SPLATVOL_TRY_ASSIGN(front, file_->read_bytes(begin, sizeof(StepDirectoryHead)));
+  const auto head = read_record<StepDirectoryHead>(front, 0);
+  if (head.entries > max_step_entries || head.attributes != attributes ||
+      limit - begin != sizeof(head) + head.entries * sizeof(StepEntry) + ranges)
+    return broken("the step directory has the wrong length [R18]");
   SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(begin, limit - begin));
-  const auto head = read_record<StepDirectoryHead>(bytes, 0);
   if (hash_bytes(std::span(bytes).subspan(sizeof(head.hash))) != head.hash)
     return broken("step directory: checksum mismatch [R18]");
-  const std::uint64_t entry_bytes = bytes.size() - sizeof(head) - ranges;
-  if (head.attributes != attributes || entry_bytes % sizeof(StepEntry) != 0 ||
-      entry_bytes / sizeof(StepEntry) != head.entries)
-    return broken("the step directory has the wrong length [R18]");
 
   auto series = std::make_shared<Series>();
   for (std::size_t at = sizeof(head); at < bytes.size() - ranges; at += sizeof(StepEntry))
@@ -274,7 +287,8 @@ Status Volume::read_step_summaries(std::uint32_t number, std::size_t attribute, 
   std::uint64_t part_offset = table_bytes, end = table_bytes;
   for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
     const auto part = read_record<IndexPagePart>(bytes, a * sizeof(IndexPagePart));
-    if (part.packed_bytes > ref.page_bytes - end || part.unpacked_bytes != ref.node_count * summary_bytes)
+    if (part.packed_bytes > ref.page_bytes - end || part.unpacked_bytes != ref.node_count * summary_bytes ||
+        part.packed_bytes > part.unpacked_bytes)
       return fail(ErrorCode::invalid_data, "{}: a part has the wrong length [R20]", what);
     end += part.packed_bytes;
     if (a < attribute) part_offset = end;

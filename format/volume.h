@@ -179,6 +179,7 @@ class Volume {
   [[nodiscard]] Status open_step(std::size_t step);
   [[nodiscard]] Status read_step_metadata();
   [[nodiscard]] Status read_summary_table();
+  [[nodiscard]] Status add_summary_pages(std::span<const std::byte> entries, std::uint64_t count, std::uint64_t& end);
   [[nodiscard]] Status read_directory_root(Directory directory);
   [[nodiscard]] Page page_at(std::uint64_t page) const;
   [[nodiscard]] const Directory& directory_of(int column) const { return directories_[is_of_step(column) ? 1 : 0]; }
