@@ -27,6 +27,13 @@ struct VoxelFrame {
   [[nodiscard]] dvec3 position(const dvec3& world) const { return (world - origin) / voxel; }
 };
 
+// Whether the centre of a voxel is in a box, in voxels. It has integers as coordinates.
+bool has_voxel(const Box& box) {
+  for (int k = 0; k < 3; ++k)
+    if (!(std::ceil(box.low[k]) <= std::floor(box.high[k]))) return false;
+  return true;
+}
+
 VoxelSplat make_splat(const format::SplatGroup& group, std::size_t i, const VoxelFrame& frame) {
   format::SplatShape shape = group.shapes[i];
   shape.deviations /= frame.voxel;
@@ -122,6 +129,8 @@ Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& pa
 
   VdbReport report;
   const Box box{frame.position(selection.box.low), frame.position(selection.box.high)};
+  if (!has_voxel(box))
+    return fail(ErrorCode::invalid_argument, "{}: no voxel has its centre in the box (--box)", volume.name());
   VoxelSums sums(selection.attributes.size(), box, memory);
   std::vector<VoxelSplat> splats;
   const auto add_group = [&](const format::SplatGroup& group) {

@@ -56,10 +56,15 @@ bool VoxelKernel::reaches(const Box& box) const {
 }
 
 // Calls visit(run, offset) for each voxel run whose centres are in the ellipsoid and in the box, until it returns
-// false. `offset`: of the run's first voxel from the ellipsoid's centre.
+// false. `offset`: of the run's first voxel from the ellipsoid's centre. Returns false after that, or if there are more
+// than `most` rows: those without a voxel take time, too.
 template <class Visit>
-void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
+bool VoxelKernel::visit_rows(const Box& box, std::size_t most, const Visit& visit) const {
   const dmat3 &q = square_, &p = inverse_;
+  const double most_x = std::sqrt(q[0][0]);
+  if (first_voxel(std::max(centre_.x - most_x, box.low.x)) > last_voxel(std::min(centre_.x + most_x, box.high.x)))
+    return true;
+  std::size_t rows = 0;
   const double reach_z = std::sqrt(q[2][2]);
   const std::int32_t last_z = last_voxel(std::min(centre_.z + reach_z, box.high.z));
   for (std::int32_t z = first_voxel(std::max(centre_.z - reach_z, box.low.z)); z <= last_z; ++z) {
@@ -69,6 +74,7 @@ void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
     const double middle_y = centre_.y + q[1][2] / q[2][2] * dz;
     const std::int32_t last_y = last_voxel(std::min(middle_y + reach_y, box.high.y));
     for (std::int32_t y = first_voxel(std::max(middle_y - reach_y, box.low.y)); y <= last_y; ++y) {
+      if (rows++ == most) return false;
       const double dy = y - centre_.y;
       const double slant = -(p[0][1] * dy + p[0][2] * dz) / p[0][0];
       const double rest = p[1][1] * dy * dy + 2 * p[1][2] * dy * dz + p[2][2] * dz * dz;
@@ -79,9 +85,10 @@ void VoxelKernel::visit_rows(const Box& box, const Visit& visit) const {
       const std::int32_t last = last_voxel(std::min(centre_.x + slant + reach_x, box.high.x));
       if (first > last) continue;
       const Run run{first, y, z, static_cast<std::uint32_t>(std::int64_t{last} - first) + 1};
-      if (!visit(run, dvec3(first - centre_.x, dy, dz))) return;
+      if (!visit(run, dvec3(first - centre_.x, dy, dz))) return false;
     }
   }
+  return true;
 }
 
 bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& runs, std::vector<double>& shares) const {
@@ -95,10 +102,8 @@ bool VoxelKernel::append(const Box& box, std::size_t most, std::vector<Run>& run
   const bool integrate = volume_ > most_outside && both != box;
   const std::size_t first_run = runs.size(), first_share = shares.size();
   double sum = 0;
-  bool fits = true;
-  visit_rows(integrate ? box : reach, [&](const Run& run, dvec3 offset) {
-    fits = run.count <= most - (shares.size() - first_share);
-    if (!fits) return false;
+  const bool fits = visit_rows(integrate ? box : reach, most, [&](const Run& run, dvec3 offset) {
+    if (run.count > most - (shares.size() - first_share)) return false;
     runs.push_back(run);
     for (std::uint32_t i = 0; i < run.count; ++i, offset.x += 1) {
       const double height = std::max(0.0, 1 - glm::dot(offset, inverse_ * offset));

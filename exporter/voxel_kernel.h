@@ -35,13 +35,13 @@ class VoxelKernel {
   /// Appends the voxels whose centres are in the ellipsoid, at least one, and their shares of its mass. The shares add
   /// up to 1. An ellipsoid of more than 65536 voxels that is partly outside of `box` gets only the voxels in the box;
   /// their shares come from the integral of the kernel. Returns false, with incomplete results, if there are more than
-  /// `most` voxels.
+  /// `most` voxels, or more rows of voxels to look at.
   [[nodiscard]] bool append(const Box& box, std::size_t most, std::vector<Run>& runs,
                             std::vector<double>& shares) const;
 
  private:
   template <class Visit>
-  void visit_rows(const Box& box, const Visit& visit) const;
+  bool visit_rows(const Box& box, std::size_t most, const Visit& visit) const;
 
   dvec3 centroid_;
   dvec3 centre_;         // of the ellipsoid

@@ -122,6 +122,18 @@ TEST(VoxelKernel, PartOfALargeOneHasItsPart) {
   EXPECT_FALSE(kernel.append(everywhere, 1000, runs, shares));
 }
 
+// A sheet of 1e5 by 1e5 voxels, and a box that holds the centres of none or of few of them.
+TEST(VoxelKernel, RowsWithoutVoxelsTakeNoTime) {
+  const auto shape = shape_of(dvec3(1e5), {1, 0, 0, 0});
+  const VoxelKernel kernel(dvec3(0.5), shape);
+  std::vector<VoxelKernel::Run> runs;
+  std::vector<double> shares;
+  EXPECT_TRUE(kernel.append({dvec3(0.5, -1e5, -1e5), dvec3(0.5, 1e5, 1e5)}, 1000, runs, shares));
+  EXPECT_TRUE(runs.empty());
+  const VoxelKernel slanted(dvec3(0.5), shape_of({1e5, 1e5, 1}, glm::angleAxis(0.7, dvec3(0, 1, 0))));
+  EXPECT_FALSE(slanted.append({dvec3(1e5, -1e5, -1e5), dvec3(1e5 + 1, 1e5, 1e5)}, 1000, runs, shares));
+}
+
 // The slope is the regression of the value on the position in the material after the blur of a voxel.
 TEST(VoxelKernel, SlopeIsTheFieldsWhereItIsResolved) {
   const dvec3 slope(1, -2, 0.5);

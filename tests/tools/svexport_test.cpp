@@ -73,7 +73,8 @@ TEST_F(Svexport, WhatCannotBeIsOneLine) {
   for (const auto& [arguments, reason] :
        std::vector<std::pair<std::string, std::string>>{{"--voxel 0.1 --attribute b", "no attribute \"b\""},
                                                         {"--voxel 0.1 --resolution 9", "no resolution 9"},
-                                                        {"--voxel 0.001 --memory 1M", "--memory"}}) {
+                                                        {"--voxel 0.001 --memory 1M", "--memory"},
+                                                        {"--voxel 1e-5 --box 0.5,0,0,0.5,1,1", "--box"}}) {
     EXPECT_EQ(run("out.vdb", arguments), 1) << arguments;
     EXPECT_THAT(message_, HasSubstr(reason));
     EXPECT_EQ(std::ranges::count(message_, '\n'), 1) << message_;
