@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_map>
+#include <unordered_set>
 
 namespace splatvol {
 namespace {
@@ -24,18 +26,32 @@ std::vector<ArrayAttribute> attributes_of(const NamedArray& array, std::string_v
 /// Appends the attributes of the points' arrays, or of the cells'. `suffix`: for names that are taken already.
 void append_arrays(std::span<const NamedArray> arrays, bool of_cells, std::string_view suffix,
                    std::vector<ArrayAttribute>& attributes) {
-  const std::vector<ArrayAttribute> taken = attributes;
+  std::unordered_set<std::string> taken;
+  for (const ArrayAttribute& attribute : attributes) taken.insert(attribute.name);
   for (const NamedArray& array : arrays) {
     std::vector<ArrayAttribute> added = attributes_of(array, "", of_cells);
-    const bool clashes = std::ranges::any_of(added, [&](const ArrayAttribute& attribute) {
-      return std::ranges::find(taken, attribute.name, &ArrayAttribute::name) != taken.end();
-    });
+    const bool clashes = std::ranges::any_of(
+        added, [&](const ArrayAttribute& attribute) { return taken.contains(attribute.name); });
     if (clashes) added = attributes_of(array, suffix, of_cells);
     attributes.insert(attributes.end(), added.begin(), added.end());
   }
 }
 
 }  // namespace
+
+tl::unexpected<Error> fail_too_many_attributes(const std::string& file) {
+  return fail(ErrorCode::unsupported, "{}: more than {} attributes: name some of its arrays, and leave the others out",
+              file, AttributeCount::most);
+}
+
+Status check_attribute_count(const std::string& file, std::span<const NamedArray> of_points,
+                             std::span<const NamedArray> of_cells) {
+  AttributeCount count;
+  for (const std::span<const NamedArray> arrays : {of_points, of_cells})
+    for (const NamedArray& array : arrays)
+      if (!count.add(static_cast<std::uint64_t>(array.components))) return fail_too_many_attributes(file);
+  return {};
+}
 
 std::vector<ArrayAttribute> attributes_of(std::span<const NamedArray> of_points, std::span<const NamedArray> of_cells,
                                           CellValues cells) {
@@ -65,9 +81,12 @@ std::vector<ArrayAttribute> select_attributes(const std::vector<ArrayAttribute>&
                                               std::string& missing) {
   if (selection.empty()) return all;
   const bool own = cells == CellValues::own;
+  std::unordered_map<std::string_view, std::size_t> numbers;
+  for (std::size_t i = 0; i < all.size(); ++i) numbers.emplace(all[i].name, i);
   std::vector<ArrayAttribute> selected;
   for (const std::string& name : selection) {
-    auto attribute = std::ranges::find(all, name, &ArrayAttribute::name);
+    const auto number = numbers.find(name);
+    auto attribute = number == numbers.end() ? all.end() : all.begin() + static_cast<std::ptrdiff_t>(number->second);
     if (attribute == all.end())
       attribute = std::ranges::find_if(all, [&](const ArrayAttribute& converted) {
         return converted.of_cells != own && full_name(converted) == name;

@@ -1,13 +1,16 @@
 // The attributes that arrays of numbers give: at the points of a mesh, and in its cells.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/error.h"
 #include "builder/sources/source.h"
+#include "format/layout.h"
 
 namespace splatvol {
 
@@ -30,6 +33,29 @@ struct NamedArray {
   std::string name;
   int components = 1;
 };
+
+/// Counts the attributes of arrays. A hostile file may name any number of them.
+class AttributeCount {
+ public:
+  static constexpr std::uint64_t most = format::max_attributes;
+
+  /// Whether there may be one more array, with this number of components.
+  [[nodiscard]] bool add(std::uint64_t components) {
+    if (components > most || count_ > most) return false;
+    count_ += components > 1 ? components + 1 : 1;
+    return count_ <= most;
+  }
+
+ private:
+  std::uint64_t count_ = 0;
+};
+
+/// Returns the error that `file` has more than AttributeCount::most.
+[[nodiscard]] tl::unexpected<Error> fail_too_many_attributes(const std::string& file);
+
+/// Fails if arrays have more attributes than a file can hold. `file` begins the message.
+[[nodiscard]] Status check_attribute_count(const std::string& file, std::span<const NamedArray> of_points,
+                                           std::span<const NamedArray> of_cells);
 
 /// Lists the attributes of arrays, in their order: an array of numbers gives one, a vector its magnitude and then its
 /// components. First come the arrays that need no conversion: those of points, or of cells if they are points of their

@@ -214,6 +214,7 @@ std::vector<NamedArray> named(const std::vector<ValueArray>& arrays) {
 Result<std::unique_ptr<Source>> open_arrays(const std::string& name, const MeshArrays& mesh,
                                             const SourceOptions& options) {
   SPLATVOL_TRY(check_arrays(name, mesh));
+  SPLATVOL_TRY(check_attribute_count(name, named(mesh.point_values), named(mesh.cell_values)));
   const auto all = attributes_of(named(mesh.point_values), named(mesh.cell_values), options.cells);
   if (all.empty()) return fail(ErrorCode::invalid_argument, "{}: no values at its points or cells", name);
   if (const auto duplicate = find_duplicate(names_of(all)))

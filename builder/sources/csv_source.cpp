@@ -8,10 +8,12 @@
 #include <limits>
 #include <span>
 #include <string_view>
+#include <unordered_map>
 #include <utility>
 
 #include "base/file.h"
 #include "base/names.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/csv_table.h"
 #include "builder/sources/far_points.h"
 #include "builder/sources/piece_ahead.h"
@@ -214,10 +216,13 @@ Result<std::unique_ptr<Source>> open_csv_files(const std::vector<std::string>& p
     for (const std::size_t column : columns) available.push_back(file.table.columns[column].name);
     if (attributes.empty()) attributes = available;
     if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+    if (attributes.size() > AttributeCount::most) return fail_too_many_attributes(path);
+    std::unordered_map<std::string_view, std::size_t> column_of;
+    for (std::size_t i = 0; i < available.size(); ++i) column_of.emplace(available[i], columns[i]);
     for (const std::string& name : attributes) {
-      const auto found = std::ranges::find(available, name);
-      if (found == available.end()) return fail_no_attribute(path, name, available);
-      file.values.push_back(columns[static_cast<std::size_t>(found - available.begin())]);
+      const auto found = column_of.find(name);
+      if (found == column_of.end()) return fail_no_attribute(path, name, available);
+      file.values.push_back(found->second);
     }
     files.push_back(std::move(file));
   }

@@ -6,6 +6,7 @@
 #include <cctype>
 #include <charconv>
 #include <span>
+#include <unordered_map>
 
 #include "base/names.h"
 #include "builder/sources/read_text.h"
@@ -87,20 +88,21 @@ std::string list_names(const CsvTable& table) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-/// The column of an axis: the first of the usual names that some column has.
-std::optional<std::size_t> find_axis(const CsvTable& table, std::size_t axis) {
+/// The column of an axis: the first of the usual names that some column has. `columns`: the first of each plain name.
+std::optional<std::size_t> find_axis(const std::unordered_map<std::string, std::size_t>& columns, std::size_t axis) {
   const std::string a(1, "xyz"[axis]), i = std::to_string(axis);
   for (const std::string& usual :
        {a, "points" + i, "coord" + a, a + "coord", "coordinate" + a, a + "coordinate", "coordinates" + i, "coords" + i,
         "coordinates" + a, "position" + a, a + "position", "pos" + a, a + "pos", "point" + a, "points" + a})
-    for (std::size_t c = 0; c < table.columns.size(); ++c)
-      if (plain_name(table.columns[c].name) == usual) return c;
+    if (const auto column = columns.find(usual); column != columns.end()) return column->second;
   return std::nullopt;
 }
 
 Status find_position(const std::string& path, CsvTable& table) {
+  std::unordered_map<std::string, std::size_t> columns;
+  for (std::size_t c = 0; c < table.columns.size(); ++c) columns.emplace(plain_name(table.columns[c].name), c);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const auto column = find_axis(table, axis);
+    const auto column = find_axis(columns, axis);
     if (!column)
       return fail(ErrorCode::invalid_data,
                   "{}: no column is called {}; there are: {}. Name them all in order: --columns x,y,z,...", path,

@@ -54,8 +54,10 @@ bool wants_array(const std::vector<std::string>& selection, const std::string& a
   return selection.empty() || std::ranges::any_of(selection, is_array);
 }
 
-std::vector<ArrayAttribute> attributes_of(vtkDataSet& data, CellValues cells) {
-  return attributes_of(named_arrays(data, false), named_arrays(data, true), cells);
+Result<std::vector<ArrayAttribute>> attributes_of(const std::string& path, vtkDataSet& data, CellValues cells) {
+  const std::vector<NamedArray> of_points = named_arrays(data, false), of_cells = named_arrays(data, true);
+  SPLATVOL_TRY(check_attribute_count(path, of_points, of_cells));
+  return attributes_of(of_points, of_cells, cells);
 }
 
 void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells) {
@@ -91,10 +93,12 @@ Result<VtkValues> find_values(const std::string& path, vtkDataSet& data, std::sp
     return array && array->GetNumberOfComponents() == attribute.components ? array : nullptr;
   };
   VtkValues values{array_of(attribute.of_cells), attribute.of_cells};
-  const bool other_taken = std::ranges::any_of(attributes, [&](const ArrayAttribute& other) {
-    return other.array == attribute.array && other.of_cells != attribute.of_cells;
-  });
-  if (!values.array && !other_taken) values = {array_of(!attribute.of_cells), !attribute.of_cells};
+  const auto other_taken = [&] {
+    return std::ranges::any_of(attributes, [&](const ArrayAttribute& other) {
+      return other.array == attribute.array && other.of_cells != attribute.of_cells;
+    });
+  };
+  if (!values.array && !other_taken()) values = {array_of(!attribute.of_cells), !attribute.of_cells};
   if (!values.array)
     return fail(ErrorCode::invalid_data, "{}: the array \"{}\" ({} components) of the first piece is not in this one",
                 path, attribute.array, attribute.components);

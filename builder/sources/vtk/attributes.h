@@ -43,7 +43,9 @@ struct ArrayShape {
 void add_missing(vtkDataSet& data, std::span<const ArrayShape> shapes, CellValues cells);
 
 /// Lists all attributes of a data set, in the order of its arrays. Strings, ghost flags and ids are no attributes.
-[[nodiscard]] std::vector<ArrayAttribute> attributes_of(vtkDataSet& data, CellValues cells);
+/// Fails if there are more than a file can hold; `path` begins the message.
+[[nodiscard]] Result<std::vector<ArrayAttribute>> attributes_of(const std::string& path, vtkDataSet& data,
+                                                                CellValues cells);
 
 /// The unit that a file gives an array of the points or of the cells in VTK's own way (the key UNITS_LABEL); empty if
 /// there is none.

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
@@ -181,6 +182,12 @@ class LegacyFile {
     if (value && *value >= 0) return static_cast<std::uint64_t>(*value);
     if (value) refuse("a negative count");
     return std::nullopt;
+  }
+
+  /// Notes an array of `parts` numbers for each element. VTK takes memory for the names of all, also if there are no
+  /// elements.
+  bool add_array(std::uint64_t parts) {
+    return attributes_.add(parts) || refuse(fmt::format("more than {} attributes", AttributeCount::most));
   }
 
   /// Whether `number` values of `parts` numbers each follow, after the rest of the line.
@@ -376,7 +383,9 @@ class LegacyFile {
     return kind_ != "unstructured_grid" || cells_ == 0 || typed_ || refuse("cells without types");
   }
 
-  bool named_values(std::uint64_t parts) { return words_.skip_words(1) && values(data_count_, parts, words_.next()); }
+  bool named_values(std::uint64_t parts) {
+    return words_.skip_words(1) && add_array(parts) && values(data_count_, parts, words_.next());
+  }
   bool vectors() { return named_values(3); }
   bool tensors() { return named_values(9); }
   bool tensors6() { return named_values(6); }
@@ -391,13 +400,13 @@ class LegacyFile {
     std::uint64_t parts = 1;
     if (first < rest.size()) std::from_chars(rest.data() + first, rest.data() + rest.size(), parts);
     if (words_.next() != "lookup_table") return !words_.at_end() && refuse("scalars without a line LOOKUP_TABLE");
-    return words_.skip_words(1) && values(data_count_, parts, type);
+    return words_.skip_words(1) && add_array(parts) && values(data_count_, parts, type);
   }
 
   bool color_scalars() {
     if (!words_.skip_words(1)) return false;
     const auto parts = count();
-    return parts && values(data_count_, *parts, "unsigned_char");
+    return parts && add_array(*parts) && values(data_count_, *parts, "unsigned_char");
   }
 
   bool lookup_table() {
@@ -409,12 +418,13 @@ class LegacyFile {
   bool texture_coordinates() {
     if (!words_.skip_words(1)) return false;
     const auto parts = count();
-    return parts && values(data_count_, *parts, words_.next());
+    return parts && add_array(*parts) && values(data_count_, *parts, words_.next());
   }
 
   bool field() {
     if (!words_.skip_words(1)) return false;
     const auto arrays = count();
+    if (arrays && *arrays > AttributeCount::most) return add_array(*arrays);
     for (std::uint64_t i = 0; arrays && i < *arrays; ++i) {
       std::string name = words_.next();
       if (name == "metadata") {
@@ -424,7 +434,7 @@ class LegacyFile {
       if (name.empty()) return false;
       const auto parts = count();
       const auto number = parts ? count() : std::nullopt;
-      if (!number || !values(*number, *parts, words_.next())) return false;
+      if (!number || !add_array(*parts) || !values(*number, *parts, words_.next())) return false;
     }
     return arrays.has_value();
   }
@@ -444,6 +454,7 @@ class LegacyFile {
   std::string kind_;              // of the data set
   bool open_end_ = false;         // no white space after the last number
   std::uint64_t data_count_ = 0;  // of POINT_DATA or CELL_DATA
+  AttributeCount attributes_;
   std::string section_;
 
   std::optional<std::uint64_t> points_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -151,15 +152,50 @@ Status check_hdf5(ByteSource& file, const std::string& path, std::string_view st
   return stated <= file.size() ? Status{} : fail_cut(path, stated, file.size());
 }
 
+bool is_adf(std::string_view start) { return start.size() > 4 && start.substr(4).starts_with("ADF Database Version"); }
+
+/// Reads an integer of an ADF header: hexadecimal digits, or bytes in an order ('L' little-endian, 'B' big-endian).
+std::optional<std::uint64_t> adf_number(std::string_view bytes, bool is_text, char order) {
+  std::uint64_t value = 0;
+  if (is_text) {
+    const auto [end, error] = std::from_chars(bytes.data(), bytes.data() + bytes.size(), value, 16);
+    return error == std::errc() && end == bytes.data() + bytes.size() ? std::optional(value) : std::nullopt;
+  }
+  for (std::size_t i = 0; i < bytes.size(); ++i)
+    value = value << 8 | static_cast<unsigned char>(bytes[order == 'L' ? bytes.size() - 1 - i : i]);
+  return value;
+}
+
+/// The header of ADF, the older format of CGNS, states the last byte that is used: a block of 4096 bytes, and an offset
+/// in it. Before version B, numbers are texts.
+Status check_adf(ByteSource& file, const std::string& path, std::string_view start) {
+  constexpr std::size_t version_at = 25, order_at = 100, block_at = 146, offset_at = 154, header_bytes = 186;
+  constexpr std::uint64_t block_bytes = 4096, most_blocks = std::uint64_t{1} << 48;
+  const auto fail_header = [&] {
+    return fail(ErrorCode::invalid_data, "{}: the file is cut off within its header, or damaged", path);
+  };
+  if (start.size() < header_bytes) return fail_header();
+  const bool is_text = start[version_at] == 'A';
+  const char order = start[order_at];
+  if (!is_text && order != 'L' && order != 'B')
+    return fail(ErrorCode::unsupported, "{}: its numbers are not those of IEEE 754: convert it (cgnsconvert)", path);
+  const auto block = adf_number(start.substr(block_at, 8), is_text, order);
+  const auto offset = adf_number(start.substr(offset_at, 4), is_text, order);
+  if (!block || !offset || *block > most_blocks || *offset > block_bytes) return fail_header();
+  const std::uint64_t stated = *block * block_bytes + *offset + 1;
+  return stated <= file.size() ? Status{} : fail_cut(path, stated, file.size());
+}
+
 }  // namespace
 
 bool is_hdf5(std::string_view start) { return start.starts_with("\x89HDF\r\n\x1a\n"); }
 
 Status check_file_end(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
-  const Result<std::string> start = read_text(*file, 0, 64);
+  const Result<std::string> start = read_text(*file, 0, 256);
   if (!start) return tl::unexpected(start.error());
   if (is_hdf5(*start)) return check_hdf5(*file, path, *start);
+  if (is_adf(*start)) return check_adf(*file, path, *start);
   return is_netcdf(*start) ? check_netcdf(*file, path) : Status{};
 }
 

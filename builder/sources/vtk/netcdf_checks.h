@@ -1,4 +1,4 @@
-// Checks of the sizes that the headers of NetCDF and HDF5 files state.
+// Checks of the sizes that the headers of NetCDF, HDF5 and ADF files state.
 #pragma once
 
 #include <string>
@@ -17,7 +17,7 @@ namespace splatvol {
 }
 
 /// Fails if the file at `path` ends before one of its variables does (NetCDF's own format, versions 1, 2 and 5), or
-/// before the end that it states (HDF5). Says nothing about other files. Safe on untrusted files.
+/// before the end that it states (HDF5, and ADF of CGNS). Says nothing about other files. Safe on untrusted files.
 [[nodiscard]] Status check_file_end(const std::string& path);
 
 }  // namespace splatvol

@@ -54,7 +54,7 @@ class VtkSource final : public Source {
     SPLATVOL_TRY(load());
     if (!pending_) return fail_no_points();
     time_ = time_in_fields(*pending_);
-    const std::vector<ArrayAttribute> all = attributes_of(*pending_, cells_);
+    SPLATVOL_TRY_ASSIGN(all, attributes_of(data_sets_->path(), *pending_, cells_));
     if (all.empty() && selection.empty())
       return fail(ErrorCode::invalid_data, "{}: the mesh has no arrays of numbers at its points or cells",
                   data_sets_->path());

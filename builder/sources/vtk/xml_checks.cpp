@@ -3,10 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
+#include <cstdlib>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,6 +18,7 @@
 #include "base/file.h"
 #include "base/memory_limit.h"
 #include "base/names.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/compression.h"
 #include "builder/sources/vtk/file_words.h"
@@ -90,15 +95,64 @@ std::optional<std::vector<std::int64_t>> integers_in(vtkXMLDataElement& element,
   return std::nullopt;
 }
 
+/// The components of an array; none if their number is wrong.
+std::optional<std::uint64_t> components_of(vtkXMLDataElement& array) {
+  if (!array.GetAttribute("NumberOfComponents")) return 1;
+  const auto stated = integers_in(array, "NumberOfComponents", 1);
+  if (!stated || stated->front() < 0 || stated->front() > static_cast<std::int64_t>(AttributeCount::most))
+    return std::nullopt;
+  return static_cast<std::uint64_t>(stated->front());
+}
+
+/// VTK takes memory for the names of all components of an array, also if the piece has no points. `count`: of the
+/// attributes of the piece.
+Status check_components(const std::string& path, vtkXMLDataElement& element, AttributeCount& count) {
+  const std::string_view of_element = element.GetName();
+  const bool holds_values = of_element == "PointData" || of_element == "CellData";
+  for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& nested = *element.GetNestedElement(i);
+    const std::string_view name = nested.GetName();
+    if (name != "DataArray") {
+      AttributeCount of_piece;
+      SPLATVOL_TRY(check_components(path, nested, name == "Piece" ? of_piece : count));
+      continue;
+    }
+    const auto components = components_of(nested);
+    if (!components)
+      return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a number of components that is not 1 to {}", path,
+                  nested.GetAttribute("Name") ? nested.GetAttribute("Name") : "", AttributeCount::most);
+    if (holds_values && !count.add(*components)) return fail_too_many_attributes(path);
+  }
+  return {};
+}
+
+/// First and last point along each axis.
+using Extent = std::array<std::int64_t, 6>;
+
+/// An extent of numbers that VTK can hold; none if it is missing or wrong.
+std::optional<Extent> extent_in(vtkXMLDataElement& element, const char* name) {
+  constexpr std::int64_t most = std::numeric_limits<std::int32_t>::max();
+  const auto numbers = integers_in(element, name, 6);
+  if (!numbers) return std::nullopt;
+  Extent extent{};
+  std::ranges::copy(*numbers, extent.begin());
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (extent[2 * axis] < -most || extent[2 * axis + 1] > most || extent[2 * axis + 1] < extent[2 * axis])
+      return std::nullopt;
+  return extent;
+}
+
+std::array<double, 3> sides_of(const Extent& extent) {
+  std::array<double, 3> sides{};
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    sides[axis] = static_cast<double>(extent[2 * axis + 1] - extent[2 * axis] + 1);
+  return sides;
+}
+
 /// Points along each axis of an extent; none if the extent is missing or wrong.
 std::optional<std::array<double, 3>> sides_in(vtkXMLDataElement& element, const char* name) {
-  const auto extent = integers_in(element, name, 6);
-  std::array<double, 3> sides{};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (!extent || (*extent)[2 * axis + 1] < (*extent)[2 * axis]) return std::nullopt;
-    sides[axis] = static_cast<double>((*extent)[2 * axis + 1]) - static_cast<double>((*extent)[2 * axis]) + 1;
-  }
-  return sides;
+  const auto extent = extent_in(element, name);
+  return extent ? std::optional(sides_of(*extent)) : std::nullopt;
 }
 
 double cells_of(const std::array<double, 3>& sides) {
@@ -134,27 +188,114 @@ std::optional<PieceSizes> sizes_by_counts(vtkXMLDataElement& piece) {
   return sizes;
 }
 
+/// The cells of a structured grid, and which of them the pieces so far have.
+class FilledCells {
+ public:
+  explicit FilledCells(const Extent& whole)
+      : whole_(whole), filled_(static_cast<std::size_t>(cells_of(sides_of(whole)))) {}
+
+  [[nodiscard]] bool all_filled() const { return count_ == filled_.size(); }
+
+  /// Whether the cells of a piece are in the grid, and no other piece has them.
+  bool add(const Extent& piece) {
+    Extent cells{};  // the first, and the one behind the last
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::int64_t low = whole_[2 * axis], high = whole_[2 * axis + 1];
+      if (piece[2 * axis] < low || piece[2 * axis + 1] > high) return false;
+      cells[2 * axis] = piece[2 * axis] - low;
+      cells[2 * axis + 1] = std::max(piece[2 * axis + 1] - low, std::int64_t{high == low});
+    }
+    for (std::int64_t z = cells[4]; z < cells[5]; ++z)
+      for (std::int64_t y = cells[2]; y < cells[3]; ++y)
+        if (!add_row(cells[0], cells[1], y, z)) return false;
+    return true;
+  }
+
+ private:
+  bool add_row(std::int64_t first, std::int64_t end, std::int64_t y, std::int64_t z) {
+    const auto side = [&](std::size_t axis) {
+      return std::max(whole_[2 * axis + 1] - whole_[2 * axis], std::int64_t{1});
+    };
+    const std::int64_t row = (z * side(1) + y) * side(0);
+    for (std::int64_t x = first; x < end; ++x) {
+      const auto cell = static_cast<std::size_t>(row + x);
+      if (filled_[cell]) return false;
+      filled_[cell] = true;
+      ++count_;
+    }
+    return true;
+  }
+
+  Extent whole_;
+  std::vector<bool> filled_;
+  std::size_t count_ = 0;
+};
+
+/// The extents of the pieces of a structured grid.
+Result<std::vector<Extent>> extents_of_pieces(const std::string& path, vtkXMLDataElement& grid, const Extent& whole) {
+  std::vector<Extent> extents;
+  for (int i = 0; i < grid.GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& piece = *grid.GetNestedElement(i);
+    if (piece.GetName() != std::string_view("Piece")) continue;
+    const bool stated = piece.GetAttribute("Extent") != nullptr;
+    const auto extent = stated ? extent_in(piece, "Extent") : whole;
+    if (!extent) return fail(ErrorCode::invalid_data, "{}: the Extent of a piece is damaged", path);
+    extents.push_back(*extent);
+  }
+  return extents;
+}
+
 /// Checks that the pieces of a structured grid fill its extent: VTK fills the rest with zeros, or not at all.
+Status check_pieces(const std::string& path, vtkXMLDataElement& grid, const Extent& whole) {
+  SPLATVOL_TRY_ASSIGN(pieces, extents_of_pieces(path, grid, whole));
+  double cells = 0;
+  for (const Extent& piece : pieces) cells += cells_of(sides_of(piece));
+  const double expected = cells_of(sides_of(whole));
+  if (cells != expected)
+    return fail(ErrorCode::invalid_data,
+                "{}: its pieces have {} cells, and its WholeExtent {}: damaged, or a part of a larger grid; write the "
+                "extent of the part as its WholeExtent",
+                path, cells, expected);
+  if (pieces.size() == 1 && pieces[0] == whole) return {};
+  if (expected > std::numeric_limits<std::uint32_t>::max())
+    return fail(ErrorCode::unsupported, "{}: {} cells in several pieces; at most 2^32 - 1 are supported", path, expected);
+  FilledCells filled(whole);
+  bool fit = true;
+  for (std::size_t i = 0; i < pieces.size() && fit; ++i) fit = filled.add(pieces[i]);
+  if (!fit || !filled.all_filled())
+    return fail(ErrorCode::invalid_data, "{}: its pieces overlap, or do not fill its WholeExtent", path);
+  return {};
+}
+
+/// Whether an attribute of an element is missing, or holds `count` finite numbers.
+bool has_finite_numbers(vtkXMLDataElement& element, const char* name, std::size_t count) {
+  if (!element.GetAttribute(name)) return true;
+  std::istringstream words{std::string(element.GetAttribute(name))};
+  std::size_t found = 0;
+  for (std::string word; words >> word; ++found) {
+    char* end = nullptr;
+    if (!std::isfinite(std::strtod(word.c_str(), &end)) || *end != '\0') return false;
+  }
+  return found == count;
+}
+
+/// VTK takes what it likes for numbers that it cannot read.
+Status check_geometry(const std::string& path, vtkXMLDataElement& grid) {
+  for (const auto& [name, count] : {std::pair("Origin", 3), std::pair("Spacing", 3), std::pair("Direction", 9)})
+    if (!has_finite_numbers(grid, name, static_cast<std::size_t>(count)))
+      return fail(ErrorCode::invalid_data, "{}: the {} of its {} is not {} finite numbers", path, name, grid.GetName(),
+                  count);
+  return {};
+}
+
 Status check_extents(const std::string& path, vtkXMLDataElement& root) {
   for (const char* name : {"ImageData", "RectilinearGrid", "StructuredGrid"}) {
     vtkXMLDataElement* grid = root.FindNestedElementWithName(name);
     if (!grid) continue;
-    const auto whole = sides_in(*grid, "WholeExtent");
+    const auto whole = extent_in(*grid, "WholeExtent");
     if (!whole) return fail(ErrorCode::invalid_data, "{}: the WholeExtent of its {} is damaged", path, name);
-    double cells = 0;
-    for (int i = 0; i < grid->GetNumberOfNestedElements(); ++i) {
-      vtkXMLDataElement& piece = *grid->GetNestedElement(i);
-      if (piece.GetName() != std::string_view("Piece")) continue;
-      const auto sides = sides_in(piece, piece.GetAttribute("Extent") ? "Extent" : "");
-      if (piece.GetAttribute("Extent") && !sides)
-        return fail(ErrorCode::invalid_data, "{}: the Extent of a piece is damaged", path);
-      cells += cells_of(sides.value_or(*whole));
-    }
-    if (cells != cells_of(*whole))
-      return fail(ErrorCode::invalid_data,
-                  "{}: its pieces have {} cells, and its WholeExtent {}: damaged, or a part of "
-                  "a larger grid; write the extent of the part as its WholeExtent",
-                  path, cells, cells_of(*whole));
+    SPLATVOL_TRY(check_geometry(path, *grid));
+    SPLATVOL_TRY(check_pieces(path, *grid, *whole));
   }
   return {};
 }
@@ -278,6 +419,10 @@ class Arrays {
       const std::string word = words_.next();
       const std::size_t tag = word.find('<');
       const std::string_view number = std::string_view(word).substr(0, tag);
+      if (!number.empty() && is_number(number) && number.find('n') != std::string_view::npos)
+        return fail(ErrorCode::unsupported,
+                    "{}: the array \"{}\" has \"{}\" as text, which VTK's reader does not take: write it binary", path_,
+                    element.GetAttribute("Name") ? element.GetAttribute("Name") : "", number.substr(0, 10));
       if (!number.empty() && !is_number(number))
         return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a word instead of a number: damaged", path_,
                     element.GetAttribute("Name") ? element.GetAttribute("Name") : "");
@@ -304,6 +449,8 @@ Status check_xml(const std::string& path) {
   vtkXMLDataElement* root = parser->GetRootElement();
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
+  AttributeCount count;
+  SPLATVOL_TRY(check_components(path, *root, count));
   SPLATVOL_TRY(check_memory(path, *root));
   SPLATVOL_TRY(check_extents(path, *root));
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
