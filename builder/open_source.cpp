@@ -74,14 +74,16 @@ bool is_composite(const FileHeader& header) {
   return std::ranges::find(types, header.type) != types.end();
 }
 
-/// Appends a file that names the files of its blocks. Errors of these begin with its name.
+/// Appends a file that names the files of its blocks. Errors of these begin with the name of the outermost such file.
 Status append_composite(const std::string& path, std::vector<VtkFile>& files, int nesting) {
   if (nesting == deepest_nesting) return fail(ErrorCode::invalid_data, "{}: files name each other too deeply", path);
   SPLATVOL_TRY_ASSIGN(names, block_files(path));
   VtkFile composite{path, VtkFile::Kind::composite};
   for (const std::string& name : names)
-    if (const Status added = append_file(name, composite.blocks, nesting + 1); !added)
-      return fail_in(path, added.error());
+    if (const Status added = append_file(name, composite.blocks, nesting + 1); !added) {
+      const bool named = nesting > 0 || added.error().message.starts_with(one_line(path) + ": ");
+      return named ? added : Status(fail_in(path, added.error()));
+    }
   files.push_back(std::move(composite));
   return {};
 }
