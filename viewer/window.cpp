@@ -5,6 +5,8 @@
 
 #include <utility>
 
+#include "renderer/gl/context.h"
+
 namespace splatvol {
 namespace {
 
@@ -32,6 +34,7 @@ WindowResized size_of(GLFWwindow* window) {
 }  // namespace
 
 Result<std::unique_ptr<Window>> Window::open(int width, int height, const std::string& title) {
+  SPLATVOL_TRY(check_space_for_drivers());
   if (!::glfwInit()) return fail(ErrorCode::device, "no window: {}", last_error());
   std::unique_ptr<Window> opened(new Window);
   ::glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);

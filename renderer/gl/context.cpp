@@ -8,9 +8,11 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
+#include "base/memory_limit.h"
 #include "renderer/gl/gl_objects.h"
 
 namespace splatvol {
@@ -112,7 +114,14 @@ bool is_software_renderer(std::string_view description) {
   return std::ranges::any_of(names, [&](std::string_view name) { return lower.find(name) != std::string::npos; });
 }
 
+Status check_space_for_drivers() {
+  constexpr std::uint64_t gibibyte = std::uint64_t{1} << 30;
+  if (is_addressable(gibibyte / 2 * 3)) return {};  // Mesa and LLVM take 1 GiB with a small picture
+  return fail(ErrorCode::device, "OpenGL's drivers need 1.5 GiB of address space: raise the limit (ulimit -v)");
+}
+
 Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create(ContextKind kind) {
+  SPLATVOL_TRY(check_space_for_drivers());
   std::string reasons = kind == ContextKind::hardware ? "no graphics card" : "";
   for (const Candidate& candidate : candidate_displays(kind)) {
     if (!reasons.empty()) reasons += "; ";

@@ -17,6 +17,9 @@ enum class ContextKind {
 /// Returns whether the device that OpenGL names is the processor: Mesa's llvmpipe and the like.
 [[nodiscard]] bool is_software_renderer(std::string_view description);
 
+/// Fails if the process may not take the address space that drivers need. They end a program where less is left.
+[[nodiscard]] Status check_space_for_drivers();
+
 /// An OpenGL 4.5 core context that draws into its own framebuffers only.
 ///
 /// Tries the EGL devices that are hardware, then Mesa's surfaceless platform (its software rasteriser included), then
@@ -24,7 +27,7 @@ enum class ContextKind {
 class HeadlessContext {
  public:
   /// Creates a context and makes it current. Fails with ErrorCode::device if no platform gives one; the message holds
-  /// the answer of each.
+  /// the answer of each. Fails also as check_space_for_drivers().
   [[nodiscard]] static Result<std::unique_ptr<HeadlessContext>> create(ContextKind kind = ContextKind::any);
   HeadlessContext(const HeadlessContext&) = delete;
   HeadlessContext& operator=(const HeadlessContext&) = delete;

@@ -157,6 +157,20 @@ TEST_F(Faults, AddressSpaceThatEndsIsTold) {
   }
 }
 
+// Graphics drivers end a program where they get no memory: they are not asked.
+TEST_F(Faults, TooLittleAddressSpaceForOpenGlIsTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
+  if (!fs::exists(SPLATVOL_BIN "/svview")) GTEST_SKIP() << "built without OpenGL";
+  make_inputs();
+  for (const std::string use : {"$BIN/svview $IN/a.svol --size 64x48 --screenshot $OUT/a.png --memory 20M",
+                                "$BIN/svrender $IN/a.svol --device gl --size 64x48 -o $OUT/a.png --memory 20M"})
+    for (const char* mebibytes : {"240", "400", "500", "700", "900", "1200", "1500"}) {
+      const std::string limited = "ulimit -v $((" + std::string(mebibytes) + " * 1024)); ";
+      if (run(limited + use.substr(0, use.find(' ')) + " --version").code != 0) continue;  // its libraries do not load
+      expect_success_or_one_line(limited + use);
+    }
+}
+
 TEST_F(Faults, MemoryThatRunsOutIsTold) {
   if (test::is_sanitized) GTEST_SKIP() << "sanitizers have an operator new of their own";
   make_inputs();
