@@ -133,6 +133,43 @@ TEST_F(PlayerOfALattice, SceneMemoryAndKernelChange) {
   EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
 }
 
+TEST_F(PlayerOfALattice, SurfacesHoldForAllFramesOfTheirSize) {
+  const auto player = open();
+  const Image before = drawn(*player);
+  const auto depths = std::make_shared<SurfaceDepths>();
+  depths->width = 120;
+  depths->height = 90;
+  for (int i = 0; i < 120 * 90; ++i)
+    depths->depths.push_back(i % 120 < 60 ? 0 : std::numeric_limits<float>::infinity());
+  ASSERT_TRUE(player->set_surface_depths(depths));
+  const auto is_hidden_on_the_left = [&] {
+    const Image image = drawn(*player);
+    float left = 0, right = 0;
+    for (int y = 0; y < 90; ++y)
+      for (int x = 0; x < 120; ++x) (x < 60 ? left : right) += image.at(x, y).a;
+    return left == 0 && right > 0;
+  };
+  EXPECT_TRUE(is_hidden_on_the_left());
+  EXPECT_TRUE(is_hidden_on_the_left()) << "in the next frame too";
+  EXPECT_EQ(player->sample_spacing(), 1);
+  ASSERT_TRUE(player->set_kernel(KernelKind::octant));
+  EXPECT_TRUE(is_hidden_on_the_left()) << "by another rasterizer";
+  ASSERT_TRUE(player->set_kernel(KernelKind::moments));
+
+  EXPECT_FALSE(player->set_surface_depths(std::make_shared<SurfaceDepths>(SurfaceDepths{1, 1, {}})));
+  EXPECT_TRUE(is_hidden_on_the_left()) << "what is refused changes nothing";
+  Scene scene = player->scene();
+  scene.width = 100;
+  ASSERT_TRUE(player->set_scene(scene));
+  const Status refused = player->draw_frame(all());
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("120 x 90 pixels, but the picture has 100 x 90"));
+  scene.width = 120;
+  ASSERT_TRUE(player->set_scene(scene));
+  ASSERT_TRUE(player->set_surface_depths(nullptr));
+  EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
+}
+
 TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
   const auto player = open();
   const Image finest = drawn(*player);

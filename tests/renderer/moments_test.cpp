@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <glm/gtc/quaternion.hpp>
+#include <iterator>
 #include <limits>
+#include <memory>
 #include <numbers>
 #include <numeric>
 #include <random>
@@ -158,8 +160,9 @@ struct Chord {
   double begin, end;
 };
 
-/// None if the ray misses the material.
-std::optional<Chord> chord_of(const Ellipsoid& body, const View& view, double pixel_x, double pixel_y) {
+/// The chord in front of a depth; none if the ray misses the material there.
+std::optional<Chord> chord_of(const Ellipsoid& body, const View& view, double pixel_x, double pixel_y,
+                              double depth = std::numeric_limits<double>::infinity()) {
   Chord chord;
   const double x = (pixel_x - 0.5 * view.width) / view.focal;
   const double y = (pixel_y - 0.5 * view.height) / view.focal;
@@ -182,6 +185,7 @@ std::optional<Chord> chord_of(const Ellipsoid& body, const View& view, double pi
         (glm::dot(body.foot, body.foot) / half_axis - glm::dot(body.foot, chord.from_centroid)) / towards;
     (towards < 0 ? chord.begin : chord.end) = towards < 0 ? std::max(chord.begin, cut) : std::min(chord.end, cut);
   }
+  chord.end = std::min(chord.end, depth);  // directions have a depth of 1
   if (chord.end <= chord.begin) return {};
   return chord;
 }
@@ -236,12 +240,13 @@ double mean_cosine(double cosine, double unexplained) {
   return along / std::sqrt(1 + 8 / pi * scatter);
 }
 
-/// Draws one splat on one pixel's ray by its definition: integrals by quadrature, in double precision.
+/// Draws one splat on one pixel's ray by its definition, as far as it is in front of a surface: integrals by
+/// quadrature, in double precision.
 dvec4 evaluate(const Material& splat, const View& view, double pixel_x, double pixel_y,
-               const TransferFunction& function, const std::optional<Lighting>& lighting) {
+               const TransferFunction& function, const std::optional<Lighting>& lighting, double surface) {
   const auto body = ellipsoid_of(splat, view);
   if (!body) return dvec4(0);
-  const auto chord = chord_of(*body, view, pixel_x, pixel_y);
+  const auto chord = chord_of(*body, view, pixel_x, pixel_y, surface);
   if (!chord) return dvec4(0);
   const DensityIntegral density = integrate_density(*chord);
   const double mass = (body->is_bounded() ? 2 : 1) * splat.mass;
@@ -268,13 +273,26 @@ dvec4 evaluate(const Material& splat, const View& view, double pixel_x, double p
 }
 
 Image evaluate(const Cluster& cluster, const View& view, const TransferFunction& function,
-               const std::optional<Lighting>& lighting = {}) {
+               const std::optional<Lighting>& lighting = {}, const SurfaceDepths* surfaces = nullptr) {
   const Material splat = recorded(cluster);
   Image image{view.width, view.height, {}};
   for (int y = 0; y < view.height; ++y)
-    for (int x = 0; x < view.width; ++x)
-      image.pixels.emplace_back(evaluate(splat, view, x + 0.5, view.height - y - 0.5, function, lighting));
+    for (int x = 0; x < view.width; ++x) {
+      const double surface = surfaces ? surfaces->depths[image.pixels.size()] : std::numeric_limits<double>::infinity();
+      image.pixels.emplace_back(evaluate(splat, view, x + 0.5, view.height - y - 0.5, function, lighting, surface));
+    }
   return image;
+}
+
+/// A plane that leans to one side, at a depth in the middle of the picture.
+SurfaceDepths leaning_plane(const View& view, double middle) {
+  SurfaceDepths surfaces{view.width, view.height, {}};
+  for (int y = 0; y < view.height; ++y)
+    for (int x = 0; x < view.width; ++x) {
+      const double aside = static_cast<double>(x - view.width / 2) / view.width;
+      surfaces.depths.push_back(static_cast<float>(std::max(middle + 0.3 * aside, 0.0)));
+    }
+  return surfaces;
 }
 
 double total_alpha(const Image& image) {
@@ -482,6 +500,24 @@ TEST_P(MomentsTest, SingleSplatsAgreeWithTheirDefinition) {
 
 TEST_P(MomentsTest, BoundedSplatsAgreeWithTheirDefinition) {
   for (const Case& c : bounded_cases()) expect_agreement(c);
+}
+
+TEST_P(MomentsTest, SplatsEndAtSurfaces) {
+  std::vector<Case> cases = unbounded_cases();
+  std::ranges::move(bounded_cases(), std::back_inserter(cases));
+  for (const auto& [name, cluster] : cases)
+    for (const View& view : {perspective_view(), orthographic_view(3)})
+      for (const double behind : {-0.2, 0.0, 0.1, 1.0}) {
+        SCOPED_TRACE(testing::Message() << name << ", orthographic " << view.orthographic << ", " << behind);
+        const double thick = 12 * pi / 3 * std::pow(std::max(cluster.deviations.x, 0.02), 2.0);
+        const TransferFunction function = uniform(0.7 * thick / cluster.mass);
+        const SurfaceDepths surfaces = leaning_plane(view, behind - cluster.position.z);
+        ASSERT_TRUE(renderer_->set_surface_depths(std::make_shared<const SurfaceDepths>(surfaces)));
+        const Image image = picture({cluster}, view, function);
+        expect_sane(image);
+        const Image expected = evaluate(cluster, view, function, {}, &surfaces);
+        EXPECT_LT(largest_difference(image, expected), 1e-3);
+      }
 }
 
 TEST_P(MomentsTest, ValuesVaryWithinASplat) {

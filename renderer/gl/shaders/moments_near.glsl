@@ -44,6 +44,9 @@ vec4 draw_near(vec2 s, vec4 form[near_form_count]) {
   end = max(min(end, (d.w + surface * dot(d.xyz, d.xyz)) * root / max(half_chord, 1e-20)), begin);
 #endif
   vec2 part = rest_of_chord(begin) - rest_of_chord(end);
+#ifdef SURFACES
+  if (end < 0.0) part.x = rest_of_chord(-end).x - rest_of_chord(-begin).x;  // a thin slice in front cancels less
+#endif
   part = vec2(max(part.x, 0.0), part.y / max(part.x, 1e-10));
   float ray = sqrt(ray_length_squared());
   float depth = form[3].w * ray * root * q * q * part.x * (8.0 / (3.0 * pi));
@@ -52,7 +55,7 @@ vec4 draw_near(vec2 s, vec4 form[near_form_count]) {
   float mean = form[5].w + dot(gradient, middle) + along * root * half_chord * clamp(part.y, begin, end);
   float stretch = form[7].w * dot(normal, d.xyz);  // of the ellipsoid, beyond the covariance's extent
   // Negative numbers: an ellipse has one spread and one light.
-  float variance = form[4].w + along * along / ((half_axis * half_axis) * (1.0 / r + stretch * stretch));
+  float variance = form[4].w + along * (along / ((half_axis * half_axis) * (1.0 / r + stretch * stretch)));
   float spread = sqrt(form[4].w < 0.0 ? -form[4].w : variance);
   float columns;
   float row = transfer_row(spread, columns);

@@ -4,11 +4,20 @@ noperspective in vec2 s;
 flat in uint index;
 layout(location = 0) out vec4 pixel;
 
+// Returns s at the pixel's centre. OpenGL rounds the corners of quads to 1/256 of a pixel: along a needle that leads away
+// from the eye, this is a long way.
+vec2 exact_s() {
+  vec2 away = gl_FragCoord.xy - quads[index].centre;
+  vec4 axes = quads[index].axes;
+  float x = away.x / axes.x;
+  return vec2(x, (away.y - x * axes.y) / axes.w);
+}
+
 void main() {
-  if (quads[index].form == 0u) {
+  if (quads[index].form == 0u)
     pixel = draw_far(s, quads[index].far_form);
-  } else {
-    float surface = quads[index].form == 3u ? surface_depth() * quads[index].far_form[0].w : 1e30;
-    pixel = draw_near(s, quads[index].near_form, surface);
-  }
+  else if (quads[index].form == 3u)
+    pixel = draw_near(exact_s(), quads[index].near_form, surface_depth() * quads[index].far_form[0].w);
+  else
+    pixel = draw_near(s, quads[index].near_form, 1e30);
 }
