@@ -63,7 +63,11 @@ void set_value(const std::string& type_text, const std::string& description, Pro
   while (option.value_name.ends_with('.')) option.value_name.pop_back();
   if (type.check.starts_with('{')) {
     option.choices = split(type.check.substr(1, type.check.size() - 2), ',');
-    option.value_name = fmt::format("{}", fmt::join(option.choices, "|"));
+    const std::string all = fmt::format("{}", fmt::join(option.choices, "|"));
+    if (all.size() <= 40)
+      option.value_name = all;
+    else
+      option.remarks.push_back(fmt::format("One of {}.", fmt::join(option.choices, ", ")));
     return;
   }
   if (const std::size_t range = type.check.find('['); range != std::string::npos)
@@ -76,7 +80,8 @@ void set_value(const std::string& type_text, const std::string& description, Pro
   }
   const bool tells_more = type.name == "OUT" || type.name == "TEXT";
   option.extensions = extensions_in(tells_more ? description : type.name);
-  if (tells_more || option.value_name == "IN" || !option.extensions.empty()) option.value = Value::file;
+  if (tells_more || option.value_name == "IN" || option.value_name == "RECORDING" || !option.extensions.empty())
+    option.value = Value::file;
 }
 
 // Sorted: CLI11 has them in the order of their addresses.

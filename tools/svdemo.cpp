@@ -132,15 +132,17 @@ int main(int argc, char** argv) {
   std::string mesh_path;
   std::string scene_path;
   std::size_t points = 100000;
-  auto* mesh_option =
-      app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)")->check([](const std::string& path) {
-        return splatvol::has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
-      });
+  auto* mesh_option = app.add_option("-o,--output", mesh_path, "The mesh to write (.vtu)")
+                          ->type_name("OUT.vtu")
+                          ->check([](const std::string& path) {
+                            return splatvol::has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
+                          });
   app.add_option("--points", points, "Approximate number of points")
       ->check(CLI::Range(1000, 100'000'000))
       ->capture_default_str();
-  auto* scene_option =
-      app.add_option("--scene", scene_path, "The scene file to write (.json)")->check(splatvol::check_json_path);
+  auto* scene_option = app.add_option("--scene", scene_path, "The scene file to write (.json)")
+                           ->type_name("OUT.json")
+                           ->check(splatvol::check_json_path);
   app.callback([&] {
     if (!*mesh_option && !*scene_option) throw CLI::RequiredError("-o or --scene");
   });

@@ -42,8 +42,8 @@ int main(int argc, char** argv) {
   std::string path_a;
   std::string path_b;
   bool json = false;
-  app.add_option("A", path_a, "EXR file; the exact picture if there is one")->required();
-  app.add_option("B", path_b, "EXR file")->required();
+  app.add_option("A", path_a, "EXR file; the exact picture if there is one")->type_name("A.exr")->required();
+  app.add_option("B", path_b, "EXR file")->type_name("B.exr")->required();
   app.add_flag("--json", json, "Print JSON");
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::compare_files(path_a, path_b, json); });
 }

@@ -199,34 +199,49 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
 
   auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
-  points->add_option("-o,--output", options.output, "The file to write (.npy)")->required()->check(check_npy_path);
-  points->add_option("--count", options.count, "Number of points, such as 1e8")->required()->check(check_count);
+  points->add_option("-o,--output", options.output, "The file to write (.npy)")
+      ->type_name("OUT.npy")
+      ->required()
+      ->check(check_npy_path);
+  points->add_option("--count", options.count, "Number of points, such as 1e8")
+      ->type_name("N")
+      ->required()
+      ->check(check_count);
   points
       ->add_option(
           "--distribution", options.distribution,
           "Distribution; vortex has more points where the field varies, clusters has half of the points in 200 "
           "normal clusters with deviations from 1e-3 to 1e-1, in and among the others")
+      ->type_name("NAME")
       ->check(CLI::IsMember(distribution_names()))
       ->capture_default_str();
   points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
   points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
 
   auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
-  mesh->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
+  mesh->add_option("-o,--output", options.output, "The folder to write")
+      ->type_name("DIR")
+      ->required()
+      ->check(check_not_empty);
   mesh->add_option("--cells", options.cells, "Approximate number of tetrahedra, such as 1e8")
+      ->type_name("N")
       ->required()
       ->check(check_count);
   mesh->add_option("--pieces", options.pieces, "Number of files (default: some 1.5 million tetrahedra in each)")
+      ->type_name("N")
       ->check(check_count);
 
   auto* refined =
       app.add_subcommand("refine", "The same shape and field as a given mesh in more tetrahedra, in pieces too");
-  refined->add_option("MESH", options.meshes, "Any input of svbuild that has cells")->required();
-  refined->add_option("-o,--output", options.output, "The folder to write")->required()->check(check_not_empty);
+  refined->add_option("MESH", options.meshes, "Any input of svbuild that has cells")->type_name("IN...")->required();
+  refined->add_option("-o,--output", options.output, "The folder to write")
+      ->type_name("DIR")
+      ->required()
+      ->check(check_not_empty);
   refined->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
       ->check(CLI::Range(1, most_refinements))
       ->capture_default_str();
-  refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)");
+  refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)")->type_name("NAME");
   add_reading_options(*refined, options.reading);
   return run_tool(app, argc, argv, [&] {
     if (*refined) return write_refined(options);

@@ -148,10 +148,16 @@ int main(int argc, char** argv) {
          "MESH", options.meshes,
          "Any input of svbuild that has cells: .vtu, .pvtu, .vtk, a folder of pieces, a PLOT3D grid and its solution, "
          "or gen:mesh:cells=1e7")
+      ->type_name("IN...")
       ->required();
-  app.add_option("--scene", options.scene, "Scene file (JSON)")->required();
-  app.add_option("-o,--output", options.output, "Picture to write")->required()->check(check_image_path);
-  app.add_option("--size", options.size, "WIDTHxHEIGHT in pixels, instead of the scene's")->check(check_image_size);
+  app.add_option("--scene", options.scene, "Scene file (JSON)")->type_name("S.json")->required();
+  app.add_option("-o,--output", options.output, "Picture to write: .exr or .png")
+      ->type_name("OUT")
+      ->required()
+      ->check(check_image_path);
+  app.add_option("--size", options.size, "Size of the picture in pixels, instead of the scene's")
+      ->type_name("WxH")
+      ->check(check_image_size);
   add_cells_option(app, options.cells, "draw constant cells, as 'svbuild --cells own' has them");
   app.add_option("--missing", options.missing, "As in svbuild: a number that stands for no value; repeatable")
       ->type_name("V")

@@ -284,18 +284,23 @@ void add_view_options(CLI::App& app, Options& options) {
 }
 
 void add_recording_options(CLI::App& app, Options& options) {
-  auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file");
-  auto* replayed = app.add_option("--replay", options.replay, "Draw a recording without a window, then end");
+  auto* record = app.add_option("--record", options.record, "Write all that is done in the window into this file")
+                     ->type_name("OUT");
+  auto* replayed =
+      app.add_option("--replay", options.replay, "Draw a recording without a window, then end")->type_name("RECORDING");
   auto* screenshot =
       app.add_option("--screenshot", options.screenshot,
                      "Write the last picture, after --replay, into this file (.png, .exr); no window is opened")
+          ->type_name("OUT")
           ->check(check_image_path);
   app.add_option("--stats", options.stats, "With --replay: write each frame's time as JSON to this file")
+      ->type_name("OUT.json")
       ->check(check_json_path)
       ->needs(replayed);
   app.add_flag("--window", options.in_window, "Replay in a window");
-  auto* path =
-      app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")->needs("volume");
+  auto* path = app.add_option("--play", options.play, "Draw the frames of a camera path, without a window")
+                   ->type_name("PATH.json")
+                   ->needs("volume");
   path->needs(app.add_option("--frames", options.frames, "Folder for these frames")->type_name("DIR")->needs(path));
   app.add_option("--fps", options.fps, "Frames for each second of the path")
       ->check(CLI::Range(0.01, 1000.0))
