@@ -9,7 +9,9 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint32_t oldest_checked = 222;
+// Older files have other headers. They are of 2012 or before.
+constexpr std::uint32_t oldest_read = 220;
+constexpr std::uint32_t first_with_compression_of_grids = 222;  // before, there is a flag for all of them
 constexpr std::uint64_t uuid_bytes = 36;
 
 /// Reads numbers one after the other. After the first that lies past the end, all are 0.
@@ -71,9 +73,13 @@ Status check_vdb_header(ByteSource& file) {
     return fail(ErrorCode::unsupported,
                 "{}: file version {} is newer than {}, the newest that this version reads right", file.name(), version,
                 openvdb::OPENVDB_FILE_VERSION);
-  if (version < oldest_checked && cursor.valid()) return {};
+  if (version < oldest_read && cursor.valid())
+    return fail(ErrorCode::unsupported, "{}: file version {} is older than {}, the oldest that is read: write it anew",
+                file.name(), version, oldest_read);
+  const bool grids_have_compression = version >= first_with_compression_of_grids;
   cursor.skip(2 * sizeof(std::uint32_t));  // the library's version
   const bool has_offsets = cursor.number<std::uint8_t>() != 0;
+  if (!grids_have_compression) cursor.skip(sizeof(std::uint8_t));
   cursor.skip(uuid_bytes);
   cursor.skip_metadata();
   const std::uint32_t grids = cursor.number<std::uint32_t>();
@@ -87,7 +93,7 @@ Status check_vdb_header(ByteSource& file) {
       if (begin < cursor.offset() || begin > bricks || bricks > end) cursor.seek(file.size() + 1);
       cursor.seek(begin);
     }
-    cursor.skip(sizeof(std::uint32_t));  // compression
+    if (grids_have_compression) cursor.skip(sizeof(std::uint32_t));
     cursor.skip_metadata();
     cursor.skip_text();       // type of the transform
     if (!has_offsets) break;  // only OpenVDB finds out where the next grid begins

@@ -18,6 +18,7 @@
 #include "base/names.h"
 #include "base/vdb_share.h"
 #include "builder/mesh/material_box.h"
+#include "builder/sources/array_attributes.h"
 #include "builder/sources/piece_ahead.h"
 #include "builder/sources/repeated_pieces.h"
 #include "builder/sources/vdb_fields.h"
@@ -77,7 +78,9 @@ class VdbFile {
     SPLATVOL_TRY_ASSIGN(bytes, open_file(path));
     SPLATVOL_TRY(check_vdb_header(*bytes));
     return contain(path, [&]() -> Result<std::unique_ptr<VdbFile>> {
-      start_vdb();
+      if (!start_vdb())
+        return fail(ErrorCode::unsupported, "{}: not read: this program cannot check the lengths of OpenVDB's blocks",
+                    path);
       auto file = std::make_unique<VdbFile>(path, missing);
       SPLATVOL_TRY(file->read(selection));
       return file;
@@ -140,6 +143,7 @@ class VdbFile {
       for (int c = 0; c < components && components > 1; ++c) all.push_back({fmt::format("{}[{}]", called, c), g, c});
       if (grids[g]->getMetadata<openvdb::BoolMetadata>(vdb_share_metadata)) share_grid_ = g;
     }
+    if (all.size() > AttributeCount::most) return fail_too_many_attributes(path_);
     if (all.empty() && others.empty()) return fail(ErrorCode::invalid_data, "{}: no grids", path_);
     if (all.empty())
       return fail(ErrorCode::invalid_data, "{}: no grid of numbers; there are: {}", path_, fmt::join(others, ", "));

@@ -13,12 +13,14 @@
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <span>
 #include <sstream>
 
 #include "base/file.h"
 #include "base/vdb_share.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
+#include "builder/sources/vdb_header.h"
 #include "builder/sources/vdb_library.h"
 #include "format/volume.h"
 #include "tests/builder/sources/folder_test.h"
@@ -364,6 +366,45 @@ TEST_F(Vdb, FilesOfStreamsAreCheckedToo) {
     std::ofstream(path(), std::ios::binary) << damaged;
     EXPECT_THAT(refusal(), HasSubstr("ends past the end of the file")) << part;
   }
+}
+
+/// A header of a file version, with a grid whose name is said to have so many bytes.
+std::string header_of(std::uint32_t version, std::uint32_t name_bytes) {
+  std::string text("\x20\x42\x44\x56\0\0\0\0", 8);
+  const auto number = [&](std::uint32_t value) { text.append(reinterpret_cast<const char*>(&value), sizeof(value)); };
+  const auto word = [&](const std::string& letters) {
+    number(static_cast<std::uint32_t>(letters.size()));
+    text += letters;
+  };
+  number(version), number(10), number(0);
+  text += '\0';                                        // no offsets of grids
+  if (version == 220 || version == 221) text += '\1';  // compressed
+  text += std::string(36, 'u');
+  number(0), number(1);  // metadata, grids
+  number(name_bytes);
+  text += "density";
+  word("Tree_float_5_4_3"), word("");
+  text += std::string(24, '\0');
+  if (version >= 222) number(1);
+  number(0);
+  word("UniformScaleMap");
+  return text;
+}
+
+TEST(VdbHeader, OldFileVersionsAreCheckedOrRefused) {
+  const auto error = [](std::uint32_t version, std::uint32_t name_bytes) {
+    const std::string text = header_of(version, name_bytes);
+    const auto raw = std::as_bytes(std::span(text));
+    const auto file = memory_source({raw.begin(), raw.end()}, "old.vdb");
+    const Status checked = check_vdb_header(*file);
+    return checked ? "" : checked.error().message;
+  };
+  for (const std::uint32_t version : {220, 221, 222, 224}) {
+    EXPECT_EQ(error(version, 7), "") << version;
+    EXPECT_THAT(error(version, 0x7fffffff), HasSubstr("ends past the end of the file")) << version;
+  }
+  EXPECT_THAT(error(219, 7), HasSubstr("old.vdb: file version 219 is older than 220"));
+  EXPECT_THAT(error(0, 7), HasSubstr("older than 220"));
 }
 
 // OpenVDB has no checksums: damage may go unnoticed. Reading must end, and an error must be one line.

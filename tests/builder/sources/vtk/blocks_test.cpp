@@ -270,6 +270,40 @@ TEST_F(BlocksTest, ExodusOfShellsOnlyIsNoVolume) {
   EXPECT_THAT(error_of("shells.e"), HasSubstr("only surface cells (1 quadrilateral); splatvol draws volumes"));
 }
 
+TEST_F(BlocksTest, ExodusNumbersOfPointsThatAreNotThere) {
+  write_exodus(path("mesh.e"));
+  const std::string whole = read_text_file(path("mesh.e")).value();
+  std::string corners;  // of the first hexahedron, big-endian
+  for (int i = 0; i < 8; ++i) corners += std::string(3, '\0') + static_cast<char>(exodus_mesh().connectivity[0].at(i));
+  const std::size_t at = whole.find(corners);
+  ASSERT_NE(at, std::string::npos);
+  for (const char* number : {"\x7f\x7f\x7f\x7f", "\x80\x80\x80\x80", "\xff\xff\xff\xff"}) {
+    std::string damaged = whole;
+    write("mesh.e", damaged.replace(at, 4, number));
+    EXPECT_THAT(error_of("mesh.e"), StartsWith(path("mesh.e") + ": "));
+  }
+}
+
+// A header of some hundred bytes, for a mesh of two billion points.
+TEST_F(BlocksTest, ExodusOfAHeaderOnlyTakesNoMemory) {
+  const auto number = [](std::uint32_t value) {
+    std::string bytes;
+    for (int shift = 24; shift >= 0; shift -= 8) bytes += static_cast<char>(value >> shift & 0xff);
+    return bytes;
+  };
+  const std::vector<std::pair<std::string, std::uint32_t>> dimensions = {
+      {"num_dim", 3},        {"num_nodes", 0x7fffffff},      {"num_elem", 0x7fffffff},
+      {"num_el_blk", 1},     {"num_el_in_blk1", 0x7fffffff}, {"num_nod_per_el1", 8}};
+  std::string header = std::string("CDF\1", 4) + number(0) + number(10) + number(static_cast<std::uint32_t>(dimensions.size()));
+  for (const auto& [name, length] : dimensions) {
+    header += number(static_cast<std::uint32_t>(name.size())) + name;
+    header.resize((header.size() + 3) / 4 * 4, '\0');
+    header += number(length);
+  }
+  write("mesh.e", header + number(0) + number(0) + number(0) + number(0));
+  EXPECT_THAT(error_of("mesh.e"), StartsWith(path("mesh.e") + ": "));
+}
+
 TEST_F(BlocksTest, ExodusTruncated) {
   write_exodus(path("mesh.e"));
   expect_survives_truncation("mesh.e", "mesh.e", 89, all_cuts);
