@@ -4,8 +4,8 @@ noperspective in vec2 s;
 flat in uint index;
 layout(location = 0) out vec4 pixel;
 
-// Returns s at the pixel's centre. OpenGL rounds the corners of quads to 1/256 of a pixel: along a needle that leads away
-// from the eye, this is a long way.
+// Returns s at the pixel's centre. OpenGL rounds the corners of quads to 1/256 of a pixel. Along a needle that leads
+// away from the eye, this is a long way.
 vec2 exact_s() {
   vec2 away = gl_FragCoord.xy - quads[index].centre;
   vec4 axes = quads[index].axes;

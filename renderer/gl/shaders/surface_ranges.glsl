@@ -2,8 +2,8 @@
 layout(binding = 4) uniform sampler2D surface_ranges;  // level k: nearest and farthest in cells of 4 * 2^k pixels
 layout(location = 5) uniform int surface_levels;       // 0: there are no surfaces
 
-// Returns the nearest and the farthest surface in cells round the pixels from `low` to `high`: at most two of them along
-// an axis. The numbers are positions in the picture, in pixels.
+// Returns the nearest and the farthest surface in cells round the pixels from `low` to `high`: at most two of them
+// along an axis. The numbers are positions in the picture, in pixels.
 vec2 surface_range(vec2 low, vec2 high) {
   ivec2 first = ivec2(clamp(low, vec2(0.0), frame.image_size - 1.0));
   ivec2 last = ivec2(clamp(high, vec2(0.0), frame.image_size - 1.0));
