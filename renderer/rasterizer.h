@@ -64,10 +64,10 @@ class Rasterizer {
   /// the device cannot hold them; then nothing is drawn.
   [[nodiscard]] virtual Status set_draw_list(const DrawList& list) = 0;
 
-  /// Hides what lies behind surfaces, exactly: a splat is drawn as far as its material is in front of the surface, in
-  /// each pixel. A splat of `octant` is flat: it is drawn where its centre is in front. Pictures have one sample for
-  /// each pixel then, as samples between which the surfaces end would blur their outlines. Splats in front of all
-  /// surfaces look the same as without them.
+  /// Hides what lies behind opaque surfaces. In each pixel, a splat is drawn as far as it is in front of the surface. A
+  /// splat of `octant` is flat: it is drawn where its centre is in front. `draw` then takes a sample for each pixel, as
+  /// wider ones would blur the surfaces' outlines. If all splats are in front, the picture is that without surfaces, to
+  /// the last bit, but for its samples.
   ///
   /// The depths hold until the next call, and must not change while they do. Null, as at first: no surfaces. Fails
   /// unless there is a depth for each pixel; then nothing changes.
