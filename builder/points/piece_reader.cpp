@@ -7,7 +7,9 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <memory>
+#include <string_view>
 #include <utility>
 
 #include "base/interruption.h"
@@ -109,15 +111,10 @@ double PieceReader::deviation_of(const Piece& piece) const {
 
 // Returns which of the attributes in `summary` has the same values, and so the same material: that follows from values
 // and cells.
-std::optional<std::size_t> PieceReader::find_same(std::size_t attribute, const InputSummary& summary,
-                                                  const JoinedAttributes& joined) const {
+bool PieceReader::may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const {
   const std::string& name = source_.attributes()[attribute];
   const auto is_name = [&](const std::string& apart) { return name == apart || name.starts_with(apart + "["); };
-  if (!joined.join || brings_value_moments_ || std::ranges::any_of(joined.apart, is_name)) return std::nullopt;
-  const std::vector<std::string> units = source_.units();
-  for (std::size_t a = 0; a < attribute; ++a)
-    if (values_[a].value() == values_[attribute].value() && units[a] == units[attribute]) return summary.stored[a];
-  return std::nullopt;
+  return joined.join && !brings_value_moments_ && std::ranges::none_of(joined.apart, is_name);
 }
 
 InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
@@ -125,11 +122,13 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   const PointRanges& ranges = census_.left_out > 0 ? in_cells_ : ranges_;
   summary.box = box();
   const std::vector<std::string> units = source_.units();
+  std::map<std::pair<std::uint64_t, std::string_view>, std::size_t> first_of;  // by values and unit
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const std::optional<std::size_t> same = find_same(a, summary, joined);
-    summary.stored.push_back(same.value_or(summary.attributes.size()));
+    const auto [first, is_new] = first_of.try_emplace({values_[a].value(), units[a]}, summary.attributes.size());
+    const bool same = !is_new && may_be_joined(a, joined);
+    summary.stored.push_back(same ? first->second : summary.attributes.size());
     if (same) {
-      summary.aliases.push_back({source_.attributes()[a], static_cast<int>(*same)});
+      summary.aliases.push_back({source_.attributes()[a], static_cast<int>(first->second)});
       continue;
     }
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));

@@ -78,8 +78,7 @@ class PieceReader {
     std::vector<VertexValue> found;  // scratch: of a point
   };
 
-  [[nodiscard]] std::optional<std::size_t> find_same(std::size_t attribute, const InputSummary& summary,
-                                                     const JoinedAttributes& joined) const;
+  [[nodiscard]] bool may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const;
   [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
   [[nodiscard]] std::vector<std::uint32_t> find_finite(const Piece& piece);
   [[nodiscard]] Box box_of(const Piece& piece) const;

@@ -40,8 +40,7 @@ void append_arrays(std::span<const NamedArray> arrays, bool of_cells, std::strin
 }  // namespace
 
 tl::unexpected<Error> fail_too_many_attributes(const std::string& file) {
-  return fail(ErrorCode::unsupported, "{}: more than {} attributes: name some of its arrays, and leave the others out",
-              file, AttributeCount::most);
+  return fail(ErrorCode::unsupported, "{}: more than {} attributes", file, AttributeCount::most);
 }
 
 Status check_attribute_count(const std::string& file, std::span<const NamedArray> of_points,
