@@ -1,0 +1,134 @@
+#include "splatvol/renderer.h"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include "python/module/arrays.h"
+#include "python/module/errors.h"
+#include "python/module/interruptible_call.h"
+#include "python/module/module.h"
+
+namespace splatvol::python {
+namespace {
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+using Depths = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+OutArray<float> picture_of(Image image) {
+  const auto height = static_cast<std::size_t>(image.height), width = static_cast<std::size_t>(image.width);
+  return take<float>(std::move(image.pixels), {height, width, 4});
+}
+
+// A renderer whose calls let other threads of Python run. The package makes sure that calls do not overlap.
+class SharedRenderer {
+ public:
+  SharedRenderer(const std::string& path, std::uint64_t memory)
+      : renderer_(
+            value_of(call_interruptibly([&] { return Renderer::open(path, std::nullopt, {.memory = memory}); }))) {}
+  SharedRenderer(const SharedRenderer&) = delete;
+  SharedRenderer& operator=(const SharedRenderer&) = delete;
+
+  ~SharedRenderer() {
+    // Waits for threads that read.
+    const nb::gil_scoped_release no_gil;
+    renderer_.reset();
+  }
+
+  template <class Call>
+  auto run(Call call) {
+    return value_of(call_interruptibly([&] { return call(*renderer_); }, {.cancel = [this] { renderer_->cancel(); }}));
+  }
+
+  [[nodiscard]] const Renderer& get() const { return *renderer_; }
+
+ private:
+  std::optional<Renderer> renderer_;
+};
+
+void set_scene(SharedRenderer& renderer, const std::string& json) {
+  const Scene scene = value_of(parse_scene(json));
+  renderer.run([&](Renderer& opened) { return opened.set_scene(scene); });
+}
+
+std::string fitting_scene(SharedRenderer& renderer, const std::string& attribute, int width, int height) {
+  return scene_to_json(renderer.run([&](Renderer& opened) { return opened.fitting_scene(attribute, width, height); }));
+}
+
+void set_surface_depths(SharedRenderer& renderer, const std::optional<Depths>& depths) {
+  std::optional<SurfaceDepths> surfaces;
+  if (depths)
+    surfaces = SurfaceDepths{static_cast<int>(depths->shape(1)),
+                             static_cast<int>(depths->shape(0)),
+                             {depths->data(), depths->data() + depths->size()}};
+  renderer.run([&](Renderer& opened) { return opened.set_surface_depths(std::move(surfaces)); });
+}
+
+Quality quality_of(std::optional<double> max_error, std::optional<std::uint64_t> splats,
+                   std::optional<double> tolerance, std::optional<std::size_t> resolution) {
+  return {.max_error = max_error, .max_splats = splats, .tolerance_percent = tolerance, .resolution = resolution};
+}
+
+nb::dict statistics_of(const SharedRenderer& renderer) {
+  const RenderStatistics& statistics = renderer.get().statistics();
+  nb::list unreadable;
+  for (const Error& error : statistics.unreadable) unreadable.append(nb::str(error.message.c_str()));
+  nb::dict dict;
+  dict["splats"] = statistics.splats;
+  dict["error"] = statistics.error;
+  dict["is_complete"] = statistics.is_complete;
+  dict["is_settled"] = statistics.is_settled;
+  dict["missing_bytes"] = statistics.missing_bytes;
+  dict["bytes_read"] = statistics.bytes_read;
+  dict["bytes_held"] = statistics.bytes_held;
+  dict["seconds"] = statistics.seconds;
+  dict["unreadable"] = unreadable;
+  return dict;
+}
+
+}  // namespace
+
+void add_renderer(nb::module_& module) {
+  nb::class_<SharedRenderer>(module, "Renderer")
+      .def(nb::init<const std::string&, std::uint64_t>(), "path"_a, "memory"_a)
+      .def("set_scene", &set_scene, "json"_a)
+      .def("scene", [](const SharedRenderer& renderer) { return scene_to_json(renderer.get().scene()); })
+      .def("fitting_scene", &fitting_scene, "attribute"_a, "width"_a, "height"_a)
+      .def("set_surface_depths", &set_surface_depths, "depths"_a.none().noconvert())
+      .def("step", [](const SharedRenderer& renderer) { return renderer.get().step(); })
+      .def(
+          "show_step",
+          [](SharedRenderer& renderer, std::size_t step) {
+            renderer.run([&](Renderer& opened) { return opened.show_step(step); });
+          },
+          "step"_a)
+      .def(
+          "render",
+          [](SharedRenderer& renderer, std::optional<double> max_error, std::optional<std::uint64_t> splats,
+             std::optional<double> tolerance, std::optional<std::size_t> resolution) {
+            const Quality quality = quality_of(max_error, splats, tolerance, resolution);
+            return picture_of(renderer.run([&](Renderer& opened) { return opened.render(quality); }));
+          },
+          "max_error"_a.none(), "splats"_a.none(), "tolerance"_a.none(), "resolution"_a.none())
+      .def(
+          "render_within",
+          [](SharedRenderer& renderer, double seconds) {
+            return picture_of(renderer.run([&](Renderer& opened) { return opened.render_within(seconds); }));
+          },
+          "seconds"_a)
+      .def(
+          "render_now",
+          [](SharedRenderer& renderer, double wait_seconds, std::optional<double> max_error,
+             std::optional<std::uint64_t> splats, std::optional<double> tolerance,
+             std::optional<std::size_t> resolution) {
+            const Quality quality = quality_of(max_error, splats, tolerance, resolution);
+            return picture_of(renderer.run([&](Renderer& opened) { return opened.render_now(wait_seconds, quality); }));
+          },
+          "wait_seconds"_a, "max_error"_a.none(), "splats"_a.none(), "tolerance"_a.none(), "resolution"_a.none())
+      .def("statistics", &statistics_of)
+      .def("device", [](const SharedRenderer& renderer) { return renderer.get().device(); });
+}
+
+}  // namespace splatvol::python

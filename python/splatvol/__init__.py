@@ -1,0 +1,29 @@
+"""Volumes of CFD and FEM results, on unstructured meshes and scattered points: built, read and drawn.
+
+``build`` and ``build_mesh`` make a .svol file, once. ``open`` opens one, from disk or from a web server. See
+docs/python.md.
+"""
+
+from ._build import BuildReport, build, build_mesh
+from ._core import version as __version__
+from ._files import Attribute, File, Frame, Points, open
+from ._pictures import save, to_srgb8
+from ._renderers import Statistics
+from ._scenes import check_scene
+from ._show import show
+from .errors import (
+    CancelledError,
+    DeviceError,
+    Error,
+    FileError,
+    InvalidArgumentError,
+    InvalidDataError,
+    OutOfBudgetError,
+    UnsupportedError,
+)
+
+__all__ = [
+    "Attribute", "BuildReport", "CancelledError", "DeviceError", "Error", "File", "FileError", "Frame",
+    "InvalidArgumentError", "InvalidDataError", "OutOfBudgetError", "Points", "Statistics", "UnsupportedError",
+    "__version__", "build", "build_mesh", "check_scene", "open", "save", "show", "to_srgb8",
+]

@@ -1,0 +1,190 @@
+"""Arrays to .svol files."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from ._vtk_arrays import MeshArrays, arrays_of_mesh
+from .errors import InvalidArgumentError
+
+Cells = Union[None, ArrayLike, Tuple[ArrayLike, ArrayLike, ArrayLike]]
+Progress = Callable[[str, float], Any]
+
+# VTK's number of the cell type with so many points.
+_TYPES_BY_POINTS = {4: 10, 5: 14, 6: 13, 8: 12}
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What was built."""
+
+    path: str
+    resolution_counts: List[int]  #: points of each resolution; the last one has all
+    file_bytes: int
+    connectivity: str  #: that was used
+    census: Dict[str, int]  #: what was counted or left out, in words
+    warnings: List[str]
+    conversions: List[str]  #: attributes that are not as in the input
+
+
+def _floats(array: ArrayLike) -> NDArray[Any]:
+    """Returns numbers in single or double precision, row by row; the caller's own array if it is like that."""
+    numbers = np.asarray(array)
+    if numbers.dtype not in (np.float32, np.float64):
+        if numbers.dtype.kind not in "fiub":
+            raise InvalidArgumentError(f"numbers are needed, not {numbers.dtype}")
+        numbers = numbers.astype(np.float64)
+    return np.ascontiguousarray(numbers)
+
+
+def _indices(array: ArrayLike, what: str) -> NDArray[np.int64]:
+    """Returns integers of 64 bits; the caller's own array if it is like that."""
+    numbers = np.asarray(array)
+    if numbers.dtype.kind not in "iu" and numbers.size > 0:
+        raise InvalidArgumentError(f"{what}: whole numbers are needed, not {numbers.dtype}")
+    return np.ascontiguousarray(numbers, np.int64)
+
+
+def _cells(cells: Cells) -> Tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
+    """Returns connectivity, offsets and types, as in VTK."""
+    if cells is None:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8)
+    if isinstance(cells, tuple):
+        connectivity, offsets, types = cells
+        kinds = np.ascontiguousarray(types)
+        if kinds.size > 0 and (kinds.min() < 0 or kinds.max() > 255):
+            raise InvalidArgumentError("types of cells are VTK's numbers, from 0 to 255")
+        return (
+            _indices(connectivity, "connectivity").reshape(-1),
+            _indices(offsets, "offsets").reshape(-1),
+            np.ascontiguousarray(kinds, np.uint8).reshape(-1),
+        )
+    corners = _indices(cells, "cells")
+    if corners.ndim != 2 or corners.shape[1] not in _TYPES_BY_POINTS:
+        raise InvalidArgumentError(
+            f"cells of the shape {corners.shape}: take (m, 4) tetrahedra, (m, 5) pyramids, (m, 6) wedges, "
+            "(m, 8) hexahedra, or (connectivity, offsets, types)"
+        )
+    count, points = corners.shape
+    offsets = np.arange(0, points * (count + 1), points, dtype=np.int64)
+    return corners.reshape(-1), offsets, np.full(count, _TYPES_BY_POINTS[points], np.uint8)
+
+
+def _named(values: Optional[Mapping[str, ArrayLike]], units: Mapping[str, str], rows: int, what: str) -> List[Any]:
+    named = []
+    for name, array in (values or {}).items():
+        numbers = _floats(array)
+        if numbers.ndim not in (1, 2) or numbers.shape[0] != rows:
+            shapes = f"({rows},) or ({rows}, k)"
+            raise InvalidArgumentError(f"{name}: {rows} {what} need the shape {shapes}, not {numbers.shape}")
+        named.append(_core.NamedValues(name, numbers, units.get(name, "")))
+    return named
+
+
+def build(
+    points: ArrayLike,
+    cells: Cells,
+    values: Optional[Mapping[str, ArrayLike]],
+    path: Union[str, "os.PathLike[str]"],
+    *,
+    cell_values: Optional[Mapping[str, ArrayLike]] = None,
+    units: Mapping[str, str] = {},
+    own_cells: bool = False,
+    connectivity: str = "auto",
+    reduction: str = "octree",
+    missing: Sequence[float] = (),
+    exact: bool = False,
+    strict: bool = False,
+    memory: int = 0,
+    temp_folder: Union[None, str, "os.PathLike[str]"] = None,
+    up: str = "",
+    progress: Optional[Progress] = None,
+) -> BuildReport:
+    """Builds a .svol file from a mesh or from scattered points. It appears whole or not at all.
+
+    ``points``: (n, 3), world units. ``cells``: None (scattered points), an array of point numbers of one cell type:
+    (m, 4) tetrahedra, (m, 5) pyramids, (m, 6) wedges, (m, 8) hexahedra; or the tuple (connectivity, offsets, types) of
+    VTK, with m + 1 offsets. Points of cells are in VTK's order. ``values``: arrays at the points by name: (n,), or
+    (n, k) vectors, which give an attribute for the magnitude and one for each component. NaN: missing.
+
+    Arrays of float32 or float64 (values, points) and int64 (cells) that are contiguous are read where they lie; others
+    are copied. They must not change meanwhile.
+
+    ``cell_values``: arrays in the cells, (m,) or (m, k); averaged to points, unless ``own_cells``: then each cell
+    becomes a point with one value. ``units``: name: unit. ``connectivity``: how points are joined: "auto", "mesh",
+    "delaunay", "none" (Voronoi cells) or "boxes". ``reduction``: "octree", "mis" or "kdtree". ``missing``: numbers that
+    stand for missing values. ``exact``: rounds nothing, but values to single precision unless they have it. ``strict``:
+    fails if the file would not be the input as it is. ``memory``: bytes to hold besides the arrays; 0: a quarter of the
+    machine's. ``temp_folder``: None: the output's folder. ``up``: "x", "y" or "z", upwards in pictures.
+    ``progress(stage, share)``: called now and then, with the share of the stage that is done.
+
+    Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, ``UnsupportedError`` for
+    cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
+    """
+    positions = _floats(points)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise InvalidArgumentError(f"points have the shape (n, 3), not {positions.shape}")
+    indices, offsets, types = _cells(cells)
+    none = np.empty(0, np.int64)
+    mesh = MeshArrays(positions, indices, offsets, types, none, none, dict(values or {}), dict(cell_values or {}))
+    options = dict(
+        own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=list(missing), exact=exact,
+        strict=strict, memory=memory, temp_folder="" if temp_folder is None else os.fspath(temp_folder), up=up,
+    )
+    return _build(mesh, path, units, options, progress)
+
+
+def build_mesh(
+    mesh: Any,
+    path: Union[str, "os.PathLike[str]"],
+    *,
+    arrays: Optional[Sequence[str]] = None,
+    **options: Any,
+) -> BuildReport:
+    """Builds a .svol file from a data set of PyVista or VTK with volume cells. It appears whole or not at all.
+
+    ``mesh``: an unstructured grid, or another data set that can be cast to one; its polyhedra too. ``arrays``: names of
+    its arrays of points and cells; None: all that are numbers. ``options``: those of ``build`` from ``units`` on.
+    Copies what ``build`` copies, and the offsets and faces of cells where VTK holds them in another layout.
+
+    Raises ``InvalidArgumentError`` if it is no data set, lacks an array or has ghost cells; else as ``build``.
+    """
+    units = options.pop("units", {})
+    progress = options.pop("progress", None)
+    known = {"own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up"}
+    for option in options:
+        if option not in known:
+            raise TypeError(f"build_mesh() got an unexpected keyword argument {option!r}")
+    if options.get("temp_folder") is not None:
+        options["temp_folder"] = os.fspath(options["temp_folder"])
+    return _build(arrays_of_mesh(mesh, arrays), path, units, options, progress)
+
+
+def _build(
+    mesh: MeshArrays,
+    path: Union[str, "os.PathLike[str]"],
+    units: Mapping[str, str],
+    options: Mapping[str, Any],
+    progress: Optional[Progress],
+) -> BuildReport:
+    arrays = _core.Mesh(
+        _floats(mesh.points), mesh.connectivity, mesh.offsets, mesh.types, mesh.faces, mesh.face_locations,
+        _named(mesh.point_values, units, len(mesh.points), "points"),
+        _named(mesh.cell_values, units, len(mesh.types), "cells"),
+    )
+    for name in units:
+        if name not in mesh.point_values and name not in mesh.cell_values:
+            raise InvalidArgumentError(f"unit of {name}: there is no such array")
+    core_options = _core.BuildOptions()
+    for name, value in options.items():
+        if value is not None:
+            setattr(core_options, name, list(value) if name == "missing" else value)
+    output = os.fspath(path)
+    report = _core.build(arrays, output, core_options, progress)
+    return BuildReport(**{**report, "path": output, "census": dict(report["census"])})

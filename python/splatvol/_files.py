@@ -1,0 +1,302 @@
+"""Open .svol files."""
+
+from __future__ import annotations
+
+import os
+import threading
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from ._renderers import DEFAULT_MEMORY, Quality, Renderer, Statistics
+from ._scenes import Scene, SceneLike, read_scene, with_size
+from .errors import InvalidArgumentError
+
+Vector = Tuple[float, float, float]
+Floats = NDArray[np.float64]
+
+
+class Attribute(NamedTuple):
+    """A named number at each point."""
+
+    name: str
+    unit: str  #: such as "m/s"; empty: not known
+    low: float  #: the least value; NaN if no point has one
+    high: float
+    missing: int  #: points without a value
+    error: float  #: no stored value differs by more from that of the input
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of one resolution. A point of a coarse resolution stands for those near it that the resolution lacks.
+
+    Arrays are in the file's order of points. NaN: missing. The last five are empty unless ``material`` was asked for.
+    """
+
+    resolution: int
+    positions: Floats  #: (n, 3), world units
+    values: Dict[str, Floats]  #: attribute: (n,), at the positions
+    volumes: Floats  #: (n,), of the material that each point stands for
+    centroids: Floats  #: (n, 3), of the material
+    covariances: Floats  #: (n, 6), of the material: xx, yy, zz, xy, yz, xz
+    means: Dict[str, Floats]  #: attribute: (n,), of the values in the material
+    deviations: Dict[str, Floats]  #: attribute: (n,), standard deviations of the values in the material
+
+
+class Frame(NamedTuple):
+    """A picture on the way to the complete one."""
+
+    picture: NDArray[np.float32]  #: (height, width, 4)
+    statistics: Statistics
+
+
+def _corner(corner: Sequence[float]) -> Vector:
+    x, y, z = corner
+    return float(x), float(y), float(z)
+
+
+class File:
+    """An open .svol file, or an index of files (.svols); of a time series, at one of its steps.
+
+    Each byte is checked before it is used. All calls may come from any thread: others go on while one reads or draws.
+    Pictures are drawn one after another. Ctrl-C ends a call.
+    """
+
+    def __init__(self, path: Union[str, "os.PathLike[str]"]) -> None:
+        """Opens a file by its path, or by its address (http:// or https://), at its last step.
+
+        Reads the preamble only. Raises ``FileError`` or ``InvalidDataError``.
+        """
+        self._path = os.fspath(path)
+        self._file = _core.File(self._path)
+        self._lock = threading.Lock()
+        self._renderer: Optional[Renderer] = None
+
+    def __repr__(self) -> str:
+        return f"splatvol.open({self.name!r}): {self.point_count} points, {', '.join(a.name for a in self.attributes)}"
+
+    @property
+    def name(self) -> str:
+        """The name for messages: the path, or the address without user, password and query."""
+        return self._file.name()
+
+    @property
+    def path(self) -> str:
+        """The path or address that was opened."""
+        return self._path
+
+    @property
+    def attributes(self) -> List[Attribute]:
+        """What the file holds at each point."""
+        return [Attribute(*row) for row in self._file.attributes()]
+
+    @property
+    def resolution_counts(self) -> List[int]:
+        """The number of points of each resolution, which rises."""
+        return self._file.resolution_counts()
+
+    @property
+    def point_count(self) -> int:
+        """The number of points of the finest resolution."""
+        return self.resolution_counts[-1]
+
+    @property
+    def bounds(self) -> Tuple[Vector, Vector]:
+        """The low and the high corner of a cube round all points, in world units."""
+        return self._file.bounds()
+
+    @property
+    def times(self) -> List[float]:
+        """The times of the steps, which rise; empty if the file is no time series."""
+        return self._file.times()
+
+    @property
+    def step(self) -> int:
+        """The number of the step that is shown, from 0."""
+        return self._file.step()
+
+    def show_step(self, step: int) -> None:
+        """Changes to another step. If it fails, all stays as it was. Raises ``InvalidArgumentError`` if it lacks."""
+        self._file.show_step(step)
+
+    @property
+    def file_bytes(self) -> int:
+        """The size of the file."""
+        return self._file.file_bytes()
+
+    @property
+    def bytes_read(self) -> int:
+        """The bytes that this object has read of the file; pictures read beside it."""
+        return self._file.bytes_read()
+
+    def points(
+        self,
+        resolution: Optional[int] = None,
+        max_points: Optional[int] = None,
+        box: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
+        attributes: Optional[Sequence[str]] = None,
+        material: bool = False,
+    ) -> Points:
+        """Reads points. The arrays are those that were read, not copies.
+
+        ``resolution``: 0 is the coarsest. None: the finest with at most ``max_points`` points; if there is none, the
+        coarsest. ``box``: its low and its high corner, in world units; points outside are left out, and chunks that lie
+        outside are not read. ``attributes``: names; None: all. ``material``: also what each point stands for.
+
+        Raises ``InvalidArgumentError`` if the file lacks the resolution or an attribute, ``FileError`` or
+        ``InvalidDataError`` if it cannot be read.
+        """
+        corners = None if box is None else (_corner(box[0]), _corner(box[1]))
+        read = self._file.points(resolution, max_points, list(attributes or []), corners, material)
+        names = read["names"]
+        return Points(
+            resolution=read["resolution"],
+            positions=read["positions"],
+            values=dict(zip(names, read["values"])),
+            volumes=read.get("volumes", np.empty(0)),
+            centroids=read.get("centroids", np.empty((0, 3))),
+            covariances=read.get("covariances", np.empty((0, 6))),
+            means=dict(zip(names, read.get("means", []))),
+            deviations=dict(zip(names, read.get("deviations", []))),
+        )
+
+    def sample(
+        self, points: ArrayLike, attribute: Optional[str] = None, resolution: Optional[int] = None
+    ) -> Floats:
+        """Returns the values of an attribute at positions: (n,), NaN where no material is, or no value.
+
+        ``points``: (n, 3), world units; copied unless float64 and contiguous. ``attribute``: None: the first.
+        ``resolution``: None: the finest. All of it is read, chunk by chunk. Takes about 64 bytes for each position.
+        Values are those between the points: the means of the splats' linear fields, weighted by their densities.
+
+        Raises ``InvalidArgumentError`` if the file lacks the attribute or the resolution.
+        """
+        positions = np.ascontiguousarray(points, np.float64)
+        if positions.ndim != 2 or positions.shape[1] != 3:
+            raise InvalidArgumentError(f"{self.name}: positions have the shape (n, 3), not {positions.shape}")
+        name = self.attributes[0].name if attribute is None else attribute
+        return self._file.sample(positions, name, resolution)
+
+    def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
+        """Checks every byte of the file. Calls ``progress`` with the share that is done, in [0, 1].
+
+        Raises ``InvalidDataError``, which names the first rule that is broken.
+        """
+        self._file.verify(progress)
+
+    def scene(
+        self,
+        attribute: Optional[str] = None,
+        size: Tuple[int, int] = (512, 512),
+        *,
+        memory: int = DEFAULT_MEMORY,
+    ) -> Scene:
+        """Returns a scene that fits the data, in the layout of docs/scene.md: a start for one of your own.
+
+        ``attribute``: None: the one with most to see. ``size``: width and height of the picture, in pixels.
+        """
+        width, height = size
+        with self._lock:
+            return self._get_renderer(memory).fitting_scene(attribute or "", int(width), int(height))
+
+    def render(
+        self,
+        scene: Optional[SceneLike] = None,
+        size: Optional[Tuple[int, int]] = None,
+        *,
+        max_error: Optional[float] = None,
+        splats: Optional[int] = None,
+        tolerance: Optional[float] = None,
+        resolution: Optional[int] = None,
+        seconds: Optional[float] = None,
+        depths: Optional[ArrayLike] = None,
+        memory: int = DEFAULT_MEMORY,
+    ) -> NDArray[np.float32]:
+        """Draws the complete picture: (height, width, 4), linear premultiplied RGBA, row 0 at the top.
+
+        ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``size``:
+        width and height, instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
+
+        At most one of these says how good the picture is to be; without them it has all points of a small file, and
+        else an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
+        their number. ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all
+        points. ``resolution``: that of all points; 0: the coarsest. ``seconds``: the best picture that can be there by
+        then; the speed is learnt from call to call.
+
+        ``depths``: (height, width), opaque surfaces that hide what lies behind them: at each pixel's centre, the
+        distance from the eye's plane along the view's axis, in world units; infinity or NaN: none. ``memory``: bytes to
+        hold of the file; a view that needs more is drawn coarser. They are held for the next call.
+
+        Raises ``InvalidArgumentError`` or ``InvalidDataError`` for a scene with an error, ``FileError`` if a part of
+        the file cannot be read.
+        """
+        quality = Quality(max_error, splats, tolerance, resolution)
+        if seconds is not None and quality != Quality():
+            raise InvalidArgumentError("a picture has one number that says how good it is to be, not two")
+        with self._lock:
+            renderer = self._get_renderer(memory)
+            renderer.set_scene(self._scene_for(renderer, scene, size))
+            with renderer.surfaces(depths):
+                return renderer.render(quality) if seconds is None else renderer.render_within(seconds)
+
+    def frames(
+        self,
+        scene: Optional[SceneLike] = None,
+        size: Optional[Tuple[int, int]] = None,
+        *,
+        max_error: Optional[float] = None,
+        splats: Optional[int] = None,
+        tolerance: Optional[float] = None,
+        resolution: Optional[int] = None,
+        interval: float = 0.1,
+        memory: int = DEFAULT_MEMORY,
+    ) -> Iterator[Frame]:
+        """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
+
+        Arguments as for ``render``. ``interval``: seconds to wait for more of the file before the next picture. Each
+        picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its place drawn
+        coarser.
+        """
+        quality = Quality(max_error, splats, tolerance, resolution)
+        renderer = Renderer(self._path, memory, self.step)
+        renderer.set_scene(self._scene_for(renderer, scene, size))
+        wait = 0.0
+        while True:
+            picture = renderer.render_now(wait, quality)
+            statistics = renderer.statistics()
+            yield Frame(picture, statistics)
+            if statistics.is_settled:
+                return
+            wait = interval
+
+    @property
+    def statistics(self) -> Optional[Statistics]:
+        """What the last picture of ``render`` shows and cost; None before the first."""
+        with self._lock:
+            return None if self._renderer is None else self._renderer.statistics()
+
+    def _get_renderer(self, memory: int) -> Renderer:
+        if self._renderer is None or self._renderer.memory != memory:
+            self._renderer = None  # gives its memory back first
+            self._renderer = Renderer(self._path, memory, self.step)
+        self._renderer.show_step(self.step)
+        return self._renderer
+
+    @staticmethod
+    def _scene_for(renderer: Renderer, scene: Optional[SceneLike], size: Optional[Tuple[int, int]]) -> Scene:
+        if scene is not None:
+            return with_size(read_scene(scene), size)
+        width, height = size or (512, 512)
+        return renderer.fitting_scene("", int(width), int(height))
+
+
+def open(path: Union[str, "os.PathLike[str]"]) -> File:
+    """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://).
+
+    Of a time series, the last step is shown. Reads the preamble only. Raises ``FileError`` or ``InvalidDataError``.
+    """
+    return File(path)

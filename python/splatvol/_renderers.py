@@ -1,0 +1,93 @@
+"""What draws a file, for the parts of this package."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from dataclasses import dataclass
+from typing import Iterator, NamedTuple, Optional, Tuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from ._scenes import Scene
+from .errors import InvalidArgumentError
+
+DEFAULT_MEMORY = 512 << 20  # bytes
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a picture shows and cost."""
+
+    splats: int
+    error: float  #: estimated, against the exact picture: root mean square of linear RGB
+    is_complete: bool  #: nothing is missing of what was asked for
+    is_settled: bool  #: it will not change: what is missing cannot be read or held
+    missing_bytes: int  #: of the file, still to be read for the picture
+    bytes_read: int  #: of the file, since it was opened for drawing
+    bytes_held: int  #: of the file, the most at any time
+    seconds: float
+    unreadable: Tuple[str, ...]  #: errors of parts that could not be read; their places are drawn coarser
+
+
+class Quality(NamedTuple):
+    """How good a picture is to be: at most one of these."""
+
+    max_error: Optional[float] = None
+    splats: Optional[int] = None
+    tolerance: Optional[float] = None
+    resolution: Optional[int] = None
+
+
+class Renderer:
+    """An open file, its scene, and the processor that draws it. One call at a time."""
+
+    def __init__(self, path: str, memory: int, step: int) -> None:
+        if memory <= 0:
+            raise InvalidArgumentError(f"a memory of {memory} bytes: take more")
+        self.memory = memory
+        self._renderer = _core.Renderer(path, memory)
+        self.show_step(step)
+
+    def show_step(self, step: int) -> None:
+        if self._renderer.step() != step:
+            self._renderer.show_step(step)
+
+    def scene(self) -> Scene:
+        return json.loads(self._renderer.scene())
+
+    def set_scene(self, scene: Scene) -> None:
+        self._renderer.set_scene(json.dumps(scene))
+
+    def fitting_scene(self, attribute: str, width: int, height: int) -> Scene:
+        return json.loads(self._renderer.fitting_scene(attribute, width, height))
+
+    @contextlib.contextmanager
+    def surfaces(self, depths: Optional[ArrayLike]) -> Iterator[None]:
+        """Hides what lies behind surfaces, for the calls inside."""
+        if depths is None:
+            yield
+            return
+        array = np.ascontiguousarray(depths, np.float32)
+        if array.ndim != 2:
+            raise InvalidArgumentError(f"depths have the shape (height, width), not {array.shape}")
+        self._renderer.set_surface_depths(array)
+        try:
+            yield
+        finally:
+            self._renderer.set_surface_depths(None)
+
+    def render(self, quality: Quality = Quality()) -> NDArray[np.float32]:
+        return self._renderer.render(*quality)
+
+    def render_within(self, seconds: float) -> NDArray[np.float32]:
+        return self._renderer.render_within(seconds)
+
+    def render_now(self, wait_seconds: float, quality: Quality = Quality()) -> NDArray[np.float32]:
+        return self._renderer.render_now(wait_seconds, *quality)
+
+    def statistics(self) -> Statistics:
+        values = self._renderer.statistics()
+        return Statistics(**{**values, "unreadable": tuple(values["unreadable"])})

@@ -1,0 +1,105 @@
+import shutil
+
+import numpy as np
+import pytest
+
+import splatvol
+from conftest import ball, linear
+
+
+def test_what_a_file_tells(ball_file, ball_mesh):
+    low, high = ball_file.bounds
+    assert all(l <= -1 and h >= 1 for l, h in zip(low, high))
+    assert ball_file.point_count == len(ball_mesh[0]) == ball_file.resolution_counts[-1]
+    assert ball_file.times == [] and ball_file.step == 0
+    assert ball_file.attributes[0].low == pytest.approx(linear(ball_mesh[0]).min(), rel=1e-6)
+    assert "ball.svol" in repr(ball_file)
+
+
+def test_points_own_their_buffers(ball_path):
+    points = splatvol.open(ball_path).points(material=True)
+    assert points.positions.shape == points.centroids.shape == (len(points.volumes), 3)
+    assert points.covariances.shape == (len(points.volumes), 6)
+    assert points.positions.flags.writeable and points.positions.base is not None
+    # The file is closed by now; the arrays stay.
+    assert points.volumes.sum() == pytest.approx(4 / 3 * np.pi, rel=.03)
+    np.testing.assert_allclose(points.values["T"], linear(points.positions), rtol=1e-5)
+    np.testing.assert_allclose(points.means["T"], linear(points.centroids), atol=.01)
+
+
+def test_resolutions_boxes_and_attributes(ball_file):
+    counts = ball_file.resolution_counts
+    assert len(ball_file.points(0).positions) == counts[0]
+    assert ball_file.points(max_points=counts[-1] - 1).resolution == len(counts) - 2
+    inside = ball_file.points(box=((0, 0, 0), (1, 1, 1)), attributes=["U[1]"])
+    assert list(inside.values) == ["U[1]"] and (inside.positions >= 0).all() and len(inside.positions) > 0
+    assert len(inside.volumes) == 0 and inside.means == {}
+
+
+def test_samples_of_a_linear_field_are_that_field(ball_file):
+    random = np.random.default_rng(4).uniform(-1, 1, (2000, 3))
+    inside = random[np.linalg.norm(random, axis=1) < .85]
+    np.testing.assert_allclose(ball_file.sample(inside), linear(inside), atol=.02)
+    outside = random[np.linalg.norm(random, axis=1) > 1.3]
+    assert np.isnan(ball_file.sample(outside, "T")).all()
+    assert ball_file.sample(np.empty((0, 3))).shape == (0,)
+
+
+def test_verify_tells_its_progress(ball_file):
+    shares = []
+    ball_file.verify(shares.append)
+    assert shares and shares == sorted(shares) and shares[-1] <= 1
+
+
+def test_errors(ball_file, ball_path, tmp_path):
+    with pytest.raises(splatvol.FileError, match="absent.svol"):
+        splatvol.open(tmp_path / "absent.svol")
+    with pytest.raises(splatvol.InvalidArgumentError, match="attribute"):
+        ball_file.points(attributes=["q"])
+    with pytest.raises(splatvol.Error):
+        ball_file.points(resolution=99)
+    with pytest.raises(splatvol.InvalidArgumentError, match="no step 3"):
+        ball_file.show_step(3)
+    with pytest.raises(splatvol.InvalidArgumentError, match=r"\(n, 3\)"):
+        ball_file.sample([1, 2, 3])
+    damaged = tmp_path / "damaged.svol"
+    shutil.copy(ball_path, damaged)
+    with damaged.open("r+b") as file:
+        file.seek(damaged.stat().st_size // 2)
+        file.write(b"\xff" * 64)
+    with pytest.raises(splatvol.InvalidDataError, match="damaged.svol"):
+        splatvol.open(damaged).verify()
+    damaged.write_bytes(ball_path.read_bytes()[:1000])
+    with pytest.raises(splatvol.InvalidDataError):
+        splatvol.open(damaged)
+
+
+def test_wrong_types_are_type_errors(ball_file):
+    with pytest.raises(TypeError):
+        ball_file.points(resolution="fine")
+
+
+def test_steps(tmp_path, program):
+    import subprocess
+
+    points, cells = ball(4)
+    for step in range(2):
+        splatvol.build(points, cells, {"T": linear(points) + step}, tmp_path / f"{step}.svol")
+    (tmp_path / "steps.pvd").write_text("")
+    svbuild = program("svbuild")
+    vtks = []
+    for step in range(2):
+        path = tmp_path / f"{step}.csv"
+        np.savetxt(path, np.column_stack([points, linear(points) + step]), delimiter=",", header="x,y,z,T", comments="")
+        vtks.append(str(path))
+    series = tmp_path / "series.svol"
+    built = subprocess.run([svbuild, "--series", *vtks, "-o", str(series)], capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    file = splatvol.open(series)
+    assert len(file.times) == 2 and file.step == 1
+    last = file.sample([[0, 0, 0.1]])
+    picture = file.render(size=(32, 32))
+    file.show_step(0)
+    assert file.step == 0
+    np.testing.assert_allclose(file.sample([[0, 0, 0.1]]), last - 1, atol=.01)
+    assert file.render(size=(32, 32)).shape == picture.shape

@@ -1,0 +1,106 @@
+"""The reader for ParaView, run by VTK: decorators that do nothing stand for ParaView's, if it is absent."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatvol
+from conftest import linear
+
+pytest.importorskip("vtkmodules")
+from vtkmodules.util.numpy_support import vtk_to_numpy  # noqa: E402
+
+PLUGIN = Path(__file__).parents[1] / "paraview" / "SplatvolReader.py"
+
+
+class Decorators:
+    """Any attribute is a decorator with arguments, which returns what it decorates."""
+
+    def __getattr__(self, name):
+        return lambda *args, **kwargs: lambda decorated: decorated
+
+
+@pytest.fixture()
+def plugin(monkeypatch):
+    if importlib.util.find_spec("paraview") is None:
+        package, util, algorithm = (types.ModuleType(name) for name in ("paraview", "util", "vtkAlgorithm"))
+        algorithm.smproxy = algorithm.smproperty = algorithm.smdomain = algorithm.smhint = Decorators()
+        monkeypatch.setitem(sys.modules, "paraview", package)
+        monkeypatch.setitem(sys.modules, "paraview.util", util)
+        monkeypatch.setitem(sys.modules, "paraview.util.vtkAlgorithm", algorithm)
+    spec = importlib.util.spec_from_file_location("SplatvolReader", PLUGIN)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def read(reader):
+    reader.Update()
+    return reader.GetOutputDataObject(0)
+
+
+def test_points_and_attributes(plugin, ball_path):
+    reader = plugin.SplatvolReader()
+    reader.SetFileName(str(ball_path))
+    reader.UpdateInformation()
+    selection = reader.GetDataArraySelection()
+    assert selection.GetNumberOfArrays() == 5
+    output = read(reader)
+    file = splatvol.open(ball_path)
+    assert output.GetNumberOfPoints() == output.GetNumberOfVerts() == file.point_count
+    points = vtk_to_numpy(output.GetPoints().GetData())
+    np.testing.assert_allclose(vtk_to_numpy(output.GetPointData().GetArray("T")), linear(points), rtol=1e-5)
+    selection.DisableArray("U")
+    assert read(reader).GetPointData().GetArray("U") is None
+
+
+def test_resolutions_and_boxes(plugin, ball_path):
+    counts = splatvol.open(ball_path).resolution_counts
+    reader = plugin.SplatvolReader()
+    reader.SetFileName(str(ball_path))
+    reader.SetResolution(0)
+    assert read(reader).GetNumberOfPoints() == counts[0]
+    reader.SetResolution(-1)
+    reader.SetMaxPoints(counts[-1] - 1)
+    assert read(reader).GetNumberOfPoints() == counts[-2]
+    reader.SetMaxPoints(counts[-1])
+    reader.SetUseBox(1)
+    low, high = read(reader).GetBounds()[::2], read(reader).GetBounds()[1::2]
+    assert min(low) >= 0 and max(high) <= 1
+
+
+IN_PARAVIEW = """
+import sys
+sys.path[:0] = {path!r}
+from paraview.simple import LoadPlugin, OpenDataFile
+LoadPlugin({plugin!r}, remote=False, ns=globals())
+reader = OpenDataFile({file!r})
+reader.UpdatePipeline()
+print(type(reader).__name__, reader.GetDataInformation().GetNumberOfPoints())
+reader.Resolution = 0
+reader.Attributes = ["T"]
+reader.UpdatePipeline()
+print(reader.GetDataInformation().GetNumberOfPoints(), reader.PointData.keys())
+"""
+
+
+def test_in_paraview(ball_path):
+    """With a program pvpython, of SPLATVOL_PVPYTHON or on PATH, whose Python has this one's version."""
+    pvpython = os.environ.get("SPLATVOL_PVPYTHON") or shutil.which("pvpython")
+    if pvpython is None:
+        pytest.skip("no pvpython: set SPLATVOL_PVPYTHON")
+    folder = str(Path(splatvol.__file__).parents[1])
+    code = IN_PARAVIEW.format(path=[folder], plugin=str(PLUGIN), file=str(ball_path))
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    told = subprocess.run([pvpython, "-c", code], capture_output=True, text=True, env=environment)
+    assert told.returncode == 0, told.stderr
+    counts = splatvol.open(ball_path).resolution_counts
+    expected = [f"SplatvolReader {counts[-1]}", f"{counts[0]} ['T']"]
+    assert told.stdout.splitlines()[:2] == expected, told.stdout + told.stderr

@@ -1,0 +1,180 @@
+"""With PyVista and its VTK, drawn in software."""
+
+import numpy as np
+import pytest
+
+import splatvol
+from conftest import ball, hexahedra, lattice, linear
+
+pv = pytest.importorskip("pyvista")
+import splatvol.pyvista as splatvol_pyvista  # noqa: E402
+from splatvol._vtk_arrays import POLYHEDRON, face_stream  # noqa: E402
+
+pv.OFF_SCREEN = True
+
+
+@pytest.fixture()
+def grid():
+    points, cells = ball(8)
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: cells}, points)
+    grid.point_data["T"] = linear(points).astype(np.float32)
+    grid.cell_data["number"] = np.arange(grid.n_cells)
+    return grid
+
+
+def test_pyvista_reads_svol(ball_path):
+    mesh = pv.read(ball_path)
+    assert mesh.n_points == splatvol.open(ball_path).point_count
+    np.testing.assert_allclose(mesh.point_data["T"], linear(mesh.points), rtol=1e-5)
+    coarse = splatvol_pyvista.read(str(ball_path), max_points=mesh.n_points - 1, attributes=["T"])
+    assert coarse.n_points < mesh.n_points and coarse.point_data.keys() == ["T"]
+
+
+def test_a_grid_gives_the_file_of_its_arrays(grid, tmp_path):
+    splatvol.build_mesh(grid, tmp_path / "a.svol", arrays=["T"], units={"T": "K"})
+    points, cells = ball(8)
+    splatvol.build(grid.points, cells, {"T": linear(points).astype(np.float32)}, tmp_path / "b.svol", units={"T": "K"})
+    assert (tmp_path / "a.svol").read_bytes() == (tmp_path / "b.svol").read_bytes()
+
+
+def test_arrays_of_cells(grid, tmp_path):
+    splatvol.build_mesh(grid, tmp_path / "a.svol", own_cells=True, arrays=["number"], exact=True)
+    values = splatvol.open(tmp_path / "a.svol").points().values["number"]
+    np.testing.assert_array_equal(np.sort(values), np.arange(grid.n_cells))
+
+
+def test_other_data_sets_are_cast(tmp_path):
+    image = pv.ImageData(dimensions=(5, 6, 7))
+    image.point_data["T"] = np.arange(image.n_points, dtype=float)
+    splatvol.build_mesh(image, tmp_path / "a.svol")
+    assert splatvol.open(tmp_path / "a.svol").point_count == image.n_points
+
+
+def test_a_plain_grid_of_vtk(grid, tmp_path):
+    from vtkmodules.vtkCommonDataModel import vtkImageData, vtkUnstructuredGrid
+
+    plain = vtkUnstructuredGrid()
+    plain.ShallowCopy(grid)
+    splatvol.build_mesh(plain, tmp_path / "a.svol", arrays=["T"])
+    image = vtkImageData()
+    image.ShallowCopy(pv.ImageData(dimensions=(3, 3, 3)))
+    with pytest.raises(splatvol.InvalidArgumentError, match="no values"):
+        splatvol.build_mesh(image, tmp_path / "b.svol")
+
+
+def polyhedra(points, cells):
+    """Returns hexahedra as polyhedra."""
+    faces = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+    numbers = []
+    for cell in cells:
+        stream = [len(faces)]
+        for face in faces:
+            stream += [len(face), *cell[face]]
+        numbers += [len(stream), *stream]
+    return pv.UnstructuredGrid(np.array(numbers), np.full(len(cells), pv.CellType.POLYHEDRON, np.uint8), points)
+
+
+def test_polyhedra_are_the_hexahedra_that_they_are(tmp_path):
+    points, cells = lattice(3), hexahedra(3)
+    grid = polyhedra(points, cells)
+    grid.point_data["T"] = linear(points)
+    splatvol.build_mesh(grid, tmp_path / "a.svol")
+    splatvol.build(points, cells, {"T": linear(points)}, tmp_path / "b.svol")
+    a, b = (splatvol.open(tmp_path / f"{name}.svol").points(material=True) for name in "ab")
+    assert a.volumes.sum() == pytest.approx(8, rel=1e-4)
+    np.testing.assert_allclose(np.sort(a.volumes), np.sort(b.volumes), rtol=.35)
+
+
+def test_the_stream_of_faces_of_mixed_cells():
+    # A tetrahedron as a polyhedron, another cell, and a polyhedron that uses faces again.
+    face_points = np.array([0, 1, 2, 0, 1, 3, 1, 2, 3, 2, 0, 3, 4, 5, 6, 7])
+    face_offsets = np.array([0, 3, 6, 9, 12, 16])
+    stream, locations = face_stream(face_points, face_offsets, np.array([0, 1, 2, 3, 4, 0]), np.array([0, 4, 4, 6]))
+    assert locations.tolist() == [0, -1, 17]
+    assert stream.tolist() == [4, 3, 0, 1, 2, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 2, 4, 4, 5, 6, 7, 3, 0, 1, 2]
+    assert POLYHEDRON == pv.CellType.POLYHEDRON
+
+
+def test_errors_of_meshes(grid, tmp_path):
+    with pytest.raises(splatvol.InvalidArgumentError, match="no array 'q'"):
+        splatvol.build_mesh(grid, tmp_path / "a.svol", arrays=["q"])
+    with pytest.raises(splatvol.InvalidArgumentError, match="data set"):
+        splatvol.build_mesh([1, 2], tmp_path / "a.svol")
+    with pytest.raises(TypeError, match="colour"):
+        splatvol.build_mesh(grid, tmp_path / "a.svol", colour=1)
+    grid.cell_data["vtkGhostType"] = np.ones(grid.n_cells, np.uint8)
+    with pytest.raises(splatvol.InvalidArgumentError, match="ghost"):
+        splatvol.build_mesh(grid, tmp_path / "a.svol")
+    with pytest.raises(splatvol.Error):
+        splatvol.build_mesh(pv.Sphere(), tmp_path / "a.svol")
+
+
+def opaque_scene(density=.5):
+    return {
+        "attribute": "T", "background": [0, 0, 0], "image": {"width": 8, "height": 8},
+        "camera": {"projection": "orthographic", "parallel_height": 3, "position": [0, 0, 10], "focal_point": [0, 0, 0],
+                   "up": [0, 1, 0]},
+        "transfer_function": {"domain": [-10, 10], "colors": [[0, 1, 1, 1]], "density": [[0, density]]},
+    }
+
+
+@pytest.fixture(params=["orthographic", "perspective"])
+def plotter(request):
+    plotter = pv.Plotter(off_screen=True, window_size=(200, 160), lighting="none")
+    plotter.background_color = "black"
+    plotter.camera_position = [(0, 0, 10), (0, 0, 0), (0, 1, 0)]
+    if request.param == "orthographic":
+        plotter.enable_parallel_projection()
+        plotter.camera.parallel_scale = 1.5
+    yield plotter
+    plotter.close()
+
+
+def test_depths_of_a_plane(plotter):
+    plotter.add_mesh(pv.Plane(center=(0, .5, 1), i_size=1, j_size=1, direction=(0, 0, 1)), color="red")
+    plotter.show(auto_close=False)
+    depths = splatvol_pyvista.depths_of(plotter)
+    assert depths.shape == (160, 200) and np.isnan(depths[0, 0])
+    rows = np.nonzero(np.isfinite(depths).any(axis=1))[0]
+    # The plane is in the upper half of the picture: in the first rows.
+    assert rows.max() <= 81 and rows.min() < 60
+    np.testing.assert_allclose(depths[np.isfinite(depths)], 9, rtol=2e-3)
+
+
+def test_surfaces_and_volume_cover_each_other(plotter, ball_file):
+    # A red plane halves the ball on the right side.
+    plotter.add_mesh(pv.Plane(center=(2, 0, 0), i_size=4, j_size=8, direction=(0, 0, 1)), color="red", lighting=False)
+    plotter.show(auto_close=False)
+    picture = splatvol_pyvista.composite(plotter, ball_file, opaque_scene())
+    assert picture.shape == (160, 200, 3)
+    left, right = picture[80, 97], picture[80, 104]
+    whole, half = 1 - np.exp(-1), 1 - np.exp(-.5)
+
+    def srgb(linear_share):
+        return 255 * (1.055 * linear_share ** (1 / 2.4) - .055)
+
+    np.testing.assert_allclose(left, [srgb(whole)] * 3, atol=4)
+    np.testing.assert_allclose(right, [255, srgb(half), srgb(half)], atol=4)
+    assert (picture[5, 5] == 0).all() and (picture[5, 195] == [255, 0, 0]).all()
+
+
+def test_the_overlay_shows_the_composited_picture(plotter, ball_file):
+    plotter.add_mesh(pv.Cube(center=(0, 0, 0), x_length=.5, y_length=.5, z_length=3), color="blue", lighting=False)
+    plotter.show(auto_close=False)
+    overlay = splatvol_pyvista.add_volume(plotter, ball_file, opaque_scene(), tolerance=0)
+    picture = overlay.update()
+    shown = np.asarray(plotter.screenshot(return_img=True))[..., :3].astype(int)
+    np.testing.assert_allclose(shown, picture, atol=1)
+    plotter.camera.azimuth = 30
+    assert (overlay.update() != picture).any()
+    overlay.remove()
+    plotter.render()
+    assert (np.asarray(plotter.screenshot(return_img=True))[..., 0] == 0).all()
+
+
+def test_several_parts_are_refused(ball_file):
+    plotter = pv.Plotter(off_screen=True, shape=(1, 2))
+    plotter.show(auto_close=False)
+    with pytest.raises(splatvol.UnsupportedError, match="several parts"):
+        splatvol_pyvista.composite(plotter, ball_file)
+    plotter.close()

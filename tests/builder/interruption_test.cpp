@@ -1,0 +1,76 @@
+// Builds that are stopped in each of their stages.
+#include "base/interruption.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "builder/build.h"
+#include "tests/builder/support/meshes.h"
+#include "tests/builder/support/piece_source.h"
+
+namespace splatvol {
+namespace {
+
+// An empty folder, removed at the end.
+class Interruption : public testing::TestWithParam<const char*> {
+ public:
+  Interruption() { static_cast<void>(::mkdtemp(folder_.data())); }
+  ~Interruption() override { std::filesystem::remove_all(folder_); }
+
+ protected:
+  // Builds a mesh or scattered points; requests a stop when a stage comes.
+  Result<BuildReport> build_until(const std::string& stage, bool with_cells) {
+    test::Mesh mesh = test::lattice(20);
+    if (!with_cells) mesh.tetrahedra.clear();
+    test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return p.x; })});
+    std::stop_source stop;
+    const Interruptible heeds(stop.get_token());
+    return build_volume(source, output(), {}, [&](const char* now, double) {
+      if (now == stage) stop.request_stop();
+    });
+  }
+
+  [[nodiscard]] std::string output() const { return folder_ + "/out.svol"; }
+
+  [[nodiscard]] std::size_t files() const {
+    const std::filesystem::directory_iterator folder(folder_);
+    return static_cast<std::size_t>(std::distance(begin(folder), end(folder)));
+  }
+
+ private:
+  std::string folder_ = (std::filesystem::path(testing::TempDir()) / "splatvol-stop-XXXXXX").string();
+};
+
+TEST_P(Interruption, StopsAMesh) {
+  const auto built = build_until(GetParam(), true);
+  ASSERT_FALSE(built);
+  EXPECT_EQ(built.error().code, ErrorCode::cancelled) << built.error().message;
+  EXPECT_EQ(files(), 0u);
+}
+
+TEST_P(Interruption, StopsScatteredPoints) {
+  const auto built = build_until(GetParam(), false);
+  ASSERT_FALSE(built);
+  EXPECT_EQ(built.error().code, ErrorCode::cancelled) << built.error().message;
+  EXPECT_EQ(files(), 0u);
+}
+
+TEST_P(Interruption, KeepsTheFileThatIsThere) {
+  std::ofstream(output()) << "before";
+  ASSERT_FALSE(build_until(GetParam(), true));
+  EXPECT_EQ(files(), 1u);
+  EXPECT_EQ(std::filesystem::file_size(output()), 6u);
+}
+
+INSTANTIATE_TEST_SUITE_P(Stages, Interruption,
+                         testing::Values("reading", "connecting", "reducing", "writing", "checking"),
+                         [](const auto& stage) { return std::string(stage.param); });
+
+TEST_F(Interruption, IsOffWithoutAStop) { EXPECT_TRUE(build_until("none", true)); }
+
+}  // namespace
+}  // namespace splatvol
