@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/interruption.h"
 #include "base/splat_kernel.h"
 
 namespace splatvol {
@@ -76,7 +77,8 @@ void FieldSampler::make_node(std::uint32_t begin, std::uint32_t end) {
   Box box;
   for (std::uint32_t i = begin; i < end; ++i) box.include(positions_[order_[i]]);
   nodes_[number].box = box;
-  if (end - begin > leaf_positions && box.low != box.high) {
+  // The first group after an interruption ends the work: no need to divide on.
+  if (end - begin > leaf_positions && box.low != box.high && !is_interrupted()) {
     const int axis = longest_axis(box.extent());
     const std::uint32_t middle = begin + (end - begin) / 2;
     std::ranges::nth_element(order_.begin() + begin, order_.begin() + middle, order_.begin() + end, {},
