@@ -112,6 +112,20 @@ TEST_F(MemoryBounds, APictureWithinABudgetIsThatWithoutOne) {
   EXPECT_EQ(read_exr(path("bounded.exr"))->pixels, read_exr(path("unbounded.exr"))->pixels);
 }
 
+// Finer and finer voxels, up to those that take more than was granted.
+TEST_F(MemoryBounds, AnExportTakesItsMemoryAndLittleMore) {
+  constexpr std::uint64_t granted = 200 * mebibyte;
+  bool was_refused = false;
+  for (const char* voxel : {"0.02", "0.005", "0.001"}) {
+    const Outcome outcome =
+        run({"svexport", path("large.svol"), "-o", path("out.vdb"), "--voxel", voxel, "--memory", "200M"});
+    EXPECT_TRUE(outcome.code == 0 || outcome.code == 1) << voxel;
+    EXPECT_LE(outcome.peak_rss, granted + 2 * overhead) << voxel;
+    was_refused = was_refused || outcome.code == 1;
+  }
+  EXPECT_TRUE(was_refused);
+}
+
 TEST_F(MemoryBounds, DrawsWhereTheProcessMayHaveNoMore) {
   const std::uint64_t limit = least_address_space() + budget + overhead;
   ASSERT_EQ(render("large", "free", bounded).code, 0);

@@ -1,0 +1,116 @@
+// Inputs at the edges of what numbers can hold: svbuild writes what svinfo --verify accepts.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
+#include <string>
+
+#include "base/file.h"
+#include "tests/builder/sources/folder_test.h"
+
+namespace splatvol {
+namespace {
+
+class HardInputs : public test::FolderTest {
+ protected:
+  /// Runs a program. Returns its exit code, and keeps what it prints.
+  int run(const std::string& command) {
+    const std::string line = SPLATVOL_BIN "/" + command + " > " + path("text") + " 2>&1 < /dev/null";
+    const int status = std::system(line.c_str());
+    text_ = *read_text_file(path("text"));
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+
+  void expect_verified(const std::string& input, const std::string& options = "") {
+    ASSERT_EQ(run("svbuild " + input + " -o " + path("out.svol") + " " + options), 0) << text_;
+    EXPECT_EQ(run("svinfo --verify " + path("out.svol")), 0) << text_;
+  }
+
+  std::string text_;
+};
+
+std::string table(const std::string& scale) {
+  std::string text = "x,y,z,v\n";
+  for (const char* point : {"0,0,0,1", "1,0,0,2", "0,1,0,3", "0,0,1,4", "1,1,0,5", "1,0,1,6", "0,1,1,7", "1,1,1,8"}) {
+    std::string line = point;
+    for (const std::size_t at : {4, 2, 0})
+      if (line[at] == '1') line.replace(at, 1, scale);
+    text += line + "\n";
+  }
+  return text;
+}
+
+TEST_F(HardInputs, ExactCoordinatesOfVeryDifferentSizes) {
+  expect_verified(write("a.csv", "x,y,z,v\n-0.3,0,0,1\n1e-17,0,0,2\n0.1,0.2,-0.3,3\n-0.3,1e-17,1e-17,4\n"), "--exact");
+}
+
+TEST_F(HardInputs, APointOfNoCellFarAway) {
+  expect_verified(write("a.vtk",
+                        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n0 0 0\n1 0 0\n"
+                        "0 1 0\n0 0 1\n1e16 0 0\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 5\n"
+                        "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5\n"));
+}
+
+TEST_F(HardInputs, APointWithoutAPlaceIsLeftOut) {
+  std::string values;
+  const std::array<float, 12> numbers = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, std::numeric_limits<float>::infinity()};
+  const std::uint32_t bytes = sizeof(numbers);
+  values.append(reinterpret_cast<const char*>(&bytes), 4);
+  values.append(reinterpret_cast<const char*>(numbers.data()), bytes);
+  const std::string file = write(
+      "a.vtp",
+      "<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\"><PolyData><Piece NumberOfPoints=\"4\" "
+      "NumberOfVerts=\"4\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\"><PointData><DataArray "
+      "type=\"Float32\" Name=\"f\" format=\"ascii\">1 2 3 4</DataArray></PointData><Points><DataArray type=\"Float32\" "
+      "NumberOfComponents=\"3\" format=\"appended\" offset=\"0\"/></Points><Verts><DataArray type=\"Int32\" "
+      "Name=\"connectivity\" format=\"ascii\">0 1 2 3</DataArray><DataArray type=\"Int32\" Name=\"offsets\" "
+      "format=\"ascii\">1 2 3 4</DataArray></Verts></Piece></PolyData><AppendedData encoding=\"raw\">_" +
+          values + "</AppendedData></VTKFile>");
+  expect_verified(file);
+  EXPECT_EQ(run("svinfo " + path("out.svol")), 0);
+  EXPECT_THAT(text_, testing::HasSubstr("3 points"));
+}
+
+TEST_F(HardInputs, ScatteredPointsFarApart) {
+  expect_verified(write("a.csv", table("1e50")));
+  // Beyond what a file can hold, an input is refused in one line; it never becomes a file that is not valid.
+  for (const char* scale : {"1e78", "1e103", "1e300"}) {
+    const std::string input = write("b.csv", table(scale));
+    const int code = run("svbuild " + input + " -o " + path("out.svol"));
+    if (code == 0) {
+      EXPECT_EQ(run("svinfo --verify " + path("out.svol")), 0) << scale << text_;
+    } else {
+      EXPECT_EQ(code, 1) << text_;
+      EXPECT_THAT(text_, testing::HasSubstr("b.csv")) << scale;
+    }
+  }
+}
+
+// A file whose points stand for no volume is told from one without values.
+TEST_F(HardInputs, PointsInAPlaneSayWhyNothingIsSeen) {
+  const std::string input = write("plane.csv", "x,y,z,v\n0,0,1,1\n1,0,1,2\n0,1,1,3\n1,1,1,4\n.3,.4,1,5\n");
+  EXPECT_EQ(run("svbuild " + input + " --connectivity delaunay -o " + path("out.svol")), 1);
+  EXPECT_THAT(text_, testing::HasSubstr("in a plane"));
+  ASSERT_EQ(run("svbuild " + input + " --connectivity boxes -o " + path("out.svol")), 0) << text_;
+  EXPECT_EQ(run("svrender --device cpu " + path("out.svol") + " -o " + path("out.png")), 1);
+  EXPECT_THAT(text_, testing::HasSubstr("no point has a volume"));
+}
+
+// Attributes are looked up by their names: the time grows with their number, not with its square.
+TEST_F(HardInputs, TablesOfManyColumns) {
+  std::string names = "x,y,z", lines;
+  for (int i = 0; i < 20000; ++i) names += ",a" + std::to_string(i);
+  for (const char* point : {"0,0,0", "1,0,0", "0,1,0", "0,0,1"}) {
+    lines += point;
+    for (int i = 0; i < 20000; ++i) lines += ",1";
+    lines += "\n";
+  }
+  expect_verified(write("wide.csv", names + "\n" + lines));
+}
+
+}  // namespace
+}  // namespace splatvol
