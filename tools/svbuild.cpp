@@ -239,8 +239,8 @@ Status build(const Options& options) {
                                          : build_one(options, build_options, open, notes);
   if (!report) {
     // Errors of the output name the output; errors of the data still need the input's name.
-    const bool named = report.error().message.starts_with(options.output) ||
-                       report.error().message.find(options.inputs[0]) != std::string::npos;
+    const bool named = report.error().message.starts_with(one_line(options.output)) ||
+                       report.error().message.find(one_line(options.inputs[0])) != std::string::npos;
     return named || is_series(options) ? Status(tl::unexpected(report.error()))
                                        : Status(fail_in(options.inputs[0], report.error()));
   }

@@ -136,7 +136,7 @@ void add_selection_options(CLI::App& app, Options& options) {
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_option("--resolution", options.resolution, "0 is the coarsest (default: the finest)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, 1000))
       ->type_name("R");
   app.add_option("--box", options.box, "Only the voxels whose centres, or the points, that lie in this box")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1")

@@ -58,7 +58,7 @@ void add_detail_options(CLI::App& app, RenderOptions& options) {
                         ->check(check_not_negative);
   auto* resolution = app.add_option("--resolution", options.detail.resolution,
                                     "One resolution for everything, 0 the coarsest, instead of an error")
-                         ->check(CLI::NonNegativeNumber);
+                         ->check(CLI::Range(0, 1000));
   auto* max_error =
       app.add_option(
              "--max-error", options.max_error,

@@ -100,6 +100,13 @@ TEST_F(HardInputs, PointsInAPlaneSayWhyNothingIsSeen) {
   EXPECT_THAT(text_, testing::HasSubstr("no point has a volume"));
 }
 
+TEST_F(HardInputs, ANameWithControlCharactersIsSaidOnce) {
+  const std::string input = write("a\x1b[31m.vtu", "<VTKFile");
+  EXPECT_EQ(run("svbuild '" + input + "' -o " + path("out.svol")), 1);
+  EXPECT_THAT(text_, testing::StartsWith("svbuild: " + path("a?[31m.vtu: ")));
+  EXPECT_EQ(text_.find(".vtu"), text_.rfind(".vtu")) << text_;
+}
+
 // Attributes are looked up by their names: the time grows with their number, not with its square.
 TEST_F(HardInputs, TablesOfManyColumns) {
   std::string names = "x,y,z", lines;

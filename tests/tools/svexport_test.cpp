@@ -65,7 +65,8 @@ TEST_F(Svexport, WrongUsageIsTwo) {
                                                         {"out.vtu", "--box 1,0,0,0,1,1"},
                                                         {"out.vtu", "--box 1,2,3"},
                                                         {"out.vdb", "--voxel 1 --memory lots"},
-                                                        {"out.vtu", "--resolution -1"}})
+                                                        {"out.vtu", "--resolution -1"},
+                                                        {"out.vtu", "--resolution 18446744073709551616"}})
     EXPECT_EQ(run(output, arguments), 2) << output << " " << arguments << ": " << message_;
 }
 
