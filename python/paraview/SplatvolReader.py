@@ -32,7 +32,7 @@ def _poly_data(points):
 
 
 @smproxy.reader(
-    name="SplatvolReader", label="splatvol reader", extensions="svol svols", file_description="splatvol volumes"
+    name="SplatvolReader", label="splatvol", extensions="svol svols", file_description="splatvol volumes"
 )
 class SplatvolReader(VTKPythonAlgorithmBase):
     """Reads points of a .svol file, or of an index of files (.svols). Its steps are ParaView's time steps."""

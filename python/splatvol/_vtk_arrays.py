@@ -93,7 +93,10 @@ def _indices(array: Any) -> Indices:
 
 
 def _types(grid: Any) -> NDArray[np.uint8]:
-    array = grid.GetCellTypes() if not hasattr(grid, "GetCellTypesArray") else grid.GetCellTypesArray()
+    from vtkmodules.vtkCommonCore import vtkVersion
+
+    since_9_6 = (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 6)
+    array = grid.GetCellTypes() if since_9_6 else grid.GetCellTypesArray()
     return np.ascontiguousarray(_numbers(array), np.uint8) if array is not None else np.empty(0, np.uint8)
 
 

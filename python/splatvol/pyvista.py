@@ -7,7 +7,8 @@ from typing import Any, Dict, Optional, Sequence, Tuple
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
-from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper, vtkWindowToImageFilter
 
 from ._files import File, open
 from ._pictures import to_srgb8
@@ -62,7 +63,20 @@ def camera_of(plotter: pv.BasePlotter) -> Dict[str, Any]:
 
 def depths_of(plotter: pv.BasePlotter) -> NDArray[np.float32]:
     """Returns the depths of the plotter's surfaces, for ``File.render``: (height, width), NaN where there is none."""
-    return np.asarray(-plotter.get_image_depth(fill_value=np.nan), np.float32)
+    plotter.renderer.ResetCameraClippingRange()
+    grab = vtkWindowToImageFilter()
+    grab.SetInput(plotter.render_window)
+    grab.SetScale(plotter.image_scale)
+    grab.ReadFrontBufferOff()
+    grab.SetInputBufferTypeToZBuffer()
+    grab.Update()
+    width, height, _ = grab.GetOutput().GetDimensions()
+    z = vtk_to_numpy(grab.GetOutput().GetPointData().GetScalars()).reshape(height, width)[::-1].astype(np.float64)
+
+    near, far = plotter.camera.GetClippingRange()
+    is_parallel = plotter.camera.GetParallelProjection()
+    depths = near + z * (far - near) if is_parallel else near * far / (far - z * (far - near))
+    return np.where(z < 1, depths, np.nan).astype(np.float32)
 
 
 def composite(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -90,3 +91,16 @@ def program():
         return found
 
     return find
+
+
+@pytest.fixture()
+def series_path(tmp_path, program) -> Path:
+    """A time series of two steps, made by svbuild: the package makes none. The second has 1 more everywhere."""
+    points, _ = ball(4)
+    inputs = [tmp_path / f"{step}.csv" for step in range(2)]
+    for step, path in enumerate(inputs):
+        rows = np.column_stack([points, linear(points) + step])
+        np.savetxt(path, rows, delimiter=",", header="x,y,z,T", comments="")
+    path = tmp_path / "series.svol"
+    subprocess.run([program("svbuild"), "--series", *inputs, "-o", path], check=True, capture_output=True)
+    return path

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import splatvol
-from conftest import ball, linear
+from conftest import linear
 
 
 def test_what_a_file_tells(ball_file, ball_mesh):
@@ -79,23 +79,8 @@ def test_wrong_types_are_type_errors(ball_file):
         ball_file.points(resolution="fine")
 
 
-def test_steps(tmp_path, program):
-    import subprocess
-
-    points, cells = ball(4)
-    for step in range(2):
-        splatvol.build(points, cells, {"T": linear(points) + step}, tmp_path / f"{step}.svol")
-    (tmp_path / "steps.pvd").write_text("")
-    svbuild = program("svbuild")
-    vtks = []
-    for step in range(2):
-        path = tmp_path / f"{step}.csv"
-        np.savetxt(path, np.column_stack([points, linear(points) + step]), delimiter=",", header="x,y,z,T", comments="")
-        vtks.append(str(path))
-    series = tmp_path / "series.svol"
-    built = subprocess.run([svbuild, "--series", *vtks, "-o", str(series)], capture_output=True, text=True)
-    assert built.returncode == 0, built.stderr
-    file = splatvol.open(series)
+def test_steps(series_path):
+    file = splatvol.open(series_path)
     assert len(file.times) == 2 and file.step == 1
     last = file.sample([[0, 0, 0.1]])
     picture = file.render(size=(32, 32))

@@ -76,14 +76,29 @@ def test_resolutions_and_boxes(plugin, ball_path):
     assert min(low) >= 0 and max(high) <= 1
 
 
+def test_steps_are_time_steps(plugin, series_path):
+    times = splatvol.open(series_path).times
+    reader = plugin.SplatvolReader()
+    reader.SetFileName(str(series_path))
+    assert reader.GetTimestepValues() == times
+    means = []
+    for time in [*times, times[-1] + 9]:
+        reader.UpdateTimeStep(time)
+        means.append(vtk_to_numpy(reader.GetOutputDataObject(0).GetPointData().GetArray("T")).mean())
+    assert means[1] == means[2] == pytest.approx(means[0] + 1, abs=.01)
+
+
+# ParaView 5.11 calls a function that Python 3.11 has no more: Debian 12 has both, and so loads no plugins in Python.
 IN_PARAVIEW = """
-import sys
+import inspect, sys
+if not hasattr(inspect, "getargspec"):
+    inspect.getargspec = inspect.getfullargspec
 sys.path[:0] = {path!r}
 from paraview.simple import LoadPlugin, OpenDataFile
 LoadPlugin({plugin!r}, remote=False, ns=globals())
 reader = OpenDataFile({file!r})
 reader.UpdatePipeline()
-print(type(reader).__name__, reader.GetDataInformation().GetNumberOfPoints())
+print(reader.GetDataInformation().GetNumberOfPoints())
 reader.Resolution = 0
 reader.Attributes = ["T"]
 reader.UpdatePipeline()
@@ -102,5 +117,5 @@ def test_in_paraview(ball_path):
     told = subprocess.run([pvpython, "-c", code], capture_output=True, text=True, env=environment)
     assert told.returncode == 0, told.stderr
     counts = splatvol.open(ball_path).resolution_counts
-    expected = [f"SplatvolReader {counts[-1]}", f"{counts[0]} ['T']"]
+    expected = [str(counts[-1]), f"{counts[0]} ['T']"]
     assert told.stdout.splitlines()[:2] == expected, told.stdout + told.stderr
