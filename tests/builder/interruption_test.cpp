@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <string>
 
 #include "builder/build.h"
@@ -36,6 +37,11 @@ class Interruption : public testing::TestWithParam<const char*> {
 
   [[nodiscard]] std::string output() const { return folder_ + "/out.svol"; }
 
+  [[nodiscard]] std::string bytes() const {
+    std::ifstream file(output(), std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+
   [[nodiscard]] std::size_t files() const {
     const std::filesystem::directory_iterator folder(folder_);
     return static_cast<std::size_t>(std::distance(begin(folder), end(folder)));
@@ -60,10 +66,13 @@ TEST_P(Interruption, StopsScatteredPoints) {
 }
 
 TEST_P(Interruption, KeepsTheFileThatIsThere) {
-  std::ofstream(output()) << "before";
-  ASSERT_FALSE(build_until(GetParam(), true));
+  ASSERT_TRUE(build_until("none", true));
+  const std::string before = bytes();
+  const auto built = build_until(GetParam(), true);
+  ASSERT_FALSE(built);
+  EXPECT_EQ(built.error().code, ErrorCode::cancelled) << built.error().message;
   EXPECT_EQ(files(), 1u);
-  EXPECT_EQ(std::filesystem::file_size(output()), 6u);
+  EXPECT_EQ(bytes(), before);
 }
 
 INSTANTIATE_TEST_SUITE_P(Stages, Interruption,
