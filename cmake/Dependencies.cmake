@@ -30,14 +30,15 @@ if(NOT SPLATVOL_PROGRAMS)
 endif()
 find_package(CLI11 REQUIRED)
 
-# OpenVDB's own module asks for development packages of what its library alone needs.
+# OpenVDB's own module asks for development packages of what its library alone needs. Its headers convert 16-bit floats:
+# by a table of Imath's where the processor may lack the instruction (SPLATVOL_AVX2=OFF).
 find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h REQUIRED)
 find_library(OPENVDB_LIBRARY openvdb REQUIRED)
 add_library(OpenVDB::openvdb UNKNOWN IMPORTED)
 set_target_properties(OpenVDB::openvdb PROPERTIES
   IMPORTED_LOCATION ${OPENVDB_LIBRARY}
   INTERFACE_INCLUDE_DIRECTORIES ${OPENVDB_INCLUDE_DIR}
-  INTERFACE_LINK_LIBRARIES TBB::tbb
+  INTERFACE_LINK_LIBRARIES "TBB::tbb;Imath::Imath"
   # Its templates have static members that must be those of its library: their symbols may not be hidden.
   INTERFACE_COMPILE_OPTIONS -fvisibility=default)
 
