@@ -88,3 +88,40 @@ def test_the_page_asks_for_one_picture_at_a_time(tmp_path):
     """)
     told = subprocess.run([node, tmp_path / "test.mjs"], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == '[["move",1],["move",5],["rest",0]]'
+
+
+def messages_until_idle(client, request):
+    """Returns what a kernel publishes for a request."""
+    messages = []
+    while True:
+        message = client.get_iopub_msg(timeout=60)
+        if message["parent_header"].get("msg_id") != request:
+            continue
+        messages.append(message)
+        if message["msg_type"] == "status" and message["content"]["execution_state"] == "idle":
+            return messages
+
+
+def test_the_widget_in_a_kernel(ball_path):
+    """Plays the page of a notebook: asks for pictures, and turns."""
+    for package in ("anywidget", "ipykernel"):
+        pytest.importorskip(package)
+    manager, client = pytest.importorskip("jupyter_client.manager").start_new_kernel(kernel_name="python3")
+    try:
+        code = f"import splatvol\nsplatvol.show(splatvol.open({str(ball_path)!r}), size=(80, 60))"
+        shown = messages_until_idle(client, client.execute(code))
+        data = [m["content"]["data"] for m in shown if m["msg_type"] == "execute_result"]
+        assert data and "application/vnd.jupyter.widget-view+json" in data[0], shown
+        comm = data[0]["application/vnd.jupyter.widget-view+json"]["model_id"]
+        for content in [
+            {"kind": "rest"},
+            {"kind": "move", "turn": [.1, 0], "drag": [0, 0], "zoom": 1, "reset": False},
+        ]:
+            message = client.session.msg("comm_msg", {"comm_id": comm, "data": {"method": "custom", "content": content}})
+            client.shell_channel.send(message)
+            answers = messages_until_idle(client, message["header"]["msg_id"])
+            pictures = [m for m in answers if m["msg_type"] == "comm_msg" and m["buffers"]]
+            assert len(pictures) == 1 and pictures[0]["content"]["data"]["content"]["kind"] == "picture"
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)
