@@ -114,8 +114,9 @@ Status check_range(const format::Volume& volume, const format::Attribute& attrib
 
 }  // namespace
 
-Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path, const format::SplatSelection& selection,
-                             double voxel, std::uint64_t memory, const std::function<void(double)>& progress) {
+Result<VdbReport> export_vdb(const format::Volume& volume, const std::string& path,
+                             const format::SplatSelection& selection, double voxel, std::uint64_t memory,
+                             const std::function<void(double)>& progress) {
   const format::VolumeInfo& info = volume.info();
   if (std::ranges::find(selection.names, fraction_name) != selection.names.end())
     return fail(ErrorCode::invalid_argument,

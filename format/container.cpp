@@ -182,9 +182,8 @@ Result<Bytes> Container::read_bytes(std::uint64_t offset, std::uint64_t count) c
   return read;
 }
 
-Result<std::uint64_t> Container::read_in_parts(
-    std::uint64_t offset, std::uint64_t count, std::uint64_t record_bytes,
-    const std::function<Status(std::span<const std::byte>)>& use) const {
+Result<std::uint64_t> Container::read_in_parts(std::uint64_t offset, std::uint64_t count, std::uint64_t record_bytes,
+                                               const std::function<Status(std::span<const std::byte>)>& use) const {
   const std::uint64_t most = (std::uint64_t{1} << 20) / record_bytes * record_bytes;
   StreamHash hash;
   for (std::uint64_t at = 0; at < count; at += most) {

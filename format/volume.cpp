@@ -108,7 +108,8 @@ Status Volume::add_summary_pages(std::span<const std::byte> entries, std::uint64
     if (ref.node_count < 1 || ref.node_count > max_page_nodes || ref.page_bytes < table_bytes ||
         ref.page_bytes - table_bytes > attributes * ref.node_count * summary_bytes)
       return step_part_->broken("a summary page has the wrong length [R20]");
-    if (last ? ref.offset != 0 || ref.page_bytes != root_bytes : ref.offset != end || ref.page_bytes > pages_bytes - end)
+    if (last ? ref.offset != 0 || ref.page_bytes != root_bytes
+             : ref.offset != end || ref.page_bytes > pages_bytes - end)
       return step_part_->broken(untiled);
     if (!last) end += ref.page_bytes;
     summaries_.push_back(ref);

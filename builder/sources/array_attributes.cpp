@@ -30,8 +30,8 @@ void append_arrays(std::span<const NamedArray> arrays, bool of_cells, std::strin
   for (const ArrayAttribute& attribute : attributes) taken.insert(attribute.name);
   for (const NamedArray& array : arrays) {
     std::vector<ArrayAttribute> added = attributes_of(array, "", of_cells);
-    const bool clashes = std::ranges::any_of(
-        added, [&](const ArrayAttribute& attribute) { return taken.contains(attribute.name); });
+    const bool clashes =
+        std::ranges::any_of(added, [&](const ArrayAttribute& attribute) { return taken.contains(attribute.name); });
     if (clashes) added = attributes_of(array, suffix, of_cells);
     attributes.insert(attributes.end(), added.begin(), added.end());
   }

@@ -49,10 +49,11 @@ TEST_F(HardInputs, ExactCoordinatesOfVeryDifferentSizes) {
 }
 
 TEST_F(HardInputs, APointOfNoCellFarAway) {
-  expect_verified(write("a.vtk",
-                        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n0 0 0\n1 0 0\n"
-                        "0 1 0\n0 0 1\n1e16 0 0\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 5\n"
-                        "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5\n"));
+  expect_verified(
+      write("a.vtk",
+            "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n0 0 0\n1 0 0\n"
+            "0 1 0\n0 0 1\n1e16 0 0\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nPOINT_DATA 5\n"
+            "SCALARS f float 1\nLOOKUP_TABLE default\n1 2 3 4 5\n"));
 }
 
 TEST_F(HardInputs, APointWithoutAPlaceIsLeftOut) {

@@ -82,9 +82,10 @@ class Filter {
 constexpr std::uint32_t all_bits = ~std::uint32_t{0};
 
 void allow_files(Filter& filter) {
-  filter.allow({SYS_read, SYS_pread64, SYS_readv, SYS_preadv, SYS_lseek, SYS_close, SYS_fstat, SYS_newfstatat,
-                SYS_statx, SYS_statfs, SYS_fstatfs, SYS_faccessat, SYS_readlinkat, SYS_getdents64, SYS_getcwd,
-                SYS_chdir, SYS_fchdir, SYS_flock, SYS_fadvise64, SYS_readahead, SYS_dup, SYS_dup3});
+  filter.allow({SYS_read,       SYS_pread64,    SYS_readv,  SYS_preadv, SYS_lseek,   SYS_close,
+                SYS_fstat,      SYS_newfstatat, SYS_statx,  SYS_statfs, SYS_fstatfs, SYS_faccessat,
+                SYS_readlinkat, SYS_getdents64, SYS_getcwd, SYS_chdir,  SYS_fchdir,  SYS_flock,
+                SYS_fadvise64,  SYS_readahead,  SYS_dup,    SYS_dup3});
 #ifdef SYS_faccessat2
   filter.allow({SYS_faccessat2});
 #endif
@@ -102,8 +103,8 @@ void allow_files(Filter& filter) {
 }
 
 void allow_memory(Filter& filter) {
-  filter.allow({SYS_mmap, SYS_munmap, SYS_mremap, SYS_mprotect, SYS_madvise, SYS_brk, SYS_mincore, SYS_msync,
-                SYS_mlock, SYS_munlock, SYS_get_mempolicy});
+  filter.allow({SYS_mmap, SYS_munmap, SYS_mremap, SYS_mprotect, SYS_madvise, SYS_brk, SYS_mincore, SYS_msync, SYS_mlock,
+                SYS_munlock, SYS_get_mempolicy});
 }
 
 /// Threads of this process, but no other process.
@@ -131,11 +132,11 @@ void allow_the_rest(Filter& filter) {
 #ifdef SYS_poll
   filter.allow({SYS_poll, SYS_select, SYS_time});
 #endif
-  filter.allow({SYS_getpid,       SYS_gettid,        SYS_getppid,      SYS_getuid,       SYS_geteuid,
-                SYS_getgid,       SYS_getegid,       SYS_uname,        SYS_sysinfo,      SYS_getrandom,
-                SYS_clock_gettime, SYS_clock_getres, SYS_gettimeofday, SYS_nanosleep,    SYS_clock_nanosleep,
-                SYS_times,        SYS_getrusage,     SYS_getrlimit,    SYS_getpriority,  SYS_restart_syscall,
-                SYS_rt_sigaction, SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_rt_sigpending, SYS_sigaltstack});
+  filter.allow({SYS_getpid,        SYS_gettid,         SYS_getppid,      SYS_getuid,        SYS_geteuid,
+                SYS_getgid,        SYS_getegid,        SYS_uname,        SYS_sysinfo,       SYS_getrandom,
+                SYS_clock_gettime, SYS_clock_getres,   SYS_gettimeofday, SYS_nanosleep,     SYS_clock_nanosleep,
+                SYS_times,         SYS_getrusage,      SYS_getrlimit,    SYS_getpriority,   SYS_restart_syscall,
+                SYS_rt_sigaction,  SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_rt_sigpending, SYS_sigaltstack});
   filter.allow_if(SYS_prlimit64, 0, all_bits, {0});  // of this process
 }
 

@@ -27,6 +27,12 @@
 namespace splatvol {
 namespace {
 
+/// The name of an array for messages; without one, that of the element that it is in.
+std::string_view name_of(vtkXMLDataElement& array) {
+  if (const char* name = array.GetAttribute("Name")) return name;
+  return array.GetParent() ? array.GetParent()->GetName() : "";
+}
+
 /// VTK makes no array for a type that it does not know, but fills the array nevertheless.
 Status check_types(const std::string& path, vtkXMLDataElement& element) {
   constexpr std::array<std::string_view, 12> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32",  "UInt32",
@@ -120,7 +126,7 @@ Status check_components(const std::string& path, vtkXMLDataElement& element, Att
     const auto components = components_of(nested);
     if (!components)
       return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a number of components that is not 1 to {}", path,
-                  nested.GetAttribute("Name") ? nested.GetAttribute("Name") : "", AttributeCount::most);
+                  name_of(nested), AttributeCount::most);
     if (holds_values && !count.add(*components)) return fail_too_many_attributes(path);
   }
   return {};
@@ -258,7 +264,8 @@ Status check_pieces(const std::string& path, vtkXMLDataElement& grid, const Exte
                 path, cells, expected);
   if (pieces.size() == 1 && pieces[0] == whole) return {};
   if (expected > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::unsupported, "{}: {} cells in several pieces; at most 2^32 - 1 are supported", path, expected);
+    return fail(ErrorCode::unsupported, "{}: {} cells in several pieces; at most 2^32 - 1 are supported", path,
+                expected);
   FilledCells filled(whole);
   bool fit = true;
   for (std::size_t i = 0; i < pieces.size() && fit; ++i) fit = filled.add(pieces[i]);
@@ -366,7 +373,7 @@ class Arrays {
     const double expected = tuples * static_cast<double>(components ? components->front() : 1);
     if (values == expected) return {};
     return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has {} numbers instead of {}: damaged", path_,
-                array.GetAttribute("Name") ? array.GetAttribute("Name") : "", values, expected);
+                name_of(array), values, expected);
   }
 
   /// Returns how many numbers an array has, if that is known.
@@ -379,6 +386,15 @@ class Arrays {
     SPLATVOL_TRY_ASSIGN(stated, compressed_ ? check_compression_header(file_, layout_, offset, base64)
                                             : check_uncompressed_array(file_, layout_, offset, base64));
     return bytes > 0 ? std::optional(stated / bytes) : std::nullopt;
+  }
+
+  /// Whether VTK reads a number of a text: streams take none that is not finite in the array's type.
+  static bool vtk_reads(std::string_view number, vtkXMLDataElement& array) {
+    if (number.find_first_of("en") == std::string_view::npos) return true;
+    const std::string text(number);
+    const bool single = array.GetAttribute("type") == std::string_view("Float32");
+    return single ? std::isfinite(std::strtof(text.c_str(), nullptr))
+                  : std::isfinite(std::strtod(text.c_str(), nullptr));
   }
 
   /// Bytes of a number of a type; 0 for texts and bits.
@@ -419,13 +435,14 @@ class Arrays {
       const std::string word = words_.next();
       const std::size_t tag = word.find('<');
       const std::string_view number = std::string_view(word).substr(0, tag);
-      if (!number.empty() && is_number(number) && number.find('n') != std::string_view::npos)
+      const bool valid = is_number(number);
+      if (valid && !vtk_reads(number, element))
         return fail(ErrorCode::unsupported,
                     "{}: the array \"{}\" has \"{}\" as text, which VTK's reader does not take: write it binary", path_,
-                    element.GetAttribute("Name") ? element.GetAttribute("Name") : "", number.substr(0, 10));
-      if (!number.empty() && !is_number(number))
+                    name_of(element), number.substr(0, 10));
+      if (!number.empty() && !valid)
         return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a word instead of a number: damaged", path_,
-                    element.GetAttribute("Name") ? element.GetAttribute("Name") : "");
+                    name_of(element));
       if (word.empty() || tag == 0) return std::optional(count);
       if (tag != std::string::npos) return std::optional(count + 1);
     }

@@ -292,9 +292,10 @@ TEST_F(BlocksTest, ExodusOfAHeaderOnlyTakesNoMemory) {
     return bytes;
   };
   const std::vector<std::pair<std::string, std::uint32_t>> dimensions = {
-      {"num_dim", 3},        {"num_nodes", 0x7fffffff},      {"num_elem", 0x7fffffff},
-      {"num_el_blk", 1},     {"num_el_in_blk1", 0x7fffffff}, {"num_nod_per_el1", 8}};
-  std::string header = std::string("CDF\1", 4) + number(0) + number(10) + number(static_cast<std::uint32_t>(dimensions.size()));
+      {"num_dim", 3},    {"num_nodes", 0x7fffffff},      {"num_elem", 0x7fffffff},
+      {"num_el_blk", 1}, {"num_el_in_blk1", 0x7fffffff}, {"num_nod_per_el1", 8}};
+  std::string header =
+      std::string("CDF\1", 4) + number(0) + number(10) + number(static_cast<std::uint32_t>(dimensions.size()));
   for (const auto& [name, length] : dimensions) {
     header += number(static_cast<std::uint32_t>(name.size())) + name;
     header.resize((header.size() + 3) / 4 * 4, '\0');

@@ -95,8 +95,8 @@ TEST_F(HostileFilesTest, ComponentsWithoutEnd) {
   EXPECT_THAT(error_of("a.vtk", legacy(legacy_cells + "FIELD more 2147483647\n")), HasSubstr("more than 65535"));
   for (const char* count : {"2147483648", "2147483647", "65536", "-1"}) {
     Vtu empty;
-    empty.before = "<DataArray type=\"Float32\" Name=\"g\" format=\"ascii\" NumberOfComponents=\"" + std::string(count) +
-                   "\"></DataArray>";
+    empty.before = "<DataArray type=\"Float32\" Name=\"g\" format=\"ascii\" NumberOfComponents=\"" +
+                   std::string(count) + "\"></DataArray>";
     EXPECT_THAT(error_of(empty), HasSubstr("components that is not 1 to 65535")) << count;
     empty.point_count = "0";
     empty.points = empty.values = "";
@@ -150,8 +150,9 @@ TEST_F(HostileFilesTest, CompressedBlocksAreCheckedWhereverTheTagEnds) {
   Vtu file;
   file.root = "compressor=\"vtkZLibDataCompressor\" byte_order=\"LittleEndian\" header_type=\"UInt32\"";
   file.values = too_long;
-  for (const char* attributes : {"format=\"binary\"", "format=\"binary\" offset=\"0\"", "offset=\"0\" format=\"binary\"",
-                                 "format=\"binary\" title=\"a>b\"", "title='>' format=\"binary\""}) {
+  for (const char* attributes :
+       {"format=\"binary\"", "format=\"binary\" offset=\"0\"", "offset=\"0\" format=\"binary\"",
+        "format=\"binary\" title=\"a>b\"", "title='>' format=\"binary\""}) {
     file.value_attributes = attributes;
     EXPECT_NE(error_of(file), sound) << attributes;
   }
@@ -182,18 +183,24 @@ TEST_F(HostileFilesTest, TheFrameOfAnImageIsFinite) {
 TEST_F(HostileFilesTest, WordsForNumbersAreNamed) {
   Vtu file;
   file.points = "0 0 0 1 0 0 0 1 0 0 0 nan";
-  EXPECT_THAT(error_of(file), HasSubstr("has \"nan\" as text, which VTK's reader does not take"));
+  EXPECT_THAT(error_of(file), HasSubstr("the array \"Points\" has \"nan\" as text, which VTK's reader does"));
   file = {};
   file.values = "1 2 -inf 4";
   EXPECT_THAT(error_of(file), HasSubstr("has \"-inf\" as text"));
+  file.values = "1 2 1e39 4";
+  EXPECT_THAT(error_of(file), HasSubstr("has \"1e39\" as text")) << "beyond single precision";
+  file.values = "1 2 1e-60 4";
+  EXPECT_EQ(error_of(file), sound);
 }
 
 TEST_F(HostileFilesTest, Plot3dCountsThatOverflow) {
   const auto words = [](const std::vector<std::int32_t>& numbers) {
     return std::string(reinterpret_cast<const char*>(numbers.data()), numbers.size() * 4);
   };
-  for (const std::vector<std::int32_t>& sides :
-       {std::vector<std::int32_t>{2147483647, 2147483647, 2147483647}, {65536, 65536, 1}, {-2, -2, 2}, {1625, 1625, 1626}}) {
+  for (const std::vector<std::int32_t>& sides : {std::vector<std::int32_t>{2147483647, 2147483647, 2147483647},
+                                                 {65536, 65536, 1},
+                                                 {-2, -2, 2},
+                                                 {1625, 1625, 1626}}) {
     const std::string grid = write("a.xyz", words(sides) + std::string(96, '\0'));
     const std::string solution = write("a.q", words(sides) + std::string(176, '\0'));
     EXPECT_NE(test::error_of({grid, solution}), sound) << sides[0];
