@@ -14,10 +14,9 @@ int main(int argc, char** argv) {
   auto renderer = splatvol::Renderer::open(argv[1], std::nullopt, {.device = splatvol::Device::cpu});
   if (!renderer) return fail(renderer.error());
 
-  // A camera and a transfer function that fit the data, in another size and over white.
+  // A camera and a transfer function that fit the data, in another size.
   auto scene = renderer->fitting_scene("", 640, 480);
   if (!scene) return fail(scene.error());
-  scene->background = splatvol::dvec3(1);
   if (const auto set = renderer->set_scene(*scene); !set) return fail(set.error());
 
   // The fewest splats that keep the error below 0.2 %.
