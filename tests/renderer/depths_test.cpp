@@ -4,16 +4,16 @@
 #include <hwy/targets.h>
 #include <oneapi/tbb/global_control.h>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
 #include <numbers>
-#include <numeric>
 #include <optional>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/splat_kernel.h"
