@@ -388,13 +388,15 @@ class Arrays {
     return bytes > 0 ? std::optional(stated / bytes) : std::nullopt;
   }
 
-  /// Whether VTK reads a number of a text: streams take none that is not finite in the array's type.
-  static bool vtk_reads(std::string_view number, vtkXMLDataElement& array) {
+  /// Whether VTK reads a number of a text. It knows two words, unless a tag follows at once, and no number beyond the
+  /// array's type.
+  static bool vtk_reads(std::string_view number, bool tag_follows, vtkXMLDataElement& array) {
     if (number.find_first_of("en") == std::string_view::npos) return true;
     const std::string text(number);
+    const std::string_view word = number.substr(number.find_first_not_of("+-"));
+    if (word == "nan" || word == "inf") return !tag_follows;
     const bool single = array.GetAttribute("type") == std::string_view("Float32");
-    return single ? std::isfinite(std::strtof(text.c_str(), nullptr))
-                  : std::isfinite(std::strtod(text.c_str(), nullptr));
+    return std::isfinite(single ? std::strtof(text.c_str(), nullptr) : std::strtod(text.c_str(), nullptr));
   }
 
   /// Bytes of a number of a type; 0 for texts and bits.
@@ -436,10 +438,11 @@ class Arrays {
       const std::size_t tag = word.find('<');
       const std::string_view number = std::string_view(word).substr(0, tag);
       const bool valid = is_number(number);
-      if (valid && !vtk_reads(number, element))
-        return fail(ErrorCode::unsupported,
-                    "{}: the array \"{}\" has \"{}\" as text, which VTK's reader does not take: write it binary", path_,
-                    name_of(element), number.substr(0, 10));
+      if (valid && !vtk_reads(number, tag != std::string::npos, element))
+        return fail(
+            ErrorCode::unsupported,
+            "{}: VTK's reader does not take \"{}\" in the array \"{}\": write it binary, or with a space behind", path_,
+            number.substr(0, 10), name_of(element));
       if (!number.empty() && !valid)
         return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a word instead of a number: damaged", path_,
                     name_of(element));
