@@ -8,9 +8,9 @@
 #include <string>
 
 #include "base/error.h"
-#include "renderer/surface_depths.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "splatvol/surface_depths.h"
 #include "streamer/record.h"
 #include "streamer/splat.h"
 
@@ -52,8 +52,8 @@ class Rasterizer {
   virtual void set_lighting(const std::optional<Lighting>& lighting) = 0;
 
   /// Sets how splats that overlap become a picture: `splats` until then. Fails for `slabs` unless the processor draws
-  /// and the kernel is `moments`. Pictures of fewer than 64 pixels, and of data 1024 times farther than large, are
-  /// drawn one by one all the same.
+  /// and the kernel is `moments`. Pictures of fewer than 64 pixels, and of data more than 1024 edges of its
+  /// cube (DrawingUnits) away, are drawn one by one all the same.
   [[nodiscard]] virtual Status set_compositing(Compositing compositing) {
     if (compositing == Compositing::splats) return {};
     return fail(ErrorCode::invalid_argument, "OpenGL does not draw in slabs: take the device cpu");
@@ -81,6 +81,9 @@ class Rasterizer {
   /// `sample_spacing`: pixels from one sample to the next, 1 to max_sample_spacing. The pixels between are
   /// interpolated. Wide samples lose no detail of large splats, whose drawing time goes by samples.
   [[nodiscard]] virtual Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) = 0;
+
+  /// Returns how splats became the picture of the last draw.
+  [[nodiscard]] virtual Compositing drawn_compositing() const { return Compositing::splats; }
 
   /// Returns the picture of the last draw. Fails before the first.
   [[nodiscard]] virtual Result<Image> read_image() const = 0;

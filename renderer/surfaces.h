@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "base/error.h"
-#include "renderer/surface_depths.h"
 #include "scene/scene.h"
+#include "splatvol/surface_depths.h"
 
 namespace splatvol {
 

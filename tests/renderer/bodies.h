@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "renderer/surface_depths.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "splatvol/surface_depths.h"
 #include "tests/renderer/draw_parts.h"
 
 namespace splatvol::test {

@@ -1,4 +1,0 @@
-// See splatvol/surface_depths.h.
-#pragma once
-
-#include "splatvol/surface_depths.h"
