@@ -194,48 +194,36 @@ std::optional<PieceSizes> sizes_by_counts(vtkXMLDataElement& piece) {
   return sizes;
 }
 
-/// The cells of a structured grid, and which of them the pieces so far have.
-class FilledCells {
- public:
-  explicit FilledCells(const Extent& whole)
-      : whole_(whole), filled_(static_cast<std::size_t>(cells_of(sides_of(whole)))) {}
+/// The cells of a piece of a structured grid along each axis: the first, and the one behind the last. A grid that is
+/// flat along an axis has one layer of cells there.
+Extent cells_in(const Extent& piece, const Extent& whole) {
+  Extent cells = piece;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (whole[2 * axis] == whole[2 * axis + 1]) cells[2 * axis + 1] = piece[2 * axis] + 1;
+  return cells;
+}
 
-  [[nodiscard]] bool all_filled() const { return count_ == filled_.size(); }
+double count_of(const Extent& cells) {
+  double count = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) count *= static_cast<double>(cells[2 * axis + 1] - cells[2 * axis]);
+  return count;
+}
 
-  /// Whether the cells of a piece are in the grid, and no other piece has them.
-  bool add(const Extent& piece) {
-    Extent cells{};  // the first, and the one behind the last
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const std::int64_t low = whole_[2 * axis], high = whole_[2 * axis + 1];
-      if (piece[2 * axis] < low || piece[2 * axis + 1] > high) return false;
-      cells[2 * axis] = piece[2 * axis] - low;
-      cells[2 * axis + 1] = std::max(piece[2 * axis + 1] - low, std::int64_t{high == low});
-    }
-    for (std::int64_t z = cells[4]; z < cells[5]; ++z)
-      for (std::int64_t y = cells[2]; y < cells[3]; ++y)
-        if (!add_row(cells[0], cells[1], y, z)) return false;
-    return true;
-  }
+bool overlap(const Extent& a, const Extent& b) {
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (a[2 * axis + 1] <= b[2 * axis] || b[2 * axis + 1] <= a[2 * axis]) return false;
+  return true;
+}
 
- private:
-  bool add_row(std::int64_t first, std::int64_t end, std::int64_t y, std::int64_t z) {
-    const auto side = [&](std::size_t axis) {
-      return std::max(whole_[2 * axis + 1] - whole_[2 * axis], std::int64_t{1});
-    };
-    const std::int64_t row = (z * side(1) + y) * side(0);
-    for (std::int64_t x = first; x < end; ++x) {
-      const auto cell = static_cast<std::size_t>(row + x);
-      if (filled_[cell]) return false;
-      filled_[cell] = true;
-      ++count_;
-    }
-    return true;
-  }
-
-  Extent whole_;
-  std::vector<bool> filled_;
-  std::size_t count_ = 0;
-};
+/// Whether some of these pieces have a cell in common. Sorts them.
+bool any_overlap(std::vector<Extent>& pieces) {
+  std::erase_if(pieces, [](const Extent& piece) { return count_of(piece) == 0; });
+  std::ranges::sort(pieces);
+  for (std::size_t i = 0; i < pieces.size(); ++i)
+    for (std::size_t j = i + 1; j < pieces.size() && pieces[j][0] < pieces[i][1]; ++j)
+      if (overlap(pieces[i], pieces[j])) return true;
+  return false;
+}
 
 /// The extents of the pieces of a structured grid.
 Result<std::vector<Extent>> extents_of_pieces(const std::string& path, vtkXMLDataElement& grid, const Extent& whole) {
@@ -253,24 +241,28 @@ Result<std::vector<Extent>> extents_of_pieces(const std::string& path, vtkXMLDat
 
 /// Checks that the pieces of a structured grid fill its extent: VTK fills the rest with zeros, or not at all.
 Status check_pieces(const std::string& path, vtkXMLDataElement& grid, const Extent& whole) {
+  constexpr std::size_t most_pieces = 65536;
+  constexpr double most_cells = 1e15;  // are counted exactly
   SPLATVOL_TRY_ASSIGN(pieces, extents_of_pieces(path, grid, whole));
-  double cells = 0;
-  for (const Extent& piece : pieces) cells += cells_of(sides_of(piece));
-  const double expected = cells_of(sides_of(whole));
-  if (cells != expected)
+  const double expected = count_of(cells_in(whole, whole));
+  if (pieces.size() > most_pieces || expected > most_cells)
+    return fail(ErrorCode::unsupported, "{}: {} pieces and {} cells are too many", path, pieces.size(), expected);
+  double count = 0;
+  bool inside = true;
+  for (Extent& piece : pieces) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      inside = inside && piece[2 * axis] >= whole[2 * axis] && piece[2 * axis + 1] <= whole[2 * axis + 1];
+    piece = cells_in(piece, whole);
+    count += count_of(piece);
+  }
+  if (count != expected)
     return fail(ErrorCode::invalid_data,
                 "{}: its pieces have {} cells, and its WholeExtent {}: damaged, or a part of a larger grid; write the "
                 "extent of the part as its WholeExtent",
-                path, cells, expected);
-  if (pieces.size() == 1 && pieces[0] == whole) return {};
-  if (expected > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::unsupported, "{}: {} cells in several pieces; at most 2^32 - 1 are supported", path,
-                expected);
-  FilledCells filled(whole);
-  bool fit = true;
-  for (std::size_t i = 0; i < pieces.size() && fit; ++i) fit = filled.add(pieces[i]);
-  if (!fit || !filled.all_filled())
-    return fail(ErrorCode::invalid_data, "{}: its pieces overlap, or do not fill its WholeExtent", path);
+                path, count, expected);
+  // As many cells as the grid has, none outside and none twice: they fill it.
+  if (!inside || any_overlap(pieces))
+    return fail(ErrorCode::invalid_data, "{}: its pieces overlap, or reach out of its WholeExtent", path);
   return {};
 }
 
