@@ -25,7 +25,10 @@ class Help:
 
     @staticmethod
     def of(program: Path, *arguments: str) -> "Help":
-        done = subprocess.run([program, *arguments, "--help"], capture_output=True, text=True, timeout=60)
+        try:
+            done = subprocess.run([program, *arguments, "--help"], capture_output=True, text=True, timeout=60)
+        except OSError as error:
+            sys.exit(f"docs: {program} does not run: {error.strerror}")
         if done.returncode != 0 or not done.stdout:
             sys.exit(f"{program} --help: {done.stderr.strip() or 'prints nothing'}")
         found = parse(done.stdout.replace(str(program), program.name), program.name)
