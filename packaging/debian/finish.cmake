@@ -11,7 +11,11 @@ foreach(component runtime library development)
   set(documents ${root}/usr/share/doc/${package})
   file(MAKE_DIRECTORY ${documents})
   file(COPY_FILE ${CPACK_SPLATVOL_PACKAGING}/debian/copyright ${documents}/copyright)
-  file(COPY_FILE ${CPACK_SPLATVOL_CHANGELOG} ${documents}/changelog)
+  file(COPY_FILE ${CPACK_SPLATVOL_CHANGELOG} ${documents}/CHANGELOG.md)
+  # The form that Debian's tools read; SOURCE_DATE_EPOCH sets the date.
+  string(TIMESTAMP date "%a, %d %b %Y %H:%M:%S +0000" UTC)
+  file(WRITE ${documents}/changelog "splatvol (${CPACK_PACKAGE_VERSION}) unstable; urgency=medium\n\n"
+    "  * CHANGELOG.md.gz tells what changed.\n\n -- ${CPACK_SPLATVOL_MAINTAINER}  ${date}\n")
   file(GLOB pages ${root}/usr/share/man/man1/*.1)
-  execute_process(COMMAND gzip -9nf ${documents}/changelog ${pages} COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND gzip -9nf ${documents}/changelog ${documents}/CHANGELOG.md ${pages} COMMAND_ERROR_IS_FATAL ANY)
 endforeach()
