@@ -67,7 +67,7 @@ void close_all_but(int socket) {
   ::syscall(SYS_close_range, kept + 1, ~0u, 0);
 }
 
-void set_limit(__rlimit_resource resource, std::uint64_t most) {
+void set_limit(decltype(RLIMIT_CORE) resource, std::uint64_t most) {
   rlimit limit{};
   ::getrlimit(resource, &limit);
   if (most < limit.rlim_max) limit.rlim_max = most;
