@@ -134,39 +134,75 @@ TEST(SparseSeries, ALongDeadPartIsHashedInPieces) {
   EXPECT_EQ(error_of(assemble(std::move(parts), length)), "");
 }
 
-/// Moves the summary table of a step behind its other sections, and makes it `bytes` long. The section behind its place
-/// takes over its bytes, so that no other offset changes.
-void move_summary_table(Bytes& step, std::uint64_t bytes) {
-  auto superblock = read_record<Superblock>(step, 0);
+/// The last step of a series, to be changed.
+struct LastStep {
+  explicit LastStep(Parts& of) : parts(of), entry(of.entries.back()) {
+    bytes.assign(parts.front.begin() + static_cast<std::ptrdiff_t>(entry.offset), parts.front.end());
+    superblock = read_record<Superblock>(bytes, 0);
+    for (std::uint32_t i = 0; i < superblock.section_count; ++i)
+      sections.push_back(read_record<SectionEntry>(bytes, sizeof(Superblock) + i * sizeof(SectionEntry)));
+  }
+
+  SectionEntry& section(SectionKind kind) { return *std::ranges::find(sections, kind, &SectionEntry::kind); }
+
+  /// Puts the step back, `hole` bytes longer, with right hashes of its superblock and sections.
+  void put_back(std::uint64_t hole) {
+    superblock.file_bytes = entry.bytes = bytes.size() + hole;
+    const Bytes front = pack_front(superblock, true, sections);
+    std::ranges::copy(front, bytes.begin());
+    entry.hash = hash_bytes(front);
+    parts.front.resize(entry.offset);
+    parts.front.insert(parts.front.end(), bytes.begin(), bytes.end());
+  }
+
+  Parts& parts;
+  StepEntry& entry;
+  Bytes bytes;
+  Superblock superblock{};
   std::vector<SectionEntry> sections;
-  for (std::uint32_t i = 0; i < superblock.section_count; ++i)
-    sections.push_back(read_record<SectionEntry>(step, sizeof(Superblock) + i * sizeof(SectionEntry)));
-  const auto table = std::ranges::find(sections, SectionKind::summary_table, &SectionEntry::kind);
-  SectionEntry moved = *table;
-  const auto next = sections.erase(table);
-  next->offset = moved.offset;
-  next->packed_bytes += moved.packed_bytes;
-  moved.offset = step.size();
-  moved.packed_bytes = moved.unpacked_bytes = bytes;
-  sections.push_back(moved);
-  superblock.file_bytes = step.size() + bytes;
-  std::ranges::copy(pack_front(superblock, true, sections), step.begin());
+};
+
+// The table moves behind the other sections. The section behind its place takes over its bytes, so that no other offset
+// changes.
+TEST(SparseSeries, ASummaryTableOfGigabytesIsRefusedAtItsFirstWrongEntry) {
+  constexpr std::uint64_t table_bytes = six_gigabytes / sizeof(SummaryPageRef) * sizeof(SummaryPageRef);
+  Parts parts = golden_series();
+  LastStep step(parts);
+  const SectionEntry table = step.section(SectionKind::summary_table);
+  const auto next = step.sections.erase(std::ranges::find(step.sections, table.kind, &SectionEntry::kind));
+  next->offset = table.offset;
+  next->packed_bytes += table.packed_bytes;
+  step.sections.push_back(table);
+  step.sections.back().offset = step.bytes.size();
+  step.sections.back().packed_bytes = step.sections.back().unpacked_bytes = table_bytes;
+  step.put_back(table_bytes);
+  EXPECT_THAT(error_of(assemble(std::move(parts), table_bytes)),
+              AllOf(StartsWith("sparse.svol: "), HasSubstr("[R20]")));
 }
 
-TEST(SparseSeries, ASummaryTableOfGigabytesIsRefusedAtItsFirstWrongEntry) {
+TEST(SparseSeries, PackedSummariesAreNoLongerThanUnpackedOnes) {
   Parts parts = golden_series();
-  StepEntry& last = parts.entries.back();
-  ASSERT_EQ(last.kind, StepEntryKind::step);
-  Bytes step(parts.front.begin() + static_cast<std::ptrdiff_t>(last.offset), parts.front.end());
-  ASSERT_EQ(step.size(), last.bytes);
-  constexpr std::uint64_t table = six_gigabytes / sizeof(SummaryPageRef) * sizeof(SummaryPageRef);
-  move_summary_table(step, table);
-  const auto front = sizeof(Superblock) + read_record<Superblock>(step, 0).section_count * sizeof(SectionEntry);
-  last.bytes = step.size() + table;
-  last.hash = hash_bytes(std::span(step).first(front));
-  parts.front.resize(last.offset);
-  parts.front.insert(parts.front.end(), step.begin(), step.end());
-  EXPECT_THAT(error_of(assemble(std::move(parts), table)), AllOf(StartsWith("sparse.svol: "), HasSubstr("[R20]")));
+  LastStep step(parts);
+  // One part of the root's page takes bytes from the next.
+  SectionEntry& root = step.section(SectionKind::index_root);
+  auto first = read_record<IndexPagePart>(step.bytes, root.offset);
+  auto second = read_record<IndexPagePart>(step.bytes, root.offset + sizeof(first));
+  const std::uint32_t too_many = first.unpacked_bytes + 1 - first.packed_bytes;
+  ASSERT_GT(second.packed_bytes, too_many);
+  first.packed_bytes += too_many;
+  second.packed_bytes -= too_many;
+  put(step.bytes, root.offset, first);
+  put(step.bytes, root.offset + sizeof(first), second);
+  root.hash = hash_bytes(std::span(step.bytes).subspan(root.offset, root.unpacked_bytes));
+
+  SectionEntry& table = step.section(SectionKind::summary_table);
+  const std::size_t last = table.offset + table.packed_bytes - sizeof(SummaryPageRef);
+  auto page = read_record<SummaryPageRef>(step.bytes, last);
+  page.hash = root.hash;
+  put(step.bytes, last, page);
+  table.hash = hash_bytes(std::span(step.bytes).subspan(table.offset, table.packed_bytes));
+  step.put_back(0);
+  EXPECT_THAT(error_of(assemble(std::move(parts), 0)), HasSubstr("a part has the wrong length [R20]"));
 }
 
 }  // namespace
