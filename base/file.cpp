@@ -253,6 +253,7 @@ Status AtomicFile::copy_to_named() {
 }
 
 Status AtomicFile::commit() {
+  const std::string folder = folder_of(path_);  // no memory is taken once the file has its name
   SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
   SPLATVOL_TRY(give_name());
@@ -269,7 +270,7 @@ Status AtomicFile::commit() {
   ::close(std::exchange(descriptor_, -1));
 
   // Without syncing the folder, a power cut may undo the rename. Some file systems cannot.
-  const int directory = ::open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const int directory = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (directory < 0) return {};  // a folder that may be written to, but not listed
   const bool synced = ::fsync(directory) == 0 || errno == EINVAL || errno == ENOTSUP;
   Status result = synced ? Status{} : fail_errno(path_, "cannot sync the folder of");

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <string_view>
@@ -26,12 +25,14 @@ std::uint64_t machine_bytes(const std::string& root) {
 }
 
 /// Returns the smallest number in the files `name` of all folders from `folder` / `group` up to `folder`. Folders may
-/// be missing: in a container, the group's path may be that of the host.
-std::uint64_t least_of_groups(const std::string& folder, std::filesystem::path group, const char* name) {
+/// be missing: in a container, the group's path may be that of the host. No std::filesystem::path: that of libstdc++ 12
+/// frees twice if memory runs out.
+std::uint64_t least_of_groups(const std::string& folder, std::string group, const std::string& name) {
   std::uint64_t least = no_limit;
-  for (group = group.relative_path();; group = group.parent_path()) {
+  for (;; group.resize(std::min(group.rfind('/'), group.size() - 1))) {
     std::uint64_t bytes = 0;
-    if (std::ifstream(folder / group / name) >> bytes) least = std::min(least, bytes);  // "max" is not a number
+    // "max" is not a number
+    if (std::ifstream(folder + "/" + group + "/" + name) >> bytes) least = std::min(least, bytes);
     if (group.empty()) return least;
   }
 }
