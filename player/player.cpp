@@ -269,6 +269,7 @@ Status Player::draw(const DrawOptions& options) {
                                                : automatic_sample_spacing(view, frame_->detail, compositing_);
   if (surface_depths_) sample_spacing_ = 1;
   SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, options.sort, sample_spacing_));
+  compositing_ = rasterizer_->drawn_compositing();
   times.upload += set_seconds;
   times_.draw = times;
   times_.frame = chosen_in + seconds_since(start);

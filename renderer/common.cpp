@@ -12,7 +12,9 @@ float nearest_float(double number) {
 }
 
 Result<TransferFunction> in_drawing_units(TransferFunction function, const DrawingUnits& units) {
-  for (TransferFunction::Density& density : function.densities) density.extinction *= units.length;
+  constexpr double most_extinction = 1e20;
+  for (TransferFunction::Density& density : function.densities)
+    density.extinction = std::min(density.extinction * units.length, most_extinction);
   if (function.colors.empty() || function.densities.empty() || !(function.lo < function.hi) ||
       (function.axis == ValueAxis::log && !(function.lo > 0)))
     return fail(ErrorCode::invalid_argument, "transfer function: no control points, or an empty domain");
@@ -34,8 +36,12 @@ StoredAxis stored_axis(const TransferFunction& function, const DrawingUnits& uni
     low = std::asinh(function.lo / function.linear_width);
     width = std::asinh(function.hi / function.linear_width) - low;
   }
-  axis.low = nearest_float(low);
   axis.inverse_domain = nearest_float(1 / width);
+  constexpr double largest_low = 1e30;  // single precision holds differences from it
+  if (std::abs(low) < largest_low)
+    axis.low = nearest_float(low);
+  else
+    axis.start = nearest_float(-low / width);
   return axis;
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/error.h"
+#include "renderer/transfer_table.h"
 #include "scene/scene.h"
 #include "streamer/splat.h"
 
@@ -14,13 +15,16 @@ namespace splatvol {
 /// Rounds to single precision. Numbers beyond its range become the largest that it has, so that no product is NaN.
 [[nodiscard]] float nearest_float(double number);
 
-/// Returns a transfer function with extinctions per drawing unit. Fails if it has no control points or an empty domain.
+/// Returns a transfer function with extinctions per drawing unit. Extinctions are at most 1e20 there, so that optical
+/// depths fit into single precision: whatever is drawn is opaque at far less. Fails if the function has no control
+/// points or an empty domain.
 [[nodiscard]] Result<TransferFunction> in_drawing_units(TransferFunction function, const DrawingUnits& units);
 
-/// A transfer function's axis for stored values x, in single precision.
+/// A transfer function's axis for stored values x, in single precision: t = start + (x - low) * inverse_domain.
 struct StoredAxis {
   int kind = 0;              // 0: x itself; 1: log(x - zero); 2: asinh((x - zero) * unit)
-  float low = 0;             // the beginning of the domain, on the axis
+  float low = 0;             // the beginning of the domain, on the axis; 0 if single precision cannot hold it
+  float start = 0;           // t of `low`
   float inverse_domain = 1;  // 1 / (high - low), on the axis
   float zero = 0;            // the stored value of 0
   float unit = 1;
@@ -32,8 +36,14 @@ struct TableSize {
   std::size_t columns, rows;
 };
 [[nodiscard]] constexpr TableSize table_size(KernelKind kernel) {
-  return kernel == KernelKind::octant ? TableSize{4097, 1} : TableSize{513, 64};
+  constexpr std::size_t margins = 2 * TransferTable::margin;
+  return kernel == KernelKind::octant ? TableSize{4097 + margins, 1} : TableSize{513 + margins, 64};
 }
+
+/// Largest deviation and distance of t of a splat's values on a linear axis: squares stay finite however narrow the
+/// domain is. Mean and deviation shrink by one factor, which changes next to nothing in what the splat shows of the
+/// domain: a jump. Neighbours have about the same deviation, so slabs may mix them.
+inline constexpr float largest_t_deviation = 1e16F, farthest_t = 3e17F;
 
 /// Entries of level 0 of the peaks (make_peak_levels).
 inline constexpr int peak_entries = 1024;

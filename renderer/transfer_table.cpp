@@ -149,20 +149,19 @@ struct Sums {
 
 class Averager {
  public:
-  explicit Averager(const TransferFunction& function) : pieces_(linear_pieces(function)) {
-    double largest = 0;
+  explicit Averager(const TransferFunction& function)
+      : pieces_(linear_pieces(function)), before_(end_of(function, -1)), behind_(end_of(function, 2)) {
+    double largest = std::max(before_.a, behind_.a);
     for (const LinearPiece& piece : pieces_) largest = std::max({largest, piece.at_begin.a, piece.at_end.a});
     // Added to the extinction where colours are weighted, so that clear values have a colour too.
     least_ = largest > 0 ? 1e-9 * largest : 1;
 
-    const LinearPiece& first = pieces_.front();
-    const LinearPiece& last = pieces_.back();
-    polynomials_.push_back(product({0, 1, first.at_begin, first.at_begin}));
+    polynomials_.push_back(product({0, 1, before_, before_}));
     for (const LinearPiece& piece : pieces_) {
       polynomials_.push_back(product(piece));
       integrals_.push_back(integral(piece));
     }
-    polynomials_.push_back(product({0, 1, last.at_end, last.at_end}));
+    polynomials_.push_back(product({0, 1, behind_, behind_}));
   }
 
   /// Averages over values of this spread, in t, round means in an arithmetic progression.
@@ -202,14 +201,17 @@ class Averager {
   [[nodiscard]] vec4 operator()(double t) const {
     std::size_t i = 0;
     while (i < pieces_.size() && pieces_[i].begin <= t) ++i;
-    if (i == pieces_.size() && t > pieces_.back().end) ++i;
-    if (i == 0) return finish(weighted(pieces_.front().at_begin));
-    if (i > pieces_.size()) return finish(weighted(pieces_.back().at_end));
+    if (i == 0) return finish(weighted(before_));
+    if (t >= pieces_.back().end) return finish(weighted(behind_));
     const LinearPiece& piece = pieces_[i - 1];
     return finish(weighted(glm::mix(piece.at_begin, piece.at_end, (t - piece.begin) / (piece.end - piece.begin))));
   }
 
  private:
+  static dvec4 end_of(const TransferFunction& function, double t) {
+    return {function.color_at(t), function.extinction_at(t)};
+  }
+
   [[nodiscard]] Polynomial product(const LinearPiece& piece) const {
     const dvec4 slope = (piece.at_end - piece.at_begin) / (piece.end - piece.begin);
     const dvec4 start = piece.at_begin - slope * piece.begin;
@@ -233,6 +235,7 @@ class Averager {
   }
 
   std::vector<LinearPiece> pieces_;
+  dvec4 before_, behind_;                // outside of [0, 1]
   std::vector<Polynomial> polynomials_;  // one before the pieces, one for each, one after them
   std::vector<dvec4> integrals_;         // one for each
   double least_ = 0;                     // extinction: a billionth of the largest
@@ -245,7 +248,8 @@ double TransferTable::spread(std::size_t row) const {
 }
 
 double TransferTable::mean(std::size_t row, std::size_t column) const {
-  return 0.5 + (1 + 8 * spread(row)) * (static_cast<double>(column) / static_cast<double>(columns - 1) - 0.5);
+  const double first = margin, inner = static_cast<double>(columns - 1 - 2 * margin);
+  return 0.5 + (1 + 8 * spread(row)) * ((static_cast<double>(column) - first) / inner - 0.5);
 }
 
 namespace {
@@ -317,6 +321,8 @@ std::vector<std::vector<float>> make_peak_levels(const TransferFunction& functio
                        at(std::min(piece.end, static_cast<double>(entry + 1) / count))});
     }
   }
+  levels[0].front() = std::max(levels[0].front(), static_cast<float>(function.extinction_at(-1)));
+  levels[0].back() = std::max(levels[0].back(), static_cast<float>(function.extinction_at(2)));
   while (levels.back().size() > 1) {
     const std::vector<float>& finer = levels.back();
     std::vector<float> level(finer.size() / 2);

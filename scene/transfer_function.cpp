@@ -31,6 +31,12 @@ Value limit_from_below(const std::vector<Point>& points, Value Point::*value, do
   return left.*value * (1 - share) + (*next).*value * share;
 }
 
+/// The function at any t. Outside of [0, 1] its ends hold: before a jump at 0, and behind one at 1.
+template <class Point, class Value>
+Value at(const std::vector<Point>& points, Value Point::*value, double t) {
+  return t < 0 ? limit_from_below(points, value, 0) : interpolate(points, value, std::min(t, 1.0));
+}
+
 }  // namespace
 
 double TransferFunction::t_of(double value) const {
@@ -49,11 +55,9 @@ double TransferFunction::value_at(double t) const {
   return linear_width * std::sinh(low + t * (high - low));
 }
 
-dvec3 TransferFunction::color_at(double t) const { return interpolate(colors, &Color::rgb, std::clamp(t, 0.0, 1.0)); }
+dvec3 TransferFunction::color_at(double t) const { return at(colors, &Color::rgb, t); }
 
-double TransferFunction::extinction_at(double t) const {
-  return interpolate(densities, &Density::extinction, std::clamp(t, 0.0, 1.0));
-}
+double TransferFunction::extinction_at(double t) const { return at(densities, &Density::extinction, t); }
 
 dvec3 TransferFunction::color(double value) const { return std::isnan(value) ? dvec3(0) : color_at(t_of(value)); }
 

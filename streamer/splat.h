@@ -19,6 +19,7 @@ struct DrawingUnits {
   double length = 1;        // in world units
   double value_offset = 0;  // of the attribute
   double value_scale = 1;   // of the attribute
+  double cube = 1;          // edge of the file's cube, in units of `length`
 
   /// Returns the value of a stored value.
   [[nodiscard]] double value(double stored) const { return value_offset + value_scale * stored; }

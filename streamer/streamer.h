@@ -164,7 +164,8 @@ class Streamer {
   /// Returns the units of the splats.
   [[nodiscard]] DrawingUnits units() const {
     const format::Attribute& attribute = info().attributes[static_cast<std::size_t>(paged_.attribute())];
-    return {drawing_length(info().cube.edge), attribute.offset, attribute.scale};
+    const double length = drawing_length(info().cube.edge);
+    return {length, attribute.offset, attribute.scale, info().cube.edge / length};
   }
 
   [[nodiscard]] KernelKind kernel() const { return kernel_; }

@@ -17,8 +17,8 @@ struct AxisMoments {
 };
 
 /// Colour and extinction as functions of the value, piecewise linear in t, clamped outside of [0, 1]. With u the value
-/// on its axis, t = (u(value) - u(lo)) / (u(hi) - u(lo)). Two control points with the same t are a jump. A missing
-/// value (NaN) has extinction 0. On a logarithmic axis, 0 and negative values count as lo.
+/// on its axis, t = (u(value) - u(lo)) / (u(hi) - u(lo)). Two control points with the same t are a jump: the later one
+/// holds from there on. A missing value (NaN) has extinction 0. On a logarithmic axis, values up to 0 lie below lo.
 struct SPLATVOL_EXPORT TransferFunction {
   struct Color {
     double t;

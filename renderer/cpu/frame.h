@@ -32,11 +32,16 @@ struct TableView {
   static constexpr int level_count = 5;
   static constexpr int columns_per_block = 32;  // of level 0
 
-  int columns = 0, rows = 0;
+  int columns = 0, rows = 0;  // with the margins of TransferTable
   std::array<TableLevel, level_count> levels;
   const float* row_spreads = nullptr;  // of each row, in units of the domain
   const float* errors = nullptr;       // [row][block][level]: the largest relative error within a block
   int blocks = 0;                      // of a row
+
+  /// Returns the columns between the margins, less one.
+  [[nodiscard]] float inner_columns() const { return static_cast<float>(columns - 1 - 2 * margin); }
+
+  static constexpr int margin = static_cast<int>(TransferTable::margin);
 };
 
 /// Largest relative error that a coarser level may have.

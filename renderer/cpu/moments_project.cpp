@@ -115,9 +115,13 @@ struct Moments {
 
 /// Mean and deviation of t of normally distributed stored values: axis_moments of frame.glsl.
 HWY_INLINE Moments axis_moments(const FrameConstants& frame, Float mean, Float deviation) {
-  const Float t = axis_position(frame, mean);
   const Float inverse_domain(frame.axis.inverse_domain);
-  if (frame.axis.kind == 0) return {t, deviation * inverse_domain};
+  if (frame.axis.kind == 0) {
+    const Float from_low = mean - frame.axis.low;
+    const Float factor = min(inverse_domain, Float(largest_t_deviation) / deviation);
+    return {clamp(from_low * factor, -farthest_t, farthest_t) + frame.axis.start, deviation * factor};
+  }
+  const Float t = axis_position(frame, mean);
   if (frame.axis.kind == 1) {
     const Float x = mean - frame.axis.zero;
     const Mask positive = x > Float(0.0F);

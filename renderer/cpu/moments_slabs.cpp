@@ -30,6 +30,7 @@ struct Neighbours {
   float before_thickness, thickness, after_thickness;
   float kept;   // as of the slab
   float front;  // depth of the slab's front
+  float least_density;  // that counts as material
 };
 
 /// How thick a slab and the one behind it are at some pixels: Number is a float where no surface ends them.
@@ -54,7 +55,7 @@ HWY_INLINE Float full_density(const Neighbours& n, Number thickness, Float mass,
                            HWY_ATTR { return slab ? load(slab->mass + at) * (1.0F / whole) : Float(0.0F); };
   const Float densest =
       max(mass * (1.0F / thickness), max(density(n.before, n.before_thickness), density(n.after, n.after_thickness)));
-  return fma(clamp(densest * 1.25F, 1e-6F, 1.0F) - 1.0F, thin, 1.0F);
+  return fma(clamp(densest * 1.25F, 1e-30F, 1.0F) - 1.0F, thin, 1.0F);
 }
 
 /// Returns the length of material in a slab, at some pixels. `bounded`: it may have boundaries.
@@ -94,9 +95,10 @@ struct MeanValue {
   Mask known;
 };
 
-HWY_INLINE MeanValue mean_value(const SlabPlanes& slab, float thickness, int at) {
+/// `least_density`: less is what rounding leaves of splats that end in front of the slab, or begin behind it.
+HWY_INLINE MeanValue mean_value(const SlabPlanes& slab, float thickness, float least_density, int at) {
   const Float mass = load(slab.mass + at);
-  const Mask known = mass > Float(thickness * 1e-6F);
+  const Mask known = mass > Float(thickness * least_density);
   return {load(slab.value + at) / select(known, mass, 1.0F), known};
 }
 
@@ -106,7 +108,7 @@ HWY_INLINE Float half_range(const Neighbours& n, const Thickness<Number>& thickn
                             int at) {
   const auto step = [&](const SlabPlanes* other, float whole, Number part) HWY_ATTR {
     if (!other) return Float(0.0F);
-    const MeanValue mean = mean_value(*other, whole, at);
+    const MeanValue mean = mean_value(*other, whole, n.least_density, at);
     return only(mean.known, (mean.value - value) * (thickness.slab / (thickness.slab + part)));
   };
   const Float to_front = step(n.before, n.before_thickness, n.before_thickness);
@@ -141,7 +143,7 @@ void classify(const FrameConstants& frame, const TileArea& area, const Neighbour
     const float tangent_y = (static_cast<float>(area.bottom + row) + 0.5F - 0.5F * frame.height) * by_focal;
     for (int x = 0; x < area.width; x += lane_count()) {
       const int at = row * row_stride + x;
-      const MeanValue mean = mean_value(*n.slab, n.thickness, at);
+      const MeanValue mean = mean_value(*n.slab, n.thickness, n.least_density, at);
       if (!any(mean.known)) continue;
       const Float mass = load(n.slab->mass + at), by_mass = only(mean.known, Float(1.0F) / mass);
       const auto thickness = thickness_at<partial>(frame, area, n, row, x);
@@ -188,18 +190,22 @@ void sort_splats(const ScreenSplats& screen, std::span<const std::uint32_t> slot
 /// Sums of what is at a depth: optical depths, and optical depths over chords.
 struct Crowd {
   double weight = 0, by_chord = 0, kept = 0;
+  float shortest = std::numeric_limits<float>::max();  // of the splats' extents in depth
 
   void add(const SlabWorkspace::Splat& splat) {
     weight += splat.weight;
     by_chord += splat.by_chord;
     kept += static_cast<double>(splat.weight) * splat.kept;
+    shortest = std::min(shortest, splat.back - splat.front);
   }
 };
 
 /// Cuts the depths of a tile into slabs. A slab is half as thick as chords are long: the harmonic mean of those in it,
-/// weighted by their optical depths.
+/// weighted by their optical depths. But no splat is cut into more than some hundred slabs: chords through needles along
+/// the line of sight may be 1e12 times as short as these.
 void make_slabs(const Slab& depths, SlabWorkspace& work) {
   constexpr double chords_thick = 0.5, least_thickness = 1e-5;  // the latter as a share of the depth
+  constexpr double least_part = 1.0 / 256;                      // of the shortest splat
   const std::span<const SlabWorkspace::Splat> splats = work.splats;
   work.slabs.clear();
   work.active.clear();
@@ -220,7 +226,8 @@ void make_slabs(const Slab& depths, SlabWorkspace& work) {
       continue;
     }
     const auto back_of = [&](const Crowd& mixed) {
-      const double thickness = std::max(chords_thick * mixed.weight / mixed.by_chord, least_thickness * depth);
+      const double thickness = std::max({chords_thick * mixed.weight / mixed.by_chord, least_thickness * depth,
+                                         least_part * static_cast<double>(mixed.shortest)});
       return std::min(static_cast<float>(depth + thickness), depths.back);
     };
     // Those that begin in the slab count too: many small splats may follow a large one.
@@ -324,7 +331,9 @@ class SlabSequence {
   }
 
   void classify_slab(std::size_t i, TilePixels& pixels) const {
-    Neighbours n{nullptr, &planes_of(i), nullptr, 0, thickness(i), 0, slabs_[i].kept, slabs_[i].front};
+    constexpr float by_density = 1e-6F;
+    Neighbours n{nullptr, &planes_of(i),  nullptr,          0, thickness(i),
+                 0,       slabs_[i].kept, slabs_[i].front, by_density * std::max(slabs_[i].kept, 1e-24F)};
     bool partial = partial_[i % ring_.size()];
     if (i > 0 && touches_next(i - 1)) {
       n.before = &planes_of(i - 1);

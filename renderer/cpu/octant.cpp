@@ -104,8 +104,9 @@ void project(const FrameConstants& frame, const Records& records, Projection& re
   const Vector3 centre = position_in_view(frame, records);
   const Distance distance = distance_to_eye(frame, records, centre);
   const Float size = records.number(2);
-  const Material material = gather_from(frame.table, clamp(axis_position(frame, records.number(3)), 0.0F, 1.0F) *
-                                                         static_cast<float>(frame.table.columns - 1));
+  const Float t = clamp(axis_position(frame, records.number(3)), -1.0F, 2.0F);
+  const Float column = fma(t, frame.table.inner_columns(), static_cast<float>(TableView::margin));
+  const Material material = gather_from(frame.table, column);
   Float alpha = opacity(min(max(material.extinction * size, 0.0F), 1e30F));
 
   // A splat too small for the raster spreads the same light over more of it.

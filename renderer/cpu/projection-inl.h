@@ -65,7 +65,7 @@ HWY_INLINE Float axis_position(const FrameConstants& frame, Float stored) {
     const Float bent = select(size < Float(0.02F), small, natural_log(sum));
     x = hn::CopySign(bent.v, x.v);
   }
-  return (x - frame.axis.low) * frame.axis.inverse_domain;
+  return fma(x - frame.axis.low, frame.axis.inverse_domain, frame.axis.start);
 }
 
 /// Returns where a ball round a point surely has no pixel. Side planes of the picture go through the eye; the raster

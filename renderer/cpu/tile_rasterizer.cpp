@@ -249,17 +249,18 @@ void TileRasterizer::set_view(const View& view) {
 
 // Slabs need depths that single precision tells apart, and pixels that are not much larger than splats.
 bool TileRasterizer::can_mix() const {
-  constexpr float farthest = 1024, least_pixels = 64;  // the first in edges of the file's cube
-  const auto is_near = [](const RangeInView& range) { return std::abs(range.z) < farthest; };
+  constexpr float edges_away = 1024, least_pixels = 64;  // of the file's cube
+  const float farthest = nearest_float(edges_away * units_.cube);
+  const auto is_near = [farthest](const RangeInView& range) { return std::abs(range.z) < farthest; };
   return frame_.width * frame_.height >= least_pixels && std::ranges::all_of(ranges_, is_near);
 }
 
 void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target, FrameTimes& times) {
-  if (ranges_.empty()) return;
   Stopwatch stopwatch;
   set_view(view);
   const bool mixes = compositing_ == Compositing::slabs && can_mix();
   if (mixes != std::exchange(mixes_, mixes)) ordered_view_.reset();
+  if (ranges_.empty()) return;
   times.upload += stopwatch.lap();
   const Sequence sequence = sequence_of(view, sort);
   times.sort += stopwatch.lap();

@@ -216,7 +216,7 @@ HWY_INLINE TableRow table_row(const TableView& table, Float spread) {
   const Float row_spread = gather(table.row_spreads, row);
   const Mask is_last = mask_of(hn::Eq(row.v, Int(last).v));
   const Float used = select(is_last, max(spread, row_spread), row_spread);
-  return {row, Float(static_cast<float>(table.columns - 1)) / fma(used, 8.0F, 1.0F)};
+  return {row, Float(table.inner_columns()) / fma(used, 8.0F, 1.0F)};
 }
 
 }  // namespace splatvol::tiles::HWY_NAMESPACE

@@ -30,7 +30,7 @@ struct alignas(16) FrameBlock {
   float value_low;
   float inverse_domain;
   float ambient, diffuse;
-  float value_axis, value_zero, value_unit;
+  float value_axis, value_zero, value_unit, value_start;
 };
 static_assert(sizeof(FrameBlock) == 96 && offsetof(FrameBlock, focal) == 56 && offsetof(FrameBlock, value_low) == 64);
 
@@ -370,7 +370,8 @@ Status GlRasterizer::upload_frame(const View& view) {
                          .diffuse = lighting_ ? static_cast<float>(lighting_->diffuse) : 0.0F,
                          .value_axis = static_cast<float>(axis_.kind),
                          .value_zero = axis_.zero,
-                         .value_unit = axis_.unit};
+                         .value_unit = axis_.unit,
+                         .value_start = axis_.start};
   frame_.write(&block, sizeof(block));
 
   // Subtracted in double: far from the world's origin, only differences fit into single precision.

@@ -4,17 +4,21 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
 #include <numbers>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "builder/build.h"
 #include "builder/sources/generator.h"
 #include "reference/reference.h"
+#include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/context.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "streamer/default_scene.h"
@@ -88,6 +92,16 @@ Scene scene_in(const Scales& scales) {
   return scene;
 }
 
+// How a file is drawn.
+enum class Way { gl, slabs, splats };
+
+std::unique_ptr<Rasterizer> make_rasterizer(KernelKind kernel, Way way) {
+  if (way == Way::gl) return GlRasterizer::create(kernel).value();
+  auto rasterizer = std::make_unique<TileRasterizer>(kernel);
+  EXPECT_TRUE(rasterizer->set_compositing(way == Way::slabs ? Compositing::slabs : Compositing::splats));
+  return rasterizer;
+}
+
 // Builds files and draws them.
 class RendererTestBuilt : public testing::Test {
  protected:
@@ -103,19 +117,21 @@ class RendererTestBuilt : public testing::Test {
     ASSERT_TRUE(report) << report.error().message;
   }
 
-  static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const DetailOptions& detail) {
+  static Image draw(const std::string& file, const Scene& scene, KernelKind kernel, const DetailOptions& detail,
+                    Way way = Way::gl) {
     const View view = make_view(scene).value();
     const auto streamer = Streamer::open(open_file(file).value(), {.memory_bytes = std::uint64_t{64} << 20,
                                                                    .attribute = scene.attribute,
                                                                    .kernel = kernel,
                                                                    .gradients = scene.lighting.has_value()})
                               .value();
-    const auto renderer = GlRasterizer::create(kernel).value();
+    const auto renderer = make_rasterizer(kernel, way);
     renderer->set_lighting(scene.lighting);
     EXPECT_TRUE(renderer->set_transfer_function(scene.transfer_function, streamer->units()));
     const FrameSplats& frame = *streamer->request(view, scene.transfer_function, detail).value();
     EXPECT_TRUE(renderer->set_draw_list(frame.list));
     EXPECT_TRUE(renderer->draw(view, SortMode::exact, 1));
+    EXPECT_EQ(renderer->drawn_compositing() == Compositing::slabs, way == Way::slabs);
     return renderer->read_image().value();
   }
 
@@ -134,10 +150,95 @@ class RendererTestBuilt : public testing::Test {
   }
 };
 
-Image exact_picture(const Scales& scales, std::optional<double> first = std::nullopt) {
+Image exact_picture(const Scales& scales, const Scene& scene, std::optional<double> first = std::nullopt) {
   ScaledMesh source(scales, first);
   const auto piece = source.next().value();
-  return render_reference({piece->points, piece->values[0], piece->tetrahedra}, scene_in(scales), {}).value().image;
+  return render_reference({piece->points, piece->values[0], piece->tetrahedra}, scene, {}).value().image;
+}
+
+Image exact_picture(const Scales& scales, std::optional<double> first = std::nullopt) {
+  return exact_picture(scales, scene_in(scales), first);
+}
+
+/// Draws transfer functions on a mesh whose values cross 0, in every way.
+class RendererTestFunctions : public RendererTestBuilt {
+ protected:
+  void SetUp() override { build(plain_, ScaledMesh(around_zero)); }
+
+  static TransferFunction function(double lo, double hi, std::vector<TransferFunction::Density> densities) {
+    return {lo, hi, {{0, dvec3(0.1, 0.2, 1)}, {1, dvec3(1, 0.4, 0)}}, std::move(densities)};
+  }
+
+  /// Expects that a function is drawn about as well as an easy one of about the same shape.
+  void expect_as_good(const TransferFunction& hard, const TransferFunction& easy) const {
+    const Image exact = exact_picture(around_zero, scene_of(hard)), exact_easy = exact_picture(around_zero, scene_of(easy));
+    for (const auto& [kernel, way, name] : ways) {
+      SCOPED_TRACE(name);
+      const double usual = rmse(kernel, way, easy, exact_easy);
+      EXPECT_LT(rmse(kernel, way, hard, exact), 1.05 * usual + 5e-4);
+      const double signal = compare_images(exact, empty()).value().rmse;
+      EXPECT_LT(usual, 0.6 * signal) << "the test tells an empty picture from a right one";
+    }
+  }
+
+ private:
+  static constexpr Scales around_zero{1, 1, 0, -0.5};
+  static constexpr std::array<std::tuple<KernelKind, Way, const char*>, 5> ways{
+      {{KernelKind::moments, Way::gl, "OpenGL"},
+       {KernelKind::moments, Way::slabs, "slabs"},
+       {KernelKind::moments, Way::splats, "splats"},
+       {KernelKind::octant, Way::gl, "octant, OpenGL"},
+       {KernelKind::octant, Way::splats, "octant"}}};
+
+  static Scene scene_of(const TransferFunction& function) {
+    Scene scene = scene_in({});
+    scene.transfer_function = function;
+    return scene;
+  }
+  static Image empty() {
+    const Scene scene = scene_in({});
+    return {scene.width, scene.height, std::vector<vec4>(std::size_t{96} * 96, vec4(0))};
+  }
+  double rmse(KernelKind kernel, Way way, const TransferFunction& function, const Image& exact) const {
+    return compare_images(draw(plain_, scene_of(function), kernel, {.tolerance_percent = 0}, way), exact).value().rmse;
+  }
+};
+
+// A domain that is narrow beside the values is a jump.
+TEST_F(RendererTestFunctions, DomainsMayBeNarrow) {
+  const auto ramp = [](double width) { return function(0, width, {{0, 0.2}, {1, 3}}); };
+  for (const double width : {1e-12, 1e-16, 1e-20, 1e-22, 1e-30, 1e-38, 1e-45, 1e-60}) {
+    SCOPED_TRACE(width);
+    expect_as_good(ramp(width), ramp(1e-6));
+  }
+}
+
+TEST_F(RendererTestFunctions, DomainsMayBeWide) {
+  const auto ramp = [](double lo, double hi) { return function(lo, hi, {{0, 0.2}, {0.5, 2}, {1, 3}}); };
+  for (const double width : {1e12, 1e30, 1e38, 1e40, 1e60, 1e99}) {
+    SCOPED_TRACE(width);
+    expect_as_good(ramp(-width, width), ramp(-1e6, 1e6));
+    expect_as_good(ramp(-0.1 * width, width), ramp(-0.1e6, 1e6));
+  }
+}
+
+TEST_F(RendererTestFunctions, MatterMayBeOpaque) {
+  for (const double extinction : {1e12, 1e20, 1e30, 1e38, 1e39, 1e60, 1e99}) {
+    SCOPED_TRACE(extinction);
+    expect_as_good(function(-0.4, 0.4, {{0, extinction}, {1, extinction}}), function(-0.4, 0.4, {{0, 1e6}, {1, 1e6}}));
+  }
+}
+
+// Of equal control points at an end, the outer one holds beyond it.
+TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
+  TransferFunction at_ends = function(-0.1, 0.1, {{0, 0}, {0, 3}, {1, 3}, {1, 0}});
+  at_ends.colors = {{0, dvec3(1, 0, 0)}, {0, dvec3(0, 1, 0)}, {1, dvec3(0, 1, 0)}, {1, dvec3(1, 0, 0)}};
+  TransferFunction inside = function(-0.15, 0.15, {{0, 0}, {1. / 6, 0}, {1. / 6, 3}, {5. / 6, 3}, {5. / 6, 0}, {1, 0}});
+  inside.colors = {{1. / 6, dvec3(1, 0, 0)}, {1. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(1, 0, 0)}};
+  expect_as_good(at_ends, inside);
+  at_ends.densities = {{0, 3}, {0, 0}, {1, 0}, {1, 3}};
+  inside.densities = {{0, 3}, {1. / 6, 3}, {1. / 6, 0}, {5. / 6, 0}, {5. / 6, 3}, {1, 3}};
+  expect_as_good(at_ends, inside);
 }
 
 class RendererTestScales : public RendererTestBuilt, public testing::WithParamInterface<Scales> {
@@ -158,11 +259,11 @@ class RendererTestScales : public RendererTestBuilt, public testing::WithParamIn
 
   // Draws both files by a change of the scene that `edit` makes, given the scales.
   template <class Edit>
-  void check(KernelKind kernel, const DetailOptions& detail, const Edit& edit) const {
+  void check(KernelKind kernel, const DetailOptions& detail, const Edit& edit, Way way = Way::gl) const {
     Scene plain = scene_in({}), scaled = scene_in(GetParam());
     edit(plain, Scales{});
     edit(scaled, GetParam());
-    expect_same(draw(plain_, plain, kernel, detail), draw(scaled_, scaled, kernel, detail), tolerance());
+    expect_same(draw(plain_, plain, kernel, detail, way), draw(scaled_, scaled, kernel, detail, way), tolerance());
   }
 };
 
@@ -172,6 +273,22 @@ TEST_P(RendererTestScales, DoNotChangeThePicture) {
   check(KernelKind::moments, {.tolerance_percent = 10}, as_is);
   check(KernelKind::moments, {.goal = ErrorGoal{0, 300}}, as_is);
   check(KernelKind::octant, {.tolerance_percent = 2}, as_is);
+}
+
+// The processor's own: slabs are cut at depths, which have a unit.
+TEST_P(RendererTestScales, DoNotChangeThePictureOfTheProcessor) {
+  const auto as_is = [](Scene&, const Scales&) {};
+  const auto parallel = [](Scene& scene, const Scales& scales) {
+    scene.camera.projection = Camera::Projection::orthographic;
+    scene.camera.parallel_height = 4 * scales.length;
+  };
+  for (const Way way : {Way::slabs, Way::splats}) {
+    SCOPED_TRACE(way == Way::slabs ? "slabs" : "splats");
+    check(KernelKind::moments, {.tolerance_percent = 0}, as_is, way);
+    check(KernelKind::moments, {.tolerance_percent = 10}, as_is, way);
+    check(KernelKind::moments, {.tolerance_percent = 1}, parallel, way);
+  }
+  check(KernelKind::octant, {.tolerance_percent = 2}, as_is, Way::splats);
 }
 
 TEST_P(RendererTestScales, DoNotChangeLightClipBoxAndParallelRays) {
@@ -222,15 +339,22 @@ TEST_P(RendererTestScales, DoNotChangeTheDefaultScene) {
 
 // A fill value that nobody knows as one, or any value far from all others, does not cost these their precision.
 TEST_F(RendererTestBuilt, OneFarValueLeavesTheOthersAsTheyWere) {
-  const auto error = [&](std::optional<double> first) {
+  constexpr std::array<Way, 3> ways{Way::gl, Way::slabs, Way::splats};
+  const auto errors = [&](std::optional<double> first) {
     build(plain_, ScaledMesh({}, first));
-    return compare_images(draw(plain_, scene_in({}), KernelKind::moments, {.tolerance_percent = 0}),
-                          exact_picture({}, first))
-        .value()
-        .rmse;
+    const Image exact = exact_picture({}, first);
+    std::array<double, ways.size()> result{};
+    std::ranges::transform(ways, result.begin(), [&](Way way) {
+      const Image drawn = draw(plain_, scene_in({}), KernelKind::moments, {.tolerance_percent = 0}, way);
+      return compare_images(drawn, exact).value().rmse;
+    });
+    return result;
   };
-  const double usual = error(std::nullopt);
-  for (const double far : {1e3, 1e6, 1e8, 9.969209968386869e36, -1e30}) EXPECT_LE(error(far), 1.1 * usual) << far;
+  const auto usual = errors(std::nullopt);
+  for (const double far : {1e3, 1e6, 1e8, 9.969209968386869e36, -1e30}) {
+    const auto error = errors(far);
+    for (std::size_t i = 0; i < ways.size(); ++i) EXPECT_LE(error[i], 1.1 * usual[i]) << far << ", way " << i;
+  }
 }
 
 TEST_P(RendererTestScales, DoNotChangeTheExactPicture) {
@@ -238,7 +362,8 @@ TEST_P(RendererTestScales, DoNotChangeTheExactPicture) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, RendererTestScales,
-                         testing::Values(Scales{1e-30, 1}, Scales{1e-15, 1}, Scales{1e14, 1}, Scales{1e30, 1},
+                         testing::Values(Scales{1e-30, 1}, Scales{1e-15, 1}, Scales{1e-5, 1}, Scales{300, 1},
+                                         Scales{1e3, 1}, Scales{1e7, 1}, Scales{1e14, 1}, Scales{1e30, 1},
                                          Scales{1, 1e-30}, Scales{1, 1e30}, Scales{1e-30, 1e30}, Scales{1e30, 1e-30},
                                          Scales{0x1p-100, 0x1p100}, Scales{0x1p100, 0x1p-100}, Scales{1, 1, 1e6, 0},
                                          Scales{1, 1, 0, 1e5}, Scales{1e20, 1e-20, -1e6, -1e5}));

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -96,6 +97,44 @@ TEST(Slabs, BodiesAreAsTheirRaysSay) {
         EXPECT_LT(by_slabs, body.slabs);
         EXPECT_LT(by_slabs, 1.05 * one_by_one + 1e-3);
       }
+}
+
+// A plate of any thinness hides as much as its cells do, though it is far thinner than pixels.
+TEST(Slabs, ThinPlatesKeepTheirMatter) {
+  for (const double thin : {1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12})
+    for (const bool orthographic : {false, true}) {
+      SCOPED_TRACE(testing::Message() << thin << ", orthographic " << orthographic);
+      const std::vector<Body> bodies = {{dvec3(-0.9, -0.9, -thin), dvec3(0.9, 0.9, thin), glm::ivec3(9, 9, 3)}};
+      const View view = view_from({0.3, 1.5, 3}, orthographic);
+      const double error =
+          rmse(draw(list_of(splats_of(bodies)), uniform(1 / thin), view), exact(bodies, 1 / thin, view));
+      EXPECT_LT(error, 0.04);
+    }
+}
+
+// A splat that is a thousand or a million times as long as its chords is not cut into as many slabs.
+TEST(Slabs, NeedlesTakeNoTime) {
+  std::vector<Material> splats = splats_of({{dvec3(-0.8), dvec3(0.8), glm::ivec3(9)}});
+  const View view = view_from({2.2, 1.6, 4}, true, 64, 64);
+  const Image before = draw(list_of(splats), uniform(1), view);
+  for (const double length : {1e3, 1e5, 1e7, 1e9}) {
+    std::vector<Material> all = splats;
+    for (int i = 0; i < 20; ++i) {
+      Material needle = splats[static_cast<std::size_t>(100 + i)];
+      needle.deviations = {length, 1e-3, 1e-3};
+      needle.mass = 1e-6 * length;
+      const dvec3 direction = glm::normalize(dvec3(1, 0.3, 0.1 * i - 1));
+      const dvec3 side = glm::normalize(glm::cross(direction, dvec3(0, 1, 0)));
+      needle.orientation = glm::quat_cast(glm::dmat3(direction, side, glm::cross(direction, side)));
+      needle.boundary = dvec3(0);
+      all.push_back(needle);
+    }
+    const auto start = std::chrono::steady_clock::now();
+    const Image picture = draw(list_of(all), uniform(1), view);
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
+    EXPECT_LT(seconds.count(), 5) << length;
+    EXPECT_LT(rmse(picture, before), 0.05) << length;
+  }
 }
 
 TEST(Slabs, ABoundaryOfSomeCellsOnlyIsNone) {

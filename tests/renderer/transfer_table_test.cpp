@@ -36,8 +36,8 @@ glm::dvec4 average(const TransferFunction& function, double mean, double spread)
 
 TEST(TransferTable, AveragesOverANormalDistribution) {
   const TransferFunction function = lively();
-  const TransferTable table = make_transfer_table(function, 65, 16);
-  ASSERT_EQ(table.entries.size(), 65U * 16U);
+  const TransferTable table = make_transfer_table(function, 97, 16);
+  ASSERT_EQ(table.entries.size(), 97U * 16U);
   for (const std::size_t row : {1U, 3U, 8U, 15U}) {
     for (std::size_t column = 0; column < table.columns; column += 4) {
       const glm::dvec4 expected = average(function, table.mean(row, column), table.spread(row));
@@ -58,7 +58,7 @@ TEST(TransferTable, PeaksOfAnyWidthKeepTheirArea) {
     TransferFunction function;
     function.colors = {{0, {0.2, 0.5, 1}}};
     function.densities = {{0, 0}, {at - width / 2, 0}, {at, 2 * area / width}, {at + width / 2, 0}, {1, 0}};
-    const TransferTable table = make_transfer_table(function, 65, 16);
+    const TransferTable table = make_transfer_table(function, 97, 16);
     for (std::size_t row = 3; row < 16; ++row)
       for (std::size_t column = 0; column < table.columns; ++column) {
         const double spread = table.spread(row), z = (table.mean(row, column) - at) / spread;
@@ -71,41 +71,62 @@ TEST(TransferTable, PeaksOfAnyWidthKeepTheirArea) {
 
 TEST(TransferTable, TheFirstRowIsTheFunction) {
   const TransferFunction function = lively();
-  const TransferTable table = make_transfer_table(function, 1025, 2);
-  for (std::size_t i = 0; i < 1025; ++i) {
-    const double value = function.lo + static_cast<double>(i) / 1024 * (function.hi - function.lo);
+  const TransferTable table = make_transfer_table(function, 1025 + 2 * TransferTable::margin, 2);
+  EXPECT_EQ(table.mean(0, TransferTable::margin), 0);
+  EXPECT_EQ(table.mean(0, table.columns - 1 - TransferTable::margin), 1);
+  for (std::size_t i = 0; i < table.columns; ++i) {
+    const double value = function.lo + table.mean(0, i) * (function.hi - function.lo);
     EXPECT_NEAR(table.entries[i].a, function.extinction(value), 1e-5) << i;
     EXPECT_LT(glm::distance(dvec3(table.entries[i]), function.color(value)), 1e-5) << i;
   }
 }
 
+TEST(TransferTable, MayJumpAtTheEnds) {
+  TransferFunction function = lively();
+  function.colors = {{0, {1, 0, 0}}, {0, {0, 1, 0}}, {1, {0, 1, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 7}, {0, 1}, {1, 4}, {1, 9}};
+  const TransferTable table = make_transfer_table(function, 97, 64);
+  const std::size_t first = TransferTable::margin, last = table.columns - 1 - first;
+  EXPECT_EQ(table.entries[first - 1], vec4(1, 0, 0, 7));
+  EXPECT_EQ(table.entries[first], vec4(0, 1, 0, 1));
+  EXPECT_EQ(table.entries[last], vec4(0, 0, 1, 9));
+  for (const std::size_t row : {1U, 20U, 63U})
+    for (std::size_t column = 0; column < table.columns; column += 8)
+      EXPECT_NEAR(table.entries[row * table.columns + column].a,
+                  average(function, table.mean(row, column), table.spread(row)).a, 2e-3)
+          << row << " " << column;
+  const auto levels = make_peak_levels(function, 64);
+  EXPECT_EQ(levels[0].front(), 7);
+  EXPECT_EQ(levels[0].back(), 9);
+}
+
 TEST(TransferTable, FarOutsideTheEndsHold) {
   // At a mean 4 spreads beyond the domain, all but 3e-5 of the values lie beyond the end.
   const TransferFunction function = lively();
-  const TransferTable table = make_transfer_table(function, 33, 64);
+  const TransferTable table = make_transfer_table(function, 65, 64);
   for (std::size_t row = 0; row < table.rows; ++row) {
-    EXPECT_NEAR(table.entries[row * 33].a, 2, 1e-3);
-    EXPECT_NEAR(table.entries[row * 33 + 32].a, 1, 1e-3);
-    EXPECT_LT(glm::distance(vec3(table.entries[row * 33]), vec3(1, 0, 0.5)), 1e-3);
+    EXPECT_NEAR(table.entries[row * 65].a, 2, 1e-3);
+    EXPECT_NEAR(table.entries[row * 65 + 64].a, 1, 1e-3);
+    EXPECT_LT(glm::distance(vec3(table.entries[row * 65]), vec3(1, 0, 0.5)), 1e-3);
   }
   // Eight domains of spread: half of the values lie on each side.
   EXPECT_NEAR(table.spread(63), 8, 1e-12);
-  EXPECT_NEAR(table.entries[63 * 33 + 16].a, 1.5, 0.1);
+  EXPECT_NEAR(table.entries[63 * 65 + 32].a, 1.5, 0.1);
 }
 
 TEST(TransferTable, NarrowDomainsFarFromZero) {
   TransferFunction function = lively();
-  const TransferTable expected = make_transfer_table(function, 65, 16);
+  const TransferTable expected = make_transfer_table(function, 97, 16);
   function.lo = 1e9;
   function.hi = 1e9 + 1e-4;
-  const TransferTable table = make_transfer_table(function, 65, 16);
+  const TransferTable table = make_transfer_table(function, 97, 16);
   for (std::size_t i = 0; i < table.entries.size(); ++i) EXPECT_EQ(table.entries[i], expected.entries[i]);
 }
 
 TEST(TransferTable, InvisibleFunctionsKeepTheirColours) {
   TransferFunction function = lively();
   function.densities = {{0, 0}};
-  const TransferTable table = make_transfer_table(function, 65, 4);
+  const TransferTable table = make_transfer_table(function, 97, 4);
   for (const vec4& entry : table.entries) {
     EXPECT_EQ(entry.a, 0);
     for (int channel = 0; channel < 3; ++channel) EXPECT_TRUE(entry[channel] >= 0 && entry[channel] <= 1);
@@ -115,15 +136,15 @@ TEST(TransferTable, InvisibleFunctionsKeepTheirColours) {
 
 TEST(TransferTable, RemembersTheLastFunctions) {
   TransferFunction function = lively();
-  const TransferTable first = make_transfer_table(function, 65, 16);
+  const TransferTable first = make_transfer_table(function, 97, 16);
   for (int i = 1; i <= 6; ++i) {  // more than are remembered
     function.densities[0].extinction = 2 + i;
-    const TransferTable other = make_transfer_table(function, 65, 16);
+    const TransferTable other = make_transfer_table(function, 97, 16);
     EXPECT_NEAR(other.entries[0].a, 2 + i, 1e-6) << "no other function's table";
-    EXPECT_EQ(make_transfer_table(function, 65, 16).entries, other.entries);
-    EXPECT_EQ(make_transfer_table(function, 33, 16).entries.size(), 33U * 16U);
+    EXPECT_EQ(make_transfer_table(function, 97, 16).entries, other.entries);
+    EXPECT_EQ(make_transfer_table(function, 65, 16).entries.size(), 65U * 16U);
   }
-  EXPECT_EQ(make_transfer_table(lively(), 65, 16).entries, first.entries);
+  EXPECT_EQ(make_transfer_table(lively(), 97, 16).entries, first.entries);
 }
 
 TEST(PeakLevels, BoundTheFunction) {

@@ -43,6 +43,23 @@ TEST(TransferFunction, TakesTheLaterPointAtAJump) {
   EXPECT_NEAR(function.extinction(std::nextafter(15.0, 0.0)), 3, 1e-12);
 }
 
+TEST(TransferFunction, TakesTheOuterPointOfAJumpAtAnEnd) {
+  auto function = with_jump();
+  function.densities = {{0, 7}, {0, 1}, {1, 4}, {1, 9}};
+  function.colors = {{0, {1, 0, 0}}, {0, {0, 1, 0}}, {1, {0, 0, 1}}, {1, {1, 1, 0}}};
+  for (const double value : {-infinity, -1e9, std::nextafter(10.0, 0.0)}) {
+    EXPECT_EQ(function.extinction(value), 7);
+    EXPECT_EQ(function.color(value), dvec3(1, 0, 0));
+  }
+  EXPECT_EQ(function.extinction(10), 1);
+  EXPECT_EQ(function.color(10), dvec3(0, 1, 0));
+  EXPECT_NEAR(function.extinction(std::nextafter(20.0, 0.0)), 4, 1e-12);
+  for (const double value : {20.0, 1e9, infinity}) {
+    EXPECT_EQ(function.extinction(value), 9);
+    EXPECT_EQ(function.color(value), dvec3(1, 1, 0));
+  }
+}
+
 TEST(TransferFunction, IsNothingWhereTheValueIsMissing) {
   const auto function = with_jump();
   EXPECT_EQ(function.extinction(std::nan("")), 0);

@@ -15,7 +15,11 @@ layout(std140, binding = 0) uniform FrameBlock {
   float value_axis;  // 0: the stored value x itself; 1: log(x - value_zero); 2: asinh((x - value_zero) * value_unit)
   float value_zero;  // the stored value of 0
   float value_unit;
+  float value_start;  // t of value_low
 } frame;
+
+const int table_margin = 16;  // TransferTable::margin
+const float largest_t_deviation = 1e16, farthest_t = 3e17;  // common.h
 
 // Returns t of a stored value.
 float axis_position(float stored) {
@@ -26,16 +30,20 @@ float axis_position(float stored) {
     x = log(x);
   } else if (frame.value_axis == 2.0) {
     x = (x - frame.value_zero) * frame.value_unit;
-    float size = abs(x);
+    float size = min(abs(x), 1e38);
     x = sign(x) * (size > 1e4 ? log(2.0 * size) : log(size + sqrt(size * size + 1.0)));
   }
-  return (x - frame.value_low) * frame.inverse_domain;
+  return frame.value_start + (x - frame.value_low) * frame.inverse_domain;
 }
 
 // Returns mean and deviation of t of normally distributed stored values: TransferFunction::moments_of.
 vec2 axis_moments(float mean, float deviation) {
+  if (frame.value_axis == 0.0) {
+    float from_low = mean - frame.value_low;
+    float factor = min(frame.inverse_domain, largest_t_deviation / max(deviation, 1e-22));
+    return vec2(frame.value_start + clamp(from_low * factor, -farthest_t, farthest_t), deviation * factor);
+  }
   float t = axis_position(mean);
-  if (frame.value_axis == 0.0) return vec2(t, deviation * frame.inverse_domain);
   if (frame.value_axis == 1.0) {
     float x = mean - frame.value_zero;
     if (!(x > 0.0)) return vec2(-1.0, 0.0);

@@ -14,7 +14,7 @@ float transfer_row(float spread, out float scale) {
   ivec2 last = textureSize(transfer_table, 0) - 1;
   int row = int(min(log2(1.0 + 64.0 * spread) / log2(513.0), 1.0) * float(last.y) + 0.5);
   float row_spread = (exp2(float(row) / float(last.y) * log2(513.0)) - 1.0) / 64.0;
-  scale = float(last.x) / (1.0 + 8.0 * (row == last.y ? max(spread, row_spread) : row_spread));
+  scale = float(last.x - 2 * table_margin) / (1.0 + 8.0 * (row == last.y ? max(spread, row_spread) : row_spread));
   return float(row);
 }
 

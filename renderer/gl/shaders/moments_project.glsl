@@ -379,7 +379,7 @@ Terms make_terms(Body body, Value value, Outline outline, Rays rays, float stren
   terms.along = vec3(dot(value.gradient, rays.d_0), dot(value.gradient, rays.d_1), dot(value.gradient, rays.d_2));
   float along = terms.along.x;
   float stretched = body.stretch * dot(body.normal, rays.d_0);
-  float spread = sqrt(value.residual + along * along / (half_axis * half_axis * (square + stretched * stretched)));
+  float spread = sqrt(value.residual + along * (along / (half_axis * half_axis * (square + stretched * stretched))));
   terms.spread = spread;
   float cosine = value.slope > 0.0 ? min(abs(along) / (rays.scale * terms.ray * value.slope), 1.0) : 1.0;
   terms.light = frame.ambient + frame.diffuse * mean_cosine(cosine, value.scatter);
