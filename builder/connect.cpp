@@ -161,7 +161,11 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
   Connection connection{.used = Connectivity::none, .next = {}, .points = all.size(), .least_memory = needed};
   if (options.connectivity != Connectivity::none) {
     SPLATVOL_TRY_ASSIGN(tetrahedra, delaunay_tetrahedra(all.positions));
-    if (!tetrahedra.empty() || options.connectivity != Connectivity::automatic) {
+    if (tetrahedra.empty() && options.connectivity == Connectivity::delaunay)
+      return fail(ErrorCode::invalid_data,
+                  "the points lie at one place, on a line or in a plane: no tetrahedron joins them; "
+                  "--connectivity none draws them");
+    if (!tetrahedra.empty()) {
       connection.used = Connectivity::delaunay;
       connection.next = stream_of_mesh(std::move(tetrahedra), std::move(all), options.gradients);
       return connection;
@@ -175,10 +179,10 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
 }  // namespace
 
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder) {
-  if (points.summary().has_material) return connect_mesh(points);
+  const std::string no_volume = describe_no_volume(points.summary().cells);
+  if (points.summary().has_material && no_volume.empty()) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
-  const std::string no_volume = describe_no_volume(points.summary().cells);
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())
     return fail(ErrorCode::invalid_data, "{}; splatvol draws volumes; --connectivity delaunay joins the points anyway",
                 no_volume);

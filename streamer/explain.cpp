@@ -1,7 +1,9 @@
 #include "streamer/explain.h"
 
+#include <algorithm>
 #include <array>
 
+#include "streamer/survey.h"
 #include "streamer/visibility.h"
 
 namespace splatvol {
@@ -43,6 +45,15 @@ EmptyReason why_empty(const View& view, const TransferFunction& function, const 
     if (apart) return {"the clip box excludes all of the data", "move it, or leave it out"};
   }
   return {};
+}
+
+Result<EmptyReason> why_without_material(const format::Volume& volume) {
+  if (volume.info().find_column(format::ColumnKind::moments) < 0) return EmptyReason{};
+  constexpr std::uint64_t most_splats = 1000;  // coarse ones have the material of all others
+  SPLATVOL_TRY_ASSIGN(found, survey_shapes(volume, most_splats));
+  if (std::ranges::any_of(found.shapes, [](const format::SplatShape& shape) { return shape.mass > 0; })) return EmptyReason{};
+  return EmptyReason{"no point has a volume: all cells are flat, or all points lie in a plane",
+                     "give cells with a volume, or build with --connectivity none"};
 }
 
 EmptyReason why_empty_in_view(bool has_splats) {

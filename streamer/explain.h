@@ -1,7 +1,7 @@
 // Why a picture shows nothing.
 #pragma once
 
-#include "format/volume_info.h"
+#include "format/volume.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -18,7 +18,11 @@ struct EmptyReason {
 [[nodiscard]] EmptyReason why_empty(const View& view, const TransferFunction& function,
                                     const format::Attribute& attribute, const Box& bounds);
 
-/// The reason if why_empty knows none: no splat of the view has a visible value, or they are all too faint.
+/// Finds out whether the points of a file stand for any material: they do not if all of their cells are flat. Reads some
+/// hundred KiB. Fails if the file cannot be read.
+[[nodiscard]] Result<EmptyReason> why_without_material(const format::Volume& volume);
+
+/// The reason if the others know none: no splat of the view has a visible value, or they are all too faint.
 [[nodiscard]] EmptyReason why_empty_in_view(bool has_splats);
 
 }  // namespace splatvol

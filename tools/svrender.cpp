@@ -48,7 +48,10 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
       player.info().attributes[static_cast<std::size_t>(player.info().find_attribute(scene.attribute))];
   SPLATVOL_TRY_ASSIGN(bounds, domain_of(player.streamer().volume()));
   EmptyReason why = why_empty(player.view(), scene.transfer_function, attribute, bounds);
-  if (!why) why = why_empty_in_view(player.frame()->splats > 0);
+  if (!why) {
+    SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
+    why = without_material ? without_material : why_empty_in_view(player.frame()->splats > 0);
+  }
   fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.output.empty() ? options.movie : options.output,
              why.reason, why.remedy);
   return {};

@@ -34,7 +34,9 @@ std::string describe_no_volume(const CellCensus& census) {
     if (std::ranges::find(points, name) != points.end()) continue;
     counts += fmt::format("{}{} {}{}", counts.empty() ? "" : ", ", count, name, count == 1 ? "" : "s");
   }
-  if (census.tetrahedra > 0 || counts.empty()) return {};
+  if (census.tetrahedra > census.flat || counts.empty()) return {};
+  if (census.non_finite > 0 && census.non_finite + census.without_volume == all)
+    return fmt::format("every cell has coordinates beyond 1e50, or that are not finite ({})", counts);
   if (all > census.without_volume) return fmt::format("no cell fills a volume ({})", counts);
   const char* kinds = census.surfaces == 0 ? "lines" : census.lines == 0 ? "surface cells" : "surface cells and lines";
   return fmt::format("only {} ({})", kinds, counts);

@@ -1,5 +1,6 @@
 #include "builder/build.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
@@ -735,6 +736,36 @@ TEST(BuildConnectivity, SurfacesAreJoinedOnRequestOnly) {
   for (const Connectivity wanted : {Connectivity::delaunay, Connectivity::none})
     EXPECT_TRUE(build({surface}, path, connected(wanted)));
   EXPECT_TRUE(build({surface, mesh_piece(test::jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+}
+
+TEST(BuildConnectivity, CellsWithoutVolumeAreRefused) {
+  const std::string path = temporary_path("flat.svol");
+  Piece flat = mesh_piece({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, {{0, 1, 2, 3}}}, wave);
+  flat.census.cells = {{"hexahedron", 1}};
+  flat.census.tetrahedra = flat.census.flat = 1;
+  const auto refused = build({flat}, path);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, testing::StartsWith("no cell fills a volume (1 hexahedron)"));
+  EXPECT_TRUE(build({flat, mesh_piece(test::jittered(4, 0.2), wave)}, path)) << "a volume beside it";
+
+  flat.census.flat = flat.census.tetrahedra = 0;
+  flat.census.non_finite = 1;
+  flat.tetrahedra.clear();
+  const auto far = build({flat}, path);
+  ASSERT_FALSE(far);
+  EXPECT_THAT(far.error().message, testing::StartsWith("every cell has coordinates beyond 1e50"));
+}
+
+TEST(BuildConnectivity, PointsInAPlaneHaveNoTetrahedra) {
+  const std::string path = temporary_path("plane.svol");
+  std::vector<dvec3> points = random_points(100);
+  for (dvec3& point : points) point.z = 0;
+  const auto refused = build({scattered(points)}, path, connected(Connectivity::delaunay));
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("in a plane"));
+  const auto report = build({scattered(points)}, path);
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->connectivity, Connectivity::none);
 }
 
 TEST(BuildConnectivity, WithoutCellsMassesStillFillTheDomain) {
