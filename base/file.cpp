@@ -254,7 +254,7 @@ Status AtomicFile::copy_to_named() {
 
 Status AtomicFile::commit() {
   const std::string folder = folder_of(path_);  // no memory is taken once the file has its name
-  SPLATVOL_TRY(check_replaceable(path_));  // another program may have written it meanwhile
+  SPLATVOL_TRY(check_replaceable(path_));       // another program may have written it meanwhile
   if (::fsync(descriptor_) != 0) return fail_errno(path_, "cannot sync");
   SPLATVOL_TRY(give_name());
   // Only the owner could read it until now. Where the system does not allow more, that stays.

@@ -89,8 +89,10 @@ const char* lack(const std::exception_ptr& exception) noexcept {
   std::abort();
 }
 
-// Before `main`, which allocates to describe its options.
-[[maybe_unused]] const std::terminate_handler before = std::set_terminate(end_at_lack);
+// Before all libraries prepare themselves: some start threads (OpenVDB's logger). And before `main`, which allocates to
+// describe its options.
+void catch_lack() { std::set_terminate(end_at_lack); }
+[[gnu::section(".preinit_array"), gnu::used]] void (*const before_libraries)() = catch_lack;
 
 }  // namespace
 
