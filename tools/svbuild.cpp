@@ -1,6 +1,8 @@
 // svbuild: a mesh or a point set in, a .svol file out.
 #include <fmt/ranges.h>
+#include <sys/resource.h>
 #include <tbb/global_control.h>
+#include <tbb/info.h>
 #include <tbb/scalable_allocator.h>
 
 #include <cstdlib>
@@ -11,8 +13,10 @@
 
 #include "base/file.h"
 #include "base/memory_limit.h"
+#include "base/temp_file.h"
 #include "builder/build.h"
 #include "builder/census_lines.h"
+#include "builder/estimate.h"
 #include "builder/input_files.h"
 #include "builder/open_own.h"
 #include "builder/series_build.h"
@@ -48,6 +52,7 @@ struct Options {
   bool series = false;
   bool series_of_files = false;
   bool append = false;
+  bool estimate = false;
   std::vector<std::string> units;
   unsigned threads = 0;
   ReadingOptions reading;
@@ -219,6 +224,139 @@ Result<BuildReport> build_one(const Options& options, const BuildOptions& build_
   return report;
 }
 
+// What --estimate tells.
+struct Estimate {
+  InputSize input;
+  BuildEstimate build = {};
+  std::size_t steps = 1;
+  unsigned threads = 1;
+  std::uint64_t memory = 0;                // BuildOptions::memory
+  std::uint64_t reader_bytes = 0;          // splatvol-read held at most; 0: it did not run
+  std::string folder = {};                 // of the temporary files
+  std::optional<std::uint64_t> room = {};  // free there; none if the folder is not known
+};
+
+// Returns the size of a step and the number of steps.
+Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const BuildOptions& build_options) {
+  SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
+  ReaderProcess reader(reader_options);
+  const OpenSource open = [&](const std::vector<std::string>& inputs, const SourceOptions& source_options) {
+    return open_safely(reader, inputs, source_options);
+  };
+  std::unique_ptr<Source> source;
+  std::size_t steps = 1;
+  if (is_series(options)) {
+    SPLATVOL_TRY_ASSIGN(all, steps_of(options, open));
+    SPLATVOL_TRY_ASSIGN(last, all.back().open());
+    source = std::move(last);
+    steps = all.size();
+  } else {
+    SPLATVOL_TRY_ASSIGN(only, open(options.inputs, source_options_of(options, options.attributes)));
+    source = std::move(only);
+  }
+  const bool use_cells =
+      build_options.connectivity == Connectivity::automatic || build_options.connectivity == Connectivity::mesh;
+  StageBar bar(0);
+  SPLATVOL_TRY_ASSIGN(size,
+                      measure_input(*source, use_cells, [&](double fraction) { bar.update("reading", fraction); }));
+  return std::pair(size, steps);
+}
+
+// The most memory of a process that has ended.
+std::uint64_t memory_of_children() {
+  rusage usage{};
+  return ::getrusage(RUSAGE_CHILDREN, &usage) == 0 ? static_cast<std::uint64_t>(usage.ru_maxrss) * 1024 : 0;
+}
+
+Result<Estimate> make_estimate(const Options& options) {
+  SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
+  SPLATVOL_TRY_ASSIGN(measured, measure(options, build_options));
+  Estimate estimate{.input = measured.first, .steps = measured.second, .memory = build_options.memory};
+  estimate.threads = options.threads > 0 ? options.threads : static_cast<unsigned>(tbb::info::default_concurrency());
+  estimate.build = estimate_build(estimate.input, build_options, estimate.steps, estimate.threads);
+  estimate.reader_bytes = memory_of_children();
+  if (!options.temp_folder.empty() || !options.output.empty()) {
+    estimate.folder = options.temp_folder.empty() ? folder_of(options.output) : options.temp_folder;
+    SPLATVOL_TRY_ASSIGN(room, free_disk_bytes(estimate.folder));
+    estimate.room = room;
+  }
+  return estimate;
+}
+
+std::string bytes_text(double bytes) {
+  constexpr std::array<const char*, 5> units = {"B", "KiB", "MiB", "GiB", "TiB"};
+  std::size_t unit = 0;
+  for (; bytes >= 1000 && unit + 1 < units.size(); ++unit) bytes /= 1024;
+  return fmt::format("{:.{}f} {}", bytes, bytes < 10 && unit > 0 ? 1 : 0, units[unit]);
+}
+std::string bytes_text(const Range& range) {
+  return fmt::format("{} to {}", bytes_text(range.low), bytes_text(range.high));
+}
+
+std::string seconds_text(double seconds) {
+  if (seconds < 100) return fmt::format("{:.{}f} s", seconds, seconds < 10 ? 1 : 0);
+  return seconds < 6000 ? fmt::format("{:.0f} min", seconds / 60) : fmt::format("{:.1f} h", seconds / 3600);
+}
+
+void print_estimate(const Options& options, const Estimate& estimate) {
+  const InputSize& input = estimate.input;
+  print_out("{}: {} points, {} attributes{}{}{}\n", options.inputs[0], input.points, input.attributes,
+            input.tetrahedra > 0 ? fmt::format(", cells of {} tetrahedra", input.tetrahedra) : "",
+            input.pieces > 1 ? fmt::format(", {} pieces", input.pieces) : "",
+            estimate.steps > 1 ? fmt::format(", {} steps", estimate.steps) : "");
+  print_out("  {}\n", input.was_read ? "counted by reading all of it: it does not declare how much it holds"
+                                     : "as it declares; nothing else was read");
+  const BuildEstimate& build = estimate.build;
+  print_out("  {:>24} the file, with connectivity {}\n", bytes_text(build.file), connectivity_name(build.connectivity));
+  print_out("  {:>24} of disk while it is built, the file included\n", bytes_text(build.disk));
+  print_out("  {:>24} of memory, of which --memory grants {}\n", bytes_text(build.memory),
+            bytes_text(static_cast<double>(estimate.memory)));
+  if (estimate.reader_bytes > 0)
+    print_out("  {:>24} of memory more, to read the input: so much was held just now\n",
+              bytes_text(static_cast<double>(estimate.reader_bytes)));
+  print_out("  {:>24} on {} threads\n",
+            fmt::format("{} to {}", seconds_text(build.seconds.low), seconds_text(build.seconds.high)),
+            estimate.threads);
+  if (estimate.memory < build.least_memory)
+    print_out("  {:>24} of memory are needed at least, more than --memory grants\n",
+              bytes_text(static_cast<double>(build.least_memory)));
+  if (estimate.room && static_cast<double>(*estimate.room) < build.disk.high)
+    print_out("  warning: {} are free in {}\n", bytes_text(static_cast<double>(*estimate.room)), estimate.folder);
+}
+
+nlohmann::ordered_json json_of(const Range& range) { return {std::round(range.low), std::round(range.high)}; }
+
+void print_estimate_json(const Estimate& estimate) {
+  const InputSize& input = estimate.input;
+  nlohmann::ordered_json document = {{"points", input.points},
+                                     {"attributes", input.attributes},
+                                     {"tetrahedra", input.tetrahedra},
+                                     {"pieces", input.pieces},
+                                     {"steps", estimate.steps},
+                                     {"counted_by_reading", input.was_read},
+                                     {"connectivity", connectivity_name(estimate.build.connectivity)},
+                                     {"file_bytes", json_of(estimate.build.file)},
+                                     {"disk_bytes", json_of(estimate.build.disk)},
+                                     {"memory_bytes", json_of(estimate.build.memory)},
+                                     {"memory_granted", estimate.memory},
+                                     {"least_memory", estimate.build.least_memory},
+                                     {"reader_bytes", estimate.reader_bytes},
+                                     {"seconds", {estimate.build.seconds.low, estimate.build.seconds.high}},
+                                     {"threads", estimate.threads}};
+  if (estimate.room) document["free_bytes"] = *estimate.room;
+  fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+Status print_estimate(const Options& options) {
+  const auto estimate = make_estimate(options);
+  if (!estimate) {
+    const bool named = estimate.error().message.find(one_line(options.inputs[0])) != std::string::npos;
+    return named ? Status(tl::unexpected(estimate.error())) : Status(fail_in(options.inputs[0], estimate.error()));
+  }
+  options.json ? print_estimate_json(*estimate) : print_estimate(options, *estimate);
+  return {};
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
@@ -256,8 +394,7 @@ void add_input_options(CLI::App& app, Options& options) {
                  "or a mesh to generate, as svgen does (gen:points:count=1e6)")
       ->required()
       ->type_name("IN...");
-  app.add_option("-o,--output", options.output, "The file to write")
-      ->required()
+  app.add_option("-o,--output", options.output, "The file to write; needed but with --estimate")
       ->type_name("OUT.svol")
       ->check(check_not_empty);
   app.add_option("--attribute", options.attributes, "An attribute to keep; repeatable (default: all)")
@@ -344,6 +481,12 @@ void add_series_options(CLI::App& app, Options& options) {
       ->excludes(app.get_option("--time"));
 }
 
+void add_estimate_option(CLI::App& app, Options& options) {
+  app.add_flag("--estimate", options.estimate,
+               "Print how much memory, disk and time the build will need, each as a range, and write nothing. Inputs "
+               "that do not declare how much they hold are read once, which takes a part of the time of a build");
+}
+
 void add_unit_option(CLI::App& app, Options& options) {
   app.add_option("--unit", options.units,
                  "The unit of an attribute, such as p=Pa, instead of the input's; repeatable. The unit of a vector is "
@@ -382,12 +525,15 @@ int main(int argc, char** argv) {
   add_reduction_options(app, options);
   add_format_options(app, options);
   add_series_options(app, options);
+  add_estimate_option(app, options);
   add_unit_option(app, options);
   add_machine_options(app, options);
   app.callback([&options] {
+    if (options.output.empty() && options.estimate) return;
+    if (options.output.empty()) throw CLI::RequiredError("--output");
     // build_series_of_files() checks the name of an index.
     const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
     if (!wrong.empty()) throw CLI::ValidationError("--output", wrong);
   });
-  return run_tool(app, argc, argv, [&] { return build(options); });
+  return run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
 }
