@@ -16,9 +16,9 @@ namespace splatvol {
 namespace {
 
 constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20;
-constexpr std::uint64_t least_bytes = 24 * mebibyte;  // that must be free: less does not start all threads
+constexpr std::uint64_t least_bytes = 16 * mebibyte;  // that must be free
 constexpr std::uint64_t much = 1024 * mebibyte;
-constexpr std::size_t worker_stack = 4 * mebibyte;    // TBB's
+constexpr std::size_t tried_stack = mebibyte / 8;
 constexpr std::size_t small_stack = 2 * mebibyte;     // of all other threads, if address space is scarce
 constexpr std::uint64_t worker_bytes = 8 * mebibyte;  // its stack, and what it keeps for itself
 constexpr std::size_t other_threads = 12;             // that read, and those of a graphics driver
@@ -28,14 +28,15 @@ void* wait_for_unlock(void* mutex) {
   return nullptr;
 }
 
-// Starts so many threads at once, or as many as the system allows, and returns their number.
+// Starts so many threads at once, or as many as the system allows, and returns their number. glibc keeps the stacks of
+// ended threads, so these are small.
 std::size_t startable_threads(std::size_t wanted) {
   std::mutex running;
   std::vector<pthread_t> threads;
   threads.reserve(wanted);
   pthread_attr_t attributes;
   ::pthread_attr_init(&attributes);
-  ::pthread_attr_setstacksize(&attributes, worker_stack);
+  ::pthread_attr_setstacksize(&attributes, tried_stack);
   {
     const std::lock_guard lock(running);
     for (pthread_t thread{}; threads.size() < wanted; threads.push_back(thread))
