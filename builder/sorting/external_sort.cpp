@@ -52,8 +52,10 @@ struct Plan {
     packet.record_bytes = options.record_bytes;
     packet.records = std::min(least / 64, most_packet_bytes) / options.record_bytes;
     packet.records = std::max<std::size_t>(packet.records, 1);
-    work_bytes = round_down(std::min(options.memory / 8, most_work_bytes));
-    merge_work_bytes = round_down(std::min(options.merge_memory / 8, most_work_bytes));
+    // Both outputs hold a packet at least, also if its one record is longer than most_work_bytes.
+    const std::size_t most_work = std::max(most_work_bytes, 4 * packet_bound(packet.records, options.record_bytes));
+    work_bytes = round_down(std::min(options.memory / 8, most_work));
+    merge_work_bytes = round_down(std::min(options.merge_memory / 8, most_work));
     const std::size_t rest = options.memory - work_bytes - 2 * alignment;  // each of two spans may lose `alignment`
     first_run = std::min(rest / (options.record_bytes + sizeof(std::uint64_t)), most_records);
     later_runs = std::min(rest / (2 * options.record_bytes + sizeof(std::uint64_t)), most_records);

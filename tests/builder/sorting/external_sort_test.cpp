@@ -147,6 +147,14 @@ TEST(ExternalSort, SameAsStableSortForEverySizeOfRecord) {
   }
 }
 
+// Points of a mesh with 60,000 attributes.
+TEST(ExternalSort, RecordsOfMegabytes) {
+  for (const std::size_t record_bytes : {std::size_t{2'200'000}, std::size_t{5'000'000}}) {
+    const std::size_t least = ExternalSorter::least_memory(record_bytes);
+    expect_sorted(make_records(8, record_bytes, anywhere), record_bytes, {least});
+  }
+}
+
 TEST(ExternalSort, SameAsStableSortHoweverPointsLie) {
   for (const auto& position : {clustered, graded, at_few_positions})
     expect_sorted(make_records(300'000, 16, position), 16, {1 << 16, 1 << 20, 1 << 24});
