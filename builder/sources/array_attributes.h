@@ -50,6 +50,9 @@ class AttributeCount {
   std::uint64_t count_ = 0;
 };
 
+/// Most arrays of a file for VTK's readers, which look for each among all others.
+inline constexpr std::size_t most_vtk_arrays = 16384;
+
 /// Returns the error that `file` has more than AttributeCount::most.
 [[nodiscard]] tl::unexpected<Error> fail_too_many_attributes(const std::string& file);
 

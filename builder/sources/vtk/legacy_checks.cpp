@@ -187,7 +187,8 @@ class LegacyFile {
   /// Notes an array of `parts` numbers for each element. VTK takes memory for the names of all, also if there are no
   /// elements.
   bool add_array(std::uint64_t parts) {
-    return attributes_.add(parts) || refuse(fmt::format("more than {} attributes", AttributeCount::most));
+    if (!attributes_.add(parts)) return refuse(fmt::format("more than {} attributes", AttributeCount::most));
+    return ++arrays_ <= most_vtk_arrays || refuse(fmt::format("more than {} arrays", most_vtk_arrays));
   }
 
   /// Whether `number` values of `parts` numbers each follow, after the rest of the line.
@@ -455,6 +456,7 @@ class LegacyFile {
   bool open_end_ = false;         // no white space after the last number
   std::uint64_t data_count_ = 0;  // of POINT_DATA or CELL_DATA
   AttributeCount attributes_;
+  std::size_t arrays_ = 0;
   std::string section_;
 
   std::optional<std::uint64_t> points_;

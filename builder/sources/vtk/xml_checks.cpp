@@ -111,16 +111,22 @@ std::optional<std::uint64_t> components_of(vtkXMLDataElement& array) {
   return static_cast<std::uint64_t>(stated->front());
 }
 
-/// VTK takes memory for the names of all components of an array, also if the piece has no points. `count`: of the
-/// attributes of the piece.
-Status check_components(const std::string& path, vtkXMLDataElement& element, AttributeCount& count) {
+/// What a piece has so far.
+struct ArrayCount {
+  AttributeCount attributes;
+  std::size_t arrays = 0;
+};
+
+/// VTK takes memory for the names of all components of an array, also if the piece has no points, and time by the
+/// square of the number of arrays.
+Status check_components(const std::string& path, vtkXMLDataElement& element, ArrayCount& count) {
   const std::string_view of_element = element.GetName();
   const bool holds_values = of_element == "PointData" || of_element == "CellData";
   for (int i = 0; i < element.GetNumberOfNestedElements(); ++i) {
     vtkXMLDataElement& nested = *element.GetNestedElement(i);
     const std::string_view name = nested.GetName();
     if (name != "DataArray") {
-      AttributeCount of_piece;
+      ArrayCount of_piece;
       SPLATVOL_TRY(check_components(path, nested, name == "Piece" ? of_piece : count));
       continue;
     }
@@ -128,7 +134,10 @@ Status check_components(const std::string& path, vtkXMLDataElement& element, Att
     if (!components)
       return fail(ErrorCode::invalid_data, "{}: the array \"{}\" has a number of components that is not 1 to {}", path,
                   name_of(nested), AttributeCount::most);
-    if (holds_values && !count.add(*components)) return fail_too_many_attributes(path);
+    if (!holds_values) continue;
+    if (!count.attributes.add(*components)) return fail_too_many_attributes(path);
+    if (++count.arrays > most_vtk_arrays)
+      return fail(ErrorCode::unsupported, "{}: more than {} arrays in a piece", path, most_vtk_arrays);
   }
   return {};
 }
@@ -462,7 +471,7 @@ Status check_xml(const std::string& path) {
   vtkXMLDataElement* root = parser->GetRootElement();
   SPLATVOL_TRY(check_types(path, *root));
   SPLATVOL_TRY(check_names(path, *root));
-  AttributeCount count;
+  ArrayCount count;
   SPLATVOL_TRY(check_components(path, *root, count));
   SPLATVOL_TRY(check_memory(path, *root));
   SPLATVOL_TRY(check_extents(path, *root));

@@ -113,7 +113,7 @@ TEST_F(HostileFilesTest, MoreArraysThanAFileCanHold) {
   EXPECT_THAT(error_of("a.vtk", legacy(legacy_cells + fields)), HasSubstr("more than 65535 attributes"));
   Vtu many;
   many.before = arrays;
-  EXPECT_THAT(error_of(many), HasSubstr("more than 65535 attributes"));
+  EXPECT_THAT(error_of(many), HasSubstr("more than 16384 arrays")) << "VTK's reader would take minutes";
   std::string table = "x,y,z", line = "0,0,0";
   for (int i = 0; i < 65536; ++i) {
     table += ",a" + std::to_string(i);
