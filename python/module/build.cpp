@@ -11,6 +11,7 @@
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
+#include "python/module/text.h"
 
 namespace splatvol::python {
 namespace {
@@ -80,8 +81,9 @@ nb::dict report_of(const MeshBuildReport& report) {
   return dict;
 }
 
-nb::dict build_file(const Mesh& mesh, const std::string& output, MeshBuildOptions options, const nb::object& progress) {
+nb::dict build_file(const Mesh& mesh, const nb::bytes& path, MeshBuildOptions options, const nb::object& progress) {
   const MeshArrays arrays = mesh.arrays();
+  const std::string output = path_of(path);
   ProgressBox box;
   WhileCalling meanwhile;
   options.progress = [&](const char* stage, double share) { box.put(stage, share); };
@@ -130,7 +132,7 @@ void add_build(nb::module_& module) {
           "up", [](const MeshBuildOptions& o) { return o.up == 0 ? std::string() : std::string(1, o.up); },
           [](MeshBuildOptions& o, const std::string& up) { o.up = up.empty() ? '\0' : up[0]; });
 
-  module.def("build", &build_file, "mesh"_a, "output"_a, "options"_a, "progress"_a.none());
+  module.def("build", &build_file, "mesh"_a, "path"_a, "options"_a, "progress"_a.none());
 }
 
 }  // namespace splatvol::python

@@ -2,6 +2,8 @@
 
 #include <nanobind/nanobind.h>
 
+#include "python/module/text.h"
+
 namespace splatvol::python {
 namespace {
 
@@ -31,10 +33,7 @@ const char* exception_name(ErrorCode code) {
 
 void raise(const Error& error) {
   const nb::object type = nb::module_::import_("splatvol.errors").attr(exception_name(error.code));
-  // Messages quote names of files, whose bytes are anything.
-  PyObject* message =
-      PyUnicode_DecodeUTF8(error.message.data(), static_cast<Py_ssize_t>(error.message.size()), "backslashreplace");
-  if (message != nullptr) PyErr_SetObject(type.ptr(), nb::steal(message).ptr());
+  PyErr_SetObject(type.ptr(), text_of(error.message).ptr());
   throw nb::python_error();
 }
 

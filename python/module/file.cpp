@@ -13,6 +13,7 @@
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
+#include "python/module/text.h"
 
 namespace splatvol::python {
 namespace {
@@ -121,10 +122,11 @@ void verify(const SharedFile& file, const nb::object& progress) {
 void add_file(nb::module_& module) {
   nb::class_<SharedFile>(module, "File")
       .def("__init__",
-           [](SharedFile* self, const std::string& path) {
-             new (self) SharedFile(value_of(call_interruptibly([&] { return File::open(path); })));
+           [](SharedFile* self, const nb::bytes& path) {
+             const std::string name = path_of(path);
+             new (self) SharedFile(value_of(call_interruptibly([&] { return File::open(name); })));
            })
-      .def("name", [](const SharedFile& file) { return file.look([](const File& f) { return f.name(); }); })
+      .def("name", [](const SharedFile& file) { return file.look([](const File& f) { return text_of(f.name()); }); })
       .def("attributes", [](const SharedFile& file) { return file.look(attributes_of); })
       .def("resolution_counts",
            [](const SharedFile& file) { return file.look([](const File& f) { return f.resolution_counts(); }); })

@@ -9,6 +9,7 @@
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
+#include "python/module/text.h"
 #include "splatvol/image.h"
 #include "splatvol/scene.h"
 
@@ -20,13 +21,14 @@ using namespace nb::literals;
 
 using Picture = nb::ndarray<const float, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
 
-void write_picture(const std::string& path, const Picture& picture, const std::array<double, 3>& background,
+void write_picture(const nb::bytes& path, const Picture& picture, const std::array<double, 3>& background,
                    const Provenance& provenance, bool transparent) {
   Image image{static_cast<int>(picture.shape(1)), static_cast<int>(picture.shape(0)), {}};
   image.pixels.resize(picture.shape(0) * picture.shape(1));
   std::memcpy(image.pixels.data(), picture.data(), image.pixels.size() * sizeof(vec4));
+  const std::string name = path_of(path);
   const dvec3 behind(background[0], background[1], background[2]);
-  value_of(call_interruptibly([&] { return write_image(path, image, behind, provenance, transparent); }));
+  value_of(call_interruptibly([&] { return write_image(name, image, behind, provenance, transparent); }));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
+#include "python/module/text.h"
 
 namespace splatvol::python {
 namespace {
@@ -25,9 +26,9 @@ OutArray<float> picture_of(Image image) {
 // A renderer whose calls let other threads of Python run. The package makes sure that calls do not overlap.
 class SharedRenderer {
  public:
-  SharedRenderer(const std::string& path, std::uint64_t memory)
-      : renderer_(
-            value_of(call_interruptibly([&] { return Renderer::open(path, std::nullopt, {.memory = memory}); }))) {}
+  SharedRenderer(const nb::bytes& path, std::uint64_t memory)
+      : renderer_(value_of(call_interruptibly(
+            [name = path_of(path), memory] { return Renderer::open(name, std::nullopt, {.memory = memory}); }))) {}
   SharedRenderer(const SharedRenderer&) = delete;
   SharedRenderer& operator=(const SharedRenderer&) = delete;
 
@@ -74,7 +75,7 @@ Quality quality_of(std::optional<double> max_error, std::optional<std::uint64_t>
 nb::dict statistics_of(const SharedRenderer& renderer) {
   const RenderStatistics& statistics = renderer.get().statistics();
   nb::list unreadable;
-  for (const Error& error : statistics.unreadable) unreadable.append(nb::str(error.message.c_str()));
+  for (const Error& error : statistics.unreadable) unreadable.append(text_of(error.message));
   nb::dict dict;
   dict["splats"] = statistics.splats;
   dict["error"] = statistics.error;
@@ -92,7 +93,7 @@ nb::dict statistics_of(const SharedRenderer& renderer) {
 
 void add_renderer(nb::module_& module) {
   nb::class_<SharedRenderer>(module, "Renderer")
-      .def(nb::init<const std::string&, std::uint64_t>(), "path"_a, "memory"_a)
+      .def(nb::init<const nb::bytes&, std::uint64_t>(), "path"_a, "memory"_a)
       .def("set_scene", &set_scene, "json"_a)
       .def("scene", [](const SharedRenderer& renderer) { return scene_to_json(renderer.get().scene()); })
       .def("fitting_scene", &fitting_scene, "attribute"_a, "width"_a, "height"_a)

@@ -57,7 +57,7 @@ def _cells(cells: Cells) -> Tuple[NDArray[np.int64], NDArray[np.int64], NDArray[
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8)
     if isinstance(cells, tuple):
         connectivity, offsets, types = cells
-        kinds = np.ascontiguousarray(types)
+        kinds = _indices(types, "types")
         if kinds.size > 0 and (kinds.min() < 0 or kinds.max() > 255):
             raise InvalidArgumentError("types of cells are VTK's numbers, from 0 to 255")
         return (
@@ -135,7 +135,7 @@ def build(
     mesh = MeshArrays(positions, indices, offsets, types, none, none, dict(values or {}), dict(cell_values or {}))
     options = dict(
         own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=list(missing), exact=exact,
-        strict=strict, memory=memory, temp_folder="" if temp_folder is None else os.fspath(temp_folder), up=up,
+        strict=strict, memory=memory, temp_folder=os.fspath(temp_folder or ""), up=up,
     )
     return _build(mesh, path, units, options, progress)
 
@@ -181,10 +181,11 @@ def _build(
     for name in units:
         if name not in mesh.point_values and name not in mesh.cell_values:
             raise InvalidArgumentError(f"unit of {name}: there is no such array")
+    if len(options.get("up") or "") > 1:
+        raise InvalidArgumentError(f"up {options['up']!r}: take x, y or z")
     core_options = _core.BuildOptions()
     for name, value in options.items():
         if value is not None:
             setattr(core_options, name, list(value) if name == "missing" else value)
-    output = os.fspath(path)
-    report = _core.build(arrays, output, core_options, progress)
-    return BuildReport(**{**report, "path": output, "census": dict(report["census"])})
+    report = _core.build(arrays, os.fsencode(path), core_options, progress)
+    return BuildReport(**{**report, "path": os.fsdecode(path), "census": dict(report["census"])})

@@ -71,8 +71,8 @@ class File:
 
         Reads the preamble only. Raises ``FileError`` or ``InvalidDataError``.
         """
-        self._path = os.fspath(path)
-        self._file = _core.File(self._path)
+        self._path = os.fsdecode(path)
+        self._file = _core.File(os.fsencode(path))
         self._lock = threading.Lock()
         self._renderer: Optional[Renderer] = None
 
@@ -150,8 +150,9 @@ class File:
         Raises ``InvalidArgumentError`` if the file lacks the resolution or an attribute, ``FileError`` or
         ``InvalidDataError`` if it cannot be read.
         """
+        names = [attributes] if isinstance(attributes, str) else list(attributes or [])
         corners = None if box is None else (_corner(box[0]), _corner(box[1]))
-        read = self._file.points(resolution, max_points, list(attributes or []), corners, material)
+        read = self._file.points(resolution, max_points, names, corners, material)
         names = read["names"]
         return Points(
             resolution=read["resolution"],
@@ -201,7 +202,7 @@ class File:
         """
         width, height = size
         with self._lock:
-            return self._get_renderer(memory).fitting_scene(attribute or "", int(width), int(height))
+            return self._get_renderer(memory).fitting_scene(attribute or "", width, height)
 
     def render(
         self,
@@ -291,7 +292,7 @@ class File:
         if scene is not None:
             return with_size(read_scene(scene), size)
         width, height = size or (512, 512)
-        return renderer.fitting_scene("", int(width), int(height))
+        return renderer.fitting_scene("", width, height)
 
 
 def open(path: Union[str, "os.PathLike[str]"]) -> File:

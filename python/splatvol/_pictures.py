@@ -49,7 +49,7 @@ def save(
     another extension.
     """
     red, green, blue = (float(channel) for channel in background)
-    _core.write_picture(os.fspath(path), _as_picture(picture), (red, green, blue), dict(provenance), transparent)
+    _core.write_picture(os.fsencode(path), _as_picture(picture), (red, green, blue), dict(provenance), transparent)
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import operator
+import os
 from dataclasses import dataclass
 from typing import Iterator, NamedTuple, Optional, Tuple
 
@@ -48,7 +50,7 @@ class Renderer:
         if memory <= 0:
             raise InvalidArgumentError(f"a memory of {memory} bytes: take more")
         self.memory = memory
-        self._renderer = _core.Renderer(path, memory)
+        self._renderer = _core.Renderer(os.fsencode(path), memory)
         self.show_step(step)
 
     def show_step(self, step: int) -> None:
@@ -62,7 +64,8 @@ class Renderer:
         self._renderer.set_scene(json.dumps(scene))
 
     def fitting_scene(self, attribute: str, width: int, height: int) -> Scene:
-        return json.loads(self._renderer.fitting_scene(attribute, width, height))
+        size = operator.index(width), operator.index(height)
+        return json.loads(self._renderer.fitting_scene(attribute, *size))
 
     @contextlib.contextmanager
     def surfaces(self, depths: Optional[ArrayLike]) -> Iterator[None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 from pathlib import Path
 from typing import Any, Dict, Optional, Tuple, Union
@@ -36,7 +37,7 @@ def with_size(scene: Scene, size: Optional[Tuple[int, int]]) -> Scene:
     if size is None:
         return scene
     width, height = size
-    return {**scene, "image": {"width": int(width), "height": int(height)}}
+    return {**scene, "image": {"width": operator.index(width), "height": operator.index(height)}}
 
 
 def check_scene(scene: SceneLike) -> Scene:

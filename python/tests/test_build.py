@@ -129,6 +129,7 @@ def test_errors_of_arrays(tmp_path, ball_mesh):
         ((points, cells, {"T": values["T"].astype(str)}, path), "numbers are needed"),
         ((points, (cells.ravel(), [0, 4], [10, 10]), values, path), "offsets"),
         ((points, wrong, values, path), "point"),
+        ((points, (cells.ravel(), [0, 4], [10.5]), values, path), "types"),
     ]:
         with pytest.raises(splatvol.Error, match=message) as caught:
             splatvol.build(*arguments)

@@ -1,3 +1,4 @@
+import os
 import shutil
 
 import numpy as np
@@ -77,6 +78,18 @@ def test_errors(ball_file, ball_path, tmp_path):
 def test_wrong_types_are_type_errors(ball_file):
     with pytest.raises(TypeError):
         ball_file.points(resolution="fine")
+    with pytest.raises(TypeError):
+        ball_file.render(size=(20.5, 10))
+
+
+def test_names_of_any_bytes(ball_path, tmp_path):
+    name = bytes(tmp_path) + b"/\xff \xc3\xa4.svol"
+    shutil.copy(ball_path, name)
+    for path in (name, os.fsdecode(name)):
+        assert splatvol.open(path).render(size=(8, 8)).shape == (8, 8, 4)
+    assert splatvol.open(name).name.endswith("\\xff \u00e4.svol")
+    with pytest.raises(splatvol.FileError, match="cannot open"):
+        splatvol.open(name + b"x")
 
 
 def test_steps(series_path):

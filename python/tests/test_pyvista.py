@@ -183,6 +183,20 @@ def test_the_overlay_shows_the_composited_picture(plotter, ball_file):
     assert (np.asarray(plotter.screenshot(return_img=True))[..., 0] == 0).all()
 
 
+def test_the_overlay_follows_the_mouse(plotter, ball_file):
+    plotter.add_mesh(pv.Cube(), color="blue")
+    plotter.show(auto_close=False, interactive=False)
+    if plotter.iren is None or not plotter.iren.initialized:
+        pytest.skip("no interaction without a window")
+    before = splatvol_pyvista.add_volume(plotter, ball_file, opaque_scene()).update()
+    press, move = plotter.iren._mouse_left_button_press, plotter.iren._mouse_move
+    press(100, 80)
+    move(130, 90)
+    plotter.iren._mouse_left_button_release(130, 90)
+    shown = np.asarray(plotter.screenshot(return_img=True))[..., :3]
+    assert (shown != before).mean() > .02
+
+
 def test_several_parts_are_refused(ball_file):
     plotter = pv.Plotter(off_screen=True, shape=(1, 2))
     plotter.show(auto_close=False)

@@ -117,7 +117,8 @@ def test_the_widget_in_a_kernel(ball_path):
             {"kind": "rest"},
             {"kind": "move", "turn": [.1, 0], "drag": [0, 0], "zoom": 1, "reset": False},
         ]:
-            message = client.session.msg("comm_msg", {"comm_id": comm, "data": {"method": "custom", "content": content}})
+            data = {"method": "custom", "content": content}
+            message = client.session.msg("comm_msg", {"comm_id": comm, "data": data})
             client.shell_channel.send(message)
             answers = messages_until_idle(client, message["header"]["msg_id"])
             pictures = [m for m in answers if m["msg_type"] == "comm_msg" and m["buffers"]]
