@@ -179,8 +179,10 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
 }  // namespace
 
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder) {
-  const std::string no_volume = describe_no_volume(points.summary().cells);
-  if (points.summary().has_material && no_volume.empty()) return connect_mesh(points);
+  const CellCensus& cells = points.summary().cells;
+  const std::string no_volume = describe_no_volume(cells);
+  // Voxels bring their material without tetrahedra.
+  if (points.summary().has_material && (no_volume.empty() || cells.tetrahedra == 0)) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())
