@@ -48,6 +48,7 @@ class Signals : public testing::Test {
     const pid_t process = start(words);
     for (int i = 0; i < 5000 && fs::is_empty(folder_); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(2));
     EXPECT_FALSE(fs::is_empty(folder_)) << "nothing is written";
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
     ::kill(process, signal);
     int status = -1;
     EXPECT_EQ(::waitpid(process, &status, 0), process);

@@ -22,7 +22,7 @@ class Streams : public testing::Test {
     EXPECT_EQ(code("svbuild $D/a.csv -o $D/a.svol", " > /dev/null"), 0);
     EXPECT_EQ(code("svinfo $D/a.svol --scene $D/a.json", " > /dev/null"), 0);
     EXPECT_EQ(code("svrender $D/a.svol --scene $D/a.json --device cpu --size 32x32 -o $D/a.exr", " > /dev/null"), 0);
-    EXPECT_EQ(code("svdemo --points 1000 -o $D/mesh.vtu", " > /dev/null"), 0);
+    EXPECT_EQ(code("svdemo --points 1000 -o $D/mesh.vtu --scene $D/mesh.json", " > /dev/null"), 0);
   }
   ~Streams() override { fs::remove_all(folder_); }
 
@@ -45,7 +45,7 @@ constexpr Use uses[] = {
     {"svinfo $D/a.svol", true},
     {"svrender $D/a.svol --scene $D/a.json --device cpu --size 32x32 -o $D/b.exr", true},
     {"svexport $D/a.svol -o $D/b.vtu", true},
-    {"svtruth $D/mesh.vtu --scene $D/a.json --size 8x8 -o $D/c.exr", true},
+    {"svtruth $D/mesh.vtu --scene $D/mesh.json --size 8x8 -o $D/c.exr", true},
     {"svdiff $D/a.exr $D/a.exr", true},
     {"svgen points --count 100 -o $D/b.npy", false},
     {"svdemo --points 1000 -o $D/b.vtu", false},
