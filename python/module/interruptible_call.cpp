@@ -29,7 +29,7 @@ class Call {
 
   void request_stop() { stop_.request_stop(); }
 
-  // What the call threw, once it is done.
+  // Returns the exception of the call, once it is done; null: none.
   [[nodiscard]] std::exception_ptr thrown() const { return thrown_; }
 
  private:

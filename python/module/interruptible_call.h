@@ -25,7 +25,7 @@ class ProgressBox {
   std::vector<Entry> entries_;
 };
 
-/// What happens while a call lasts.
+/// Functions that run while a call lasts.
 struct WhileCalling {
   std::function<void()> cancel = {};  // any thread; until the call ends, again and again
   std::function<void()> look = {};    // with the GIL, each 50 ms and after the call; may throw

@@ -9,7 +9,7 @@ CAMERA = {"projection": "perspective", "vertical_fov_degrees": 60, "position": [
 
 def test_half_a_turn_over_the_height():
     turned = _camera.turn(CAMERA, .5, 0)
-    # What was in front goes to the right: the camera goes to the left.
+    # The front goes to the right: the camera goes to the left.
     np.testing.assert_allclose(turned["position"], [-5, 0, 0], atol=1e-12)
     np.testing.assert_allclose(_camera.turn(CAMERA, 0, .5)["position"], [0, 5, 0], atol=1e-12)
     assert _camera.turn(CAMERA, 0, 0) == CAMERA

@@ -83,7 +83,7 @@ def test_errors_of_scenes(ball_file, tmp_path):
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(splatvol.InvalidDataError, match="bad.json"):
         ball_file.render(tmp_path / "bad.json")
-    # What failed changed nothing.
+    # Calls that failed changed nothing.
     assert ball_file.render(scene).shape == (64, 64, 4)
 
 

@@ -67,7 +67,7 @@ def test_ctrl_c_ends_a_picture(large_path):
     file = splatvol.open(large_path)
     scene = file.scene()
     assert interrupt(lambda: file.render(scene, **SLOW)) < 2
-    # What was interrupted can be used again.
+    # The file can be used again.
     assert file.render(scene, size=(20, 20)).shape == (20, 20, 4)
 
 
