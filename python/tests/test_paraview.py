@@ -106,13 +106,15 @@ print(reader.GetDataInformation().GetNumberOfPoints(), reader.PointData.keys())
 """
 
 
-def test_in_paraview(ball_path):
+def test_in_paraview(ball_path, tmp_path):
     """With a program pvpython, of SPLATVOL_PVPYTHON or on PATH, whose Python has this one's version."""
     pvpython = os.environ.get("SPLATVOL_PVPYTHON") or shutil.which("pvpython")
     if pvpython is None:
         pytest.skip("no pvpython: set SPLATVOL_PVPYTHON")
-    folder = str(Path(splatvol.__file__).parents[1])
-    code = IN_PARAVIEW.format(path=[folder], plugin=str(PLUGIN), file=str(ball_path))
+    # Alone: a VTK beside it would take the place of ParaView's.
+    for part in Path(splatvol.__file__).parents[1].glob("splatvol*"):
+        (tmp_path / part.name).symlink_to(part)
+    code = IN_PARAVIEW.format(path=[str(tmp_path)], plugin=str(PLUGIN), file=str(ball_path))
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     told = subprocess.run([pvpython, "-c", code], capture_output=True, text=True, env=environment)
     assert told.returncode == 0, told.stderr
