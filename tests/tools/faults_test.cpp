@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/memory_limit.h"
 #include "tests/support/require.h"
 #include "tests/support/sanitizers.h"
 
@@ -127,6 +128,16 @@ TEST_F(Faults, APictureThatDoesNotFitIsTold) {
   make_inputs();
   EXPECT_FALSE(expect_success_or_one_line(
       "ulimit -v 2000000; $BIN/svrender $IN/a.svol --device cpu --size 16384x16384 -o $OUT/a.png"));
+}
+
+// Its numbers take more than 2 GiB: 32 bits do not hold their bytes.
+TEST_F(Faults, APictureOfMoreThan2To27PixelsIsWhole) {
+  if (test::is_sanitized || memory_limit() < std::uint64_t{8} << 30) GTEST_SKIP() << "takes 3 GiB";
+  make_inputs();
+  EXPECT_TRUE(expect_success_or_one_line("$BIN/svrender $IN/a.svol --device cpu --size 16384x8200 -o $OUT/a.png"));
+  std::string start(24, '\0');
+  std::ifstream(out() / "a.png").read(start.data(), 24);
+  EXPECT_EQ(start.substr(16), std::string("\0\0\x40\0\0\0\x20\x08", 8));  // width and height
 }
 
 // So many points that each resolution has several rows, which wait in temporary files.
