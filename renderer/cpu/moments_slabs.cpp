@@ -49,13 +49,13 @@ HWY_INLINE Thickness<Float> in_front_of(Float surface, const Neighbours& n) {
 /// density falls: to that of the slab or its neighbours, whichever is densest.
 template <class Number>
 HWY_INLINE Float full_density(const Neighbours& n, Number thickness, Float mass, int at) {
-  const float thin = std::max(1 - 2 * n.kept, 0.0F);
-  if (thin == 0) return Float(1.0F);
+  const float thick = std::min(2 * n.kept, 1.0F);
+  if (thick == 1) return Float(1.0F);
   const auto density = [&](const SlabPlanes* slab, float whole)
                            HWY_ATTR { return slab ? load(slab->mass + at) * (1.0F / whole) : Float(0.0F); };
   const Float densest =
       max(mass * (1.0F / thickness), max(density(n.before, n.before_thickness), density(n.after, n.after_thickness)));
-  return fma(clamp(densest * 1.25F, 1e-30F, 1.0F) - 1.0F, thin, 1.0F);
+  return fma(clamp(densest * 1.25F, 1e-30F, 1.0F), 1 - thick, thick);
 }
 
 /// Returns the length of material in a slab, at some pixels. `bounded`: it may have boundaries.

