@@ -1,12 +1,15 @@
 """The meshes of bench/svhard, written as .vtu files in double precision."""
 
+import base64
 import math
+import struct
 from dataclasses import dataclass, field
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-TETRAHEDRON, HEXAHEDRON, VERTEX = 10, 12, 1
+TETRAHEDRON, HEXAHEDRON, WEDGE, POLYHEDRON, VERTEX = 10, 12, 13, 42, 1
+TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
 # A hexahedron's tetrahedra round the diagonal from its first to its seventh corner: neighbours agree.
 SPLIT = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
 
@@ -17,6 +20,10 @@ class Mesh:
     cells: np.ndarray  # [cell, corner]; no rows: points only
     kind: int = TETRAHEDRON  # of the cells, as VTK numbers them
     values: dict = field(default_factory=dict)  # name: [point]
+    names: tuple = ()  # instead of the keys of `values`: may repeat one
+    faces: np.ndarray = None  # [cell, number]: of polyhedra, as VTK's stream of faces
+
+    suffix = ".vtu"
 
     def scaled(self, factor, shift=0.0):
         return Mesh(self.points * factor + shift, self.cells, self.kind, dict(self.values))
@@ -30,27 +37,60 @@ class Mesh:
             cells, kind = np.arange(len(self.points)).reshape(-1, 1), VERTEX
         offsets = np.arange(1, len(cells) + 1) * cells.shape[1]
 
-        def numbers(array):
-            return " ".join(repr(float(x)) if array.dtype.kind == "f" else str(x) for x in array.ravel())
-
-        def array(name, kind_name, content, components=1):
-            return (
-                f"<DataArray type={quoteattr(kind_name)} Name={quoteattr(name, {chr(10): '&#10;', chr(27): '?'})} "
-                f'NumberOfComponents="{components}" format="ascii">{numbers(content)}\n</DataArray>\n'
-            )
-
+        names = self.names or tuple(self.values)
+        streams = []
+        if self.faces is not None:
+            ends = np.arange(1, len(cells) + 1) * self.faces.shape[1]
+            streams = [data_array("faces", self.faces.astype("i8")), data_array("faceoffsets", ends.astype("i8"))]
         path.write_text(
-            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian"><UnstructuredGrid>\n'
+            '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"><UnstructuredGrid>\n'
             f'<Piece NumberOfPoints="{len(self.points)}" NumberOfCells="{len(cells)}"><PointData>\n'
-            + "".join(array(name, "Float64", values) for name, values in self.values.items())
+            + "".join(data_array(name, values.astype("f8")) for name, values in zip(names, self.values.values()))
             + "</PointData><Points>\n"
-            + array("Points", "Float64", self.points.astype(float), 3)
+            + data_array("Points", self.points.astype("f8"))
             + "</Points><Cells>\n"
-            + array("connectivity", "Int64", cells)
-            + array("offsets", "Int64", offsets)
-            + array("types", "UInt8", np.full(len(cells), kind))
+            + data_array("connectivity", cells.astype("i8"))
+            + data_array("offsets", offsets.astype("i8"))
+            + data_array("types", np.full(len(cells), kind, "u1"))
+            + "".join(streams)
             + "</Cells></Piece></UnstructuredGrid></VTKFile>\n"
         )
+
+
+def data_array(name, content):
+    """An array of VTK's XML. Binary: VTK reads no NaN in text."""
+    components = 3 if name == "Points" else 1
+    raw = struct.pack("<Q", content.nbytes) + content.astype(content.dtype.newbyteorder("<")).tobytes()
+    return (
+        f"<DataArray type={quoteattr(TYPES[content.dtype.str[1:]])} Name={quoteattr(name, {chr(10): '&#10;', chr(27): '?'})} "
+        f'NumberOfComponents="{components}" format="binary">{base64.b64encode(raw).decode()}\n</DataArray>\n'
+    )
+
+
+@dataclass
+class Points:
+    """Scattered points of a mesh, as a file of this suffix: .npy, .csv or .vtp."""
+
+    of: Mesh
+    suffix: str
+
+    def write(self, path):
+        name, values = next(iter(self.of.values.items()))
+        table = np.column_stack([self.of.points, values])
+        if self.suffix == ".npy":
+            np.save(path, table)
+        elif self.suffix == ".csv":
+            np.savetxt(path, table, delimiter=",", fmt="%.17g", header=f"x,y,z,{name}", comments="")
+        else:
+            count = len(table)
+            path.write_text(
+                '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>'
+                f'<Piece NumberOfPoints="{count}" NumberOfVerts="0"><PointData>\n'
+                + data_array(name, values.astype("f8"))
+                + "</PointData><Points>\n"
+                + data_array("Points", self.of.points.astype("f8"))
+                + "</Points></Piece></PolyData></VTKFile>\n"
+            )
 
 
 def smooth(points):
@@ -69,6 +109,20 @@ def lattice(cells=10, sides=(1.0, 1.0, 1.0), low=(-1.0, -1.0, -1.0)):
     ends = [number[tuple(slice(c, c + n) for c, n in zip(at, counts))].ravel() for at in corner]
     mesh = Mesh(grid, np.stack(ends, 1), HEXAHEDRON)
     return mesh.with_values(smooth(grid))
+
+
+def in_prisms(mesh):
+    halves = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+    return Mesh(mesh.points, np.concatenate([mesh.cells[:, list(half)] for half in halves]), WEDGE, dict(mesh.values))
+
+
+def in_polyhedra(mesh):
+    """Hexahedra as polyhedra: each with the stream of its six faces."""
+    sides = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    parts = [np.full((len(mesh.cells), 1), 6)]
+    for side in sides:
+        parts += [np.full((len(mesh.cells), 1), 4), mesh.cells[:, list(side)]]
+    return Mesh(mesh.points, mesh.cells, POLYHEDRON, dict(mesh.values), faces=np.concatenate(parts, 1))
 
 
 def in_tetrahedra(mesh):
