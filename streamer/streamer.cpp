@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "streamer/row_bytes.h"
@@ -127,8 +128,12 @@ void Streamer::prefetch_step(std::size_t step) {
     row.decoded = std::move(*room);
     rows.push_back(std::move(row));
   }
-  prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attribute(), std::move(pages), std::move(rows),
-                                             std::move(*working));
+  try {
+    prefetch_ = std::make_unique<StepPrefetch>(volume_, step, paged_.attribute(), std::move(pages), std::move(rows),
+                                               std::move(*working));
+  } catch (const std::system_error&) {
+    // No thread starts: the step is read when it is shown.
+  }
 }
 
 // The pager, the frame and what hides others belong to the step before.
