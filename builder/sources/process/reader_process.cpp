@@ -36,6 +36,8 @@ Result<pid_t> spawn(const ReaderProcessOptions& options, int socket) {
   // The copy outlives exec, unlike all other descriptors of this program. A descriptor onto itself stays open too.
   constexpr int socket_of_reader = 3;
   ::posix_spawn_file_actions_adddup2(&actions, socket, socket_of_reader);
+  // What its libraries print has no place beside the one line of an error.
+  ::posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
   std::array<std::string, 4> words = {options.program, std::to_string(socket_of_reader), std::to_string(options.memory),
                                       std::to_string(options.threads)};
   std::array<char*, 5> arguments = {words[0].data(), words[1].data(), words[2].data(), words[3].data(), nullptr};
@@ -126,6 +128,11 @@ class ReaderProcess::Process {
   Error explain(const Error& error) {
     const int status = end();
     if (error.code != ErrorCode::io) return error;
+    constexpr int not_loaded = 127;  // the status of the system's loader
+    if (WIFEXITED(status) && WEXITSTATUS(status) == not_loaded)
+      return {ErrorCode::io, fmt::format("the libraries of {} do not load: one is missing, or a limit on address space "
+                                         "(ulimit -v) is too low",
+                                         options_.program)};
     if (!WIFSIGNALED(status)) return {ErrorCode::io, "the process that read it ended too early"};
     if (WTERMSIG(status) == SIGKILL)
       return {ErrorCode::io, "the process that read it was killed: perhaps the machine has too little memory"};
