@@ -168,6 +168,16 @@ TEST_F(Faults, AddressSpaceThatEndsIsTold) {
   }
 }
 
+// As under a limit on processes (ulimit -u, pids.max). Some libraries start threads before `main`.
+TEST_F(Faults, FewThreadsAreEnoughOrAreTold) {
+  if (test::is_sanitized) GTEST_SKIP() << "sanitizers start threads of their own";
+  make_inputs();
+  for (const std::string use : uses)
+    for (const int threads : {0, 1, 2, 3, 5, 8, 13})
+      expect_success_or_one_line("SPLATVOL_THREADS=" + std::to_string(threads) +
+                                 " LD_PRELOAD=" SPLATVOL_NO_THREADS " timeout 60 " + use);
+}
+
 // Graphics drivers end a program where they get no memory: they are not asked.
 TEST_F(Faults, TooLittleAddressSpaceForOpenGlIsTold) {
   if (test::is_sanitized) GTEST_SKIP() << "sanitizers take address space of their own";
