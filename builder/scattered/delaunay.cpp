@@ -32,11 +32,14 @@ std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
     points.emplace_back(Kernel::Point_3(positions[i].x, positions[i].y, positions[i].z), i);
     box += points.back().first.bbox();
   }
-  // If memory ends in one of CGAL's threads, that thread keeps its locks, and the others wait for ever.
-  if (!is_addressable(points.size() * point_bytes)) throw std::bad_alloc();
+  // If memory ends in one of CGAL's threads, that thread keeps its locks, and the others wait for ever. So only one
+  // thread works where memory may end.
+  const std::uint64_t needed = points.size() * point_bytes;
+  if (!is_addressable(needed)) throw std::bad_alloc();
+  const bool is_scarce = free_address_space() / 4 < needed;
   constexpr int locks_per_axis = 50;
   Triangulation::Lock_data_structure locks(box, locks_per_axis);
-  const Triangulation triangulation(points.begin(), points.end(), &locks);
+  const Triangulation triangulation(points.begin(), points.end(), is_scarce ? nullptr : &locks);
   std::vector<Tetrahedron> tetrahedra;
   if (triangulation.dimension() < 3) return tetrahedra;
   tetrahedra.reserve(triangulation.number_of_finite_cells());
