@@ -24,8 +24,8 @@ struct TransferTable {
   [[nodiscard]] double mean(std::size_t row, std::size_t column) const;
 };
 
-/// Averages the function. Requires columns >= 2 + 2 margin, rows >= 1, control points and lo < hi. Exact to 1e-14 of the largest
-/// extinction. The last few tables are remembered: another of them costs a copy. Thread-safe.
+/// Averages the function. Requires columns >= 2 + 2 margin, rows >= 1, control points and lo < hi. Exact to 1e-14 of
+/// the largest extinction. The last few tables are remembered: another of them costs a copy. Thread-safe.
 [[nodiscard]] TransferTable make_transfer_table(const TransferFunction& function, std::size_t columns,
                                                 std::size_t rows);
 

@@ -40,10 +40,11 @@ constexpr double opacity_of_material = 0.65;   // mean along rays, on a dark bac
 Result<std::vector<SurveySplat>> survey(const format::Volume& volume, int index, const SurveyShapes& shapes) {
   SPLATVOL_TRY_ASSIGN(splats, survey_material(volume, index, shapes));
   if (std::ranges::none_of(shapes.shapes, [](const format::SplatShape& shape) { return shape.mass > 0; }))
-    return fail(ErrorCode::invalid_data,
-                "{}: no point has a volume: all cells are flat, or all points lie in a plane; give cells with a volume, or "
-                "build with --connectivity none",
-                volume.name());
+    return fail(
+        ErrorCode::invalid_data,
+        "{}: no point has a volume: all cells are flat, or all points lie in a plane; give cells with a volume, or "
+        "build with --connectivity none",
+        volume.name());
   if (std::ranges::none_of(splats, &SurveySplat::has_value))
     return fail(ErrorCode::invalid_data, "{}: '{}' has no values", volume.name(),
                 volume.info().attributes[static_cast<std::size_t>(index)].name);

@@ -18,8 +18,8 @@ struct EmptyReason {
 [[nodiscard]] EmptyReason why_empty(const View& view, const TransferFunction& function,
                                     const format::Attribute& attribute, const Box& bounds);
 
-/// Finds out whether the points of a file stand for any material: they do not if all of their cells are flat. Reads some
-/// hundred KiB. Fails if the file cannot be read.
+/// Finds out whether the points of a file stand for any material: they do not if all of their cells are flat. Reads
+/// some hundred KiB. Fails if the file cannot be read.
 [[nodiscard]] Result<EmptyReason> why_without_material(const format::Volume& volume);
 
 /// The reason if the others know none: no splat of the view has a visible value, or they are all too faint.

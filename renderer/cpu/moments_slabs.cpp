@@ -28,8 +28,8 @@ namespace {
 struct Neighbours {
   const SlabPlanes *before, *slab, *after;  // null: there is none
   float before_thickness, thickness, after_thickness;
-  float kept;   // as of the slab
-  float front;  // depth of the slab's front
+  float kept;           // as of the slab
+  float front;          // depth of the slab's front
   float least_density;  // that counts as material
 };
 
@@ -201,8 +201,8 @@ struct Crowd {
 };
 
 /// Cuts the depths of a tile into slabs. A slab is half as thick as chords are long: the harmonic mean of those in it,
-/// weighted by their optical depths. But no splat is cut into more than some hundred slabs: chords through needles along
-/// the line of sight may be 1e12 times as short as these.
+/// weighted by their optical depths. But no splat is cut into more than some hundred slabs: chords through needles
+/// along the line of sight may be 1e12 times as short as these.
 void make_slabs(const Slab& depths, SlabWorkspace& work) {
   constexpr double chords_thick = 0.5, least_thickness = 1e-5;  // the latter as a share of the depth
   constexpr double least_part = 1.0 / 256;                      // of the shortest splat
@@ -332,8 +332,15 @@ class SlabSequence {
 
   void classify_slab(std::size_t i, TilePixels& pixels) const {
     constexpr float by_density = 1e-6F;
-    Neighbours n{nullptr, &planes_of(i),  nullptr,          0, thickness(i),
-                 0,       slabs_[i].kept, slabs_[i].front, by_density * std::max(slabs_[i].kept, 1e-24F)};
+    Neighbours n{nullptr,
+                 &planes_of(i),
+                 nullptr,
+                 0,
+                 thickness(i),
+                 0,
+                 slabs_[i].kept,
+                 slabs_[i].front,
+                 by_density * std::max(slabs_[i].kept, 1e-24F)};
     bool partial = partial_[i % ring_.size()];
     if (i > 0 && touches_next(i - 1)) {
       n.before = &planes_of(i - 1);

@@ -61,7 +61,9 @@ class TileRasterizer final : public Rasterizer {
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) override;
   [[nodiscard]] Result<FrameTimes> draw(const View& view, SortMode sort, int sample_spacing) override;
   [[nodiscard]] Result<Image> read_image() const override;
-  [[nodiscard]] Compositing drawn_compositing() const override { return mixes_ ? Compositing::slabs : Compositing::splats; }
+  [[nodiscard]] Compositing drawn_compositing() const override {
+    return mixes_ ? Compositing::slabs : Compositing::splats;
+  }
   [[nodiscard]] std::uint64_t device_bytes() const override;
   [[nodiscard]] std::string description() const override;
 

@@ -171,7 +171,8 @@ class RendererTestFunctions : public RendererTestBuilt {
 
   /// Expects that a function is drawn about as well as an easy one of about the same shape.
   void expect_as_good(const TransferFunction& hard, const TransferFunction& easy) const {
-    const Image exact = exact_picture(around_zero, scene_of(hard)), exact_easy = exact_picture(around_zero, scene_of(easy));
+    const Image exact = exact_picture(around_zero, scene_of(hard)),
+                exact_easy = exact_picture(around_zero, scene_of(easy));
     for (const auto& [kernel, way, name] : ways) {
       SCOPED_TRACE(name);
       const double usual = rmse(kernel, way, easy, exact_easy);
@@ -234,7 +235,8 @@ TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
   TransferFunction at_ends = function(-0.02, 0.02, {{0, 0}, {0, 3}, {1, 3}, {1, 0}});
   at_ends.colors = {{0, dvec3(1, 0, 0)}, {0, dvec3(0, 1, 0)}, {1, dvec3(0, 1, 0)}, {1, dvec3(1, 0, 0)}};
   TransferFunction inside = function(-0.03, 0.03, {{0, 0}, {1. / 6, 0}, {1. / 6, 3}, {5. / 6, 3}, {5. / 6, 0}, {1, 0}});
-  inside.colors = {{1. / 6, dvec3(1, 0, 0)}, {1. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(1, 0, 0)}};
+  inside.colors = {
+      {1. / 6, dvec3(1, 0, 0)}, {1. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(1, 0, 0)}};
   expect_as_good(at_ends, inside);
   at_ends.densities = {{0, 3}, {0, 0}, {1, 0}, {1, 3}};
   inside.densities = {{0, 3}, {1. / 6, 3}, {1. / 6, 0}, {5. / 6, 0}, {5. / 6, 3}, {1, 3}};
