@@ -1,12 +1,15 @@
-// golden_dump [--all] FILE.svol: prints what a reader sees, as the golden test compares it. golden_dump --make-pages
-// OUT.svol: writes a small file whose index and directory have several pages.
+// golden_dump [--all] FILE.svol: prints what a reader sees, as the golden test compares it. golden_dump --picture
+// FILE.svol: prints small pictures of it, by the scene FILE.json. golden_dump --make-pages OUT.svol: writes a small
+// file whose index and directory have several pages.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <random>
 #include <string>
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "tests/golden/golden_picture.h"
 #include "tests/support/test_volume.h"
 #include "tests/support/volume_dump.h"
 
@@ -34,19 +37,31 @@ Status print(const std::string& path, bool all) {
   return {};
 }
 
+Status print_picture(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(std::filesystem::path(path).replace_extension(".json").string()));
+  SPLATVOL_TRY_ASSIGN(text, test::golden_picture(path, scene));
+  fmt::print("{}", text);
+  return {};
+}
+
+Status act(const std::string& option, const std::string& path) {
+  if (option == "--make-pages") return make_pages(path);
+  if (option == "--picture") return print_picture(path);
+  return print(path, option == "--all");
+}
+
 }  // namespace
 }  // namespace splatvol
 
 int main(int argc, char** argv) {
   const std::string option = argc > 1 ? argv[1] : "";
   const bool has_option = option.starts_with("--");
-  if (argc != (has_option ? 3 : 2) || (has_option && option != "--all" && option != "--make-pages")) {
-    fmt::print(stderr, "usage: golden_dump [--all] FILE.svol | --make-pages OUT.svol\n");
+  const bool known = option == "--all" || option == "--picture" || option == "--make-pages";
+  if (argc != (has_option ? 3 : 2) || (has_option && !known)) {
+    fmt::print(stderr, "usage: golden_dump [--all | --picture] FILE.svol | --make-pages OUT.svol\n");
     return 2;
   }
-  const std::string path = argv[argc - 1];
-  const splatvol::Status done =
-      option == "--make-pages" ? splatvol::make_pages(path) : splatvol::print(path, option == "--all");
+  const splatvol::Status done = splatvol::act(option, argv[argc - 1]);
   if (!done) fmt::print(stderr, "golden_dump: {}\n", done.error().message);
   return done ? 0 : 1;
 }

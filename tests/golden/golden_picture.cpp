@@ -1,0 +1,72 @@
+#include "tests/golden/golden_picture.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "base/file.h"
+#include "renderer/cpu/tile_rasterizer.h"
+#include "streamer/streamer.h"
+
+namespace splatvol::test {
+namespace {
+
+Result<Image> draw(Streamer& streamer, const Scene& scene, Compositing compositing) {
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  SPLATVOL_TRY_ASSIGN(frame, streamer.request(view, scene.transfer_function, {.tolerance_percent = 0}));
+  TileRasterizer rasterizer(streamer.kernel());
+  SPLATVOL_TRY(rasterizer.set_compositing(compositing));
+  SPLATVOL_TRY(rasterizer.set_transfer_function(scene.transfer_function, streamer.units()));
+  SPLATVOL_TRY(rasterizer.set_draw_list(frame->list));
+  SPLATVOL_TRY(rasterizer.draw(view, SortMode::exact, 1));
+  return rasterizer.read_image();
+}
+
+vec4 mean_of_block(const Image& image, int left, int top) {
+  vec4 sum(0);
+  for (int y = 0; y < golden_block; ++y)
+    for (int x = 0; x < golden_block; ++x) sum += image.at(left + x, top + y);
+  return sum * (1.0F / (golden_block * golden_block));
+}
+
+Result<std::string> text_of(const Image& image) {
+  std::string text;
+  float largest = 0;
+  for (int top = 0; top < golden_size; top += golden_block) {
+    for (int left = 0; left < golden_size; left += golden_block) {
+      const vec4 mean = mean_of_block(image, left, top);
+      largest = std::max(largest, mean.a);
+      for (int i = 0; i < 4; ++i)
+        text += fmt::format("{:04x}", static_cast<unsigned>(std::lround(65535 * std::clamp(mean[i], 0.0F, 1.0F))));
+    }
+    text += '\n';
+  }
+  if (!(largest > 0.01F)) return fail(ErrorCode::invalid_argument, "the picture is empty");
+  return text;
+}
+
+}  // namespace
+
+Result<std::string> golden_picture(const std::string& file, const Scene& scene) {
+  Scene small = scene;
+  small.width = small.height = golden_size;
+  SPLATVOL_TRY_ASSIGN(described, open_file(file));
+  SPLATVOL_TRY_ASSIGN(volume, format::Volume::open(std::move(described)));
+  SPLATVOL_TRY_ASSIGN(source, open_file(file));
+  const bool moments = volume->info().find_column(format::ColumnKind::moments) >= 0;
+  const KernelKind kernel = moments ? KernelKind::moments : KernelKind::octant;
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(source), {.attribute = small.attribute, .kernel = kernel}));
+  std::string text;
+  for (const auto& [compositing, name] :
+       {std::pair(Compositing::splats, "splats"), std::pair(Compositing::slabs, "slabs")}) {
+    if (compositing == Compositing::slabs && !moments) continue;
+    SPLATVOL_TRY_ASSIGN(image, draw(*streamer, small, compositing));
+    SPLATVOL_TRY_ASSIGN(blocks, text_of(image));
+    text += fmt::format("{}\n{}", name, blocks);
+  }
+  return text;
+}
+
+}  // namespace splatvol::test

@@ -1,0 +1,20 @@
+// Small pictures of golden files, as text.
+#pragma once
+
+#include <string>
+
+#include "base/error.h"
+#include "scene/scene.h"
+
+namespace splatvol::test {
+
+/// Width and height of the pictures, and of the blocks of pixels that the text holds the means of.
+inline constexpr int golden_size = 64, golden_block = 4;
+
+/// Draws all points of a file, one over the other and in slabs, and returns both pictures as text; only the first, by
+/// the kernel octant, if the file has no moments. The text has a line with the way, then a line for each row of blocks,
+/// with four hexadecimal digits for each of red, green, blue and alpha: from 0 to
+/// 1. Fails if the file cannot be drawn or the picture is empty.
+[[nodiscard]] Result<std::string> golden_picture(const std::string& file, const Scene& scene);
+
+}  // namespace splatvol::test
