@@ -24,7 +24,7 @@ inline constexpr std::size_t max_octant_depth = 64;  // of the column
 inline constexpr std::size_t max_node_depth = 42;    // of the index: deeper nodes have no Morton key
 inline constexpr std::uint64_t max_page_nodes = 4096;
 inline constexpr std::uint64_t max_step_entries = 1u << 20;  // of a step directory
-inline constexpr std::uint32_t series_feature = 1;  // of Superblock::critical_features
+inline constexpr std::uint32_t series_feature = 1;           // of Superblock::critical_features
 
 struct Superblock {                  // spec 2
   std::uint8_t magic[8];             //  0
