@@ -1,5 +1,6 @@
 #include "base/memory_limit.h"
 
+#include <fmt/format.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -32,7 +33,7 @@ std::uint64_t least_of_groups(const std::string& folder, std::string group, cons
   for (;; group.resize(std::min(group.rfind('/'), group.size() - 1))) {
     std::uint64_t bytes = 0;
     // "max" is not a number
-    if (std::ifstream(folder + "/" + group + "/" + name) >> bytes) least = std::min(least, bytes);
+    if (std::ifstream(fmt::format("{}/{}/{}", folder, group, name)) >> bytes) least = std::min(least, bytes);
     if (group.empty()) return least;
   }
 }

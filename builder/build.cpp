@@ -22,7 +22,7 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, const std::s
   SPLATVOL_TRY(reduced.files.read(
       reduced.info.resolutions(),
       [&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
-        if (const Status go_on = check_interruption(); !go_on) return go_on;
+        SPLATVOL_TRY(check_interruption());
         progress("writing", static_cast<double>(++row) / static_cast<double>(writer->rows().row_count()));
         return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
       }));

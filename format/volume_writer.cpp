@@ -138,7 +138,7 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
 }
 
 Status VolumeWriter::check(const Checking& checking) const {
-  const Status checked = [&]() -> Status {
+  Status checked = [&]() -> Status {
     SPLATVOL_TRY_ASSIGN(source, open_file(file_.path_to_write()));
     SPLATVOL_TRY_ASSIGN(volume, Volume::open(std::move(source)));
     return volume->verify(checking);

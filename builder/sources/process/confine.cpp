@@ -87,7 +87,7 @@ void end_with(int socket) {
 
 }  // namespace
 
-void confine_reader(int socket, const ReaderLimits& limits) {
+void confine_reader(int socket, [[maybe_unused]] const ReaderLimits& limits) {
   close_all_but(socket);
   set_limit(RLIMIT_CORE, 0);
   set_limit(RLIMIT_FSIZE, 0);
