@@ -204,6 +204,15 @@ Result<CsvFile> open_table(const std::string& path, const std::vector<std::strin
   return CsvFile{path, bytes->size(), std::move(table), {}};
 }
 
+tl::unexpected<Error> fail_no_values(const std::string& path, const CsvTable& table) {
+  const auto nameless = [](const CsvColumn& column) { return column.name.empty() && !column.is_text; };
+  const auto column = std::ranges::find_if(table.columns, nameless);
+  if (column == table.columns.end())
+    return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+  return fail(ErrorCode::invalid_data, "{}: column {} has no name; name all of them: --columns x,y,z,...", path,
+              column - table.columns.begin() + 1);
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Source>> open_csv_files(const std::vector<std::string>& paths, const SourceOptions& options) {
@@ -215,7 +224,7 @@ Result<std::unique_ptr<Source>> open_csv_files(const std::vector<std::string>& p
     const std::vector<std::size_t> columns = attribute_columns(file.table);
     for (const std::size_t column : columns) available.push_back(file.table.columns[column].name);
     if (attributes.empty()) attributes = available;
-    if (attributes.empty()) return fail(ErrorCode::invalid_data, "{}: the points have no values, only positions", path);
+    if (attributes.empty()) return fail_no_values(path, file.table);
     if (attributes.size() > AttributeCount::most) return fail_too_many_attributes(path);
     std::unordered_map<std::string_view, std::size_t> column_of;
     for (std::size_t i = 0; i < available.size(); ++i) column_of.emplace(available[i], columns[i]);

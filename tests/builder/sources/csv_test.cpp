@@ -73,6 +73,7 @@ TEST_F(CsvTest, ErrorsNameTheLine) {
   EXPECT_THAT(message("x,y,z,p\n1,2,3,4\n1,2,\"3,4\n"), HasSubstr("line 3: a quotation mark is not closed"));
   EXPECT_THAT(message("x,y,p\n1,2,3\n"), HasSubstr("no column is called z; there are: x, y, p"));
   EXPECT_THAT(message("x,y,z\n1,2,3\n"), HasSubstr("no values, only positions"));
+  EXPECT_THAT(message("x,y,z,\n1,2,3,4\n"), HasSubstr("column 4 has no name"));
   EXPECT_THAT(message("x,y,z,p,p\n1,2,3,4,5\n"), HasSubstr("two columns are called \"p\""));
   EXPECT_THAT(message(""), HasSubstr("empty"));
   EXPECT_THAT(message("x,y,z,p\n"), HasSubstr("no line after the names"));
