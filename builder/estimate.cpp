@@ -115,6 +115,21 @@ BuildShape shape_of(const InputSize& size, const BuildOptions& options, std::siz
           .fitted_points = size.points <= most_fitted_points ? size.points : 0};
 }
 
+// How many steps of a series are reduced together: as in series_build.cpp.
+std::size_t steps_together(const InputSize& size, const BuildOptions& options, std::size_t steps) {
+  constexpr std::size_t value_bytes = 256, most = 64;
+  const std::uint64_t values = size.points / std::max<std::size_t>(size.pieces, 1) * size.attributes;
+  std::size_t together = std::clamp<std::size_t>(options.memory / std::max<std::uint64_t>(values * value_bytes, 1), 1,
+                                                 std::min(most, steps));
+  const auto least = [&](std::size_t count) {
+    BuildShape shape = shape_of(size, options, count * size.attributes, Connectivity::mesh);
+    shape.fitted_points = 0;
+    return plan_memory(options.memory, shape).least;
+  };
+  while (together > 1 && least(together) > options.memory) --together;
+  return together;
+}
+
 }  // namespace
 
 double Range::middle() const { return std::sqrt(low * high); }
@@ -125,15 +140,16 @@ Result<InputSize> measure_input(Source& source, bool use_cells, const std::funct
                  .has_planes = use_cells && source.brings_material(),
                  .single_precision = source.single_precision()};
   size.has_material = size.has_planes;
-  SPLATVOL_TRY_ASSIGN(bounds, source.bounds());
-  size.has_bounds = bounds.has_value();
   const std::optional<std::uint64_t> count = source.point_count();
   if (count && (!use_cells || !source.may_have_cells() || source.brings_material())) {
     size.points = *count;
+    size.has_bounds = true;  // such inputs find them in a pass over all points, which is not made here
     size.piece_bytes = 2 * bytes_of_piece(std::min<std::uint64_t>(size.points, max_piece_points), 0, size.attributes);
     return size;
   }
   size.was_read = true;
+  SPLATVOL_TRY_ASSIGN(bounds, source.bounds());
+  size.has_bounds = bounds.has_value();
   source.lend_values();
   std::size_t pieces = 0;
   for (;;) {
@@ -162,32 +178,38 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const FileBytes bytes = file_bytes_of(size, options);
   estimate.file = points * (bytes.geometry + count * attributes * bytes.value) + Range{8 * kibi, 40 * kibi};
 
-  // Several steps are reduced together, as many as memory allows: their values are attributes of one source.
-  const PointRecords records = records_of(size, options, size.attributes);
+  // Steps are reduced together, as many as memory allows: their values are attributes of one source.
+  const std::size_t together = steps > 1 ? steps_together(size, options, steps) : 1;
+  const std::size_t values = together * size.attributes;
+  const PointRecords records = records_of(size, options, values);
   const double temporary = temporary_bytes(size, options, records);
   const bool is_stored = estimate.connectivity != Connectivity::mesh && size.points > options.held_points &&
                          estimate.connectivity != Connectivity::boxes;  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
   estimate.disk = {std::max(estimate.file.low, .4 * (temporary + stored)),
-                   std::max(1.4 * estimate.file.high, temporary + stored + estimate.file.high)};
+                   std::max((steps > 1 ? 2 : 1.4) * estimate.file.high, temporary + stored + estimate.file.high)};
 
   // Two parts of memory are bounded by what there is to hold.
-  const MemoryPlan plan = plan_memory(options.memory, shape_of(size, options, size.attributes, estimate.connectivity));
-  estimate.least_memory = std::max(plan.least, size.piece_bytes);
+  const MemoryPlan plan = plan_memory(options.memory, shape_of(size, options, values, estimate.connectivity));
+  const double piece = static_cast<double>(size.piece_bytes) + points / static_cast<double>(size.pieces) *
+                                                                   static_cast<double>(values - size.attributes) *
+                                                                   sizeof(double);
+  estimate.least_memory = std::max(plan.least, static_cast<std::uint64_t>(piece));
   if (!size.has_material && size.points <= options.held_points && estimate.connectivity != Connectivity::boxes)
-    estimate.least_memory =
-        std::max(estimate.least_memory,
-                 static_cast<std::uint64_t>(points * (joined_point_bytes + joined_value_bytes * attributes)));
+    estimate.least_memory = std::max(
+        estimate.least_memory,
+        static_cast<std::uint64_t>(points * (joined_point_bytes + joined_value_bytes * static_cast<double>(values))));
   const auto least = static_cast<double>(estimate.least_memory), granted = static_cast<double>(options.memory);
   const double all = points * (2 * static_cast<double>(sorted_bytes(records)) +
-                               static_cast<double>(bytes_of_batch_point(size.attributes, options.gradients)));
+                               static_cast<double>(bytes_of_batch_point(values, options.gradients)));
   constexpr Range process{40 * mebi, 130 * mebi};
-  const double held = std::min(granted, all), piece = static_cast<double>(size.piece_bytes);
+  const double held = std::min(granted, all);
   estimate.memory = process + Range{std::max(piece / 2, held / 6), std::max(least, piece / 2 + held)};
 
   const Work work = work_of(size, options, estimate.connectivity);
+  const double groups = std::ceil(count / static_cast<double>(together));
   const Range microseconds =
-      points * (work.point + count * attributes * work.value) + count * tetrahedra * work.tetrahedron;
+      points * (groups * work.point + count * attributes * work.value) + count * tetrahedra * work.tetrahedron;
   estimate.seconds =
       Range{seconds_of(microseconds.low, threads), seconds_of(microseconds.high, threads)} + Range{.1, .5};
   return estimate;

@@ -273,7 +273,15 @@ Result<Estimate> make_estimate(const Options& options) {
   SPLATVOL_TRY_ASSIGN(measured, measure(options, build_options));
   Estimate estimate{.input = measured.first, .steps = measured.second, .memory = build_options.memory};
   estimate.threads = options.threads > 0 ? options.threads : static_cast<unsigned>(tbb::info::default_concurrency());
-  estimate.build = estimate_build(estimate.input, build_options, estimate.steps, estimate.threads);
+  const std::size_t in_a_file = options.series_of_files ? 1 : estimate.steps;
+  estimate.build = estimate_build(estimate.input, build_options, in_a_file, estimate.threads);
+  const auto files = static_cast<double>(estimate.steps / in_a_file);
+  BuildEstimate& build = estimate.build;
+  for (double Range::*end : {&Range::low, &Range::high}) {
+    build.disk.*end += (files - 1) * build.file.*end;
+    build.file.*end *= files;
+    build.seconds.*end *= files;
+  }
   estimate.reader_bytes = memory_of_children();
   if (!options.temp_folder.empty() || !options.output.empty()) {
     estimate.folder = options.temp_folder.empty() ? folder_of(options.output) : options.temp_folder;

@@ -86,6 +86,7 @@ TEST(EstimateBuild, StepsShareTheirMesh) {
   EXPECT_GT(ten.file.high, one.file.high);
   EXPECT_LT(ten.file.high, 10 * one.file.high);
   EXPECT_GT(ten.seconds.low, one.seconds.low);
+  EXPECT_GT(ten.memory.high, one.memory.high);  // they are reduced together
 }
 
 TEST(EstimateBuild, ThreadsSaveTime) {

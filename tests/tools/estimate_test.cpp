@@ -78,7 +78,7 @@ TEST_F(Estimate, OfMeshFilesIsToo) {
 }
 
 TEST_F(Estimate, WritesNothing) {
-  expect_done("svbuild --estimate gen:points:count=1e9");
+  expect_done("svbuild --estimate gen:points:count=1e12");
   expect_done("svbuild --estimate gen:points:count=1e5 -o out.svol --temp .");
   expect_done("svbuild --estimate gen:mesh:cells=1e4 -o out.svol");
   EXPECT_TRUE(std::filesystem::is_empty(folder_));
