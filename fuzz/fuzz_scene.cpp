@@ -41,8 +41,8 @@ void check_function(const TransferFunction& function) {
 
 void check_tables(const TransferFunction& function) {
   for (const std::size_t rows : {1, 5}) {
-    const TransferTable table = make_transfer_table(function, 16, rows);
-    require(table.entries.size() == 16 * rows, "a table has all entries");
+    const TransferTable table = make_transfer_table(function, 48, rows);
+    require(table.entries.size() == 48 * rows, "a table has all entries");
     for (const vec4& entry : table.entries)
       require(!glm::any(glm::isnan(entry)) && entry.a >= 0, "entries are numbers");
   }

@@ -81,7 +81,7 @@ void check_peaks(const TransferFunction& function) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Input input(fuzz::bytes_of(data, size));
-  const std::size_t columns = input.take_in(16, 64), rows = input.take_in(1, 8);
+  const std::size_t columns = input.take_in(34, 80), rows = input.take_in(1, 8);
   const TransferFunction function = take_function(input);
   if (!(function.t_of(function.hi) > 0)) return 0;  // no interval of the axis: a scene with it is refused
   const TransferTable table = make_transfer_table(function, columns, rows);
