@@ -230,17 +230,22 @@ TEST_F(RendererTestFunctions, MatterMayBeOpaque) {
   }
 }
 
-// Of equal control points at an end, the outer one holds beyond it.
+// Of equal control points at an end, the outer one holds beyond it: as a function with its jumps inside of a domain
+// that is half as wide again.
 TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
-  TransferFunction at_ends = function(-0.02, 0.02, {{0, 0}, {0, 3}, {1, 3}, {1, 0}});
-  at_ends.colors = {{0, dvec3(1, 0, 0)}, {0, dvec3(0, 1, 0)}, {1, dvec3(0, 1, 0)}, {1, dvec3(1, 0, 0)}};
-  TransferFunction inside = function(-0.03, 0.03, {{0, 0}, {1. / 6, 0}, {1. / 6, 3}, {5. / 6, 3}, {5. / 6, 0}, {1, 0}});
-  inside.colors = {
-      {1. / 6, dvec3(1, 0, 0)}, {1. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(0, 1, 0)}, {5. / 6, dvec3(1, 0, 0)}};
-  expect_as_good(at_ends, inside);
-  at_ends.densities = {{0, 3}, {0, 0}, {1, 0}, {1, 3}};
-  inside.densities = {{0, 3}, {1. / 6, 3}, {1. / 6, 0}, {5. / 6, 0}, {5. / 6, 3}, {1, 3}};
-  expect_as_good(at_ends, inside);
+  constexpr double low = 1. / 6, high = 5. / 6;
+  const dvec3 red(1, 0, 0), green(0, 1, 0);
+  const auto check = [&](double half_width, double outside, double within) {
+    TransferFunction at_ends =
+        function(-half_width, half_width, {{0, outside}, {0, within}, {1, within}, {1, outside}});
+    at_ends.colors = {{0, red}, {0, green}, {1, green}, {1, red}};
+    TransferFunction inside =
+        function(-1.5 * half_width, 1.5 * half_width, {{low, outside}, {low, within}, {high, within}, {high, outside}});
+    inside.colors = {{low, red}, {low, green}, {high, green}, {high, red}};
+    expect_as_good(at_ends, inside);
+  };
+  check(0.1, 0, 3);
+  check(0.02, 3, 0);
 }
 
 class RendererTestScales : public RendererTestBuilt, public testing::WithParamInterface<Scales> {
@@ -357,7 +362,7 @@ TEST_F(RendererTestBuilt, OneFarValueLeavesTheOthersAsTheyWere) {
     const auto error = errors(far);
     // Slabs mix the splats beside it with those behind these.
     for (std::size_t i = 0; i < ways.size(); ++i)
-      EXPECT_LE(error[i], (ways[i] == Way::slabs ? 1.5 : 1.1) * usual[i]) << far << ", way " << i;
+      EXPECT_LE(error[i], (ways[i] == Way::slabs ? 1.7 : 1.1) * usual[i]) << far << ", way " << i;
   }
 }
 
