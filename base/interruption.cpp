@@ -17,9 +17,7 @@ Interruptible::~Interruptible() { current_stop = std::move(before_); }
 
 bool is_interrupted() { return current_stop.stop_requested(); }
 
-Status check_interruption() {
-  return is_interrupted() ? fail(ErrorCode::cancelled, "cancelled") : Status{};
-}
+Status check_interruption() { return is_interrupted() ? fail(ErrorCode::cancelled, "cancelled") : Status{}; }
 
 std::stop_token stop_of_thread() { return current_stop; }
 

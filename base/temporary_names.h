@@ -5,8 +5,8 @@
 
 namespace splatvol {
 
-/// Notes a temporary file, or a folder of files, until forget_temporary(). Thread-safe. At most 64 names are noted at a time; no program has
-/// so many outputs.
+/// Notes a temporary file, or a folder of files, until forget_temporary(). Thread-safe. At most 64 names are noted at a
+/// time; no program has so many outputs.
 void note_temporary(const std::string& path);
 void forget_temporary(const std::string& path);
 
