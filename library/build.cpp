@@ -13,8 +13,8 @@ namespace splatvol {
 namespace {
 
 Result<Connectivity> parse_connectivity(const std::string& name) {
-  for (const Connectivity connectivity : {Connectivity::automatic, Connectivity::mesh, Connectivity::delaunay,
-                                          Connectivity::none, Connectivity::boxes})
+  for (const Connectivity connectivity :
+       {Connectivity::automatic, Connectivity::mesh, Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
     if (name == connectivity_name(connectivity)) return connectivity;
   return fail(ErrorCode::invalid_argument, "connectivity \"{}\": take auto, mesh, delaunay, none or boxes", name);
 }
@@ -69,8 +69,7 @@ Result<MeshBuildReport> build(const MeshArrays& mesh, const std::string& output,
   };
   auto built = build_volume(*source, output, build_options, progress);
   if (!built) {
-    const bool is_named =
-        built.error().message.starts_with(output) || built.error().message.starts_with(options.name);
+    const bool is_named = built.error().message.starts_with(output) || built.error().message.starts_with(options.name);
     return is_named ? tl::unexpected(built.error()) : fail_in(options.name, built.error());
   }
   return report_of(*built, source->conversions());

@@ -35,8 +35,7 @@ bool contains(const Box& box, const dvec3& p) {
 std::array<double, 6> covariance_of(const format::SplatShape& shape) {
   const dmat3 axes = glm::mat3_cast(shape.orientation);
   dmat3 sum(0);
-  for (int k = 0; k < 3; ++k)
-    sum += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
+  for (int k = 0; k < 3; ++k) sum += shape.deviations[k] * shape.deviations[k] * glm::outerProduct(axes[k], axes[k]);
   return {sum[0][0], sum[1][1], sum[2][2], sum[0][1], sum[1][2], sum[0][2]};
 }
 
@@ -144,8 +143,7 @@ Result<std::vector<double>> File::sample(std::span<const dvec3> positions, const
   if (positions.size() >= std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::invalid_argument, "{}: {} positions; at most 2^32 - 2 at once", name(), positions.size());
   const format::Volume& volume = *contents_->volume;
-  SPLATVOL_TRY_ASSIGN(selection,
-                      format::select_splats(volume, resolution, {attribute}, format::SplatSelection().box));
+  SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, resolution, {attribute}, format::SplatSelection().box));
   FieldSampler sampler(positions);
   const format::SplatReader reader(volume, selection);
   for (std::uint64_t g = 0; g < reader.group_count(); ++g) {

@@ -41,8 +41,7 @@ DetailOptions detail_of(const Quality& quality, std::uint64_t points) {
   } else if (!quality.max_error && points <= points_drawn_at_once) {
     detail.tolerance_percent = 0;
   } else {
-    detail.goal =
-        ErrorGoal{quality.max_error.value_or(default_error), std::numeric_limits<std::uint64_t>::max()};
+    detail.goal = ErrorGoal{quality.max_error.value_or(default_error), std::numeric_limits<std::uint64_t>::max()};
   }
   return detail;
 }
@@ -106,10 +105,8 @@ Renderer::~Renderer() = default;
 Result<Renderer> Renderer::open(const std::string& path, const std::optional<Scene>& scene,
                                 const RendererOptions& options) {
   auto contents = std::make_unique<Contents>();
-  const PlayerOptions player_options{.memory = options.memory,
-                                     .gpu_memory = options.gpu_memory,
-                                     .device = options.device,
-                                     .on_data = options.on_data};
+  const PlayerOptions player_options{
+      .memory = options.memory, .gpu_memory = options.gpu_memory, .device = options.device, .on_data = options.on_data};
   SPLATVOL_TRY(contents->worker.run([&]() -> Status {
     SPLATVOL_TRY_ASSIGN(player, Player::open(path, scene, player_options));
     contents->player = std::move(player);
@@ -130,9 +127,8 @@ Status Renderer::set_scene(const Scene& scene) {
 }
 
 Result<Scene> Renderer::fitting_scene(const std::string& attribute, int width, int height) const {
-  return contents_->worker.run([&] {
-    return contents_->player->fitting_scene(attribute, {.width = width, .height = height});
-  });
+  return contents_->worker.run(
+      [&] { return contents_->player->fitting_scene(attribute, {.width = width, .height = height}); });
 }
 
 Status Renderer::set_surface_depths(std::optional<SurfaceDepths> depths) {

@@ -29,13 +29,13 @@ struct ValueArray {
 /// A mesh, or scattered points if it has no cells. Arrays are as in VTK's vtkUnstructuredGrid. Nothing of them needs to
 /// be valid: each index is checked.
 struct MeshArrays {
-  Numbers points;                              // [point][x, y, z]
-  std::span<const std::int64_t> connectivity;  // numbers of points, cell by cell
-  std::span<const std::int64_t> offsets;       // [cell + 1]: where each cell begins in `connectivity`, then its end
-  std::span<const std::uint8_t> types;         // [cell]: VTK's numbers of cell types, such as 10 for a tetrahedron
+  Numbers points = {};                              // [point][x, y, z]
+  std::span<const std::int64_t> connectivity = {};  // numbers of points, cell by cell
+  std::span<const std::int64_t> offsets = {};       // [cell + 1]: where cells begin in `connectivity`, and its end
+  std::span<const std::uint8_t> types = {};         // [cell]: VTK's numbers of cell types, such as 10 for a tetrahedron
 
-  // Of polyhedra (type 42): for each its number of faces, then for each face its number of points and these. `locations`
-  // tells where each cell begins in `faces`; -1: no polyhedron. May be empty if there are none.
+  // Of polyhedra (type 42): for each its number of faces, then for each face its number of points and these.
+  // `locations` tells where each cell begins in `faces`; -1: no polyhedron. May be empty if there are none.
   std::span<const std::int64_t> faces = {};
   std::span<const std::int64_t> face_locations = {};
 
@@ -64,7 +64,7 @@ struct MeshBuildOptions {
 struct MeshBuildReport {
   std::vector<std::uint64_t> resolution_counts;  // points of each resolution; the last one has all
   std::uint64_t file_bytes = 0;
-  std::string connectivity;  // that was used
+  std::string connectivity;                                   // that was used
   std::vector<std::pair<std::string, std::uint64_t>> census;  // what was counted or left out, in words
   std::vector<std::string> warnings;
   std::vector<std::string> conversions;  // attributes that are not as in the input

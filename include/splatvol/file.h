@@ -46,11 +46,11 @@ struct Points {
   std::vector<std::vector<double>> values;  // [attribute][point], at the position; NaN: missing
 
   // The material that each point stands for, if it was asked for.
-  std::vector<double> volumes;                      // [point]
-  std::vector<dvec3> centroids;                     // [point]
-  std::vector<std::array<double, 6>> covariances;   // [point]: xx, yy, zz, xy, yz, xz
-  std::vector<std::vector<double>> means;           // [attribute][point]: of the values in the material; NaN: missing
-  std::vector<std::vector<double>> deviations;      // [attribute][point]: standard deviations
+  std::vector<double> volumes;                     // [point]
+  std::vector<dvec3> centroids;                    // [point]
+  std::vector<std::array<double, 6>> covariances;  // [point]: xx, yy, zz, xy, yz, xz
+  std::vector<std::vector<double>> means;          // [attribute][point]: of the values in the material; NaN: missing
+  std::vector<std::vector<double>> deviations;     // [attribute][point]: standard deviations
 };
 
 /// An open file; of a time series, at one of its steps. Each byte is checked before it is used. Errors name the file.

@@ -28,7 +28,7 @@ using Provenance = std::map<std::string, std::string>;
 /// the sRGB curve); the extension of `path` says which. The file appears whole or not at all.
 /// `transparent`: a .png keeps its alpha. Programs that show it over `background` show the same picture as without.
 [[nodiscard]] SPLATVOL_EXPORT Status write_image(const std::string& path, const Image& image, dvec3 background,
-                                 const Provenance& provenance, bool transparent = false);
+                                                 const Provenance& provenance, bool transparent = false);
 
 /// Returns whether write_image knows the extension of `path`. Lets a program refuse before it works for minutes.
 [[nodiscard]] SPLATVOL_EXPORT bool is_image_path(const std::string& path);

@@ -98,7 +98,8 @@ TEST_F(DrawFile, SurfacesHideWhatIsBehind) {
   const Scene& scene = renderer.scene();
   const auto pixels = static_cast<std::size_t>(scene.width) * static_cast<std::size_t>(scene.height);
   const Image all = renderer.render().value();
-  ASSERT_TRUE(renderer.set_surface_depths(SurfaceDepths{scene.width, scene.height, std::vector<float>(pixels, 0.001F)}));
+  ASSERT_TRUE(
+      renderer.set_surface_depths(SurfaceDepths{scene.width, scene.height, std::vector<float>(pixels, 0.001F)}));
   EXPECT_EQ(largest_alpha(*renderer.render()), 0);
   ASSERT_TRUE(renderer.set_surface_depths(std::nullopt));
   EXPECT_EQ(renderer.render()->pixels, all.pixels);
