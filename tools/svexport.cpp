@@ -39,7 +39,8 @@ void check_usage(const Options& options) {
       throw CLI::ValidationError("--box", "the first corner must be the lower one");
 }
 
-Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection, const Options& options) {
+Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
+                           const Options& options) {
   std::uint64_t memory = memory_limit() / 4;
   if (!options.memory.empty()) {
     SPLATVOL_TRY_ASSIGN(granted, parse_bytes(options.memory));
@@ -52,7 +53,8 @@ Result<json> export_voxels(const format::Volume& volume, const format::SplatSele
               {"splat_mass", report.splat_mass}, {"voxel_mass", report.voxel_mass}, {"file_bytes", report.file_bytes}};
 }
 
-Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection, const Options& options) {
+Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
+                           const Options& options) {
   ProgressBar bar("exporting");
   SPLATVOL_TRY_ASSIGN(report,
                       export_vtu(volume, options.output, selection, [&](double fraction) { bar.update(fraction); }));
