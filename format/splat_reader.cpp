@@ -13,7 +13,7 @@ constexpr std::size_t held_pages = 8;
 }  // namespace
 
 Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::size_t> resolution,
-                               const std::vector<std::string>& attributes, const Box& box) {
+                                     const std::vector<std::string>& attributes, const Box& box) {
   const VolumeInfo& info = volume.info();
   SplatSelection selection;
   selection.box = box;
@@ -27,8 +27,7 @@ Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::si
   }
   if (attributes.empty()) {
     for (std::size_t a = 0; a < info.attributes.size(); ++a) selection.add(a, info.attributes[a].name);
-    for (const Alias& alias : info.aliases)
-      selection.add(static_cast<std::size_t>(alias.attribute), alias.name);
+    for (const Alias& alias : info.aliases) selection.add(static_cast<std::size_t>(alias.attribute), alias.name);
   }
   bool complete = info.find_column(ColumnKind::centroid) >= 0 && info.find_column(ColumnKind::moments) >= 0;
   for (const std::size_t a : selection.attributes)
@@ -81,18 +80,17 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
   };
   // Lengths are checked against the cube, or its edge.
   const auto into_lengths = [&](auto& out, auto unpack, const auto& bound) {
-    return into(out, [unpack, &bound](const ChunkEntry& entry, const Bytes& bytes, auto span,
-                                      const std::string& what) { return unpack(entry, bytes, span, bound, what); });
+    return into(out, [unpack, &bound](const ChunkEntry& entry, const Bytes& bytes, auto span, const std::string& what) {
+      return unpack(entry, bytes, span, bound, what);
+    });
   };
   const Cube& cube = volume_.info().cube;
   if (parts.positions)
-    SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::position, -1,
-                            into_lengths(result.positions, unpack_positions, cube)));
+    SPLATVOL_TRY(
+        read_chunk(segment_row, ColumnKind::position, -1, into_lengths(result.positions, unpack_positions, cube)));
   if (parts.material) {
-    SPLATVOL_TRY(
-        read_chunk(row, ColumnKind::centroid, -1, into_lengths(result.centroids, unpack_centroids, cube)));
-    SPLATVOL_TRY(
-        read_chunk(row, ColumnKind::moments, -1, into_lengths(result.shapes, unpack_moments, cube.edge)));
+    SPLATVOL_TRY(read_chunk(row, ColumnKind::centroid, -1, into_lengths(result.centroids, unpack_centroids, cube)));
+    SPLATVOL_TRY(read_chunk(row, ColumnKind::moments, -1, into_lengths(result.shapes, unpack_moments, cube.edge)));
   }
   for (const std::size_t a : selection_.attributes) {
     if (parts.values)
@@ -104,8 +102,8 @@ Result<SplatGroup> SplatReader::read(std::uint64_t number, Parts parts) const {
     if (!parts.directions) continue;
     std::vector<vec3>& directions = result.directions.emplace_back();
     if (volume_.info().find_column(ColumnKind::gradient, static_cast<int>(a)) >= 0)
-      SPLATVOL_TRY(read_chunk(segment_row, ColumnKind::gradient, static_cast<int>(a),
-                              into(directions, unpack_gradients)));
+      SPLATVOL_TRY(
+          read_chunk(segment_row, ColumnKind::gradient, static_cast<int>(a), into(directions, unpack_gradients)));
   }
   return result;
 }

@@ -33,7 +33,7 @@ struct SplatSelection {
 /// if the file does not have the resolution or an attribute (the message lists what it has), or lacks splat moments of
 /// an attribute.
 [[nodiscard]] Result<SplatSelection> select_splats(const Volume& volume, std::optional<std::size_t> resolution,
-                                             const std::vector<std::string>& attributes, const Box& box);
+                                                   const std::vector<std::string>& attributes, const Box& box);
 
 /// Points of the file with their material, in file order: [splat], or [attribute of the selection][splat].
 struct SplatGroup {
@@ -51,8 +51,7 @@ struct SplatGroup {
 class SplatReader {
  public:
   /// Both arguments must outlive the reader.
-  SplatReader(const Volume& volume, const SplatSelection& selection)
-      : volume_(volume), selection_(selection) {}
+  SplatReader(const Volume& volume, const SplatSelection& selection) : volume_(volume), selection_(selection) {}
 
   [[nodiscard]] std::uint64_t group_count() const;
 
@@ -72,8 +71,7 @@ class SplatReader {
 
   /// Reads and unpacks a chunk of a row with unpack(entry, bytes, what).
   template <class Unpack>
-  [[nodiscard]] Status read_chunk(std::uint64_t row, ColumnKind kind, int attribute,
-                                  const Unpack& unpack) const;
+  [[nodiscard]] Status read_chunk(std::uint64_t row, ColumnKind kind, int attribute, const Unpack& unpack) const;
 
   const Volume& volume_;
   const SplatSelection& selection_;

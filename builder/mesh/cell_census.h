@@ -26,8 +26,8 @@ struct CellCensus {
   CellCensus& operator+=(const CellCensus& other);
 };
 
-/// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells (3040
-/// polygons)". Empty if there is a tetrahedron with a volume, or if there are no cells besides vertices.
+/// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells
+/// (3040 polygons)". Empty if there is a tetrahedron with a volume, or if there are no cells besides vertices.
 [[nodiscard]] std::string describe_no_volume(const CellCensus& census);
 
 }  // namespace splatvol

@@ -65,8 +65,9 @@ class ArraysDataSet final : public DataSet {
     const bool fit = offsets.empty() || (offsets.front() >= 0 && std::ranges::is_sorted(offsets) &&
                                          static_cast<std::uint64_t>(offsets.back()) <= mesh_.connectivity.size());
     if (fit) return {};
-    return fail(ErrorCode::invalid_argument, "{}: the offsets of the cells do not rise up to the {} numbers of the connectivity",
-                name, mesh_.connectivity.size());
+    return fail(ErrorCode::invalid_argument,
+                "{}: the offsets of the cells do not rise up to the {} numbers of the connectivity", name,
+                mesh_.connectivity.size());
   }
 
   [[nodiscard]] int cell_type(std::uint64_t cell) const override { return mesh_.types[cell]; }
@@ -141,8 +142,7 @@ class ArraysSource final : public Source {
   bool single_precision() const override {
     return is_single(mesh_.points) && std::ranges::all_of(attributes_, [&](const ArrayAttribute& attribute) {
              const auto array = std::ranges::find(arrays_of(attribute), attribute.array, &ValueArray::name);
-             return !attribute.of_cells && is_single(array->values) &&
-                    attribute.component != ArrayAttribute::magnitude;
+             return !attribute.of_cells && is_single(array->values) && attribute.component != ArrayAttribute::magnitude;
            });
   }
 

@@ -258,9 +258,8 @@ class PieceMaker {
     if (!cell_ghosts_.empty() && cell_ghosts_[cell] & (ghost::duplicate | ghost::hidden_cell)) return true;
     if (point_ghosts_.empty()) return false;
     bool hidden = false;
-    for_each_point(kind, [&](std::uint32_t point) {
-      hidden = hidden || (point_ghosts_[point] & ghost::hidden_point) != 0;
-    });
+    for_each_point(kind,
+                   [&](std::uint32_t point) { hidden = hidden || (point_ghosts_[point] & ghost::hidden_point) != 0; });
     return hidden;
   }
 

@@ -43,7 +43,8 @@ TEST(ExactExport, GivesBackPositionsAndValuesBitByBit) {
   const auto volume = format::Volume::open(open_file(folder + "/out.svol").value()).value();
   EXPECT_EQ(volume->info().attributes.size(), 2u);
   EXPECT_EQ(volume->info().aliases, (std::vector<format::Alias>{{"p again", 0}}));
-  const format::SplatSelection selection = format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
+  const format::SplatSelection selection =
+      format::select_splats(*volume, std::nullopt, {}, format::SplatSelection().box).value();
   ASSERT_TRUE(export_vtu(*volume, folder + "/out.vtu", selection, [](double) {}));
 
   SourceOptions selected;

@@ -160,9 +160,8 @@ Result<std::unique_ptr<Piece>> make_piece(const std::string& path, vtkDataSet& d
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
                                           const MissingValues& missing, const ChangeMeans& change_means, bool lend) {
   Result<std::unique_ptr<Piece>> piece;
-  SPLATVOL_TRY(run_vtk(path, [&] {
-    piece = make_piece(path, DataSetOfVtk(data), attributes, cells, missing, change_means, lend);
-  }));
+  SPLATVOL_TRY(run_vtk(
+      path, [&] { piece = make_piece(path, DataSetOfVtk(data), attributes, cells, missing, change_means, lend); }));
   return piece;
 }
 
