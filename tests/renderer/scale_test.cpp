@@ -244,7 +244,7 @@ TEST_F(RendererTestFunctions, MayJumpAtTheEndsOfTheDomain) {
     inside.colors = {{low, red}, {low, green}, {high, green}, {high, red}};
     expect_as_good(at_ends, inside);
   };
-  check(0.1, 0, 3);
+  check(0.1, 1, 3);
   check(0.02, 3, 0);
 }
 
