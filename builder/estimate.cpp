@@ -6,7 +6,7 @@
 #include "base/interruption.h"
 #include "builder/memory_plan.h"
 #include "builder/points/point_records.h"
-#include "builder/sorting/external_sort.h"
+#include "builder/sorting/morton.h"
 
 namespace splatvol {
 namespace {
@@ -94,16 +94,17 @@ double seconds_of(double microseconds, unsigned threads) {
 // Bytes that a point takes while it is sorted.
 std::uint64_t sorted_bytes(const PointRecords& records) { return records.bytes() + sizeof(MortonKey); }
 
-// Most bytes in temporary files before the first point is reduced.
+// Most bytes in temporary files before the first point is reduced. About as ExternalSorter::temp_bytes, whose sorter
+// would take the memory of a build.
 double temporary_bytes(const InputSize& size, const BuildOptions& options, const PointRecords& records) {
-  const std::size_t memory = options.memory / 2, least = ExternalSorter::least_memory(records.bytes());
-  const bool waits = !size.has_bounds && size.pieces > 1;  // until the bounds are known
-  const std::size_t sort_memory = std::max(waits ? memory / 2 : memory, least);
-  const auto sorter =
-      ExternalSorter::create({records.bytes(), {}, sort_memory, std::max(memory / 4, least), options.temp_folder});
-  const double sorted = sorter ? static_cast<double>(sorter->temp_bytes(size.points)) : 0;
-  const double waiting = static_cast<double>(size.points) * static_cast<double>(records.bytes());
-  return sorted + (waits && waiting > static_cast<double>(memory) / 4 ? waiting : 0);
+  constexpr double key = sizeof(std::uint64_t), packed = 1.05;
+  const auto points = static_cast<double>(size.points), memory = static_cast<double>(options.memory);
+  const double sorting = points * (static_cast<double>(records.bytes()) + key);
+  const double sorted = sorting <= .9 * memory / 8 ? 0 : packed * sorting;
+  // Until the bounds are known, the records of several pieces wait.
+  const double waiting = points * static_cast<double>(records.bytes());
+  const bool waits = !size.has_bounds && size.pieces > 1 && waiting > memory / 8;
+  return sorted + (waits ? waiting : 0);
 }
 
 BuildShape shape_of(const InputSize& size, const BuildOptions& options, std::size_t attributes,
@@ -186,7 +187,7 @@ BuildEstimate estimate_build(const InputSize& size, const BuildOptions& options,
   const bool is_stored = estimate.connectivity != Connectivity::mesh && size.points > options.held_points &&
                          estimate.connectivity != Connectivity::boxes;  // StoredPoints
   const double stored = is_stored ? points * static_cast<double>(records.bytes()) : 0;
-  estimate.disk = {std::max(estimate.file.low, .4 * (temporary + stored)),
+  estimate.disk = {std::max(estimate.file.low, .35 * (temporary + stored)),
                    std::max((steps > 1 ? 2 : 1.4) * estimate.file.high, temporary + stored + estimate.file.high)};
 
   // Two parts of memory are bounded by what there is to hold.
