@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <numeric>
 
 #include "splatvol/file.h"
 #include "tests/library/lattice.h"
@@ -110,9 +111,8 @@ TEST_F(BuildArrays, PolyhedraAreCells) {
   mesh.point_values = {{.name = "v", .values = std::span<const double>(values)}};
   const std::vector<std::uint8_t> hexahedron = {12}, polyhedron = {42};
   const auto volume = [&] {
-    double sum = 0;
-    for (const double part : File::open(path_)->points({.material = true})->volumes) sum += part;
-    return sum;
+    const Points points = File::open(path_)->points({.material = true}).value();
+    return std::accumulate(points.volumes.begin(), points.volumes.end(), 0.0);
   };
   mesh.types = hexahedron;
   ASSERT_TRUE(build(mesh, path_));

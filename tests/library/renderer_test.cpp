@@ -54,8 +54,8 @@ TEST_F(DrawFile, TwoRenderersOfOneFileDrawTheSame) {
 TEST_F(DrawFile, KeepsToItsQuality) {
   Renderer renderer = open();
   const Image exact = renderer.render().value();
-  ASSERT_TRUE(renderer.render({.max_splats = 500}));
-  EXPECT_LE(renderer.statistics().splats, 500);
+  ASSERT_TRUE(renderer.render({.max_splats = 3000}));
+  EXPECT_LE(renderer.statistics().splats, 3000);
   ASSERT_TRUE(renderer.render({.resolution = 0}));
   const std::uint64_t coarsest = renderer.statistics().splats;
   ASSERT_TRUE(renderer.render({.tolerance_percent = 20}));
