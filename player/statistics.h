@@ -13,7 +13,7 @@ namespace splatvol {
 [[nodiscard]] std::string_view name_of(SortMode sort);
 [[nodiscard]] std::string_view name_of(Compositing compositing);
 
-/// Returns the statistics of the last frame (docs/svrender.md). Requires a frame.
+/// Returns the statistics of the last frame, as `svrender --stats` writes them. Requires a frame.
 [[nodiscard]] nlohmann::ordered_json statistics_of(const Player& player);
 
 /// Returns those of a search for an error.
