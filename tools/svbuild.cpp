@@ -275,7 +275,7 @@ Result<Estimate> make_estimate(const Options& options) {
   estimate.threads = options.threads > 0 ? options.threads : static_cast<unsigned>(tbb::info::default_concurrency());
   const std::size_t in_a_file = options.series_of_files ? 1 : estimate.steps;
   estimate.build = estimate_build(estimate.input, build_options, in_a_file, estimate.threads);
-  const auto files = static_cast<double>(estimate.steps / in_a_file);
+  const double files = options.series_of_files ? static_cast<double>(estimate.steps) : 1;
   BuildEstimate& build = estimate.build;
   for (double Range::*end : {&Range::low, &Range::high}) {
     build.disk.*end += (files - 1) * build.file.*end;
