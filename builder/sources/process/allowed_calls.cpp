@@ -138,7 +138,7 @@ void allow_the_rest(Filter& filter) {
                 SYS_times,         SYS_getrusage,      SYS_getrlimit,    SYS_getpriority,   SYS_restart_syscall,
                 SYS_rt_sigaction,  SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_rt_sigpending, SYS_sigaltstack});
   filter.allow_if(SYS_prlimit64, 0, all_bits, {0});  // of this process
-  filter.allow({SYS_pipe2});  // within this process: sanitizers look at memory through them
+  filter.allow({SYS_pipe2});                         // within this process: sanitizers look at memory through them
 }
 
 }  // namespace
