@@ -86,7 +86,10 @@ class FormatsTest : public test::FolderTest {
       const std::string message = error_of(opened, options);
       refused += message != "(no error)" ? 1 : 0;
       if (message != "(no error)") {
-        EXPECT_THAT(message, AllOf(HasSubstr(folder_), Not(HasSubstr("0x")))) << bytes;
+        // The folder's name is random: it may hold any letters.
+        const std::size_t folder = message.find(folder_);
+        ASSERT_NE(folder, std::string::npos) << message;
+        EXPECT_EQ(message.find("0x", folder + folder_.size()), std::string::npos) << message;
         continue;
       }
       const auto input = read_input({path(opened)}, options);
