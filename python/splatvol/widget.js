@@ -75,7 +75,11 @@ function listenToMouse(image, requests) {
   image.addEventListener("dblclick", () =>
     requests.move((motion) => Object.assign(motion, noMotion(), { reset: true })),
   );
-  image.addEventListener("contextmenu", (event) => event.preventDefault());
+  // Neither the browser's menu nor that of JupyterLab, which listens further out.
+  image.addEventListener("contextmenu", (event) => {
+    event.preventDefault();
+    event.stopPropagation();
+  });
 }
 
 function render({ model, el }) {
