@@ -47,6 +47,13 @@ const char* connectivity_name(Connectivity connectivity) {
   }
 }
 
+Result<Connectivity> parse_connectivity(const std::string& name) {
+  for (const Connectivity connectivity :
+       {Connectivity::automatic, Connectivity::mesh, Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
+    if (name == connectivity_name(connectivity)) return connectivity;
+  return fail(ErrorCode::invalid_argument, "connectivity \"{}\": take auto, mesh, delaunay, none or boxes", name);
+}
+
 Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                  const BuildProgress& progress) {
   for (const auto& [name, unit] : options.units)

@@ -36,6 +36,12 @@ struct BuildOptions {
   bool strict = false;                                          // fail if the input would change (check_unchanged)
 };
 
+/// Numbers that lose their detail in the file.
+struct PrecisionWarning {
+  std::string attribute;  // empty: the positions
+  std::string words;
+};
+
 struct BuildReport {
   std::vector<std::uint64_t> resolution_counts;
   std::uint64_t file_bytes = 0;
@@ -47,11 +53,14 @@ struct BuildReport {
   std::vector<std::pair<std::string, std::string>> aliases = {};    // attribute of the input, the same one in the file
   std::vector<std::pair<std::string, std::uint64_t>> missing = {};  // attribute, points without a value
   std::vector<std::pair<std::string, std::uint64_t>> fills = {};    // attribute, fill values among the numbers read
-  std::vector<std::string> warnings = {};                           // precision_warnings()
+  std::vector<PrecisionWarning> warnings = {};                      // precision_warnings()
 };
 
 /// The name as in options and provenance: "auto", "mesh", "delaunay", "none".
 [[nodiscard]] const char* connectivity_name(Connectivity connectivity);
+
+/// The reverse of connectivity_name.
+[[nodiscard]] Result<Connectivity> parse_connectivity(const std::string& name);
 
 /// Gets the stage's name, and the share of the stage that is done, in [0, 1].
 using BuildProgress = std::function<void(const char* stage, double fraction)>;

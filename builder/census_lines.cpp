@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace splatvol {
 namespace {
@@ -18,7 +19,7 @@ double step_at(double number) {
   return std::nextafter(std::abs(number), std::numeric_limits<double>::infinity()) - std::abs(number);
 }
 
-void warn_of_positions(const InputSummary& input, std::vector<std::string>& warnings) {
+void warn_of_positions(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
   const dvec3 extent = input.box.high - input.box.low;
   const double edge = std::max({extent.x, extent.y, extent.z});
   const double spacing = edge / std::cbrt(static_cast<double>(std::max<std::uint64_t>(input.census.read, 1)));
@@ -27,19 +28,20 @@ void warn_of_positions(const InputSummary& input, std::vector<std::string>& warn
     farthest = std::max({farthest, std::abs(input.box.low[axis]), std::abs(input.box.high[axis])});
   if (edge == 0 || step_at(farthest) * fewest_steps <= spacing) return;
   warnings.push_back(
-      fmt::format("coordinates reach {:g}, where double precision has steps of {:.2g}, and points lie about {:.2g} "
-                  "apart: subtract an offset from the coordinates before they are written",
-                  farthest, step_at(farthest), spacing));
+      {"",
+       fmt::format("coordinates reach {:g}, where double precision has steps of {:.2g}, and points lie about {:.2g} "
+                   "apart: subtract an offset from the coordinates before they are written",
+                   farthest, step_at(farthest), spacing)});
 }
 
-void warn_of_values(const InputSummary& input, std::vector<std::string>& warnings) {
+void warn_of_values(const InputSummary& input, std::vector<PrecisionWarning>& warnings) {
   for (std::size_t a = 0; a < input.attributes.size(); ++a) {
     const format::Attribute& attribute = input.attributes[a];
     const double least_stored = attribute.scale * std::numeric_limits<float>::min();
     if (attribute.offset != 0 || !(input.least[a] < least_stored)) continue;
-    warnings.push_back(fmt::format("{}: values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
-                                   attribute.name, least_stored,
-                                   std::max(std::abs(attribute.min), std::abs(attribute.max))));
+    warnings.push_back(
+        {attribute.name, fmt::format("values nearer to 0 than {:.2g} are stored as 0 beside the largest, {:.2g}",
+                                     least_stored, std::max(std::abs(attribute.min), std::abs(attribute.max)))});
   }
 }
 
@@ -76,18 +78,25 @@ std::vector<CensusLine> census_lines(const BuildReport& report) {
   return lines;
 }
 
-std::vector<std::string> precision_warnings(const InputSummary& input) {
-  std::vector<std::string> warnings;
+std::vector<PrecisionWarning> precision_warnings(const InputSummary& input) {
+  std::vector<PrecisionWarning> warnings;
   warn_of_positions(input, warnings);
   warn_of_values(input, warnings);
   return warnings;
+}
+
+std::vector<std::string> warning_lines(const BuildReport& report) {
+  std::vector<std::string> lines;
+  for (const auto& [attribute, words] : report.warnings)
+    lines.push_back(attribute.empty() ? words : attribute + ": " + words);
+  return lines;
 }
 
 Status check_unchanged(const BuildReport& report) {
   std::vector<std::string> changes;
   for (const CensusLine& line : census_lines(report))
     if (line.is_change) changes.push_back(fmt::format("{} {}", line.count, line.words));
-  changes.insert(changes.end(), report.warnings.begin(), report.warnings.end());
+  for (std::string& line : warning_lines(report)) changes.push_back(std::move(line));
   if (changes.empty()) return {};
   return fail(ErrorCode::invalid_data, "the file would not be the input as it is: {}", fmt::join(changes, "; "));
 }

@@ -23,7 +23,10 @@ struct CensusLine {
 
 /// Tells of numbers that lose their detail: positions that lie far from the origin for their distance from each other,
 /// and values that are too small to be stored beside the largest.
-[[nodiscard]] std::vector<std::string> precision_warnings(const InputSummary& input);
+[[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input);
+
+/// The warnings of a report, each in a line.
+[[nodiscard]] std::vector<std::string> warning_lines(const BuildReport& report);
 
 /// Fails if the file is not the whole input as it is (CensusLine::is_change), or if there are warnings.
 [[nodiscard]] Status check_unchanged(const BuildReport& report);

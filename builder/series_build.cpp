@@ -25,6 +25,24 @@ using format::VolumeInfo;
 constexpr std::uint64_t value_bytes = 256;
 constexpr std::size_t most_steps_together = 64;
 
+using Counts = std::vector<std::pair<std::string, std::uint64_t>>;
+
+void add_counts(const Counts& more, Counts& counts) {
+  for (const auto& [name, count] : more) {
+    const auto same = std::ranges::find(counts, name, [](const auto& entry) { return entry.first; });
+    if (same == counts.end())
+      counts.emplace_back(name, count);
+    else
+      same->second += count;
+  }
+}
+
+void add_warnings(const std::vector<PrecisionWarning>& more, std::vector<PrecisionWarning>& warnings) {
+  for (const PrecisionWarning& warning : more)
+    if (std::ranges::find(warnings, warning.attribute, &PrecisionWarning::attribute) == warnings.end())
+      warnings.push_back(warning);
+}
+
 // The chunks of a row, by what they belong to: the file, or one of the steps.
 class RowParts {
  public:
@@ -120,10 +138,7 @@ class SeriesBuild {
       const auto at = [&](std::size_t i) { return steps.begin() + static_cast<std::ptrdiff_t>(i); };
       group_.assign(std::make_move_iterator(at(begin)), std::make_move_iterator(at(end)));
       SPLATVOL_TRY_ASSIGN(built, run_group());
-      const std::uint64_t unlike = std::max(report.build.points.unlike, built.report.points.unlike);
-      if (begin == 0) report.build = std::move(built.report);
-      report.build.points.unlike = unlike;
-      if (begin == 0) report.conversions = std::move(built.conversions);
+      add_report(report, built.report, built.conversions);
     }
     for (const auto& step : target_.steps) report.times.push_back(step->step().time);
     return report;
@@ -294,6 +309,21 @@ Status check_attributes(const format::Volume& volume, const SeriesStep& step) {
 }
 
 }  // namespace
+
+void add_report(SeriesReport& series, const BuildReport& steps, const std::vector<std::string>& conversions) {
+  BuildReport& all = series.build;
+  if (all.resolution_counts.empty()) {
+    all = steps;
+    all.missing.clear();
+    all.fills.clear();
+    all.warnings.clear();
+    series.conversions = conversions;
+  }
+  add_counts(steps.missing, all.missing);
+  add_counts(steps.fills, all.fills);
+  add_warnings(steps.warnings, all.warnings);
+  all.points.unlike = std::max(all.points.unlike, steps.points.unlike);
+}
 
 Result<SeriesReport> build_series(std::vector<SeriesStep> steps, const std::string& output, const BuildOptions& options,
                                   const BuildProgress& progress) {

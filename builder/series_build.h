@@ -12,10 +12,14 @@
 namespace splatvol {
 
 struct SeriesReport {
-  BuildReport build;                          // of the first steps; the file's size, and points.unlike, are of all
+  BuildReport build;                          // of the first steps, but for what add_report adds, and the file's size
   std::vector<double> times;                  // of the steps that were written
   std::vector<std::string> conversions = {};  // Source::conversions() of the first steps
 };
+
+/// Adds what the build of further steps tells. By attribute, numbers of values add up, and the first warning stays. Of
+/// points that are unlike, the largest number stays.
+void add_report(SeriesReport& series, const BuildReport& steps, const std::vector<std::string>& conversions);
 
 /// Builds a time series: one file with one mesh and the values of all steps. A step without a time gets the time that
 /// its source states; if no step has one, its number, counted from 0. `output` appears whole or not at all. Reduces as

@@ -35,9 +35,8 @@ class FilesBuild {
     for (const SeriesStep& step : steps) {
       SPLATVOL_TRY_ASSIGN(built, build_step(step));
       bytes += built.report.file_bytes;
+      add_report(report, built.report, built.conversions);
       report.times.push_back(index_.steps.back().time);
-      if (report.times.size() == 1) report.build = std::move(built.report);
-      if (report.times.size() == 1) report.conversions = std::move(built.conversions);
     }
     report.build.file_bytes = bytes;
     SPLATVOL_TRY(write_text_file(output_, format::to_json(index_)));

@@ -1,29 +1,21 @@
 #include "splatvol/build.h"
 
+#include <fmt/format.h>
+
+#include <cmath>
 #include <filesystem>
+#include <limits>
 #include <utility>
 
 #include "base/memory_limit.h"
 #include "builder/build.h"
 #include "builder/census_lines.h"
+#include "builder/series_build.h"
 #include "builder/sources/arrays_source.h"
 #include "splatvol/version.h"
 
 namespace splatvol {
 namespace {
-
-Result<Connectivity> parse_connectivity(const std::string& name) {
-  for (const Connectivity connectivity :
-       {Connectivity::automatic, Connectivity::mesh, Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
-    if (name == connectivity_name(connectivity)) return connectivity;
-  return fail(ErrorCode::invalid_argument, "connectivity \"{}\": take auto, mesh, delaunay, none or boxes", name);
-}
-
-Result<Reduction> parse_reduction(const std::string& name) {
-  for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
-    if (name == reduction_name(reduction)) return reduction;
-  return fail(ErrorCode::invalid_argument, "reduction \"{}\": take octree, mis or kdtree", name);
-}
 
 Result<BuildOptions> build_options_of(const MeshBuildOptions& options) {
   BuildOptions result;
@@ -48,31 +40,98 @@ MeshBuildReport report_of(const BuildReport& built, std::vector<std::string> con
                          .file_bytes = built.file_bytes,
                          .connectivity = connectivity_name(built.connectivity),
                          .census = {},
-                         .warnings = built.warnings,
+                         .warnings = warning_lines(built),
                          .conversions = std::move(conversions)};
   for (const CensusLine& line : census_lines(built)) report.census.emplace_back(line.words, line.count);
   return report;
+}
+
+SourceOptions source_options_of(const MeshBuildOptions& options) {
+  SourceOptions result;
+  result.cells = options.own_cells ? CellValues::own : CellValues::averaged;
+  result.missing = options.missing;
+  return result;
+}
+
+Status check_output(const std::string& output) {
+  if (std::filesystem::path(output).extension() == ".svol") return {};
+  return fail(ErrorCode::invalid_argument, "{}: the name of the output must end in .svol", output);
+}
+
+BuildProgress progress_of(const MeshBuildOptions& options) {
+  return [&options](const char* stage, double share) {
+    if (options.progress) options.progress(stage, share);
+  };
+}
+
+// Names what an error is about, unless its message does.
+tl::unexpected<Error> named(const Error& error, const std::string& output, const MeshBuildOptions& options) {
+  const bool is_named = error.message.starts_with(output) || error.message.starts_with(options.name);
+  return is_named ? tl::unexpected(error) : fail_in(options.name, error);
+}
+
+// Returns a mesh with the values of a step, for each step.
+Result<std::vector<MeshArrays>> meshes_of(const MeshArrays& mesh, std::span<const MeshStep> steps,
+                                          const std::string& name) {
+  if (!mesh.point_values.empty() || !mesh.cell_values.empty())
+    return fail(ErrorCode::invalid_argument, "{}: the values of a time series belong to its steps", name);
+  std::vector<MeshArrays> meshes;
+  double last = -std::numeric_limits<double>::infinity();
+  for (const MeshStep& step : steps) {
+    if (!std::isfinite(step.time) || step.time <= last)
+      return fail(ErrorCode::invalid_argument, "{}: times of steps rise; {} does not, after {}", name, step.time, last);
+    last = step.time;
+    MeshArrays& arrays = meshes.emplace_back(mesh);
+    arrays.point_values = step.point_values;
+    arrays.cell_values = step.cell_values;
+  }
+  return meshes;
+}
+
+using SeriesCall = Result<SeriesReport> (*)(std::vector<SeriesStep>, const std::string&, const BuildOptions&,
+                                            const BuildProgress&);
+
+Result<MeshBuildReport> write_series(const MeshArrays& mesh, std::span<const MeshStep> steps, const std::string& output,
+                                     const MeshBuildOptions& options, SeriesCall write) {
+  SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
+  SPLATVOL_TRY(check_output(output));
+  SPLATVOL_TRY_ASSIGN(meshes, meshes_of(mesh, steps, options.name));
+  std::vector<SeriesStep> opened;
+  for (std::size_t s = 0; s < steps.size(); ++s) {
+    const std::string name = fmt::format("{} at {}", options.name, steps[s].time);
+    opened.push_back(
+        {name, steps[s].time, [&, s, name] { return open_arrays(name, meshes[s], source_options_of(options)); }});
+  }
+  const auto built = write(std::move(opened), output, build_options, progress_of(options));
+  if (!built) return named(built.error(), output, options);
+  return report_of(built->build, built->conversions);
 }
 
 }  // namespace
 
 Result<MeshBuildReport> build(const MeshArrays& mesh, const std::string& output, const MeshBuildOptions& options) {
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
-  if (std::filesystem::path(output).extension() != ".svol")
-    return fail(ErrorCode::invalid_argument, "{}: the name of the output must end in .svol", output);
-  SourceOptions source_options;
-  source_options.cells = options.own_cells ? CellValues::own : CellValues::averaged;
-  source_options.missing = options.missing;
-  SPLATVOL_TRY_ASSIGN(source, open_arrays(options.name, mesh, source_options));
-  const BuildProgress progress = [&](const char* stage, double share) {
-    if (options.progress) options.progress(stage, share);
-  };
-  auto built = build_volume(*source, output, build_options, progress);
-  if (!built) {
-    const bool is_named = built.error().message.starts_with(output) || built.error().message.starts_with(options.name);
-    return is_named ? tl::unexpected(built.error()) : fail_in(options.name, built.error());
-  }
+  SPLATVOL_TRY(check_output(output));
+  SPLATVOL_TRY_ASSIGN(source, open_arrays(options.name, mesh, source_options_of(options)));
+  const auto built = build_volume(*source, output, build_options, progress_of(options));
+  if (!built) return named(built.error(), output, options);
   return report_of(*built, source->conversions());
+}
+
+Result<MeshBuildReport> build_series(const MeshArrays& mesh, std::span<const MeshStep> steps, const std::string& output,
+                                     const MeshBuildOptions& options) {
+  return write_series(mesh, steps, output, options,
+                      [](auto opened, const auto& path, const auto& built_by, const auto& progress) {
+                        return build_series(std::move(opened), path, built_by, progress);
+                      });
+}
+
+Result<MeshBuildReport> append_to_series(const MeshArrays& mesh, std::span<const MeshStep> steps,
+                                         const std::string& path, const MeshBuildOptions& options) {
+  return write_series(mesh, steps, path, options,
+                      [](auto opened, const auto& output, const auto& built_by, const auto& progress) {
+                        return append_to_series(std::move(opened), output, built_by, progress);
+                      });
 }
 
 }  // namespace splatvol

@@ -59,19 +59,6 @@ struct Options {
   bool json = false;
 };
 
-Connectivity connectivity_of(const std::string& name) {
-  for (const Connectivity connectivity :
-       {Connectivity::mesh, Connectivity::delaunay, Connectivity::none, Connectivity::boxes})
-    if (name == connectivity_name(connectivity)) return connectivity;
-  return Connectivity::automatic;
-}
-
-Reduction reduction_of(const std::string& name) {
-  for (const Reduction reduction : {Reduction::mis, Reduction::kdtree})
-    if (name == reduction_name(reduction)) return reduction;
-  return Reduction::octree;
-}
-
 // The bar of the present stage.
 class StageBar {
  public:
@@ -111,7 +98,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                                      {"seconds", seconds},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
-  if (!report.warnings.empty()) document["warnings"] = report.warnings;
+  if (!report.warnings.empty()) document["warnings"] = warning_lines(report);
   if (!notes.conversions.empty()) document["conversions"] = notes.conversions;
   for (const auto& [name, same] : report.aliases) document["aliases"].push_back({{"name", name}, {"same_as", same}});
   if (notes.step)
@@ -136,7 +123,7 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
   for (const auto& [name, same] : report.aliases)
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
-  for (const std::string& warning : report.warnings) print_out("  warning: {}\n", warning);
+  for (const std::string& warning : warning_lines(report)) print_out("  warning: {}\n", warning);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -144,12 +131,12 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
 
 Result<BuildOptions> build_options_of(const Options& options) {
   BuildOptions build_options;
-  build_options.reduction = reduction_of(options.reduction);
+  build_options.reduction = parse_reduction(options.reduction).value();
   build_options.leaf_points = options.leaf;
   build_options.gradients = options.gradients;
   build_options.strict = options.strict;
   build_options.exact = {.positions = options.exact, .values = options.exact};
-  build_options.connectivity = connectivity_of(options.connectivity);
+  build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
   build_options.memory = memory_limit() / 4;
   if (!options.memory.empty()) {

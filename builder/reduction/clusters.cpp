@@ -105,6 +105,12 @@ const char* reduction_name(Reduction method) {
   }
 }
 
+Result<Reduction> parse_reduction(const std::string& name) {
+  for (const Reduction reduction : {Reduction::octree, Reduction::mis, Reduction::kdtree})
+    if (name == reduction_name(reduction)) return reduction;
+  return fail(ErrorCode::invalid_argument, "reduction \"{}\": take octree, mis or kdtree", name);
+}
+
 void find_clusters(Reduction method, std::uint32_t leaf_points, std::span<const MortonKey> keys,
                    std::span<const dvec3> positions, std::span<std::uint32_t> owners) {
   // Points that share a key could never be told apart again, and CGAL wants distinct positions: of each key only the

@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
+#include "base/error.h"
 #include "base/math.h"
 #include "builder/mesh/index_lists.h"
 #include "builder/sorting/morton.h"
@@ -21,6 +23,9 @@ enum class Reduction {
 
 /// As in options and metadata: "octree", "mis", "kdtree".
 [[nodiscard]] const char* reduction_name(Reduction method);
+
+/// The reverse of reduction_name.
+[[nodiscard]] Result<Reduction> parse_reduction(const std::string& name);
 
 /// Most points in a reduction node: an octree leaf that no cluster leaves. In larger nodes fewer clusters are cut short
 /// at a border, but the smallest nodes that can be drawn on their own are larger, too. Chosen by the error of pictures

@@ -268,9 +268,6 @@ TEST_F(Series, StepsWithoutTimesAreNumbered) {
   ASSERT_TRUE(append_to_series(std::move(list), path("series.svol"), {}, silent));
   const auto volume = open(path("series.svol"));
   for (std::size_t step = 0; step < 4; ++step) EXPECT_EQ(volume->series()->steps[step].time, static_cast<double>(step));
-  EXPECT_EQ(volume->series()->nearest(1.4), 1U);
-  EXPECT_EQ(volume->series()->nearest(-7), 0U);
-  EXPECT_EQ(volume->series()->nearest(1e9), 3U);
 
   list = steps(4, 6);
   list[1].time.reset();
@@ -287,6 +284,27 @@ TEST_F(Series, ScatteredPointsHaveStepsToo) {
   build_or_fail(std::move(list), path("series.svol"));
   const Status verified = verify(path("series.svol"));
   EXPECT_TRUE(verified) << verified.error().message;
+}
+
+TEST_F(Series, ReportsAttributesOnceWhateverTheMemory) {
+  for (const std::uint64_t memory : {1 << 20, 1 << 30}) {
+    std::vector<SeriesStep> list;
+    for (std::size_t step = 0; step < 5; ++step) {
+      Piece piece = test::scattered(test::random_points(3000));
+      for (double& value : piece.values[0]) value += static_cast<double>(step);
+      piece.values[0][7] = 1e-300;
+      piece.values[0][8] = std::nan("");
+      list.push_back(step_of(step, {piece}));
+    }
+    BuildOptions options;
+    options.memory = memory;
+    const auto report = build_series(std::move(list), path("series.svol"), options, silent);
+    ASSERT_TRUE(report) << report.error().message;
+    ASSERT_EQ(report->build.missing.size(), 1U);
+    EXPECT_EQ(report->build.missing[0].second, 5U) << "one in each step";
+    ASSERT_EQ(report->build.warnings.size(), 1U);
+    EXPECT_THAT(report->build.warnings[0].words, HasSubstr("nearer to 0"));
+  }
 }
 
 TEST(SeriesInputs, TimesAreAllOrARange) {

@@ -19,6 +19,7 @@
 #include "renderer/gl/gl_rasterizer.h"
 #include "streamer/streamer.h"
 #include "tests/renderer/draw_parts.h"
+#include "tests/renderer/random_splats.h"
 
 namespace splatvol {
 namespace {
@@ -84,28 +85,8 @@ View view_of(bool orthographic, int width, int height, dvec3 eye = dvec3(0.3, 0.
   return make_view(camera, width, height).value();
 }
 
-/// Splats of sizes from `smallest` to `largest` in [-1, 1]^3: ellipsoids, a fifth of them at boundaries.
-std::vector<Material> random_splats(std::size_t count, double smallest, double largest) {
-  std::mt19937 generator(7);
-  std::uniform_real_distribution<double> unit(-1, 1);
-  const auto direction = [&] { return dvec3(unit(generator), unit(generator), unit(generator)); };
-  std::vector<Material> splats(count);
-  for (Material& splat : splats) {
-    const double size = smallest * std::pow(largest / smallest, 0.5 + 0.5 * unit(generator));
-    splat.center = direction();
-    splat.deviations = size * dvec3(1, 0.6 + 0.4 * unit(generator), 0.1);
-    splat.mass = 2 * size * size * size;
-    splat.orientation = glm::normalize(glm::dquat(1.5, direction()));
-    splat.value = 0.5 + 0.4 * unit(generator);
-    splat.value_deviation = 0.1;
-    splat.correlations = 0.5 * direction();
-    if (unit(generator) > 0.6) splat.boundary = direction();
-  }
-  return splats;
-}
-
 Drawing random_drawing(std::size_t count, double smallest, double largest, const View& view) {
-  Drawing drawing{test::make_list(random_splats(count, smallest, largest), {{dvec3(0), 0, count}}),
+  Drawing drawing{test::make_list(test::random_splats(count, smallest, largest), {{dvec3(0), 0, count}}),
                   {},
                   lively(20),
                   std::nullopt,
@@ -160,7 +141,7 @@ TEST(Tiles, BentAxesAgreeWithOpenGl) {
 
 TEST(Tiles, OctantsAgreeWithOpenGl) {
   std::vector<OctantSplat> splats;
-  for (const Material& m : random_splats(5000, 0.002, 0.3))
+  for (const Material& m : test::random_splats(5000, 0.002, 0.3))
     splats.push_back({vec3(m.center), static_cast<float>(m.value), static_cast<float>(m.deviations.x), 0x00407f20});
   for (const bool orthographic : {false, true})
     for (const float weight : {1.0F, 0.3F}) {
@@ -182,7 +163,7 @@ TEST(Tiles, FarFromTheOriginNothingChanges) {
   Drawing drawing = random_drawing(2000, 0.02, 0.1, view_of(false, 100, 100));
   const Image here = draw_by_tiles(drawing);
   const dvec3 far_away(1e9, -3e8, 1e8);
-  const std::vector<Material> splats = random_splats(2000, 0.02, 0.1);
+  const std::vector<Material> splats = test::random_splats(2000, 0.02, 0.1);
   drawing.list = test::make_list(splats, {{far_away, 0, splats.size()}});
   drawing.view.eye += far_away;
   EXPECT_LT(compare_images(here, draw_by_tiles(drawing)).value().rmse, 1e-4);
