@@ -11,6 +11,7 @@
 #include <span>
 #include <utility>
 
+#include "base/interruption.h"
 #include "builder/mesh/boundary.h"
 #include "builder/scattered/growing_delaunay.h"
 #include "builder/scattered/trimming.h"
@@ -186,8 +187,7 @@ Status Subdomain::insert() {
   }
   coming_.clear();
   coming_points_ = 0;
-  delaunay_.insert(std::span<const dvec3>(positions_).subspan(first));
-  return {};
+  return delaunay_.insert(std::span<const dvec3>(positions_).subspan(first));
 }
 
 // Adds the buckets within this many spacings of each own bucket.
@@ -450,7 +450,8 @@ Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
       bool uncertain = false;
     };
     std::vector<Outcome> outcomes(count);
-    tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+    tbb::parallel_for(std::size_t{0}, count, [&, stop = stop_of_thread()](std::size_t i) {
+      const Interruptible heeds(stop);
       Subdomain subdomain(points_, cube_, cuts_[next_ + i], cuts_[next_ + i + 1], most_points_);
       outcomes[i].status = subdomain.run(outcomes[i].points);
       outcomes[i].uncertain = subdomain.uncertain();

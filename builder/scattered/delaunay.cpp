@@ -8,6 +8,7 @@
 #include <new>
 
 #include "base/memory_limit.h"
+#include "builder/scattered/insert_in_rounds.h"
 #include "builder/scattered/scattered.h"
 #include "builder/scattered/trimming.h"
 
@@ -25,7 +26,7 @@ constexpr std::uint64_t point_bytes = 1200;
 
 // CGAL decides between cospherical points by a symbolic perturbation, so there is only one triangulation: the order in
 // which the threads insert does not matter.
-std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
+Result<std::vector<Tetrahedron>> triangulate(std::span<const dvec3> positions) {
   std::vector<std::pair<Kernel::Point_3, std::uint32_t>> points;
   CGAL::Bbox_3 box;
   for (const std::uint32_t i : distinct_points(positions)) {
@@ -39,7 +40,8 @@ std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
   const bool is_scarce = free_address_space() / 4 < needed;
   constexpr int locks_per_axis = 50;
   Triangulation::Lock_data_structure locks(box, locks_per_axis);
-  const Triangulation triangulation(points.begin(), points.end(), is_scarce ? nullptr : &locks);
+  Triangulation triangulation(Kernel(), is_scarce ? nullptr : &locks);
+  SPLATVOL_TRY(insert_in_rounds(std::move(points), triangulation));
   std::vector<Tetrahedron> tetrahedra;
   if (triangulation.dimension() < 3) return tetrahedra;
   tetrahedra.reserve(triangulation.number_of_finite_cells());
@@ -48,6 +50,7 @@ std::vector<Tetrahedron> triangulate(std::span<const dvec3> positions) {
     for (int k = 0; k < 4; ++k) corners[static_cast<std::size_t>(k)] = cell->vertex(k)->info();
     std::ranges::sort(corners);
   }
+  SPLATVOL_TRY(check_interruption());
   tbb::parallel_sort(tetrahedra.begin(), tetrahedra.end());
   return tetrahedra;
 }
@@ -69,7 +72,8 @@ Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> posi
   // There are about seven times as many tetrahedra, and their numbers must fit too.
   if (positions.size() > std::numeric_limits<std::uint32_t>::max() / 8)
     return fail(ErrorCode::unsupported, "{} points are too many for a Delaunay triangulation", positions.size());
-  std::vector<Tetrahedron> tetrahedra = triangulate(positions);
+  SPLATVOL_TRY_ASSIGN(tetrahedra, triangulate(positions));
+  SPLATVOL_TRY(check_interruption());
   trim(positions, tetrahedra);
   if (is_flat(positions, tetrahedra)) tetrahedra.clear();
   return tetrahedra;

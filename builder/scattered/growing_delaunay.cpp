@@ -9,6 +9,7 @@
 #include <limits>
 #include <utility>
 
+#include "builder/scattered/insert_in_rounds.h"
 #include "builder/scattered/scattered.h"
 #include "builder/scattered/trimming.h"
 
@@ -48,13 +49,13 @@ class GrowingDelaunay::Impl {
 GrowingDelaunay::GrowingDelaunay() : impl_(std::make_unique<Impl>()) {}
 GrowingDelaunay::~GrowingDelaunay() = default;
 
-void GrowingDelaunay::insert(std::span<const dvec3> positions) {
+Status GrowingDelaunay::insert(std::span<const dvec3> positions) {
   std::vector<std::pair<Kernel::Point_3, std::uint32_t>> points;
   points.reserve(positions.size());
   for (const std::uint32_t i : distinct_points(positions))
     points.emplace_back(Kernel::Point_3(positions[i].x, positions[i].y, positions[i].z), impl_->points + i);
-  impl_->triangulation.insert(points.begin(), points.end());
   impl_->points += static_cast<std::uint32_t>(positions.size());
+  return insert_in_rounds(std::move(points), impl_->triangulation);
 }
 
 std::vector<GrowingDelaunay::Cell> GrowingDelaunay::cells() {

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "base/error.h"
 #include "base/math.h"
 #include "builder/mesh/moments.h"
 
@@ -29,8 +30,8 @@ class GrowingDelaunay {
   ~GrowingDelaunay();
 
   /// Adds points; their numbers follow those of earlier calls. The first of coincident points in a call takes part.
-  /// None may coincide with points of earlier calls.
-  void insert(std::span<const dvec3> positions);
+  /// None may coincide with points of earlier calls. Fails if this thread's stop is requested, and is of no use then.
+  [[nodiscard]] Status insert(std::span<const dvec3> positions);
 
   /// Returns all cells, tetrahedra first; none as long as no four points span a volume.
   [[nodiscard]] std::vector<Cell> cells();

@@ -30,7 +30,8 @@ enum class Connectivity {
 /// their circumradius is out of proportion to the usual one at their corners, whatever the aspect ratio there. Corners
 /// are in ascending order, tetrahedra in lexicographic order, for any number of threads. The first of coincident points
 /// takes part, the others have no tetrahedra. Empty if no four points span a volume; an estimate still shows such
-/// points. Fails with more points than an index can name. Requires finite positions; Morton order is faster.
+/// points. Fails with more points than an index can name, and if this thread's stop is requested. Looks for
+/// one about once a second. Requires finite positions.
 [[nodiscard]] Result<std::vector<Tetrahedron>> delaunay_tetrahedra(std::span<const dvec3> positions);
 
 /// Moments without a triangulation: each point stands for its Voronoi cell, which is found from the points around it.

@@ -78,9 +78,11 @@ def test_ctrl_c_ends_reads(large_path):
     assert len(file.points(0).positions) > 0
 
 
-@pytest.mark.parametrize("connectivity, after", [("boxes", .5), ("none", 1)])
-def test_ctrl_c_ends_a_build_and_leaves_nothing(tmp_path, connectivity, after):
-    points = np.random.default_rng(0).random((3_000_000 if connectivity == "boxes" else 500_000, 3))
+@pytest.mark.parametrize("connectivity, count, after", [
+    ("boxes", 3_000_000, .5), ("none", 500_000, 1), ("delaunay", 1_000_000, 2), ("delaunay", 2_000_000, 4),
+])
+def test_ctrl_c_ends_a_build_and_leaves_nothing(tmp_path, connectivity, count, after):
+    points = np.random.default_rng(0).random((count, 3))
     values = {"v": points[:, 0].copy()}
     path = tmp_path / "a.svol"
     assert interrupt(lambda: splatvol.build(points, None, values, path, connectivity=connectivity), after) < 2

@@ -33,7 +33,7 @@ std::set<Edge> edges_of(std::span<const dvec3> positions) { return as_set(delaun
 // The edges of all tetrahedra, by another triangulation.
 std::set<Edge> tetrahedra_edges(std::span<const dvec3> positions) {
   GrowingDelaunay triangulation;
-  triangulation.insert(positions);
+  EXPECT_TRUE(triangulation.insert(positions));
   std::set<Edge> edges;
   for (const GrowingDelaunay::Cell& cell : triangulation.cells())
     for (std::size_t a = 0; a < 4; ++a)

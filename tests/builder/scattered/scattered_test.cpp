@@ -9,8 +9,11 @@
 #include <limits>
 #include <numbers>
 #include <random>
+#include <stop_token>
 
+#include "base/interruption.h"
 #include "builder/scattered/convex_cell.h"
+#include "builder/scattered/growing_delaunay.h"
 #include "tests/builder/support/point_sets.h"
 
 namespace splatvol {
@@ -158,6 +161,32 @@ TEST(DelaunayTetrahedra, DoNotDependOnThreads) {
   const auto single = delaunay_tetrahedra(points);
   ASSERT_TRUE(many && single);
   EXPECT_EQ(*many, *single);
+}
+
+// More points than one round inserts, cospherical everywhere.
+TEST(DelaunayTetrahedra, DoNotDependOnRounds) {
+  const Points points = lattice(52, {1, 1, 1});
+  const std::size_t half = points.size() / 2;
+  GrowingDelaunay halves;
+  ASSERT_TRUE(halves.insert(std::span(points).first(half)) && halves.insert(std::span(points).subspan(half)));
+  std::vector<Tetrahedron> expected;
+  for (const GrowingDelaunay::Cell& cell : halves.cells())
+    if (cell.is_finite()) std::ranges::sort(expected.emplace_back(cell.corners));
+  std::ranges::sort(expected);
+  EXPECT_EQ(delaunay_tetrahedra(points).value(), expected);
+}
+
+TEST(DelaunayTetrahedra, EndWhenAStopIsRequested) {
+  const Points points = lattice(8, {1, 1, 1});
+  std::stop_source stop;
+  const Interruptible heeds(stop.get_token());
+  ASSERT_TRUE(delaunay_tetrahedra(points));
+  ASSERT_TRUE(GrowingDelaunay().insert(points));
+  stop.request_stop();
+  const auto tetrahedra = delaunay_tetrahedra(points);
+  ASSERT_FALSE(tetrahedra);
+  EXPECT_EQ(tetrahedra.error().code, ErrorCode::cancelled);
+  EXPECT_FALSE(GrowingDelaunay().insert(points));
 }
 
 TEST(DelaunayTetrahedra, DoNotDependOnTheOrderOfCosphericalPoints) {
