@@ -42,6 +42,13 @@ Result<Steps> Steps::open(const std::string& path, OpenFile open) {
   return steps;
 }
 
+std::size_t Steps::nearest(double time) const {
+  const auto after = std::ranges::lower_bound(times_, time);
+  if (after == times_.begin()) return 0;
+  const bool is_before_nearer = after == times_.end() || time - *(after - 1) <= *after - time;
+  return static_cast<std::size_t>(after - times_.begin()) - (is_before_nearer ? 1 : 0);
+}
+
 Status Steps::open_index() {
   SPLATVOL_TRY_ASSIGN(source, open_(path_));
   name_ = source->name();

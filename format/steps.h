@@ -33,6 +33,9 @@ class Steps {
   /// The number of the last step; 0 if the file is no time series.
   [[nodiscard]] std::size_t last() const { return times_.empty() ? 0 : times_.size() - 1; }
 
+  /// The number of the step nearest to a time; of two, the earlier. 0 if the file is no time series.
+  [[nodiscard]] std::size_t nearest(double time) const;
+
   /// The names of the attributes; of an index, of those that all steps have.
   [[nodiscard]] const std::vector<std::string>& attributes() const { return names_; }
 

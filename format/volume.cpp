@@ -21,12 +21,6 @@ bool has_valid_range(const ChunkEntry& entry, ColumnKind kind) {
 
 }  // namespace
 
-std::size_t Series::nearest(double time) const {
-  const auto best =
-      std::ranges::min_element(steps, {}, [&](const StepEntry& step) { return std::abs(step.time - time); });
-  return static_cast<std::size_t>(best - steps.begin());
-}
-
 Result<std::shared_ptr<const Volume>> Volume::open(std::unique_ptr<ByteSource> source) {
   std::shared_ptr<Volume> volume(new Volume());
   volume->source_ = std::make_shared<CountedSource>();

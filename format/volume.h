@@ -46,9 +46,6 @@ struct Series {
   std::vector<StepEntry> steps;    // without dead parts; times rise
   std::vector<StepRange> ranges;   // [attribute]
   std::uint64_t bytes_behind = 0;  // bytes of the file behind its end: an append that was interrupted
-
-  /// Returns the number of the step nearest to a time; of two, the earlier.
-  [[nodiscard]] std::size_t nearest(double time) const;
 };
 
 /// An open file; of a time series, at one of its steps. Checks every byte against its hash and its rules before using

@@ -103,6 +103,14 @@ Box File::bounds() const {
 }
 const std::vector<double>& File::times() const { return contents_->steps.times(); }
 std::size_t File::step() const { return contents_->step; }
+std::size_t File::nearest_step(double time) const { return contents_->steps.nearest(time); }
+std::pair<double, double> File::range_of(const std::string& attribute) const {
+  const format::VolumeInfo& info = contents_->volume->info();
+  const auto alias = std::ranges::find(info.aliases, attribute, &format::Alias::name);
+  const format::StepRange range = contents_->steps.range_of(
+      alias == info.aliases.end() ? attribute : info.attributes[static_cast<std::size_t>(alias->attribute)].name);
+  return {range.min, range.max};
+}
 std::uint64_t File::file_bytes() const { return contents_->volume->file_bytes(); }
 std::uint64_t File::bytes_read() const { return contents_->volume->bytes_read(); }
 

@@ -1,8 +1,6 @@
 #include "tools/steps.h"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <limits>
 
 #include "base/http_source.h"
@@ -57,9 +55,7 @@ Result<std::size_t> find_step(const format::Steps& steps, const StepChoice& choi
     return fail(ErrorCode::invalid_argument, "{}: no step {}; the last is {}", steps.name(), *choice.step,
                 steps.last());
   if (choice.step) return *choice.step;
-  if (!choice.time) return steps.last();
-  const auto nearest = std::ranges::min_element(times, {}, [&](double time) { return std::abs(time - *choice.time); });
-  return static_cast<std::size_t>(nearest - times.begin());
+  return choice.time ? steps.nearest(*choice.time) : steps.last();
 }
 
 Result<std::shared_ptr<const format::Volume>> open_step(const std::string& path, const StepChoice& choice) {

@@ -77,4 +77,29 @@ struct MeshBuildReport {
 [[nodiscard]] SPLATVOL_EXPORT Result<MeshBuildReport> build(const MeshArrays& mesh, const std::string& output,
                                                             const MeshBuildOptions& options = {});
 
+/// A step of a time series: the values at a time. All steps have the same names, with the same components.
+struct MeshStep {
+  double time = 0;
+  std::vector<ValueArray> point_values = {};
+  std::vector<ValueArray> cell_values = {};
+};
+
+/// Builds a time series: one .svol file, with one mesh and the values of all steps. It appears whole or not at all.
+/// Times must be finite and rise. `mesh` must have no values. Without cells, the points are joined once for as many
+/// steps as fit into memory together. The report is that of the first of these; warnings and missing values are of all
+/// steps. Fails also as `build` does.
+[[nodiscard]] SPLATVOL_EXPORT Result<MeshBuildReport> build_series(const MeshArrays& mesh,
+                                                                   std::span<const MeshStep> steps,
+                                                                   const std::string& output,
+                                                                   const MeshBuildOptions& options = {});
+
+/// Appends steps to a time series that was built from the same mesh, with the same `own_cells` and `connectivity`.
+/// Times must be later than those of the file. `reduction` and `up` are those of the file, and `exact` if all of it is
+/// exact. The file stays as it was if this fails. Fails if the file is no series, if its mesh or its attributes are
+/// others, and as `build_series`.
+[[nodiscard]] SPLATVOL_EXPORT Result<MeshBuildReport> append_to_series(const MeshArrays& mesh,
+                                                                       std::span<const MeshStep> steps,
+                                                                       const std::string& path,
+                                                                       const MeshBuildOptions& options = {});
+
 }  // namespace splatvol

@@ -10,6 +10,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "splatvol/error.h"
@@ -80,6 +81,13 @@ class SPLATVOL_EXPORT File {
 
   /// Returns the number of the step that is shown; 0 if the file is no time series.
   [[nodiscard]] std::size_t step() const;
+
+  /// Returns the number of the step nearest to a time; of two, the earlier. 0 if the file is no time series.
+  [[nodiscard]] std::size_t nearest_step(double time) const;
+
+  /// Returns the least and the largest value of an attribute over all steps, for pictures with the same colours. NaN if
+  /// no value is present, or there is no such attribute.
+  [[nodiscard]] std::pair<double, double> range_of(const std::string& attribute) const;
 
   /// Changes to another step. If it fails, all stays as it was.
   [[nodiscard]] Status show_step(std::size_t step);

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "python/module/arrays.h"
+#include "python/module/dicts.h"
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
@@ -70,20 +71,23 @@ struct Mesh {
   }
 };
 
+// A step whose arrays are held by Python.
+struct Step {
+  double time;
+  std::vector<NamedValues> point_values, cell_values;
+
+  [[nodiscard]] MeshStep arrays() const { return {time, arrays_of(point_values), arrays_of(cell_values)}; }
+};
+
 nb::dict report_of(const MeshBuildReport& report) {
-  nb::dict dict;
-  dict["resolution_counts"] = report.resolution_counts;
-  dict["file_bytes"] = report.file_bytes;
-  dict["connectivity"] = report.connectivity;
-  dict["census"] = report.census;
-  dict["warnings"] = report.warnings;
-  dict["conversions"] = report.conversions;
-  return dict;
+  return dict_of("resolution_counts", report.resolution_counts, "file_bytes", report.file_bytes, "connectivity",
+                 report.connectivity, "census", report.census, "warnings", report.warnings, "conversions",
+                 report.conversions);
 }
 
-nb::dict build_file(const Mesh& mesh, const nb::bytes& path, MeshBuildOptions options, const nb::object& progress) {
-  const MeshArrays arrays = mesh.arrays();
-  const std::string output = path_of(path);
+// Runs write(options), which tells its progress.
+template <class Write>
+nb::dict run_build(MeshBuildOptions options, const nb::object& progress, Write write) {
   ProgressBox box;
   WhileCalling meanwhile;
   options.progress = [&](const char* stage, double share) { box.put(stage, share); };
@@ -91,7 +95,24 @@ nb::dict build_file(const Mesh& mesh, const nb::bytes& path, MeshBuildOptions op
     meanwhile.look = [&] {
       for (const auto& [stage, share] : box.take()) progress(stage, share);
     };
-  return report_of(value_of(call_interruptibly([&] { return build(arrays, output, options); }, meanwhile)));
+  return report_of(value_of(call_interruptibly([&] { return write(options); }, meanwhile)));
+}
+
+nb::dict build_file(const Mesh& mesh, const nb::bytes& path, const MeshBuildOptions& options,
+                    const nb::object& progress) {
+  return run_build(options, progress, [arrays = mesh.arrays(), output = path_of(path)](const MeshBuildOptions& chosen) {
+    return build(arrays, output, chosen);
+  });
+}
+
+nb::dict build_steps(const Mesh& mesh, const std::vector<Step>& steps, const nb::bytes& path,
+                     const MeshBuildOptions& options, bool append, const nb::object& progress) {
+  std::vector<MeshStep> arrays;
+  for (const Step& step : steps) arrays.push_back(step.arrays());
+  return run_build(options, progress,
+                   [&, shared = mesh.arrays(), output = path_of(path)](const MeshBuildOptions& chosen) {
+                     return (append ? append_to_series : build_series)(shared, arrays, output, chosen);
+                   });
 }
 
 }  // namespace
@@ -117,6 +138,14 @@ void add_build(nb::module_& module) {
           "points"_a.noconvert(), "connectivity"_a.noconvert(), "offsets"_a.noconvert(), "types"_a.noconvert(),
           "faces"_a.noconvert(), "face_locations"_a.noconvert(), "point_values"_a, "cell_values"_a);
 
+  nb::class_<Step>(module, "Step")
+      .def(
+          "__init__",
+          [](Step* self, double time, std::vector<NamedValues> point_values, std::vector<NamedValues> cell_values) {
+            new (self) Step{time, std::move(point_values), std::move(cell_values)};
+          },
+          "time"_a, "point_values"_a, "cell_values"_a);
+
   nb::class_<MeshBuildOptions>(module, "BuildOptions")
       .def(nb::init<>())
       .def_rw("own_cells", &MeshBuildOptions::own_cells)
@@ -133,6 +162,7 @@ void add_build(nb::module_& module) {
           [](MeshBuildOptions& o, const std::string& up) { o.up = up.empty() ? '\0' : up[0]; });
 
   module.def("build", &build_file, "mesh"_a, "path"_a, "options"_a, "progress"_a.none());
+  module.def("build_series", &build_steps, "mesh"_a, "steps"_a, "path"_a, "options"_a, "append"_a, "progress"_a.none());
 }
 
 }  // namespace splatvol::python

@@ -137,6 +137,18 @@ void add_file(nb::module_& module) {
            })
       .def("times", [](const SharedFile& file) { return file.look([](const File& f) { return f.times(); }); })
       .def("step", [](const SharedFile& file) { return file.look([](const File& f) { return f.step(); }); })
+      .def(
+          "nearest_step",
+          [](const SharedFile& file, double time) {
+            return file.look([&](const File& f) { return f.nearest_step(time); });
+          },
+          "time"_a)
+      .def(
+          "range_of",
+          [](const SharedFile& file, const std::string& attribute) {
+            return file.look([&](const File& f) { return f.range_of(attribute); });
+          },
+          "attribute"_a)
       .def("show_step", &SharedFile::show_step, "step"_a)
       .def("points", &read_points, "resolution"_a.none(), "max_points"_a.none(), "attributes"_a, "box"_a.none(),
            "material"_a)

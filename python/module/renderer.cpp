@@ -5,6 +5,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "python/module/arrays.h"
+#include "python/module/dicts.h"
 #include "python/module/errors.h"
 #include "python/module/interruptible_call.h"
 #include "python/module/module.h"
@@ -67,31 +68,29 @@ void set_surface_depths(SharedRenderer& renderer, const std::optional<Depths>& d
   renderer.run([&](Renderer& opened) { return opened.set_surface_depths(std::move(surfaces)); });
 }
 
-Quality quality_of(std::optional<double> max_error, std::optional<std::uint64_t> splats,
-                   std::optional<double> tolerance, std::optional<std::size_t> resolution) {
-  return {.max_error = max_error, .max_splats = splats, .tolerance_percent = tolerance, .resolution = resolution};
-}
-
 nb::dict statistics_of(const SharedRenderer& renderer) {
   const RenderStatistics& statistics = renderer.get().statistics();
   nb::list unreadable;
   for (const Error& error : statistics.unreadable) unreadable.append(text_of(error.message));
-  nb::dict dict;
-  dict["splats"] = statistics.splats;
-  dict["error"] = statistics.error;
-  dict["is_complete"] = statistics.is_complete;
-  dict["is_settled"] = statistics.is_settled;
-  dict["missing_bytes"] = statistics.missing_bytes;
-  dict["bytes_read"] = statistics.bytes_read;
-  dict["bytes_held"] = statistics.bytes_held;
-  dict["seconds"] = statistics.seconds;
-  dict["unreadable"] = unreadable;
-  return dict;
+  return dict_of("splats", statistics.splats, "error", statistics.error, "is_complete", statistics.is_complete,
+                 "is_settled", statistics.is_settled, "missing_bytes", statistics.missing_bytes, "bytes_read",
+                 statistics.bytes_read, "bytes_held", statistics.bytes_held, "seconds", statistics.seconds,
+                 "unreadable", unreadable);
 }
 
 }  // namespace
 
 void add_renderer(nb::module_& module) {
+  nb::class_<Quality>(module, "Quality")
+      .def(
+          "__init__",
+          [](Quality* self, std::optional<double> max_error, std::optional<std::uint64_t> splats,
+             std::optional<double> tolerance, std::optional<std::size_t> resolution) {
+            new (self) Quality{max_error, splats, tolerance, resolution};
+          },
+          nb::kw_only(), "max_error"_a = nb::none(), "splats"_a = nb::none(), "tolerance"_a = nb::none(),
+          "resolution"_a = nb::none());
+
   nb::class_<SharedRenderer>(module, "Renderer")
       .def(nb::init<const nb::bytes&, std::uint64_t>(), "path"_a, "memory"_a)
       .def("set_scene", &set_scene, "json"_a)
@@ -107,12 +106,10 @@ void add_renderer(nb::module_& module) {
           "step"_a)
       .def(
           "render",
-          [](SharedRenderer& renderer, std::optional<double> max_error, std::optional<std::uint64_t> splats,
-             std::optional<double> tolerance, std::optional<std::size_t> resolution) {
-            const Quality quality = quality_of(max_error, splats, tolerance, resolution);
+          [](SharedRenderer& renderer, const Quality& quality) {
             return picture_of(renderer.run([&](Renderer& opened) { return opened.render(quality); }));
           },
-          "max_error"_a.none(), "splats"_a.none(), "tolerance"_a.none(), "resolution"_a.none())
+          "quality"_a)
       .def(
           "render_within",
           [](SharedRenderer& renderer, double seconds) {
@@ -121,13 +118,10 @@ void add_renderer(nb::module_& module) {
           "seconds"_a)
       .def(
           "render_now",
-          [](SharedRenderer& renderer, double wait_seconds, std::optional<double> max_error,
-             std::optional<std::uint64_t> splats, std::optional<double> tolerance,
-             std::optional<std::size_t> resolution) {
-            const Quality quality = quality_of(max_error, splats, tolerance, resolution);
+          [](SharedRenderer& renderer, double wait_seconds, const Quality& quality) {
             return picture_of(renderer.run([&](Renderer& opened) { return opened.render_now(wait_seconds, quality); }));
           },
-          "wait_seconds"_a, "max_error"_a.none(), "splats"_a.none(), "tolerance"_a.none(), "resolution"_a.none())
+          "wait_seconds"_a, "quality"_a)
       .def("statistics", &statistics_of)
       .def("device", [](const SharedRenderer& renderer) { return renderer.get().device(); });
 }

@@ -1,10 +1,10 @@
 """Volumes of CFD and FEM results, on unstructured meshes and scattered points: built, read and drawn.
 
-``build`` and ``build_mesh`` make a .svol file, once. ``open`` opens one, from disk or from a web server. See
-docs/python.md.
+``build``, ``build_mesh`` and ``build_series`` make a .svol file, once. ``open`` opens one, from disk or from a web
+server. See docs/python.md.
 """
 
-from ._build import BuildReport, build, build_mesh
+from ._build import BuildReport, Step, build, build_mesh, build_series
 from ._core import version as __version__
 from ._files import Attribute, File, Frame, Points, open
 from ._pictures import save, to_srgb8
@@ -24,6 +24,6 @@ from .errors import (
 
 __all__ = [
     "Attribute", "BuildReport", "CancelledError", "DeviceError", "Error", "File", "FileError", "Frame",
-    "InvalidArgumentError", "InvalidDataError", "OutOfBudgetError", "Points", "Statistics", "UnsupportedError",
-    "__version__", "build", "build_mesh", "check_scene", "open", "save", "show", "to_srgb8",
+    "InvalidArgumentError", "InvalidDataError", "OutOfBudgetError", "Points", "Statistics", "Step", "UnsupportedError",
+    "__version__", "build", "build_mesh", "build_series", "check_scene", "open", "save", "show", "to_srgb8",
 ]

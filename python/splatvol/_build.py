@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,14 @@ class BuildReport:
     census: Dict[str, int]  #: what was counted or left out, in words
     warnings: List[str]
     conversions: List[str]  #: attributes that are not as in the input
+
+
+class Step(NamedTuple):
+    """The values of a time series at a time."""
+
+    time: float
+    values: Mapping[str, ArrayLike]  #: at the points: (n,) or (n, k)
+    cell_values: Mapping[str, ArrayLike] = {}  #: in the cells: (m,) or (m, k)
 
 
 def _floats(array: ArrayLike) -> NDArray[Any]:
@@ -76,9 +84,9 @@ def _cells(cells: Cells) -> Tuple[NDArray[np.int64], NDArray[np.int64], NDArray[
     return corners.reshape(-1), offsets, np.full(count, _TYPES_BY_POINTS[points], np.uint8)
 
 
-def _named(values: Optional[Mapping[str, ArrayLike]], units: Mapping[str, str], rows: int, what: str) -> List[Any]:
+def _named(values: Mapping[str, ArrayLike], units: Mapping[str, str], rows: int, what: str) -> List[Any]:
     named = []
-    for name, array in (values or {}).items():
+    for name, array in values.items():
         numbers = _floats(array)
         if numbers.ndim not in (1, 2) or numbers.shape[0] != rows:
             shapes = f"({rows},) or ({rows}, k)"
@@ -127,17 +135,12 @@ def build(
     Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, ``UnsupportedError`` for
     cells of other types, ``FileError`` if the disk refuses. Then, and after Ctrl-C, a file that was there stays.
     """
-    positions = _floats(points)
-    if positions.ndim != 2 or positions.shape[1] != 3:
-        raise InvalidArgumentError(f"points have the shape (n, 3), not {positions.shape}")
-    indices, offsets, types = _cells(cells)
-    none = np.empty(0, np.int64)
-    mesh = MeshArrays(positions, indices, offsets, types, none, none, dict(values or {}), dict(cell_values or {}))
+    mesh = _mesh(points, cells)._replace(point_values=dict(values or {}), cell_values=dict(cell_values or {}))
     options = dict(
-        own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=list(missing), exact=exact,
-        strict=strict, memory=memory, temp_folder=os.fspath(temp_folder or ""), up=up,
+        units=units, own_cells=own_cells, connectivity=connectivity, reduction=reduction, missing=missing, exact=exact,
+        strict=strict, memory=memory, temp_folder=temp_folder, up=up,
     )
-    return _build(mesh, path, units, options, progress)
+    return _build(mesh, path, options, progress)
 
 
 def build_mesh(
@@ -145,6 +148,7 @@ def build_mesh(
     path: Union[str, "os.PathLike[str]"],
     *,
     arrays: Optional[Sequence[str]] = None,
+    progress: Optional[Progress] = None,
     **options: Any,
 ) -> BuildReport:
     """Builds a .svol file from a data set of PyVista or VTK with volume cells. It appears whole or not at all.
@@ -155,37 +159,97 @@ def build_mesh(
 
     Raises ``InvalidArgumentError`` if it is no data set, lacks an array or has ghost cells; else as ``build``.
     """
-    units = options.pop("units", {})
-    progress = options.pop("progress", None)
-    known = {"own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up"}
-    for option in options:
-        if option not in known:
-            raise TypeError(f"build_mesh() got an unexpected keyword argument {option!r}")
-    if options.get("temp_folder") is not None:
-        options["temp_folder"] = os.fspath(options["temp_folder"])
-    return _build(arrays_of_mesh(mesh, arrays), path, units, options, progress)
+    return _build(arrays_of_mesh(mesh, arrays), path, options, progress)
 
 
-def _build(
-    mesh: MeshArrays,
+def build_series(
+    points: ArrayLike,
+    cells: Cells,
+    steps: Iterable[Union[Step, Tuple[Any, ...]]],
     path: Union[str, "os.PathLike[str]"],
-    units: Mapping[str, str],
-    options: Mapping[str, Any],
-    progress: Optional[Progress],
+    *,
+    append: bool = False,
+    progress: Optional[Progress] = None,
+    **options: Any,
 ) -> BuildReport:
-    arrays = _core.Mesh(
-        _floats(mesh.points), mesh.connectivity, mesh.offsets, mesh.types, mesh.faces, mesh.face_locations,
-        _named(mesh.point_values, units, len(mesh.points), "points"),
-        _named(mesh.cell_values, units, len(mesh.types), "cells"),
+    """Builds a time series: one .svol file with one mesh, and the values of all steps.
+
+    ``points``, ``cells``: as for ``build``. ``steps``: tuples (time, values) or (time, values, cell_values), as
+    ``Step`` has them. Times rise; all steps have arrays of the same names and shapes. The arrays of all steps are held
+    at once: where memory ends, build from the first ones, and append the others. ``options``: those of ``build`` from
+    ``units`` on.
+
+    ``append=True`` adds steps to a series that is there, behind its last time. Points, cells, and the options that
+    choose how they are joined, must be as they were. If this fails, or by Ctrl-C, the file stays as it was.
+
+    The report is that of the first steps that are built together; warnings are of all. Raises as ``build``, and
+    ``InvalidArgumentError`` or ``InvalidDataError`` if times do not rise, steps differ in their names, or the file has
+    another mesh.
+    """
+    mesh = _mesh(points, cells)
+    units = options.pop("units", {})
+    listed = [Step(*step) for step in steps]
+    for step in listed:
+        _check_units(units, step.values, step.cell_values)
+    named = [_core.Step(step.time, *_both_named(step.values, step.cell_values, units, mesh)) for step in listed]
+    report = _core.build_series(
+        _core_mesh(mesh, units), named, os.fsencode(path), _core_options(options), append, progress
     )
+    return _report(report, path)
+
+
+def _mesh(points: ArrayLike, cells: Cells) -> MeshArrays:
+    positions = _floats(points)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise InvalidArgumentError(f"points have the shape (n, 3), not {positions.shape}")
+    none = np.empty(0, np.int64)
+    return MeshArrays(positions, *_cells(cells), none, none, {}, {})
+
+
+def _check_units(units: Mapping[str, str], *values: Mapping[str, ArrayLike]) -> None:
     for name in units:
-        if name not in mesh.point_values and name not in mesh.cell_values:
+        if not any(name in arrays for arrays in values):
             raise InvalidArgumentError(f"unit of {name}: there is no such array")
+
+
+def _both_named(
+    values: Mapping[str, ArrayLike], cell_values: Mapping[str, ArrayLike], units: Mapping[str, str], mesh: MeshArrays
+) -> Tuple[List[Any], List[Any]]:
+    return _named(values, units, len(mesh.points), "points"), _named(cell_values, units, len(mesh.types), "cells")
+
+
+def _core_mesh(mesh: MeshArrays, units: Mapping[str, str]) -> Any:
+    return _core.Mesh(
+        _floats(mesh.points), mesh.connectivity, mesh.offsets, mesh.types, mesh.faces, mesh.face_locations,
+        *_both_named(mesh.point_values, mesh.cell_values, units, mesh),
+    )
+
+
+_OPTIONS = {"own_cells", "connectivity", "reduction", "missing", "exact", "strict", "memory", "temp_folder", "up"}
+
+
+def _core_options(options: Mapping[str, Any]) -> Any:
     if len(options.get("up") or "") > 1:
         raise InvalidArgumentError(f"up {options['up']!r}: take x, y or z")
     core_options = _core.BuildOptions()
     for name, value in options.items():
-        if value is not None:
-            setattr(core_options, name, list(value) if name == "missing" else value)
-    report = _core.build(arrays, os.fsencode(path), core_options, progress)
+        if name not in _OPTIONS:
+            raise TypeError(f"builds have no option {name!r}")
+        if value is None:
+            continue
+        as_core = {"missing": list, "temp_folder": os.fspath}.get(name)
+        setattr(core_options, name, as_core(value) if as_core else value)
+    return core_options
+
+
+def _report(report: Dict[str, Any], path: Union[str, "os.PathLike[str]"]) -> BuildReport:
     return BuildReport(**{**report, "path": os.fsdecode(path), "census": dict(report["census"])})
+
+
+def _build(
+    mesh: MeshArrays, path: Union[str, "os.PathLike[str]"], options: Dict[str, Any], progress: Optional[Progress]
+) -> BuildReport:
+    units = options.pop("units", {})
+    _check_units(units, mesh.point_values, mesh.cell_values)
+    report = _core.build(_core_mesh(mesh, units), os.fsencode(path), _core_options(options), progress)
+    return _report(report, path)

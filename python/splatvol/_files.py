@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,9 @@ from . import _core
 from ._renderers import DEFAULT_MEMORY, Quality, Renderer, Statistics
 from ._scenes import Scene, SceneLike, read_scene, with_size
 from .errors import InvalidArgumentError
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Vector = Tuple[float, float, float]
 Floats = NDArray[np.float64]
@@ -66,15 +69,20 @@ class File:
     Pictures are drawn one after another. Ctrl-C ends a call.
     """
 
-    def __init__(self, path: Union[str, "os.PathLike[str]"]) -> None:
-        """Opens a file by its path, or by its address (http:// or https://), at its last step.
-
-        Reads the preamble only. Raises ``FileError`` or ``InvalidDataError``.
-        """
+    def __init__(
+        self, path: Union[str, "os.PathLike[str]"], *, step: Optional[int] = None, time: Optional[float] = None
+    ) -> None:
+        """As ``open``."""
+        if step is not None and time is not None:
+            raise InvalidArgumentError("a step is chosen by its number or by its time, not by both")
         self._path = os.fsdecode(path)
         self._file = _core.File(os.fsencode(path))
         self._lock = threading.Lock()
         self._renderer: Optional[Renderer] = None
+        if step is not None:
+            self.show_step(step)
+        if time is not None:
+            self.show_time(time)
 
     def __repr__(self) -> str:
         return f"splatvol.open({self.name!r}): {self.point_count} points, {', '.join(a.name for a in self.attributes)}"
@@ -120,8 +128,35 @@ class File:
         return self._file.step()
 
     def show_step(self, step: int) -> None:
-        """Changes to another step. If it fails, all stays as it was. Raises ``InvalidArgumentError`` if it lacks."""
+        """Changes to another step, by its number from 0. If it fails, all stays as it was.
+
+        Raises ``InvalidArgumentError`` if there is no such step.
+        """
         self._file.show_step(step)
+
+    @property
+    def time(self) -> Optional[float]:
+        """The time of the step that is shown; None if the file is no time series."""
+        times = self.times
+        return times[self.step] if times else None
+
+    def show_time(self, time: float) -> None:
+        """Changes to the step nearest to a time; of two, the earlier. If it fails, all stays as it was.
+
+        Raises ``InvalidArgumentError`` if the file is no time series.
+        """
+        if not self.times:
+            raise InvalidArgumentError(f"{self.name}: no time series, so it has no steps")
+        self.show_step(self._file.nearest_step(time))
+
+    def range_of(self, attribute: str) -> Tuple[float, float]:
+        """Returns the least and the largest value of an attribute over all steps; NaN if no point has one.
+
+        Raises ``InvalidArgumentError`` if the file lacks the attribute.
+        """
+        if all(attribute != one.name for one in self.attributes):
+            raise InvalidArgumentError(f"{self.name}: no attribute {attribute!r}")
+        return self._file.range_of(attribute)
 
     @property
     def file_bytes(self) -> int:
@@ -209,21 +244,18 @@ class File:
         scene: Optional[SceneLike] = None,
         size: Optional[Tuple[int, int]] = None,
         *,
-        max_error: Optional[float] = None,
-        splats: Optional[int] = None,
-        tolerance: Optional[float] = None,
-        resolution: Optional[int] = None,
         seconds: Optional[float] = None,
         depths: Optional[ArrayLike] = None,
         memory: int = DEFAULT_MEMORY,
+        **quality: Unpack[Quality],
     ) -> NDArray[np.float32]:
         """Draws the complete picture: (height, width, 4), linear premultiplied RGBA, row 0 at the top.
 
         ``scene``: a dictionary or the path of a scene file (docs/scene.md); None: one that fits the data. ``size``:
         width and height, instead of the scene's. The background is not applied: ``to_srgb8`` and ``save`` do that.
 
-        At most one of these says how good the picture is to be; without them it has all points of a small file, and
-        else an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
+        ``quality``: at most one of these says how good the picture is to be; without them it has all points of a small
+        file, and else an error of .002. ``max_error``: root mean square of linear RGB, against the exact picture. ``splats``:
         their number. ``tolerance``: the largest share of the shorter side that a splat may cover, in per cent; 0: all
         points. ``resolution``: that of all points; 0: the coarsest. ``seconds``: the best picture that can be there by
         then; the speed is learnt from call to call.
@@ -235,8 +267,7 @@ class File:
         Raises ``InvalidArgumentError`` or ``InvalidDataError`` for a scene with an error, ``FileError`` if a part of
         the file cannot be read.
         """
-        quality = Quality(max_error, splats, tolerance, resolution)
-        if seconds is not None and quality != Quality():
+        if seconds is not None and any(number is not None for number in quality.values()):
             raise InvalidArgumentError("a picture has one number that says how good it is to be, not two")
         with self._lock:
             renderer = self._get_renderer(memory)
@@ -249,12 +280,9 @@ class File:
         scene: Optional[SceneLike] = None,
         size: Optional[Tuple[int, int]] = None,
         *,
-        max_error: Optional[float] = None,
-        splats: Optional[int] = None,
-        tolerance: Optional[float] = None,
-        resolution: Optional[int] = None,
         interval: float = 0.1,
         memory: int = DEFAULT_MEMORY,
+        **quality: Unpack[Quality],
     ) -> Iterator[Frame]:
         """Draws picture after picture while the file loads; the last one is complete. The first comes at once.
 
@@ -262,7 +290,6 @@ class File:
         picture is an array of its own. A part that cannot be read is in ``statistics.unreadable``, and its place drawn
         coarser.
         """
-        quality = Quality(max_error, splats, tolerance, resolution)
         renderer = Renderer(self._path, memory, self.step)
         renderer.set_scene(self._scene_for(renderer, scene, size))
         wait = 0.0
@@ -295,9 +322,12 @@ class File:
         return renderer.fitting_scene("", width, height)
 
 
-def open(path: Union[str, "os.PathLike[str]"]) -> File:
+def open(
+    path: Union[str, "os.PathLike[str]"], *, step: Optional[int] = None, time: Optional[float] = None
+) -> File:
     """Opens a .svol file, or an index of files (.svols), by its path or address (http:// or https://).
 
-    Of a time series, the last step is shown. Reads the preamble only. Raises ``FileError`` or ``InvalidDataError``.
+    Of a time series, shows the step of a number from 0, the step nearest to a time, or the last one. Reads the preamble
+    only. Raises ``FileError`` or ``InvalidDataError``; ``InvalidArgumentError`` if there is no such step.
     """
-    return File(path)
+    return File(path, step=step, time=time)

@@ -7,7 +7,7 @@ import json
 import operator
 import os
 from dataclasses import dataclass
-from typing import Iterator, NamedTuple, Optional, Tuple
+from typing import Iterator, Optional, Tuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,13 +34,14 @@ class Statistics:
     unreadable: Tuple[str, ...]  #: errors of parts that could not be read; their places are drawn coarser
 
 
-class Quality(NamedTuple):
-    """How good a picture is to be: at most one of these."""
+class Quality(TypedDict, total=False):
+    """How good a picture is to be: at most one of these. Without one, it has all points of a small file, and else an
+    error of .002."""
 
-    max_error: Optional[float] = None
-    splats: Optional[int] = None
-    tolerance: Optional[float] = None
-    resolution: Optional[int] = None
+    max_error: Optional[float]  #: root mean square of linear RGB, against the exact picture
+    splats: Optional[int]  #: their number
+    tolerance: Optional[float]  #: the largest share of the shorter side for a splat, in per cent; 0: all points
+    resolution: Optional[int]  #: that of all points; 0: the coarsest
 
 
 class Renderer:
@@ -82,14 +83,14 @@ class Renderer:
         finally:
             self._renderer.set_surface_depths(None)
 
-    def render(self, quality: Quality = Quality()) -> NDArray[np.float32]:
-        return self._renderer.render(*quality)
+    def render(self, quality: Quality = {}) -> NDArray[np.float32]:
+        return self._renderer.render(_core.Quality(**quality))
 
     def render_within(self, seconds: float) -> NDArray[np.float32]:
         return self._renderer.render_within(seconds)
 
-    def render_now(self, wait_seconds: float, quality: Quality = Quality()) -> NDArray[np.float32]:
-        return self._renderer.render_now(wait_seconds, *quality)
+    def render_now(self, wait_seconds: float, quality: Quality = {}) -> NDArray[np.float32]:
+        return self._renderer.render_now(wait_seconds, _core.Quality(**quality))
 
     def statistics(self) -> Statistics:
         values = self._renderer.statistics()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -94,13 +93,9 @@ def program():
 
 
 @pytest.fixture()
-def series_path(tmp_path, program) -> Path:
-    """A time series of two steps, made by svbuild: the package makes none. The second has 1 more everywhere."""
-    points, _ = ball(4)
-    inputs = [tmp_path / f"{step}.csv" for step in range(2)]
-    for step, path in enumerate(inputs):
-        rows = np.column_stack([points, linear(points) + step])
-        np.savetxt(path, rows, delimiter=",", header="x,y,z,T", comments="")
+def series_path(tmp_path) -> Path:
+    """A time series of two steps, at 0 and 1. The second has 1 more everywhere."""
+    points, cells = ball(4)
     path = tmp_path / "series.svol"
-    subprocess.run([program("svbuild"), "--series", *inputs, "-o", path], check=True, capture_output=True)
+    splatvol.build_series(points, cells, [(step, {"T": linear(points) + step}) for step in range(2)], path)
     return path

@@ -90,14 +90,3 @@ def test_names_of_any_bytes(ball_path, tmp_path):
     assert splatvol.open(name).name.endswith("\\xff \u00e4.svol")
     with pytest.raises(splatvol.FileError, match="cannot open"):
         splatvol.open(name + b"x")
-
-
-def test_steps(series_path):
-    file = splatvol.open(series_path)
-    assert len(file.times) == 2 and file.step == 1
-    last = file.sample([[0, 0, 0.1]])
-    picture = file.render(size=(32, 32))
-    file.show_step(0)
-    assert file.step == 0
-    np.testing.assert_allclose(file.sample([[0, 0, 0.1]]), last - 1, atol=.01)
-    assert file.render(size=(32, 32)).shape == picture.shape

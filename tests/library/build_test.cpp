@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <list>
 #include <numeric>
 
 #include "splatvol/file.h"
@@ -175,6 +176,95 @@ TEST_F(BuildArrays, OptionsAreChecked) {
   EXPECT_THAT(error_of(lattice_.mesh(), {.up = 'w'}), HasSubstr("take x, y or z"));
   EXPECT_THAT(build(lattice_.mesh(), folder_.file("a.vtu")).error().message, HasSubstr("must end in .svol"));
   EXPECT_THAT(build(lattice_.mesh(), folder_.file("none/a.svol")).error().message, HasSubstr("none/a.svol"));
+}
+
+// A time series of the lattice.
+class BuildSeries : public BuildArrays {
+ protected:
+  // Steps whose values are those of the lattice, and the time more.
+  std::vector<MeshStep> steps(const std::vector<double>& times) {
+    std::vector<MeshStep> result;
+    for (const double time : times) {
+      std::vector<double>& values = values_.emplace_back(lattice_.values);
+      for (double& value : values) value += time;
+      result.push_back({time, {{.name = "v", .values = std::span<const double>(values), .unit = "m/s"}}});
+    }
+    return result;
+  }
+
+  [[nodiscard]] MeshArrays mesh() const {
+    MeshArrays mesh = lattice_.mesh();
+    mesh.point_values.clear();
+    return mesh;
+  }
+
+  std::list<std::vector<double>> values_;  // they stay where they are
+};
+
+TEST_F(BuildSeries, HoldsTheValuesOfAllSteps) {
+  ASSERT_TRUE(build_series(mesh(), steps({1, 2}), path_, {.exact = true}));
+  const auto report = append_to_series(mesh(), steps({4}), path_);
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->file_bytes, bytes_of(path_).size());
+  File file = File::open(path_).value();
+  EXPECT_THAT(file.times(), testing::ElementsAre(1, 2, 4));
+  EXPECT_EQ(file.step(), 2);
+  EXPECT_EQ(file.range_of("v"), std::pair(1.0, 10.0));  // the field: 0 to 6
+  EXPECT_TRUE(std::isnan(file.range_of("w").first));
+  EXPECT_EQ(file.attributes()[0].unit, "m/s");
+  for (std::size_t step = 0; step < 3; ++step) {
+    ASSERT_TRUE(file.show_step(step));
+    const Points points = file.points().value();
+    ASSERT_EQ(points.positions.size(), 729);
+    for (std::size_t i = 0; i < points.positions.size(); ++i) {
+      const dvec3& p = points.positions[i];
+      EXPECT_EQ(points.values[0][i], test::Lattice::field(p.x, p.y, p.z) + file.times()[step]);
+    }
+  }
+  EXPECT_TRUE(file.verify());
+}
+
+TEST_F(BuildSeries, TellsTheNearestStep) {
+  ASSERT_TRUE(build_series(mesh(), steps({1, 2, 4}), path_));
+  const File file = File::open(path_).value();
+  EXPECT_EQ(file.nearest_step(-7), 0);
+  EXPECT_EQ(file.nearest_step(1.5), 0);  // as near to both: the earlier
+  EXPECT_EQ(file.nearest_step(3.1), 2);
+  EXPECT_EQ(file.nearest_step(1e300), 2);
+  ASSERT_TRUE(build(lattice_.mesh(), path_));
+  EXPECT_EQ(File::open(path_)->nearest_step(3), 0);
+}
+
+TEST_F(BuildSeries, RefusesStepsThatDoNotFit) {
+  const auto error_of_steps = [&](const MeshArrays& mesh, const std::vector<MeshStep>& list) {
+    const auto built = build_series(mesh, list, path_);
+    EXPECT_TRUE(folder_.is_empty());
+    return built ? "built" : built.error().message;
+  };
+  EXPECT_THAT(error_of_steps(mesh(), {}), HasSubstr("no step"));
+  EXPECT_THAT(error_of_steps(mesh(), steps({1, 1})), HasSubstr("times of steps rise"));
+  EXPECT_THAT(error_of_steps(mesh(), steps({NAN})), HasSubstr("times of steps rise"));
+  EXPECT_THAT(error_of_steps(lattice_.mesh(), steps({1})), HasSubstr("belong to its steps"));
+  std::vector<MeshStep> list = steps({1, 2});
+  list[1].point_values[0].name = "w";
+  EXPECT_THAT(error_of_steps(mesh(), list), HasSubstr("arrays at 2: its attributes are not those of arrays at 1"));
+  list[1].point_values.clear();
+  EXPECT_THAT(error_of_steps(mesh(), list), HasSubstr("arrays at 2"));
+}
+
+TEST_F(BuildSeries, AppendingLeavesTheFileIfItFails) {
+  ASSERT_TRUE(build_series(mesh(), steps({1, 2}), path_));
+  const std::string before = bytes_of(path_);
+  EXPECT_FALSE(append_to_series(mesh(), steps({2}), path_));
+  test::Lattice other(7);
+  std::swap(other.points, lattice_.points);
+  EXPECT_FALSE(append_to_series(mesh(), steps({3}), path_));
+  EXPECT_EQ(bytes_of(path_), before);
+  std::swap(other.points, lattice_.points);
+  ASSERT_TRUE(build(lattice_.mesh(), path_));
+  const auto appended = append_to_series(mesh(), steps({3}), path_);
+  ASSERT_FALSE(appended);
+  EXPECT_THAT(appended.error().message, HasSubstr("not a time series"));
 }
 
 }  // namespace
