@@ -32,6 +32,23 @@ Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& pa
 
 Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std::uint64_t bytes_before, VolumeInfo info,
                                                            PackedIndex index, const std::string& temporary_folder) {
+  SPLATVOL_TRY_ASSIGN(writer, begin(std::move(file), std::move(info), std::move(index), temporary_folder));
+  SPLATVOL_TRY(writer->reserve_front(bytes_before, writer->file_.position()));
+  SPLATVOL_TRY(writer->file_.insert_front(writer->rows_offset_ + bytes_before));
+  return writer;
+}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create_around(AtomicFile file, std::uint64_t bytes_before,
+                                                                  std::uint64_t last_bytes, VolumeInfo info,
+                                                                  PackedIndex index,
+                                                                  const std::string& temporary_folder) {
+  SPLATVOL_TRY_ASSIGN(writer, begin(std::move(file), std::move(info), std::move(index), temporary_folder));
+  SPLATVOL_TRY(writer->reserve_front(bytes_before, last_bytes));
+  return writer;
+}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::begin(AtomicFile file, VolumeInfo info, PackedIndex index,
+                                                          const std::string& temporary_folder) {
   SPLATVOL_TRY(metadata_to_json(info));
   if (index.shape.resolutions != info.resolutions() || index.shape.size_bounds != info.size_bounds.size() ||
       index.shape.attributes != info.attributes.size())
@@ -40,17 +57,17 @@ Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std:
   SPLATVOL_TRY_ASSIGN(directory_tail, TempFile::create(temporary_folder));
   std::unique_ptr<VolumeWriter> writer(
       new VolumeWriter(std::move(file), std::move(info), std::move(index), std::move(directory_tail)));
-  SPLATVOL_TRY(writer->reserve_front(bytes_before));
   return writer;
 }
 
-Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
+// Chooses where the rows begin.
+Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t last_bytes) {
   SPLATVOL_TRY_ASSIGN(json, metadata_to_json(info_));
   const auto json_bytes = std::as_bytes(std::span(json));
   metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
   metadata_ = pack_metadata(metadata_raw_);
 
-  const bool padded = file_.position() >= padded_rows_bytes;
+  const bool padded = last_bytes >= padded_rows_bytes;
   const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0);
   front_bytes_ = sizeof(Superblock) + sections * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_.root_bytes();
@@ -59,7 +76,6 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 info_.attributes.size());
-  SPLATVOL_TRY(file_.insert_front(rows_offset_ + bytes_before));
   rows_end_ = rows_offset_;
   return {};
 }

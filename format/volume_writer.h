@@ -41,6 +41,15 @@ class VolumeWriter {
                                                                     VolumeInfo info, PackedIndex index,
                                                                     const std::string& temporary_folder);
 
+  /// The same for a file whose rows are written by others, from first_row_offset() on. `bytes_before`: of the rows
+  /// before those of the finest segment at the finest resolution; `last_bytes`: of these. All rows are added by
+  /// add_written_row().
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create_around(AtomicFile file, std::uint64_t bytes_before,
+                                                                           std::uint64_t last_bytes, VolumeInfo info,
+                                                                           PackedIndex index,
+                                                                           const std::string& temporary_folder);
+  [[nodiscard]] std::uint64_t first_row_offset() const { return rows_offset_; }
+
   /// Appends the next row: one chunk for each of its columns, in order.
   [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
 
@@ -67,7 +76,9 @@ class VolumeWriter {
 
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
-  [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> begin(AtomicFile file, VolumeInfo info, PackedIndex index,
+                                                                   const std::string& temporary_folder);
+  [[nodiscard]] Status reserve_front(std::uint64_t bytes_before, std::uint64_t last_bytes);
   [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
                                   const Checking& checking);
   [[nodiscard]] Status check(const Checking& checking) const;

@@ -25,6 +25,7 @@
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
+#include "tools/svbuild_ranks.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -98,6 +99,7 @@ struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
+  JointWork work = {};                   // of several processes
 };
 
 void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
@@ -118,6 +120,11 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
   if (!notes.times.empty()) document["times"] = notes.times;
+  const JointWork& work = notes.work;
+  if (work.ranks > 1)
+    document["ranks"] = {
+        {"count", work.ranks},           {"ranges", work.ranges},     {"record_bytes", work.record_bytes},
+        {"sent_bytes", work.sent_bytes}, {"owned_bytes", work.owned}, {"peak_memory", work.peaks}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
@@ -137,6 +144,9 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
   for (const std::string& warning : report.warnings) print_out("  warning: {}\n", warning);
+  if (notes.work.ranks > 1)
+    print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
+              notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -215,10 +225,17 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
 
 Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, const OpenSource& open,
                               InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(source, open(options.inputs, source_options_of(options, options.attributes)));
-  StageBar bar(source->point_count().value_or(0));
-  auto report = build_volume(*source, options.output, build_options,
-                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  std::unique_ptr<Source> source;
+  std::optional<StageBar> bar;
+  const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
+    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options, options.attributes)));
+    bar.emplace(opened->point_count().value_or(0));
+    return opened;
+  };
+  auto report = build_in_ranks(
+      open_input, source, options.output, build_options,
+      [&](const char* stage, double fraction) { bar->update(stage, fraction); }, notes.work);
+  if (!source) return report;
   notes.step = source->time_step();
   notes.conversions = source->conversions();
   return report;
@@ -372,6 +389,7 @@ Status build(const Options& options) {
     limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
+  if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;
@@ -527,6 +545,7 @@ void add_machine_options(CLI::App& app, Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
+  if (const int code = join_ranks(argc, argv); code >= 0) return code;
   Options options;
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
   add_input_options(app, options);
@@ -543,5 +562,8 @@ int main(int argc, char** argv) {
     const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
     if (!wrong.empty()) throw CLI::ValidationError("--output", wrong);
   });
-  return run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
+  const int code =
+      run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
+  leave_ranks();
+  return code;
 }

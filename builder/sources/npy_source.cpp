@@ -134,9 +134,17 @@ class NpySource final : public Source {
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
 
+  bool select_every(std::size_t first, std::size_t stride) override {
+    pieces_.select_every(first, stride);
+    next_ = first;
+    stride_ = stride;
+    return true;
+  }
+
   Result<std::unique_ptr<Piece>> next() override {
     SPLATVOL_TRY_ASSIGN(piece, pieces_.next());
-    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[returned_++].file].path, *piece));
+    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[next_].file].path, *piece));
+    next_ += stride_;
     return piece;
   }
 
@@ -195,7 +203,7 @@ class NpySource final : public Source {
   MissingValues missing_;
   std::vector<RowRange> ranges_;
   PieceAhead pieces_;
-  std::size_t returned_ = 0;  // pieces
+  std::size_t next_ = 0, stride_ = 1;  // pieces
   RepeatedPieces repeats_;
 };
 

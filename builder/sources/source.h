@@ -124,6 +124,10 @@ class Source {
   /// Returns the next piece, a null pointer after the last. The order does not depend on threads.
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
 
+  /// Lets next() return only pieces `first`, `first` + `stride` and so on: the others are read elsewhere. Called before
+  /// the first next(). Returns false if the source cannot find pieces by their numbers: then nothing changes.
+  [[nodiscard]] virtual bool select_every(std::size_t /*first*/, std::size_t /*stride*/) { return false; }
+
   /// Finds the smallest box round all points with finite coordinates, in a pass that is much cheaper than next() over
   /// all pieces. Empty if there is no such pass, or no such point. Does not move next().
   [[nodiscard]] virtual Result<std::optional<Box>> bounds() { return std::optional<Box>(); }

@@ -1,0 +1,201 @@
+#include "builder/distributed/piece_turns.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "base/interruption.h"
+#include "builder/distributed/byte_streams.h"
+
+namespace splatvol {
+namespace {
+
+// Samples of all ranks together, and the least of a rank: more samples make ranges more even.
+constexpr std::size_t most_samples = std::size_t{1} << 18, least_samples = 1024;
+
+void put(ByteWriter& out, const PointRanges& ranges) {
+  out.put(ranges.box);
+  out.put(ranges.low);
+  out.put(ranges.high);
+  out.put(ranges.least);
+}
+
+void get(ByteReader& in, PointRanges& ranges) {
+  in.get(ranges.box);
+  in.get(ranges.low);
+  in.get(ranges.high);
+  in.get(ranges.least);
+}
+
+template <class Visit>
+void for_each_count(CellCensus& cells, const Visit& visit) {
+  for (std::uint64_t* count : {&cells.tetrahedra, &cells.inverted, &cells.flat, &cells.without_volume, &cells.surfaces,
+                               &cells.lines, &cells.hidden, &cells.hidden_points, &cells.more_nodes,
+                               &cells.left_out_flat, &cells.non_finite, &cells.not_star_shaped})
+    visit(*count);
+}
+
+void put(ByteWriter& out, CellCensus cells) {
+  for_each_count(cells, [&](std::uint64_t count) { out.put(count); });
+  out.put(std::uint64_t{cells.cells.size()});
+  for (const auto& [name, count] : cells.cells) {
+    out.put(std::vector<char>(name.begin(), name.end()));
+    out.put(count);
+  }
+}
+
+void get(ByteReader& in, CellCensus& cells) {
+  for_each_count(cells, [&](std::uint64_t& count) { in.get(count); });
+  std::uint64_t types = 0;
+  in.get(types);
+  for (std::uint64_t t = 0; t < types; ++t) {
+    std::vector<char> name;
+    in.get(name);
+    in.get(cells.cells[std::string(name.begin(), name.end())]);
+  }
+}
+
+Bytes bytes_of(const InputFacts& facts) {
+  ByteWriter out;
+  put(out, facts.ranges);
+  put(out, facts.in_cells);
+  out.put(facts.fills);
+  for (const format::PartsHash& hash : facts.values) out.put(hash.value());
+  out.put(facts.brings_value_moments);
+  put(out, facts.cells);
+  out.put(facts.census);
+  out.put(facts.has_material);
+  out.put(facts.most_piece_bytes);
+  out.put(facts.deviation);
+  return out.bytes();
+}
+
+// Adds the facts of another rank. The hashes of values depend on the pieces of each rank, but are only compared with
+// each other.
+void include(ByteReader in, InputFacts& all) {
+  const std::size_t attributes = all.fills.size();
+  InputFacts more(attributes);
+  get(in, more.ranges);
+  get(in, more.in_cells);
+  in.get(more.fills);
+  for (format::PartsHash& hash : all.values) {
+    std::uint64_t value = 0;
+    in.get(value);
+    hash.add(value);
+  }
+  in.get(more.brings_value_moments);
+  get(in, more.cells);
+  in.get(more.census);
+  in.get(more.has_material);
+  in.get(more.most_piece_bytes);
+  in.get(more.deviation);
+
+  all.ranges.include(more.ranges);
+  all.in_cells.include(more.in_cells);
+  for (std::size_t a = 0; a < attributes; ++a) all.fills[a] += more.fills[a];
+  all.brings_value_moments = all.brings_value_moments || more.brings_value_moments;
+  all.cells += more.cells;
+  all.census.read += more.census.read;
+  all.census.not_finite += more.census.not_finite;
+  all.census.in_no_cell += more.census.in_no_cell;
+  all.has_material = all.has_material || more.has_material;
+  all.most_piece_bytes = std::max(all.most_piece_bytes, more.most_piece_bytes);
+  all.deviation = std::max(all.deviation, more.deviation);
+}
+
+}  // namespace
+
+PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place)
+    : ranks_(ranks),
+      source_(source),
+      layout_(layout),
+      faces_(layout, std::max(place.memory / 8, PieceFaces::least_memory()), place.folder),
+      reader_(source, layout, faces_, place.memory / 16),
+      spool_(layout.bytes(), place.memory / 4, place.folder),
+      samples_(std::max(least_samples, most_samples / ranks.size())),
+      before_(layout.attributes()) {}
+
+Status PieceTurns::read(const std::function<void(double)>& progress) {
+  source_.lend_values();
+  SPLATVOL_TRY(ranks_.agree(read_own(progress)));
+  share_counts();
+  InputFacts all(layout_.attributes());
+  for (const Bytes& bytes : ranks_.gather_all(bytes_of(reader_.facts()))) include(ByteReader(bytes), all);
+  before_ = all;
+  reader_.set_facts(std::move(all));
+  return reader_.check_any();
+}
+
+Status PieceTurns::read_own(const std::function<void(double)>& progress) {
+  const bool selects = source_.select_every(ranks_.rank(), ranks_.size());
+  const std::size_t first = selects ? ranks_.rank() : 0, stride = selects ? ranks_.size() : 1;
+  for (std::size_t number = first;; number += stride) {
+    SPLATVOL_TRY_ASSIGN(piece, source_.next());
+    if (!piece) return {};
+    SPLATVOL_TRY(check_interruption());
+    if (owner(number) != ranks_.rank()) continue;
+    progress(static_cast<double>(number) / static_cast<double>(std::max(source_.piece_count(), number + 1)));
+    counts_.resize(number + 1);
+    SPLATVOL_TRY(reader_.read(*piece, [&](std::span<const std::byte> records) { return keep(number, records); }));
+  }
+}
+
+Status PieceTurns::keep(std::size_t piece, std::span<const std::byte> records) {
+  constexpr int piece_bits = 24;
+  for (std::size_t at = 0; at < records.size(); at += layout_.bytes()) {
+    const std::uint64_t number = std::uint64_t{piece} << (64 - piece_bits) | counts_[piece]++;
+    if (samples_.keeps(number)) samples_.add(number, layout_.position(records.data() + at));
+  }
+  return spool_.append(records);
+}
+
+void PieceTurns::share_counts() {
+  std::uint64_t pieces = counts_.size();
+  ranks_.largest({&pieces, 1});
+  counts_.resize(pieces);
+  ranks_.sum(counts_);
+}
+
+void PieceTurns::add_left_out() {
+  InputFacts all = before_;
+  std::uint64_t left_out = reader_.facts().census.left_out;
+  ranks_.sum({&left_out, 1});
+  for (const Bytes& bytes : ranks_.gather_all(bytes_of(reader_.facts()))) {
+    InputFacts of_rank(layout_.attributes());
+    include(ByteReader(bytes), of_rank);
+    all.in_cells.include(of_rank.in_cells);
+  }
+  all.census.left_out = left_out;
+  all.census.in_no_cell -= left_out;
+  reader_.set_facts(std::move(all));
+}
+
+Status PieceTurns::take(std::uint64_t count, std::vector<std::byte>& records) {
+  for (std::size_t bytes = count * layout_.bytes(); bytes > 0;) {
+    if (unread_.empty()) {
+      SPLATVOL_TRY_ASSIGN(next, spool_.next());
+      if (next.empty()) return fail(ErrorCode::invalid_argument, "records: past the end");
+      unread_ = next;
+    }
+    const auto part = unread_.first(std::min(bytes, unread_.size()));
+    records.insert(records.end(), part.begin(), part.end());
+    unread_ = unread_.subspan(part.size());
+    bytes -= part.size();
+  }
+  return {};
+}
+
+std::vector<MortonKey> PieceTurns::sample_keys(const Cube& cube, double& probability) {
+  std::uint64_t limit = samples_.limit();
+  for (const std::uint64_t of_rank : gather_values(ranks_, limit)) limit = std::min(limit, of_rank);
+  ByteWriter own;
+  for (const PositionSamples::Sample& sample : samples_.samples())
+    if (sample.lot <= limit) own.put(morton_key(sample.position, cube));
+  std::vector<MortonKey> keys;
+  for (const Bytes& bytes : ranks_.gather_all(own.bytes()))
+    for (ByteReader in(bytes); !in.at_end();) in.get(keys.emplace_back());
+  std::ranges::sort(keys);
+  probability = PositionSamples::probability(limit);
+  return keys;
+}
+
+}  // namespace splatvol

@@ -1,0 +1,64 @@
+// svbuild as the ranks of an MPI job.
+#include "tools/svbuild_ranks.h"
+
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <memory>
+
+#include "builder/distributed/joint_build.h"
+#include "builder/distributed/ranks.h"
+#include "tools/ending.h"
+
+namespace splatvol {
+namespace {
+
+std::unique_ptr<Ranks> all_ranks;
+
+// One rank speaks for all.
+void be_silent() {
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere < 0) return;
+  ::dup2(nowhere, STDOUT_FILENO);
+  ::dup2(nowhere, STDERR_FILENO);
+  ::close(nowhere);
+}
+
+std::uint64_t peak_memory() {
+  rusage usage{};
+  return ::getrusage(RUSAGE_SELF, &usage) == 0 ? static_cast<std::uint64_t>(usage.ru_maxrss) * 1024 : 0;
+}
+
+}  // namespace
+
+int join_ranks(int& argc, char**& argv) {
+  auto started = Ranks::start(argc, argv);
+  if (!started) {
+    say("svbuild", started.error().message);
+    return 1;
+  }
+  all_ranks = std::move(*started);
+  if (!all_ranks->is_first()) be_silent();
+  return -1;
+}
+
+void leave_ranks() { all_ranks.reset(); }
+
+Result<BuildReport> build_in_ranks(const std::function<Result<std::unique_ptr<Source>>()>& open,
+                                   std::unique_ptr<Source>& source, const std::string& output,
+                                   const BuildOptions& options, const BuildProgress& progress, JointWork& work) {
+  const BuildProgress silent = [](const char*, double) {};
+  SPLATVOL_TRY_ASSIGN(report, build_volume_together(*all_ranks, open, source, output, options,
+                                                    all_ranks->is_first() ? progress : silent));
+  work = {report.ranks,      report.ranges, report.record_bytes,
+          report.sent_bytes, report.owned,  gather_values(*all_ranks, peak_memory())};
+  return report.build;
+}
+
+Status require_one_rank(const char* work) {
+  if (all_ranks->size() == 1) return {};
+  return fail(ErrorCode::unsupported, "{} is work of one process: start svbuild without MPI", work);
+}
+
+}  // namespace splatvol
