@@ -408,6 +408,7 @@ Status build(const Options& options) {
     return named || is_series(options) ? Status(tl::unexpected(report.error()))
                                        : Status(fail_in(options.inputs[0], report.error()));
   }
+  if (!notes.work.tells) return {};
   const double seconds = seconds_now() - start;
   options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};

@@ -51,7 +51,7 @@ Result<BuildReport> build_in_ranks(const std::function<Result<std::unique_ptr<So
   const BuildProgress silent = [](const char*, double) {};
   SPLATVOL_TRY_ASSIGN(report, build_volume_together(*all_ranks, open, source, output, options,
                                                     all_ranks->is_first() ? progress : silent));
-  work = {report.ranks,      report.ranges, report.record_bytes,
+  work = {all_ranks->is_first(), report.ranks,      report.ranges, report.record_bytes,
           report.sent_bytes, report.owned,  gather_values(*all_ranks, peak_memory())};
   return report.build;
 }

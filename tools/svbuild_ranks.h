@@ -15,6 +15,7 @@ namespace splatvol {
 
 /// What several processes did together.
 struct JointWork {
+  bool tells = true;                      // whether this process prints the result: one does
   std::size_t ranks = 1;                  // processes
   std::size_t ranges = 1;                 // of these, that reduced points of their own
   std::uint64_t record_bytes = 0;         // of all points' records

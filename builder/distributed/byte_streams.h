@@ -52,6 +52,11 @@ class ByteReader {
     copy_to(std::as_writable_bytes(std::span(items)));
   }
 
+  /// Fills in items whose number the reader knows.
+  template <class T>
+  requires std::is_trivially_copyable_v<T>
+  void fill(std::span<T> items) { copy_to(std::as_writable_bytes(items)); }
+
   /// The next bytes, which stay where they are.
   [[nodiscard]] std::span<const std::byte> take(std::size_t count) {
     const std::span<const std::byte> taken = bytes_.first(count);

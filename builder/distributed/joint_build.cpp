@@ -9,6 +9,7 @@
 #include "base/interruption.h"
 #include "builder/census_lines.h"
 #include "builder/connect.h"
+#include "builder/distributed/byte_streams.h"
 #include "builder/distributed/joint_file.h"
 #include "builder/distributed/piece_turns.h"
 #include "builder/distributed/range_plan.h"
@@ -100,21 +101,26 @@ class JointBuild {
            records() > most_fitted_points;
   }
 
-  void choose_begins() {
-    if (!reduces_in_ranges()) return;
-    double probability = 0;
-    const std::vector<MortonKey> samples = pieces_.sample_keys(cube_, probability);
+  // Rank 0 has the samples, and chooses for all.
+  Status choose_begins() {
+    if (!reduces_in_ranges()) return {};
+    SPLATVOL_TRY_ASSIGN(samples, pieces_.sample_keys(cube_));
     // Twice as many as needed, and some: fewer points than needed then give so many samples with a probability of
     // less than 1e-30.
     const std::uint64_t needed = (node_points() + 1) * (estimates() ? 1 : usual_copies);
-    const double least = 2 * probability * static_cast<double>(needed) + 64;
-    begins_ = choose_ranges(samples, ranks_.size(), static_cast<std::size_t>(least));
+    const double least = 2 * samples.probability * static_cast<double>(needed) + 64;
+    begins_ = choose_ranges(samples.keys, ranks_.size(), static_cast<std::size_t>(least));
+    ByteWriter chosen;
+    chosen.put(begins_);
+    const Bytes bytes = ranks_.broadcast(chosen.bytes());
+    ByteReader(bytes).get(begins_);
+    return {};
   }
 
   // Sends all records to the ranks that sort them.
   Status share_points() {
     progress_("sorting", 0);
-    choose_begins();
+    SPLATVOL_TRY(choose_begins());
     Status made;
     if (has_range()) {
       auto sorter = PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_, true);

@@ -184,18 +184,20 @@ Status PieceTurns::take(std::uint64_t count, std::vector<std::byte>& records) {
   return {};
 }
 
-std::vector<MortonKey> PieceTurns::sample_keys(const Cube& cube, double& probability) {
+Result<PieceTurns::KeySamples> PieceTurns::sample_keys(const Cube& cube) {
   std::uint64_t limit = samples_.limit();
   for (const std::uint64_t of_rank : gather_values(ranks_, limit)) limit = std::min(limit, of_rank);
   ByteWriter own;
   for (const PositionSamples::Sample& sample : samples_.samples())
     if (sample.lot <= limit) own.put(morton_key(sample.position, cube));
-  std::vector<MortonKey> keys;
-  for (const Bytes& bytes : ranks_.gather_all(own.bytes()))
-    for (ByteReader in(bytes); !in.at_end();) in.get(keys.emplace_back());
-  std::ranges::sort(keys);
-  probability = PositionSamples::probability(limit);
-  return keys;
+  KeySamples samples{{}, PositionSamples::probability(limit)};
+  SPLATVOL_TRY(ranks_.gather_in_order([&](const Ranks::Emit& emit) { return emit(own.bytes()); },
+                                      [&](std::size_t, std::span<const std::byte> bytes) -> Status {
+                                        for (ByteReader in(bytes); !in.at_end();) in.get(samples.keys.emplace_back());
+                                        return {};
+                                      }));
+  std::ranges::sort(samples.keys);
+  return samples;
 }
 
 }  // namespace splatvol

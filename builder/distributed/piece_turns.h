@@ -43,8 +43,12 @@ class PieceTurns {
   /// Appends the next `count` records of this rank.
   [[nodiscard]] Status take(std::uint64_t count, std::vector<std::byte>& records);
 
-  /// Collective: ascending keys of points of all ranks. Each point is among them with `probability`.
-  [[nodiscard]] std::vector<MortonKey> sample_keys(const Cube& cube, double& probability);
+  /// Collective: ascending keys of points of all ranks, on rank 0. Each point is among them with `probability`.
+  struct KeySamples {
+    std::vector<MortonKey> keys;
+    double probability = 1;
+  };
+  [[nodiscard]] Result<KeySamples> sample_keys(const Cube& cube);
 
  private:
   [[nodiscard]] Status read_own(const std::function<void(double)>& progress);

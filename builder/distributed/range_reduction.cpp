@@ -41,20 +41,31 @@ void get(ByteReader& in, Member& member) {
   in.get(member.stored_values);
 }
 
+// Most leaves have points and splats at the finest resolutions only: those before stay at home.
 void put(ByteWriter& out, const IndexLeaf& leaf) {
+  std::uint64_t first = 0;
+  while (first < leaf.counts.size() && leaf.counts[first] == 0 && leaf.splats[first].least_depth == 255) ++first;
   out.put(leaf.key);
   out.put(leaf.depth);
-  out.put(leaf.counts);
-  out.put(leaf.splats);
-  out.put(leaf.summaries);
+  out.put(first);
+  out.append(std::as_bytes(std::span(leaf.counts).subspan(first)));
+  out.append(std::as_bytes(std::span(leaf.splats).subspan(first)));
+  out.append(std::as_bytes(std::span(leaf.summaries)));
 }
 
-void get(ByteReader& in, IndexLeaf& leaf) {
+IndexLeaf get_leaf(ByteReader& in, std::size_t resolutions, std::size_t attributes) {
+  IndexLeaf leaf;
+  leaf.counts.resize(resolutions);
+  leaf.splats.resize(resolutions);
+  leaf.summaries.resize(attributes);
+  std::uint64_t first = 0;
   in.get(leaf.key);
   in.get(leaf.depth);
-  in.get(leaf.counts);
-  in.get(leaf.splats);
-  in.get(leaf.summaries);
+  in.get(first);
+  in.fill(std::span(leaf.counts).subspan(first));
+  in.fill(std::span(leaf.splats).subspan(first));
+  in.fill(std::span(leaf.summaries));
+  return leaf;
 }
 
 // Adds what came late: levels count from the finest resolution, a whole leaf counts from the coarsest.
@@ -275,8 +286,7 @@ Status RangeReduction::visit_leaves(std::size_t resolutions, const std::function
   return ranks_.gather_in_order(produce, [&](std::size_t, std::span<const std::byte> bytes) -> Status {
     const auto& late = coarse_->pass.late_leaves();
     for (ByteReader in(bytes); !in.at_end(); ++number) {
-      IndexLeaf leaf;
-      get(in, leaf);
+      IndexLeaf leaf = get_leaf(in, resolutions, input_.attributes.size());
       if (const auto more = late.find(number); more != late.end()) include_late(more->second, leaf);
       SPLATVOL_TRY(visit(std::move(leaf)));
     }
