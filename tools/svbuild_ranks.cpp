@@ -5,8 +5,12 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <exception>
 #include <memory>
+#include <new>
 
+#include "base/printable.h"
+#include "base/temporary_names.h"
 #include "builder/distributed/joint_build.h"
 #include "builder/distributed/ranks.h"
 #include "tools/ending.h"
@@ -15,14 +19,24 @@ namespace splatvol {
 namespace {
 
 std::unique_ptr<Ranks> all_ranks;
+int standard_error = STDERR_FILENO;  // also of ranks that are silent
 
 // One rank speaks for all.
 void be_silent() {
   const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
   if (nowhere < 0) return;
+  standard_error = ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
   ::dup2(nowhere, STDOUT_FILENO);
   ::dup2(nowhere, STDERR_FILENO);
   ::close(nowhere);
+}
+
+// What the libraries throw leaves the other ranks waiting: this ends them too.
+[[noreturn]] void end_all(const char* message) {
+  ::dup2(standard_error, STDERR_FILENO);
+  say("svbuild", message);
+  remove_temporaries();
+  Ranks::abandon();
 }
 
 std::uint64_t peak_memory() {
@@ -47,13 +61,22 @@ void leave_ranks() { all_ranks.reset(); }
 
 Result<BuildReport> build_in_ranks(const std::function<Result<std::unique_ptr<Source>>()>& open,
                                    std::unique_ptr<Source>& source, const std::string& output,
-                                   const BuildOptions& options, const BuildProgress& progress, JointWork& work) {
+                                   const BuildOptions& options, const BuildProgress& progress, JointWork& work) try {
   const BuildProgress silent = [](const char*, double) {};
   SPLATVOL_TRY_ASSIGN(report, build_volume_together(*all_ranks, open, source, output, options,
                                                     all_ranks->is_first() ? progress : silent));
-  work = {all_ranks->is_first(), report.ranks,      report.ranges, report.record_bytes,
-          report.sent_bytes, report.owned,  gather_values(*all_ranks, peak_memory())};
+  work = {all_ranks->is_first(),
+          report.ranks,
+          report.ranges,
+          report.record_bytes,
+          report.sent_bytes,
+          report.owned,
+          gather_values(*all_ranks, peak_memory())};
   return report.build;
+} catch (const std::bad_alloc&) {
+  end_all("not enough memory");
+} catch (const std::exception& error) {
+  end_all(one_line(error.what()).c_str());
 }
 
 Status require_one_rank(const char* work) {

@@ -66,9 +66,7 @@ class JointBuild {
   [[nodiscard]] std::uint64_t round_memory() const { return memory_ / 16; }
   [[nodiscard]] bool estimates() const { return !is_joined_by_cells(summary_); }
 
-  [[nodiscard]] std::uint64_t records() const {
-    return std::accumulate(pieces_.counts().begin(), pieces_.counts().end(), std::uint64_t{0});
-  }
+  [[nodiscard]] std::uint64_t records() const { return pieces_.records(); }
 
   // Most points in an index leaf or an estimate node.
   [[nodiscard]] std::uint64_t node_points() const {

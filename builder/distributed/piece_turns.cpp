@@ -117,7 +117,8 @@ PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout,
 Status PieceTurns::read(const std::function<void(double)>& progress) {
   source_.lend_values();
   SPLATVOL_TRY(ranks_.agree(read_own(progress)));
-  share_counts();
+  SPLATVOL_TRY(check_repeated());
+  share_turns();
   InputFacts all(layout_.attributes());
   for (const Bytes& bytes : ranks_.gather_all(bytes_of(reader_.facts()))) include(ByteReader(bytes), all);
   before_ = all;
@@ -127,32 +128,74 @@ Status PieceTurns::read(const std::function<void(double)>& progress) {
 
 Status PieceTurns::read_own(const std::function<void(double)>& progress) {
   const bool selects = source_.select_every(ranks_.rank(), ranks_.size());
-  const std::size_t first = selects ? ranks_.rank() : 0, stride = selects ? ranks_.size() : 1;
-  for (std::size_t number = first;; number += stride) {
+  for (std::uint32_t read = 0;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source_.next());
     if (!piece) return {};
     SPLATVOL_TRY(check_interruption());
-    if (owner(number) != ranks_.rank()) continue;
-    progress(static_cast<double>(number) / static_cast<double>(std::max(source_.piece_count(), number + 1)));
-    counts_.resize(number + 1);
-    SPLATVOL_TRY(reader_.read(*piece, [&](std::span<const std::byte> records) { return keep(number, records); }));
+    if (!selects && read % ranks_.size() != ranks_.rank()) continue;
+    const double all = static_cast<double>(std::max<std::size_t>(source_.piece_count(), 1));
+    progress(std::min(static_cast<double>(read) * static_cast<double>(selects ? ranks_.size() : 1) / all, 1.0));
+    turns_.push_back({selects ? source_.piece_number() : Source::PieceNumber{0, read}, ranks_.rank(), 0});
+    // Without a selection, the source has seen all pieces, and has found those that repeat others.
+    if (selects) prints_.push_back(RepeatedPieces::fingerprint({}, *piece));
+    const auto keep_records = [&](std::span<const std::byte> records) { return keep(turns_.back(), records); };
+    SPLATVOL_TRY(reader_.read(*piece, keep_records));
   }
 }
 
-Status PieceTurns::keep(std::size_t piece, std::span<const std::byte> records) {
-  constexpr int piece_bits = 24;
+Status PieceTurns::keep(Turn& turn, std::span<const std::byte> records) {
+  constexpr int record_bits = 36, file_bits = 40;
+  const std::uint64_t piece = std::uint64_t{turn.number.file} << file_bits ^ std::uint64_t{turn.number.in_file}
+                                                                                 << record_bits;
   for (std::size_t at = 0; at < records.size(); at += layout_.bytes()) {
-    const std::uint64_t number = std::uint64_t{piece} << (64 - piece_bits) | counts_[piece]++;
+    const std::uint64_t number = piece + turn.records++;
     if (samples_.keeps(number)) samples_.add(number, layout_.position(records.data() + at));
   }
   return spool_.append(records);
 }
 
-void PieceTurns::share_counts() {
-  std::uint64_t pieces = counts_.size();
-  ranks_.largest({&pieces, 1});
-  counts_.resize(pieces);
-  ranks_.sum(counts_);
+// Shows rank 0 the pieces of all ranks: two files with the same points are time steps.
+Status PieceTurns::check_repeated() {
+  ByteWriter own;
+  for (std::size_t i = 0; i < prints_.size(); ++i) {
+    own.put(turns_[i].number.file);
+    own.put(prints_[i].points);
+    own.put(prints_[i].positions);
+    own.put(prints_[i].box);
+    own.put(prints_[i].tetrahedra);
+  }
+  prints_ = {};
+  RepeatedPieces all;
+  return ranks_.gather_in_order(
+      [&](const Ranks::Emit& emit) { return own.bytes().empty() ? Status{} : emit(own.bytes()); },
+      [&](std::size_t, std::span<const std::byte> bytes) -> Status {
+        for (ByteReader in(bytes); !in.at_end();) {
+          std::uint32_t file = 0;
+          in.get(file);
+          RepeatedPieces::Fingerprint print;
+          print.file = fmt::format("input file {}", file + 1);
+          in.get(print.points);
+          in.get(print.positions);
+          in.get(print.box);
+          in.get(print.tetrahedra);
+          SPLATVOL_TRY(all.add(std::move(print)));
+        }
+        return {};
+      });
+}
+
+void PieceTurns::share_turns() {
+  std::vector<Turn> all;
+  for (const Bytes& bytes : ranks_.gather_all(std::as_bytes(std::span(turns_))))
+    for (ByteReader in(bytes); !in.at_end();) in.get(all.emplace_back());
+  std::ranges::sort(all, {}, &Turn::number);
+  turns_ = std::move(all);
+}
+
+std::uint64_t PieceTurns::records() const {
+  std::uint64_t records = 0;
+  for (const Turn& turn : turns_) records += turn.records;
+  return records;
 }
 
 void PieceTurns::add_left_out() {

@@ -11,6 +11,7 @@
 #include "builder/distributed/ranks.h"
 #include "builder/points/piece_reader.h"
 #include "builder/sorting/record_spool.h"
+#include "builder/sources/repeated_pieces.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -21,8 +22,8 @@ struct Workplace {
   std::string folder;      // for what does not fit
 };
 
-/// The pieces of this rank, as records. Rank r reads pieces r, r + size and so on: each rank's pieces are in ascending
-/// order.
+/// The pieces of this rank, as records. Rank r reads files or pieces r, r + size and so on: each rank's pieces are in
+/// ascending order.
 class PieceTurns {
  public:
   PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place);
@@ -36,9 +37,15 @@ class PieceTurns {
   [[nodiscard]] PieceReader& reader() { return reader_; }
   [[nodiscard]] PieceFaces& faces() { return faces_; }
 
-  /// Records of each piece of all ranks, those that may be left out among them. Requires read().
-  [[nodiscard]] const std::vector<std::uint64_t>& counts() const { return counts_; }
-  [[nodiscard]] std::size_t owner(std::size_t piece) const { return piece % ranks_.size(); }
+  /// A piece of any rank, and its records, those that may be left out among them.
+  struct Turn {
+    Source::PieceNumber number;
+    std::uint64_t owner = 0, records = 0;
+  };
+
+  /// All pieces in the order of the input. Requires read().
+  [[nodiscard]] const std::vector<Turn>& turns() const { return turns_; }
+  [[nodiscard]] std::uint64_t records() const;
 
   /// Appends the next `count` records of this rank.
   [[nodiscard]] Status take(std::uint64_t count, std::vector<std::byte>& records);
@@ -52,8 +59,9 @@ class PieceTurns {
 
  private:
   [[nodiscard]] Status read_own(const std::function<void(double)>& progress);
-  [[nodiscard]] Status keep(std::size_t piece, std::span<const std::byte> records);
-  void share_counts();
+  [[nodiscard]] Status keep(Turn& turn, std::span<const std::byte> records);
+  [[nodiscard]] Status check_repeated();
+  void share_turns();
 
   Ranks& ranks_;
   Source& source_;
@@ -62,9 +70,10 @@ class PieceTurns {
   PieceReader reader_;
   RecordSpool spool_;
   PositionSamples samples_;
-  std::vector<std::uint64_t> counts_;
-  InputFacts before_;                  // facts of all pieces, before records were left out
-  std::span<const std::byte> unread_;  // of the spool
+  std::vector<Turn> turns_;
+  std::vector<RepeatedPieces::Fingerprint> prints_;  // of this rank's pieces; the file is that of the piece's number
+  InputFacts before_;                                // facts of all pieces, before records were left out
+  std::span<const std::byte> unread_;                // of the spool
 };
 
 }  // namespace splatvol

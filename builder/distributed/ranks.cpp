@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
 #include <string>
 #include <thread>
 #include <utility>
@@ -88,7 +89,9 @@ Ranks::Ranks() {
   watcher_ = std::make_unique<Watcher>();
 }
 
+// A launcher ends all ranks once one has ended with an error: not before each has said what it has to say.
 Ranks::~Ranks() {
+  MPI_Barrier(MPI_COMM_WORLD);
   watcher_.reset();
   MPI_Finalize();
 }
@@ -101,6 +104,11 @@ Result<std::unique_ptr<Ranks>> Ranks::start(int& argc, char**& argv) {
     return fail(ErrorCode::unsupported, "this MPI library serves one thread only; a rank needs two");
   }
   return std::unique_ptr<Ranks>(new Ranks);
+}
+
+void Ranks::abandon() {
+  MPI_Abort(MPI_COMM_WORLD, 1);
+  std::abort();
 }
 
 std::stop_token Ranks::stop() const { return watcher_->stop(); }

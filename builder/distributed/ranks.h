@@ -35,6 +35,9 @@ class Ranks {
   /// Whether all ranks run on one machine.
   [[nodiscard]] bool on_one_machine() const { return on_one_machine_; }
 
+  /// Ends all ranks, this one too, for a program that cannot go on by the rules: others may wait for it.
+  [[noreturn]] static void abandon();
+
   /// Requests a stop as soon as another rank has failed: long work of this rank then ends with ErrorCode::cancelled
   /// (base/interruption.h), and agree() returns the error of the other rank.
   [[nodiscard]] std::stop_token stop() const;

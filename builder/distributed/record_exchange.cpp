@@ -25,12 +25,13 @@ class PartCursor {
 
   std::vector<PiecePart> next(std::uint64_t count) {
     std::vector<PiecePart> parts;
-    while (count > 0 && piece_ < pieces_.counts().size()) {
-      const std::uint64_t left = pieces_.counts()[piece_] - taken_, part = std::min(left, count);
-      if (part > 0) parts.push_back({pieces_.owner(piece_), part});
+    while (count > 0 && piece_ < pieces_.turns().size()) {
+      const PieceTurns::Turn& turn = pieces_.turns()[piece_];
+      const std::uint64_t part = std::min(turn.records - taken_, count);
+      if (part > 0) parts.push_back({turn.owner, part});
       count -= part;
       taken_ += part;
-      if (taken_ < pieces_.counts()[piece_]) break;
+      if (taken_ < turn.records) break;
       ++piece_;
       taken_ = 0;
     }

@@ -113,6 +113,7 @@ class PointGenerator final : public Source {
     pieces_.select_every(first, stride);
     return true;
   }
+  PieceNumber piece_number() const override { return {0, static_cast<std::uint32_t>(pieces_.last())}; }
   Result<std::unique_ptr<Piece>> next() override { return pieces_.next(); }
   std::optional<std::uint64_t> point_count() const override { return recipe_.count; }
   bool single_precision() const override { return recipe_.single_precision; }

@@ -136,15 +136,15 @@ class NpySource final : public Source {
 
   bool select_every(std::size_t first, std::size_t stride) override {
     pieces_.select_every(first, stride);
-    next_ = first;
-    stride_ = stride;
     return true;
+  }
+  PieceNumber piece_number() const override {
+    return {static_cast<std::uint32_t>(ranges_[pieces_.last()].file), static_cast<std::uint32_t>(pieces_.last())};
   }
 
   Result<std::unique_ptr<Piece>> next() override {
     SPLATVOL_TRY_ASSIGN(piece, pieces_.next());
-    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[next_].file].path, *piece));
-    next_ += stride_;
+    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[pieces_.last()].file].path, *piece));
     return piece;
   }
 
@@ -203,7 +203,6 @@ class NpySource final : public Source {
   MissingValues missing_;
   std::vector<RowRange> ranges_;
   PieceAhead pieces_;
-  std::size_t next_ = 0, stride_ = 1;  // pieces
   RepeatedPieces repeats_;
 };
 

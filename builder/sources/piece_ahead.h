@@ -28,11 +28,15 @@ class PieceAhead {
     if (!std::exchange(started_, true)) start();
     if (!coming_.valid()) return std::unique_ptr<Piece>();
     auto piece = coming_.get();
+    last_ = next_ - stride_;
     start();
     return piece;
   }
 
-  /// Contract as Source::select_every().
+  /// The number of the piece that next() returned last.
+  [[nodiscard]] std::size_t last() const { return last_; }
+
+  /// Contract as Source::select_every(), for single pieces.
   void select_every(std::size_t first, std::size_t stride) {
     next_ = first;
     stride_ = stride;
@@ -48,7 +52,7 @@ class PieceAhead {
 
   std::size_t count_;
   Make make_;
-  std::size_t next_ = 0, stride_ = 1;
+  std::size_t next_ = 0, stride_ = 1, last_ = 0;
   bool started_ = false;
   std::future<Result<std::unique_ptr<Piece>>> coming_;
 };
