@@ -117,20 +117,30 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
 }
 
 Status VolumeWriter::finish(const Histograms& histograms, const Checking& checking) {
+  SPLATVOL_TRY(finish_unchecked(histograms));
+  return check_and_commit(checking);
+}
+
+Status VolumeWriter::finish_unchecked(const Histograms& histograms) {
   if (info_.series) return fail(ErrorCode::invalid_argument, "a series without steps");
   if (histograms.size() != info_.attributes.size())
     return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(),
                 info_.attributes.size());
-  return finish_all(histograms, {}, checking);
+  return finish_all(histograms, {});
 }
 
 Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking) {
   if (!info_.series || steps.empty()) return fail(ErrorCode::invalid_argument, "not a series, or one without steps");
-  return finish_all({}, steps, checking);
+  SPLATVOL_TRY(finish_all({}, steps));
+  return check_and_commit(checking);
 }
 
-Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
-                                const Checking& checking) {
+Status VolumeWriter::check_and_commit(const Checking& checking) {
+  if (checking) SPLATVOL_TRY(check(checking));
+  return file_.commit();
+}
+
+Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps) {
   if (directory_.next_row() != rows().row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(), rows().row_count());
 
@@ -148,9 +158,7 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
   SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
   const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &directory_root, &padding};
   for (const Bytes* part : parts) front.insert(front.end(), part->begin(), part->end());
-  SPLATVOL_TRY(file_.write_at(0, front));
-  if (checking) SPLATVOL_TRY(check(checking));
-  return file_.commit();
+  return file_.write_at(0, front);
 }
 
 Status VolumeWriter::check(const Checking& checking) const {

@@ -19,9 +19,12 @@ long number_of(const std::array<const char*, count>& names, long otherwise) {
   return otherwise;
 }
 
-std::string program_beside() {
+// svbuild-mpi lies beside this program, or where it is installed.
+std::string find_program_of_ranks() {
   std::error_code error;
-  return std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / "svbuild-mpi";
+  const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  const std::filesystem::path beside = folder / "svbuild-mpi";
+  return std::filesystem::exists(beside, error) ? beside : folder / ".." / SPLATVOL_LIBEXEC / "svbuild-mpi";
 }
 
 }  // namespace
@@ -30,7 +33,7 @@ std::string program_beside() {
 int join_ranks(int&, char**& argv) {
   const long size = number_of(std::array{"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"}, 1);
   if (size < 2) return -1;
-  ::execv(program_beside().c_str(), argv);
+  ::execv(find_program_of_ranks().c_str(), argv);
   if (number_of(std::array{"OMPI_COMM_WORLD_RANK", "PMI_RANK"}, 0) == 0)
     say("svbuild", "started by MPI, but built without it: svbuild-mpi is not there");
   return 1;

@@ -9,6 +9,7 @@
 #include "base/interruption.h"
 #include "builder/distributed/block_spool.h"
 #include "builder/output/index_stream.h"
+#include "format/volume.h"
 #include "format/volume_writer.h"
 
 namespace splatvol {
@@ -72,8 +73,10 @@ class JointFile {
     SPLATVOL_TRY(ranks_.agree(write_rows(places, first_row)));
     SPLATVOL_TRY(add_entries());
     Status finished;
-    if (writer_) finished = writer_->finish(histograms, [&](double fraction) { progress_("checking", fraction); });
-    SPLATVOL_TRY(ranks_.agree(finished));
+    if (writer_) finished = writer_->finish_unchecked(histograms);
+    SPLATVOL_TRY(ranks_.agree(finished ? output_.sync() : finished));
+    SPLATVOL_TRY(check());
+    SPLATVOL_TRY(ranks_.agree(writer_ ? writer_->commit() : Status{}));
     return writer_ ? writer_->file_bytes() : 0;
   }
 
@@ -149,6 +152,31 @@ class JointFile {
                                       return {};
                                     });
     });
+  }
+
+  // Collective: the file is read back, by all ranks, before it gets its name.
+  Status check() {
+    const auto progress = [&](double fraction) { progress_("checking", fraction); };
+    auto volume = open_finished();
+    Result<format::Volume::CheckedValues> own =
+        volume ? (*volume)->verify_chunks(ranks_.rank(), ranks_.size(), progress)
+               : Result<format::Volume::CheckedValues>(tl::unexpected<Error>(volume.error()));
+    SPLATVOL_TRY(agree_on_check(own ? Status{} : Status(tl::unexpected<Error>(own.error()))));
+    for (format::Histogram& histogram : own->histograms) ranks_.sum(histogram);
+    ranks_.sum(own->missing);
+    return agree_on_check(writer_ ? (*volume)->verify_rest(std::move(*own), progress) : Status{});
+  }
+
+  Result<std::shared_ptr<const format::Volume>> open_finished() const {
+    SPLATVOL_TRY_ASSIGN(source, open_file(output_.path_to_read()));
+    return format::Volume::open(std::move(source));
+  }
+
+  Status agree_on_check(const Status& own) {
+    const Status checked = ranks_.agree(own);
+    if (checked || checked.error().code == ErrorCode::cancelled) return checked;
+    return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",
+                checked.error().message);
   }
 
   // Only the rows of a segment's own resolution have the columns of points.
