@@ -35,8 +35,8 @@ class Volume::Verifier {
     const std::uint64_t pages = volume_.directories_[0].refs.size();
     for (std::uint64_t p = part; p < pages; p += parts) {
       SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(p));
-      SPLATVOL_TRY(check_page(page, page.chunks.empty() ? 0 : page.chunks[0].offset));
-      progress_(static_cast<double>(p) / static_cast<double>(pages));
+      const double done = static_cast<double>(p) / static_cast<double>(pages);
+      SPLATVOL_TRY(check_page(page, page.chunks.empty() ? 0 : page.chunks[0].offset, [&](auto) { progress_(done); }));
     }
     return std::move(values_);
   }
@@ -177,19 +177,22 @@ class Volume::Verifier {
     const SectionEntry& section = *container.find_section(SectionKind::rows);
     const std::uint64_t begin = container.begin() + section.offset;
     std::uint64_t next = begin;
+    const auto progress = [&](std::uint64_t end) {
+      progress_(static_cast<double>(end - begin) / static_cast<double>(section.packed_bytes));
+    };
     const std::uint64_t first = directory == 0 ? 0 : volume_.directories_[0].refs.size();
     for (std::uint64_t p = 0; p < volume_.directories_[directory].refs.size(); ++p) {
       SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(first + p));
-      SPLATVOL_TRY_ASSIGN(end, check_page(page, next));
+      SPLATVOL_TRY_ASSIGN(end, check_page(page, next, progress));
       next = end;
-      progress_(static_cast<double>(next - begin) / static_cast<double>(section.packed_bytes));
     }
     if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
     return {};
   }
 
-  // Returns where the chunks of a page end. They begin at `next`.
-  Result<std::uint64_t> check_page(const DirectoryPage& page, std::uint64_t next) {
+  // Returns where the chunks of a page end. They begin at `next`. Calls done(end of a row) after each row.
+  template <class Done>
+  Result<std::uint64_t> check_page(const DirectoryPage& page, std::uint64_t next, const Done& done) {
     const RowLayout& rows = volume_.rows_;
     std::size_t chunk = 0;
     for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
@@ -200,6 +203,7 @@ class Volume::Verifier {
         next += location.entry.packed_bytes;
         if (decodes_) SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
       }
+      done(next);
       SPLATVOL_TRY(check_interruption());
     }
     return next;

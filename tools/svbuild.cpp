@@ -4,6 +4,7 @@
 #include <tbb/global_control.h>
 #include <tbb/info.h>
 #include <tbb/scalable_allocator.h>
+#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -161,7 +162,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.exact = {.positions = options.exact, .values = options.exact};
   build_options.connectivity = connectivity_of(options.connectivity);
   build_options.builder = "svbuild " SPLATVOL_VERSION;
-  build_options.memory = memory_limit() / 4;
+  build_options.memory = memory_limit() / 4 / processes_here();
   if (!options.memory.empty()) {
     SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
     build_options.memory = memory;
@@ -382,11 +383,20 @@ Status print_estimate(const Options& options) {
   return {};
 }
 
+// The threads of a process that shares a machine with others of this build; 0: it has the machine, or a part of it that
+// the launcher chose, to itself.
+unsigned threads_of_process() {
+  const auto cores = static_cast<unsigned>(tbb::info::default_concurrency()),
+             here = static_cast<unsigned>(processes_here());
+  const bool is_bound = static_cast<long>(cores) < ::sysconf(_SC_NPROCESSORS_ONLN);
+  return here > 1 && !is_bound ? std::max(cores / here, 1u) : 0;
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
-  if (options.threads > 0)
-    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
+  if (const unsigned threads = options.threads > 0 ? options.threads : threads_of_process())
+    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
   if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));

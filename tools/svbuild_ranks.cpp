@@ -5,9 +5,13 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <exception>
 #include <memory>
 #include <new>
+#include <span>
+#include <string>
+#include <vector>
 
 #include "base/printable.h"
 #include "base/temporary_names.h"
@@ -29,6 +33,14 @@ void be_silent() {
   ::dup2(nowhere, STDOUT_FILENO);
   ::dup2(nowhere, STDERR_FILENO);
   ::close(nowhere);
+}
+
+// All ranks find the same: each compares the first one with all.
+bool have_one_command(int argc, char** argv) {
+  std::string command;
+  for (int i = 0; i < argc; ++i) command.append(argv[i]).push_back('\0');
+  const std::vector<Bytes> commands = all_ranks->gather_all(std::as_bytes(std::span(command)));
+  return std::ranges::all_of(commands, [&](const Bytes& other) { return other == commands[0]; });
 }
 
 // What the libraries throw leaves the other ranks waiting: this ends them too.
@@ -54,8 +66,13 @@ int join_ranks(int& argc, char**& argv) {
   }
   all_ranks = std::move(*started);
   if (!all_ranks->is_first()) be_silent();
-  return -1;
+  if (have_one_command(argc, argv)) return -1;
+  say("svbuild", "the ranks have different command lines; leave out MPI's launcher to build separate files");
+  leave_ranks();
+  return 2;
 }
+
+std::size_t processes_here() { return all_ranks->neighbours(); }
 
 void leave_ranks() { all_ranks.reset(); }
 

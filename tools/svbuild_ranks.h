@@ -25,8 +25,12 @@ struct JointWork {
 };
 
 /// Prepares this process; called first. If MPI has started svbuild several times, this becomes svbuild-mpi. Ranks but
-/// the first print nothing from then on. Returns an exit code if there is nothing more to do, else -1.
+/// the first print nothing from then on. Returns an exit code if there is nothing more to do, else -1. Fails if ranks
+/// have different command lines: a script that is started by MPI may mean them to be separate.
 [[nodiscard]] int join_ranks(int& argc, char**& argv);
+
+/// Processes of this build on this machine, which share its memory and its cores.
+[[nodiscard]] std::size_t processes_here();
 
 /// Ends what join_ranks() began.
 void leave_ranks();

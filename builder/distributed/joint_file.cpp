@@ -95,9 +95,15 @@ class JointFile {
     }
     SPLATVOL_TRY(ranks_.agree(made));
     SPLATVOL_TRY(reduction_.visit_leaves(resolutions_, [&](IndexLeaf leaf) { return index->add(std::move(leaf)); }));
-    if (!ranks_.is_first()) return std::nullopt;
-    SPLATVOL_TRY_ASSIGN(root, index->finish());
-    return format::PackedIndex{IndexStream::shape(resolutions_, attributes()), std::move(root), std::move(*pages)};
+    std::optional<format::PackedIndex> packed;
+    Status finished;
+    if (index) {
+      auto root = index->finish();
+      if (root) packed = {IndexStream::shape(resolutions_, attributes()), std::move(*root), std::move(*pages)};
+      if (!root) finished = tl::unexpected<Error>(root.error());
+    }
+    SPLATVOL_TRY(ranks_.agree(finished));
+    return packed;
   }
 
   // Returns the offset of the first row.

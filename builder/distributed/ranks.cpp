@@ -85,7 +85,7 @@ Ranks::Ranks() {
   MPI_Comm_free(&machine);
   rank_ = static_cast<std::size_t>(rank);
   size_ = static_cast<std::size_t>(size);
-  on_one_machine_ = neighbours == size;
+  neighbours_ = static_cast<std::size_t>(neighbours);
   watcher_ = std::make_unique<Watcher>();
 }
 

@@ -32,8 +32,9 @@ class Ranks {
   [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] bool is_first() const { return rank_ == 0; }
 
-  /// Whether all ranks run on one machine.
-  [[nodiscard]] bool on_one_machine() const { return on_one_machine_; }
+  /// Ranks on this machine.
+  [[nodiscard]] std::size_t neighbours() const { return neighbours_; }
+  [[nodiscard]] bool on_one_machine() const { return neighbours_ == size_; }
 
   /// Ends all ranks, this one too, for a program that cannot go on by the rules: others may wait for it.
   [[noreturn]] static void abandon();
@@ -79,8 +80,7 @@ class Ranks {
   class Watcher;
   Ranks();
 
-  std::size_t rank_ = 0, size_ = 1;
-  bool on_one_machine_ = true;
+  std::size_t rank_ = 0, size_ = 1, neighbours_ = 1;
   std::uint64_t bytes_sent_ = 0;
   std::unique_ptr<Watcher> watcher_;
 };

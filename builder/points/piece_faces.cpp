@@ -17,7 +17,8 @@ namespace {
 struct Face {
   std::array<Corner, 3> corners;  // ascending
   dvec3 area;                     // vector, outwards; 0: the face does not count
-  CornerArea cell;                // the face at the point of its cell, if points stand for cells
+  Corner point;                   // of its cell, if points stand for cells
+  BoundaryPlane plane;            // the face, as that point has it
 };
 
 template <class Record, class Key>
@@ -49,7 +50,7 @@ Status add_corners(std::span<const Face> of_one_key, bool of_cells, const VisitC
     std::array<CornerArea, 3> thirds;
     const std::uint64_t key = face_key(face).high;
     for (std::size_t k = 0; k < 3; ++k) thirds[k] = {face.corners[k], {face.area / 3.0, 0}, key};
-    const CornerArea whole{face.cell.corner, face.cell.plane, key};
+    const CornerArea whole{face.point, face.plane, key};
     SPLATVOL_TRY(visit(of_cells ? std::as_bytes(std::span(&whole, 1)) : std::as_bytes(std::span(thirds))));
   }
   return {};
@@ -118,7 +119,8 @@ Status PieceFaces::add_cells(const Piece& piece, const HashOfPoint& hash) {
     if (point == PointCells::no_point) face.area = dvec3(0);
     if (point != PointCells::no_point) {
       const dvec3 position = piece.points[point] + 0.0;
-      face.cell = {{position, hash(point)}, {face.area, glm::dot(face.area, positions[0] - position)}, 0};
+      face.point = {position, hash(point)};
+      face.plane = {face.area, glm::dot(face.area, positions[0] - position)};
     }
     faces.push_back(face);
   }

@@ -254,6 +254,16 @@ TEST_F(RanksTest, SayOnceWhatIsWrongWithTheCommand) {
   EXPECT_EQ(outcome.err.find("--nonsense"), outcome.err.rfind("--nonsense")) << outcome.err;
 }
 
+TEST_F(RanksTest, RefuseDifferentCommands) {
+  const Outcome outcome = folder_.run(SPLATVOL_MPIEXEC " -n 1 " SPLATVOL_BIN
+                                                       "/svbuild gen:points:count=9 -o out/a.svol : -n 1 " SPLATVOL_BIN
+                                                       "/svbuild gen:points:count=9 -o out/b.svol");
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_EQ(outcome.lines(), 1u);
+  EXPECT_THAT(outcome.err, HasSubstr("different command lines"));
+  EXPECT_THAT(folder_.outputs(), testing::IsEmpty());
+}
+
 std::vector<pid_t> children_of(pid_t process) {
   std::vector<pid_t> children;
   std::ifstream list("/proc/" + std::to_string(process) + "/task/" + std::to_string(process) + "/children");
