@@ -74,12 +74,15 @@ Reduction reduction_of(const std::string& name) {
   return Reduction::octree;
 }
 
+using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
+
 // The bar of the present stage.
 class StageBar {
  public:
   explicit StageBar(std::uint64_t points) : points_(points) {}
   void update(const char* stage, double fraction) {
     if (stage_ != stage) {
+      note_time();
       bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
       scalable_allocation_command(TBBMALLOC_CLEAN_ALL_BUFFERS,
                                   nullptr);  // the last stage's memory is of no use to this
@@ -88,10 +91,23 @@ class StageBar {
   }
   void clear() { bar_.reset(); }
 
+  [[nodiscard]] StageTimes times() {
+    note_time();
+    return times_;
+  }
+
  private:
+  void note_time() {
+    const double now = seconds_now();
+    if (!stage_.empty()) times_.emplace_back(stage_, now - start_);
+    start_ = now;
+  }
+
   std::uint64_t points_;
   std::string stage_;
   std::unique_ptr<ProgressBar> bar_;
+  double start_ = 0;
+  StageTimes times_;
 };
 
 // Notes on the input that the report repeats.
@@ -101,6 +117,7 @@ struct InputNotes {
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
   JointWork work = {};                   // of several processes
+  StageTimes stages = {};                // of a single step
 };
 
 void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
@@ -121,6 +138,7 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
   if (!notes.times.empty()) document["times"] = notes.times;
+  for (const auto& [stage, time] : notes.stages) document["stages"][stage] = time;
   const JointWork& work = notes.work;
   if (work.ranks > 1)
     document["ranks"] = {
@@ -237,6 +255,7 @@ Result<BuildReport> build_one(const Options& options, const BuildOptions& build_
       open_input, source, options.output, build_options,
       [&](const char* stage, double fraction) { bar->update(stage, fraction); }, notes.work);
   if (!source) return report;
+  notes.stages = bar->times();
   notes.step = source->time_step();
   notes.conversions = source->conversions();
   return report;
