@@ -17,10 +17,12 @@ tl::unexpected<Error> fail_errno(const std::string& path, const char* what) {
   return fail(ErrorCode::io, "{}: {}: {}", path, what, std::strerror(errno));
 }
 
+constexpr std::string_view processes = "/proc/";
+
 // The path by which other processes of this machine find a file without a name.
 std::string path_for_others(const std::string& path) {
   constexpr std::string_view self = "/proc/self/";
-  return path.starts_with(self) ? fmt::format("/proc/{}/{}", ::getpid(), path.substr(self.size())) : path;
+  return path.starts_with(self) ? fmt::format("{}{}/{}", processes, ::getpid(), path.substr(self.size())) : path;
 }
 
 std::string text_of(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
@@ -74,12 +76,15 @@ Status SharedOutput::open_on_all(Ranks& ranks, SharedOutput& output, bool named)
   if (output.descriptor_ < 0) opened = fail_errno(output.target_, "another rank's file cannot be opened");
   if (named) {
     SPLATVOL_TRY(ranks.agree(opened));
-    if (!output.file_) note_temporary(output.noted_ = path);
-    return {};
+  } else {
+    std::uint64_t failures = opened ? 0 : 1;
+    ranks.sum({&failures, 1});
+    if (failures > 0) return fail(ErrorCode::io, "{}: not open on all ranks", output.target_);
   }
-  std::uint64_t failures = opened ? 0 : 1;
-  ranks.sum({&failures, 1});
-  return failures == 0 ? Status{} : Status(fail(ErrorCode::io, "{}: not open on all ranks", output.target_));
+  // Some file systems have no files without a name.
+  const bool has_name = !path.starts_with(processes);
+  if (has_name && !output.file_) note_temporary(output.noted_ = path);
+  return {};
 }
 
 Status SharedOutput::write_at(std::uint64_t offset, std::span<const std::byte> bytes) {
