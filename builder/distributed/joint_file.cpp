@@ -179,7 +179,7 @@ class JointFile {
   }
 
   Status agree_on_check(const Status& own) {
-    const Status checked = ranks_.agree(own);
+    Status checked = ranks_.agree(own);
     if (checked || checked.error().code == ErrorCode::cancelled) return checked;
     return fail(checked.error().code, "the finished file is not kept, as reading it back finds it wrong: {}",
                 checked.error().message);
@@ -209,7 +209,7 @@ class JointFile {
 }  // namespace
 
 Result<std::uint64_t> write_joint_file(Ranks& ranks, SharedOutput output, RangeReduction& reduction,
-                                       std::size_t resolutions, format::Histograms histograms,
+                                       std::size_t resolutions, const format::Histograms& histograms,
                                        const std::string& folder, const BuildProgress& progress) {
   return JointFile(ranks, std::move(output), reduction, resolutions, folder, progress).run(histograms);
 }

@@ -13,7 +13,7 @@ namespace splatvol {
 /// Collective: writes the file. Rank 0 packs the index. Then every rank writes its rows where they belong, and rank 0
 /// the directory and all else. `info` and `histograms`: whole, on rank 0. Returns the file's bytes, on rank 0.
 [[nodiscard]] Result<std::uint64_t> write_joint_file(Ranks& ranks, SharedOutput output, RangeReduction& reduction,
-                                                     std::size_t resolutions, format::Histograms histograms,
+                                                     std::size_t resolutions, const format::Histograms& histograms,
                                                      const std::string& folder, const BuildProgress& progress);
 
 }  // namespace splatvol
