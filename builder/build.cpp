@@ -54,25 +54,43 @@ Result<Connectivity> parse_connectivity(const std::string& name) {
   return fail(ErrorCode::invalid_argument, "connectivity \"{}\": take auto, mesh, delaunay, none or boxes", name);
 }
 
-Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
-                                 const BuildProgress& progress) {
+Status check_units(const Source& source, const BuildOptions& options) {
   for (const auto& [name, unit] : options.units)
     if (std::ranges::find(source.attributes(), name) == source.attributes().end())
       return fail_no_attribute("unit " + unit, name, source.attributes());
-  // If the file cannot be written, this fails before the work.
-  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
-  // A folder with room for the file has room for parts of it.
-  const std::string folder = options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
+  return {};
+}
+
+// A folder with room for the file has room for parts of it.
+std::string temp_folder_of(const std::string& output, const BuildOptions& options) {
+  return options.temp_folder.empty() ? folder_of(output) : options.temp_folder;
+}
+
+Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,
+                                      const BuildOptions& options, const BuildProgress& progress) {
   RowFiles files(folder, file);
   std::uint64_t bytes = 0;
-  SPLATVOL_TRY_ASSIGN(report,
-                      reduce_source(source, options, files, folder, progress, [&](ReducedSource reduced) -> Status {
-                        SPLATVOL_TRY_ASSIGN(written, write(std::move(file), std::move(reduced), folder, progress));
-                        bytes = written;
-                        return {};
-                      }));
+  const auto finish = [&](ReducedSource reduced) -> Status {
+    SPLATVOL_TRY_ASSIGN(written, write(std::move(file), std::move(reduced), folder, progress));
+    bytes = written;
+    return {};
+  };
+  SPLATVOL_TRY_ASSIGN(report, reduce_points(std::move(points), options, files, folder, progress, finish));
   report.file_bytes = bytes;
   return report;
+}
+
+Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
+                                 const BuildProgress& progress) {
+  SPLATVOL_TRY(check_units(source, options));
+  // If the file cannot be written, this fails before the work.
+  SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(output));
+  const std::string folder = temp_folder_of(output, options);
+  SPLATVOL_TRY(check_reduction(options));
+  const auto read = [&](double fraction) { progress("reading", fraction); };
+  SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read,
+                                                  options.gradients, joined_attributes(options)));
+  return build_from_points(std::move(points), std::move(file), folder, options, progress);
 }
 
 }  // namespace splatvol

@@ -8,9 +8,11 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/file.h"
 #include "builder/output/group_sizes.h"
 #include "builder/output/row_packer.h"
 #include "builder/points/input_summary.h"
+#include "builder/points/point_stream.h"
 #include "builder/reduction/clusters.h"
 #include "builder/scattered/scattered.h"
 #include "builder/sources/source.h"
@@ -71,5 +73,15 @@ using BuildProgress = std::function<void(const char* stage, double fraction)>;
 /// also if a unit is given for an attribute that is not there. The unit of a vector is that of its components too.
 [[nodiscard]] Result<BuildReport> build_volume(Source& source, const std::string& output, const BuildOptions& options,
                                                const BuildProgress& progress);
+
+/// Fails as build_volume does before it reads anything.
+[[nodiscard]] Status check_units(const Source& source, const BuildOptions& options);
+
+/// The folder for temporary files of an output.
+[[nodiscard]] std::string temp_folder_of(const std::string& output, const BuildOptions& options);
+
+/// The same as build_volume for points that are sorted. `file`: gets all.
+[[nodiscard]] Result<BuildReport> build_from_points(PointStream points, AtomicFile file, const std::string& folder,
+                                                    const BuildOptions& options, const BuildProgress& progress);
 
 }  // namespace splatvol

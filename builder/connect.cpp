@@ -24,9 +24,6 @@ constexpr std::uint64_t joined_point_bytes = 900, joined_value_bytes = 16;
 // Points up to this number are joined whatever the memory.
 constexpr std::uint64_t always_joined = std::uint64_t{1} << 16;
 
-// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
-constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
-
 // Points whose material one task finds.
 constexpr std::size_t task_points = 64;
 
@@ -178,11 +175,14 @@ Result<Connection> connect_held(const BuildOptions& options, PointStream& points
 
 }  // namespace
 
+// Voxels bring their material without tetrahedra.
+bool is_joined_by_cells(const InputSummary& input) {
+  return input.has_material && (describe_no_volume(input.cells).empty() || input.cells.tetrahedra == 0);
+}
+
 Result<Connection> connect(const BuildOptions& options, PointStream& points, const std::string& folder) {
-  const CellCensus& cells = points.summary().cells;
-  const std::string no_volume = describe_no_volume(cells);
-  // Voxels bring their material without tetrahedra.
-  if (points.summary().has_material && (no_volume.empty() || cells.tetrahedra == 0)) return connect_mesh(points);
+  const std::string no_volume = describe_no_volume(points.summary().cells);
+  if (is_joined_by_cells(points.summary())) return connect_mesh(points);
   if (options.connectivity == Connectivity::mesh)
     return fail(ErrorCode::invalid_data, "no cells that fill a volume: the connectivity 'mesh' needs some");
   if (options.connectivity == Connectivity::automatic && !no_volume.empty())

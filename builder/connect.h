@@ -13,6 +13,12 @@
 
 namespace splatvol {
 
+/// More scattered points have boxes by default: Voronoi cells of a billion points take hours.
+inline constexpr std::uint64_t most_cells = std::uint64_t{1} << 26;
+
+/// Whether the input's cells join its points.
+[[nodiscard]] bool is_joined_by_cells(const InputSummary& input);
+
 /// The points of an input, joined.
 struct Connection {
   Connectivity used;

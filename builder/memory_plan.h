@@ -8,6 +8,9 @@
 
 namespace splatvol {
 
+/// Most points whose densities are fitted.
+inline constexpr std::uint64_t most_fitted_points = std::uint64_t{1} << 19;
+
 /// The numbers on which the bytes of a build depend, besides its memory.
 struct BuildShape {
   std::size_t attributes = 0;

@@ -17,9 +17,6 @@
 namespace splatvol {
 namespace {
 
-// Most points whose densities are fitted.
-constexpr std::uint64_t most_fitted_points = std::uint64_t{1} << 19;
-
 // Reduces points that are joined. Called once.
 class Reducer {
  public:
@@ -54,7 +51,14 @@ class Reducer {
     SPLATVOL_TRY(write_rows(rest, packer, files));
     progress_("indexing", 0);
     const StoredSummary stored = packer.summary();
-    BuildReport report = finish_description(pass, stored);
+    BuildReport report =
+        complete_description(options_, input(),
+                             {.connectivity = connection_.used,
+                              .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
+                              .least_memory = std::max(least_memory(), input().bytes_to_read),
+                              .counts = pass.counts(),
+                              .stored = stored},
+                             info_);
     if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
     SPLATVOL_TRY(write({std::move(info_), report, files, leaves, pass, stored.histograms()}));
     return report;
@@ -68,11 +72,6 @@ class Reducer {
                                   : std::max(plan_.least, connection_.least_memory);
   }
 
-  // Most points in an index leaf.
-  [[nodiscard]] std::uint64_t index_leaf_points() const {
-    return std::max<std::uint64_t>({options_.index_leaf_points, options_.leaf_points, 255});
-  }
-
   // Bytes for the reduction.
   [[nodiscard]] std::uint64_t memory() const { return options_.memory - std::min(options_.memory, connection_.memory); }
 
@@ -80,7 +79,7 @@ class Reducer {
     return {.attributes = input().attributes.size(),
             .gradients = options_.gradients,
             .estimates = connection_.needs_estimate,
-            .index_leaf_points = index_leaf_points(),
+            .index_leaf_points = index_leaf_points(options_),
             .fitted_points = fits_ ? connection_.points : 0};
   }
 
@@ -97,39 +96,13 @@ class Reducer {
 
   Status reduce(ReductionPass& pass, RowCollector& rows, const RowPacker& packer, RowFiles& files) const {
     const std::size_t attributes = input().attributes.size();
-    BatchCutter batches(connection_.next, attributes, index_leaf_points(), plan_.batches);
+    BatchCutter batches(connection_.next, attributes, index_leaf_points(options_), plan_.batches);
     MaterialEstimator estimator(input().box, input().cube, options_.gradients);
     const ReductionStages stages{batches, connection_.needs_estimate ? &estimator : nullptr, pass, rows, packer, files};
     const auto progress = [&](std::uint64_t done) {
       progress_("reducing", static_cast<double>(done) / static_cast<double>(points_->count()));
     };
     return run_reduction(stages, attributes, progress, plan_.most_batches);
-  }
-
-  // Completes the volume's description, and returns the report, without the file's size.
-  BuildReport finish_description(const ReductionPass& pass, const StoredSummary& stored) {
-    info_.position_error = stored.position_error;
-    info_.aliases = input().aliases;
-    const std::vector<std::uint64_t> counts = pass.counts();
-    info_.resolution_counts.assign(counts.rbegin(), counts.rend());
-    info_.points_per_chunk = options_.points_per_chunk.coarsest_first(counts.size());
-    BuildReport report{.resolution_counts = info_.resolution_counts,
-                       .connectivity = connection_.used,
-                       .points = input().census,
-                       .cells = input().cells,
-                       .uncertain = connection_.subdomains ? connection_.subdomains->uncertain() : 0,
-                       .least_memory = std::max(least_memory(), input().bytes_to_read),
-                       .warnings = precision_warnings(input())};
-    for (std::size_t a = 0; a < info_.attributes.size(); ++a) {
-      info_.attributes[a].missing = stored.values[a].missing;
-      info_.attributes[a].error = stored.values[a].error * info_.attributes[a].scale;
-      report.missing.emplace_back(info_.attributes[a].name, stored.values[a].missing);
-      report.fills.emplace_back(info_.attributes[a].name, input().fills[a]);
-    }
-    for (const format::Alias& alias : info_.aliases)
-      report.aliases.emplace_back(alias.name, info_.attributes[static_cast<std::size_t>(alias.attribute)].name);
-    info_.provenance = describe_provenance(options_, report);
-    return report;
   }
 
   const BuildOptions& options_;
@@ -145,8 +118,7 @@ class Reducer {
 
 }  // namespace
 
-Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
-                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write) {
+Status check_reduction(const BuildOptions& options) {
   if (options.leaf_points < 8)
     return fail(ErrorCode::invalid_argument,
                 "a leaf must be allowed 8 points or more: with {}, a node could be split without losing any",
@@ -156,16 +128,63 @@ Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, R
       std::ranges::max(chunks) > format::max_points_per_chunk)
     return fail(ErrorCode::invalid_argument, "a chunk must be allowed {} to {} points", format::min_points_per_chunk,
                 format::max_points_per_chunk);
-  const bool use_cells = options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
+  return {};
+}
+
+bool uses_cells(const BuildOptions& options) {
+  return options.connectivity == Connectivity::automatic || options.connectivity == Connectivity::mesh;
+}
+
+std::uint64_t index_leaf_points(const BuildOptions& options) {
+  return std::max<std::uint64_t>({options.index_leaf_points, options.leaf_points, 255});
+}
+
+JoinedAttributes joined_attributes(const BuildOptions& options) {
   JoinedAttributes joined{.join = options.join_attributes};
   for (const auto& [name, unit] : options.units) joined.apart.push_back(name);
+  return joined;
+}
+
+Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
+                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write) {
+  SPLATVOL_TRY(check_reduction(options));
   const auto read = [&](double fraction) { progress("reading", fraction); };
-  SPLATVOL_TRY_ASSIGN(
-      created, PointStream::create(source, use_cells, options.memory / 2, folder, read, options.gradients, joined));
+  SPLATVOL_TRY_ASSIGN(points, PointStream::create(source, uses_cells(options), options.memory / 2, folder, read,
+                                                  options.gradients, joined_attributes(options)));
+  return reduce_points(std::move(points), options, files, folder, progress, write);
+}
+
+Result<BuildReport> reduce_points(PointStream stream, const BuildOptions& options, RowFiles& files,
+                                  const std::string& folder, const BuildProgress& progress, const WriteReduced& write) {
   progress("connecting", 0);
-  std::optional<PointStream> points(std::move(created));
+  std::optional<PointStream> points(std::move(stream));
   SPLATVOL_TRY_ASSIGN(connection, connect(options, *points, folder));
   return Reducer(options, points, std::move(connection), folder, progress).run(files, write);
+}
+
+BuildReport complete_description(const BuildOptions& options, const InputSummary& input, const ReductionFacts& facts,
+                                 format::VolumeInfo& info) {
+  info.position_error = facts.stored.position_error;
+  info.aliases = input.aliases;
+  info.resolution_counts.assign(facts.counts.rbegin(), facts.counts.rend());
+  info.points_per_chunk = options.points_per_chunk.coarsest_first(facts.counts.size());
+  BuildReport report{.resolution_counts = info.resolution_counts,
+                     .connectivity = facts.connectivity,
+                     .points = input.census,
+                     .cells = input.cells,
+                     .uncertain = facts.uncertain,
+                     .least_memory = facts.least_memory,
+                     .warnings = precision_warnings(input)};
+  for (std::size_t a = 0; a < info.attributes.size(); ++a) {
+    info.attributes[a].missing = facts.stored.values[a].missing;
+    info.attributes[a].error = facts.stored.values[a].error * info.attributes[a].scale;
+    report.missing.emplace_back(info.attributes[a].name, facts.stored.values[a].missing);
+    report.fills.emplace_back(info.attributes[a].name, input.fills[a]);
+  }
+  for (const format::Alias& alias : info.aliases)
+    report.aliases.emplace_back(alias.name, info.attributes[static_cast<std::size_t>(alias.attribute)].name);
+  info.provenance = describe_provenance(options, report);
+  return report;
 }
 
 Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,

@@ -9,6 +9,7 @@
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/index_stream.h"
 #include "builder/output/row_files.h"
+#include "builder/points/point_stream.h"
 #include "builder/reduction/reduction_pass.h"
 #include "builder/sources/source.h"
 #include "format/volume_info.h"
@@ -32,6 +33,36 @@ using WriteReduced = std::function<Status(ReducedSource)>;
 [[nodiscard]] Result<BuildReport> reduce_source(Source& source, const BuildOptions& options, RowFiles& files,
                                                 const std::string& folder, const BuildProgress& progress,
                                                 const WriteReduced& write);
+
+/// Fails if the options are out of their ranges.
+[[nodiscard]] Status check_reduction(const BuildOptions& options);
+
+/// Whether cells of the input are used.
+[[nodiscard]] bool uses_cells(const BuildOptions& options);
+
+/// Most points in an index leaf.
+[[nodiscard]] std::uint64_t index_leaf_points(const BuildOptions& options);
+
+/// The attributes that the options join.
+[[nodiscard]] JoinedAttributes joined_attributes(const BuildOptions& options);
+
+/// The same as reduce_source for points that are sorted.
+[[nodiscard]] Result<BuildReport> reduce_points(PointStream points, const BuildOptions& options, RowFiles& files,
+                                                const std::string& folder, const BuildProgress& progress,
+                                                const WriteReduced& write);
+
+/// What a reduction found.
+struct ReductionFacts {
+  Connectivity connectivity = Connectivity::mesh;
+  std::uint64_t uncertain = 0;  // DelaunaySubdomains::uncertain()
+  std::uint64_t least_memory = 0;
+  std::vector<std::uint64_t> counts = {};  // points of each level, from the finest on
+  StoredSummary stored = {};
+};
+
+/// Completes the description of a volume whose rows are packed. Returns the report without the file's size.
+[[nodiscard]] BuildReport complete_description(const BuildOptions& options, const InputSummary& input,
+                                               const ReductionFacts& facts, format::VolumeInfo& info);
 
 /// Packs the index. With `emit_summaries`: that of a time series (format::IndexPacker). Called once.
 [[nodiscard]] Result<format::PackedIndex> pack_index(ReducedSource& reduced, const std::string& folder,

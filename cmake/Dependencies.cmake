@@ -29,6 +29,9 @@ if(NOT SPLATVOL_PROGRAMS)
   return()
 endif()
 find_package(CLI11 REQUIRED)
+if(SPLATVOL_MPI)
+  find_package(MPI REQUIRED COMPONENTS CXX)
+endif()
 
 # OpenVDB's own module asks for development packages of what its library alone needs. Its headers convert 16-bit floats:
 # by a table of Imath's where the processor may lack the instruction (SPLATVOL_AVX2=OFF).

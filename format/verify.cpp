@@ -18,8 +18,7 @@ class Volume::Verifier {
       : volume_(volume),
         info_(volume.info_),
         progress_(progress),
-        histograms_(info_.attributes.size()),
-        missing_(info_.attributes.size()) {}
+        values_{std::vector<Histogram>(info_.attributes.size()), std::vector<std::uint64_t>(info_.attributes.size())} {}
 
   Status run() {
     SPLATVOL_TRY(check_footer());
@@ -29,6 +28,24 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_rows(0));
     SPLATVOL_TRY(check_nodes(no_attribute));
     return volume_.series_ ? Status{} : check_values_of_nodes();
+  }
+
+  /// Checks the chunks of some directory pages.
+  Result<CheckedValues> run_chunks(std::uint64_t part, std::uint64_t parts) {
+    const std::uint64_t pages = volume_.directories_[0].refs.size();
+    for (std::uint64_t p = part; p < pages; p += parts) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(p));
+      const double done = static_cast<double>(p) / static_cast<double>(pages);
+      SPLATVOL_TRY(check_page(page, page.chunks.empty() ? 0 : page.chunks[0].offset, [&](auto) { progress_(done); }));
+    }
+    return std::move(values_);
+  }
+
+  /// Checks the rest.
+  Status run_rest(CheckedValues values) {
+    values_ = std::move(values);
+    decodes_ = false;
+    return run();
   }
 
   /// Checks what the step adds.
@@ -156,29 +173,40 @@ class Volume::Verifier {
 
   // `directory`: 0: the rows of the file; 1: those of the step.
   Status check_rows(std::size_t directory) {
-    const RowLayout& rows = volume_.rows_;
     const Container& container = *volume_.directories_[directory].container;
     const SectionEntry& section = *container.find_section(SectionKind::rows);
     const std::uint64_t begin = container.begin() + section.offset;
     std::uint64_t next = begin;
+    const auto progress = [&](std::uint64_t end) {
+      progress_(static_cast<double>(end - begin) / static_cast<double>(section.packed_bytes));
+    };
     const std::uint64_t first = directory == 0 ? 0 : volume_.directories_[0].refs.size();
     for (std::uint64_t p = 0; p < volume_.directories_[directory].refs.size(); ++p) {
       SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(first + p));
-      std::size_t chunk = 0;
-      for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
-        const Group group = rows.group(rows.group_of_row(row));
-        for (const int column : volume_.columns_of_row(page, row)) {
-          const ChunkLocation& location = page.chunks[chunk++];
-          if (location.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
-          next += location.entry.packed_bytes;
-          SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
-        }
-        progress_(static_cast<double>(next - begin) / static_cast<double>(section.packed_bytes));
-        SPLATVOL_TRY(check_interruption());
-      }
+      SPLATVOL_TRY_ASSIGN(end, check_page(page, next, progress));
+      next = end;
     }
     if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
     return {};
+  }
+
+  // Returns where the chunks of a page end. They begin at `next`. Calls done(end of a row) after each row.
+  template <class Done>
+  Result<std::uint64_t> check_page(const DirectoryPage& page, std::uint64_t next, const Done& done) {
+    const RowLayout& rows = volume_.rows_;
+    std::size_t chunk = 0;
+    for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
+      const Group group = rows.group(rows.group_of_row(row));
+      for (const int column : volume_.columns_of_row(page, row)) {
+        const ChunkLocation& location = page.chunks[chunk++];
+        if (location.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
+        next += location.entry.packed_bytes;
+        if (decodes_) SPLATVOL_TRY(check_chunk(location, info_.columns[static_cast<std::size_t>(column)], group.count));
+      }
+      done(next);
+      SPLATVOL_TRY(check_interruption());
+    }
+    return next;
   }
 
   Status check_chunk(const ChunkLocation& location, const Column& column, std::uint32_t points) {
@@ -240,9 +268,9 @@ class Volume::Verifier {
       return fail(ErrorCode::invalid_data, "{}: has a larger error than the metadata state", what);
     for (const float value : values) {
       if (std::isnan(value))
-        ++missing_[attribute];
+        ++values_.missing[attribute];
       else
-        ++histograms_[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
+        ++values_.histograms[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
     }
     return {};
   }
@@ -370,8 +398,8 @@ class Volume::Verifier {
     SPLATVOL_TRY_ASSIGN(histograms, volume_.read_histograms());
     for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
       if (info_.find_column(ColumnKind::value, static_cast<int>(attribute)) < 0) continue;
-      if (missing_[attribute] != info_.attributes[attribute].missing ||
-          (!histograms.empty() && histograms_[attribute] != histograms[attribute]))
+      if (values_.missing[attribute] != info_.attributes[attribute].missing ||
+          (!histograms.empty() && values_.histograms[attribute] != histograms[attribute]))
         return fail(ErrorCode::invalid_data, "{}: histogram or number of missing values of '{}' is wrong",
                     volume_.name(), info_.attributes[attribute].name);
     }
@@ -390,9 +418,18 @@ class Volume::Verifier {
   const std::function<void(double)>& progress_;
   std::vector<std::pair<std::uint64_t, std::uint64_t>> pages_;  // offset, bytes
   std::uint64_t page_bytes_ = 0;                                // of all in pages_
-  Histograms histograms_;                                       // of the values that were read
-  std::vector<std::uint64_t> missing_;                          // by attribute
+  CheckedValues values_;                                        // that were read
+  bool decodes_ = true;                                         // chunks; else others have done so
 };
+
+Result<Volume::CheckedValues> Volume::verify_chunks(std::uint64_t part, std::uint64_t parts,
+                                                    const std::function<void(double)>& progress) const {
+  return Verifier(*this, progress).run_chunks(part, parts);
+}
+
+Status Volume::verify_rest(CheckedValues values, const std::function<void(double)>& progress) const {
+  return Verifier(*this, progress).run_rest(std::move(values));
+}
 
 Status Volume::verify(const std::function<void(double)>& progress) const {
   const std::size_t steps = series_ ? series_->steps.size() : 0;

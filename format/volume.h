@@ -153,6 +153,20 @@ class Volume {
   /// if an append was interrupted.
   [[nodiscard]] Status verify(const std::function<void(double)>& progress) const;
 
+  /// What the chunks of values hold.
+  struct CheckedValues {
+    std::vector<Histogram> histograms = {};   // [attribute]
+    std::vector<std::uint64_t> missing = {};  // [attribute]
+  };
+
+  /// The part of verify() that takes most of the time, divided: checks the chunks of every `parts`-th directory page,
+  /// from page `part` on. Not for a series.
+  [[nodiscard]] Result<CheckedValues> verify_chunks(std::uint64_t part, std::uint64_t parts,
+                                                    const std::function<void(double)>& progress) const;
+
+  /// The rest of verify(). `values`: the sums over all parts. Not for a series.
+  [[nodiscard]] Status verify_rest(CheckedValues values, const std::function<void(double)>& progress) const;
+
  private:
   // The rows of the file, or those of the step.
   struct Directory {

@@ -32,6 +32,23 @@ Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(const std::string& pa
 
 Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std::uint64_t bytes_before, VolumeInfo info,
                                                            PackedIndex index, const std::string& temporary_folder) {
+  SPLATVOL_TRY_ASSIGN(writer, begin(std::move(file), std::move(info), std::move(index), temporary_folder));
+  SPLATVOL_TRY(writer->reserve_front(bytes_before, writer->file_.position()));
+  SPLATVOL_TRY(writer->file_.insert_front(writer->rows_offset_ + bytes_before));
+  return writer;
+}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create_around(AtomicFile file, std::uint64_t bytes_before,
+                                                                  std::uint64_t last_bytes, VolumeInfo info,
+                                                                  PackedIndex index,
+                                                                  const std::string& temporary_folder) {
+  SPLATVOL_TRY_ASSIGN(writer, begin(std::move(file), std::move(info), std::move(index), temporary_folder));
+  SPLATVOL_TRY(writer->reserve_front(bytes_before, last_bytes));
+  return writer;
+}
+
+Result<std::unique_ptr<VolumeWriter>> VolumeWriter::begin(AtomicFile file, VolumeInfo info, PackedIndex index,
+                                                          const std::string& temporary_folder) {
   SPLATVOL_TRY(metadata_to_json(info));
   if (index.shape.resolutions != info.resolutions() || index.shape.size_bounds != info.size_bounds.size() ||
       index.shape.attributes != info.attributes.size())
@@ -40,17 +57,17 @@ Result<std::unique_ptr<VolumeWriter>> VolumeWriter::create(AtomicFile file, std:
   SPLATVOL_TRY_ASSIGN(directory_tail, TempFile::create(temporary_folder));
   std::unique_ptr<VolumeWriter> writer(
       new VolumeWriter(std::move(file), std::move(info), std::move(index), std::move(directory_tail)));
-  SPLATVOL_TRY(writer->reserve_front(bytes_before));
   return writer;
 }
 
-Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
+// Chooses where the rows begin.
+Status VolumeWriter::reserve_front(std::uint64_t bytes_before, std::uint64_t last_bytes) {
   SPLATVOL_TRY_ASSIGN(json, metadata_to_json(info_));
   const auto json_bytes = std::as_bytes(std::span(json));
   metadata_raw_.assign(json_bytes.begin(), json_bytes.end());
   metadata_ = pack_metadata(metadata_raw_);
 
-  const bool padded = file_.position() >= padded_rows_bytes;
+  const bool padded = last_bytes >= padded_rows_bytes;
   const std::uint64_t sections = section_count + (padded ? 1 : 0) - (info_.series ? 1 : 0);
   front_bytes_ = sizeof(Superblock) + sections * sizeof(SectionEntry);
   padding_offset_ = front_bytes_ + metadata_.size() + index_.root.bytes.size() + directory_.root_bytes();
@@ -59,7 +76,6 @@ Status VolumeWriter::reserve_front(std::uint64_t bytes_before) {
   if (rows_offset_ > max_preamble_bytes)
     return fail(ErrorCode::unsupported, "the description of {} attributes passes 1 MiB; choose fewer",
                 info_.attributes.size());
-  SPLATVOL_TRY(file_.insert_front(rows_offset_ + bytes_before));
   rows_end_ = rows_offset_;
   return {};
 }
@@ -101,20 +117,30 @@ void VolumeWriter::add_extent(SectionKind kind, std::uint64_t offset, std::uint6
 }
 
 Status VolumeWriter::finish(const Histograms& histograms, const Checking& checking) {
+  SPLATVOL_TRY(finish_unchecked(histograms));
+  return check_and_commit(checking);
+}
+
+Status VolumeWriter::finish_unchecked(const Histograms& histograms) {
   if (info_.series) return fail(ErrorCode::invalid_argument, "a series without steps");
   if (histograms.size() != info_.attributes.size())
     return fail(ErrorCode::invalid_argument, "{} histograms for {} attributes", histograms.size(),
                 info_.attributes.size());
-  return finish_all(histograms, {}, checking);
+  return finish_all(histograms, {});
 }
 
 Status VolumeWriter::finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking) {
   if (!info_.series || steps.empty()) return fail(ErrorCode::invalid_argument, "not a series, or one without steps");
-  return finish_all({}, steps, checking);
+  SPLATVOL_TRY(finish_all({}, steps));
+  return check_and_commit(checking);
 }
 
-Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
-                                const Checking& checking) {
+Status VolumeWriter::check_and_commit(const Checking& checking) {
+  if (checking) SPLATVOL_TRY(check(checking));
+  return file_.commit();
+}
+
+Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps) {
   if (directory_.next_row() != rows().row_count())
     return fail(ErrorCode::invalid_argument, "{} of {} rows were written", directory_.next_row(), rows().row_count());
 
@@ -132,9 +158,7 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
   SPLATVOL_TRY(file_.append(std::as_bytes(std::span(&footer, 1))));
   const std::array<const Bytes*, 4> parts = {&metadata_, &index_.root.bytes, &directory_root, &padding};
   for (const Bytes* part : parts) front.insert(front.end(), part->begin(), part->end());
-  SPLATVOL_TRY(file_.write_at(0, front));
-  if (checking) SPLATVOL_TRY(check(checking));
-  return file_.commit();
+  return file_.write_at(0, front);
 }
 
 Status VolumeWriter::check(const Checking& checking) const {

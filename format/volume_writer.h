@@ -41,6 +41,15 @@ class VolumeWriter {
                                                                     VolumeInfo info, PackedIndex index,
                                                                     const std::string& temporary_folder);
 
+  /// The same for a file whose rows are written by others, from first_row_offset() on. `bytes_before`: of the rows
+  /// before those of the finest segment at the finest resolution; `last_bytes`: of these. All rows are added by
+  /// add_written_row().
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> create_around(AtomicFile file, std::uint64_t bytes_before,
+                                                                           std::uint64_t last_bytes, VolumeInfo info,
+                                                                           PackedIndex index,
+                                                                           const std::string& temporary_folder);
+  [[nodiscard]] std::uint64_t first_row_offset() const { return rows_offset_; }
+
   /// Appends the next row: one chunk for each of its columns, in order.
   [[nodiscard]] Status append_row(std::span<const PackedChunk> chunks);
 
@@ -57,6 +66,11 @@ class VolumeWriter {
   /// `checking`, the file is read back and verified before it gets its name.
   [[nodiscard]] Status finish(const Histograms& histograms, const Checking& checking = {});
 
+  /// The same in two steps, for a file that others check. Between them it can be read by the path that its AtomicFile
+  /// has. `commit` gives it its name.
+  [[nodiscard]] Status finish_unchecked(const Histograms& histograms);
+  [[nodiscard]] Status commit() { return file_.commit(); }
+
   /// The same for a time series, with all of its steps, in the order of their times.
   [[nodiscard]] Status finish_series(std::span<const std::unique_ptr<StepWriter>> steps, const Checking& checking = {});
 
@@ -67,9 +81,11 @@ class VolumeWriter {
 
  private:
   VolumeWriter(AtomicFile file, VolumeInfo info, PackedIndex index, TempFile directory_tail);
-  [[nodiscard]] Status reserve_front(std::uint64_t bytes_before);
-  [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps,
-                                  const Checking& checking);
+  [[nodiscard]] static Result<std::unique_ptr<VolumeWriter>> begin(AtomicFile file, VolumeInfo info, PackedIndex index,
+                                                                   const std::string& temporary_folder);
+  [[nodiscard]] Status reserve_front(std::uint64_t bytes_before, std::uint64_t last_bytes);
+  [[nodiscard]] Status finish_all(const Histograms& histograms, std::span<const std::unique_ptr<StepWriter>> steps);
+  [[nodiscard]] Status check_and_commit(const Checking& checking);
   [[nodiscard]] Status check(const Checking& checking) const;
   void add_section(SectionKind kind, bool critical, std::uint64_t offset, std::span<const std::byte> packed,
                    std::uint64_t unpacked_bytes, Codec codec);

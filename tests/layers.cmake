@@ -5,7 +5,7 @@ cmake_minimum_required(VERSION 3.25)
 set(layers
     splatvol base scene reference format
     builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
-    builder/output builder/points builder/reduction builder
+    builder/output builder/points builder/reduction builder builder/distributed
     exporter streamer renderer renderer/cpu renderer/gl renderer/device player library viewer tools)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
@@ -26,6 +26,7 @@ set(builder/reduction_knows base format builder/sorting builder/mesh builder/sca
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
                   builder/sources/vtk builder/output builder/points builder/reduction)
 set(builder_knows base format ${builder_rooms})
+set(builder/distributed_knows base format ${builder_rooms} builder)
 set(exporter_knows base format)
 set(streamer_knows base scene format)
 set(renderer_knows base scene streamer)
@@ -36,12 +37,13 @@ set(renderer/device_knows base scene streamer renderer renderer/cpu renderer/gl)
 set(player_knows base scene format streamer ${renderer_rooms})
 set(library_knows base scene format ${builder_rooms} builder streamer renderer renderer/device player)
 set(viewer_knows base scene format streamer ${renderer_rooms} player)
-set(tools_knows base scene reference format ${builder_rooms} builder exporter streamer ${renderer_rooms} player viewer)
+set(tools_knows base scene reference format ${builder_rooms} builder builder/distributed exporter streamer ${renderer_rooms} player viewer)
 
-# Only these layers may include headers of OpenGL, and of VTK.
+# Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
 set(gl_layers renderer/gl viewer tools)
 set(vtk_layers builder/sources/vtk)
+set(mpi_layers builder/distributed)
 
 set(broken)
 
@@ -93,6 +95,10 @@ foreach(top IN LISTS tops)
       elseif(quote STREQUAL "<" AND header MATCHES "^vtk[A-Za-z0-9_]*\\.h$")
         if(NOT layer IN_LIST vtk_layers)
           list(APPEND broken "${source} includes ${header}: ${layer} may not know VTK")
+        endif()
+      elseif(header STREQUAL "mpi.h")
+        if(NOT layer IN_LIST mpi_layers)
+          list(APPEND broken "${source} includes ${header}: ${layer} may not know MPI")
         endif()
       elseif(header_layer)
         if(NOT header_layer STREQUAL layer AND NOT header_layer STREQUAL splatvol AND NOT header_layer IN_LIST ${layer}_knows)

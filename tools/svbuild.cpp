@@ -4,6 +4,7 @@
 #include <tbb/global_control.h>
 #include <tbb/info.h>
 #include <tbb/scalable_allocator.h>
+#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -25,6 +26,7 @@
 #include "format/steps.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
+#include "tools/svbuild_ranks.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -59,12 +61,15 @@ struct Options {
   bool json = false;
 };
 
+using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
+
 // The bar of the present stage.
 class StageBar {
  public:
   explicit StageBar(std::uint64_t points) : points_(points) {}
   void update(const char* stage, double fraction) {
     if (stage_ != stage) {
+      note_time();
       bar_ = std::make_unique<ProgressBar>(stage_ = stage, points_);
       scalable_allocation_command(TBBMALLOC_CLEAN_ALL_BUFFERS,
                                   nullptr);  // the last stage's memory is of no use to this
@@ -73,10 +78,23 @@ class StageBar {
   }
   void clear() { bar_.reset(); }
 
+  [[nodiscard]] StageTimes times() {
+    note_time();
+    return times_;
+  }
+
  private:
+  void note_time() {
+    const double now = seconds_now();
+    if (!stage_.empty()) times_.emplace_back(stage_, now - start_);
+    start_ = now;
+  }
+
   std::uint64_t points_;
   std::string stage_;
   std::unique_ptr<ProgressBar> bar_;
+  double start_ = 0;
+  StageTimes times_;
 };
 
 // Notes on the input that the report repeats.
@@ -85,6 +103,8 @@ struct InputNotes {
   std::optional<TimeStep> step;          // that was taken of several
   std::vector<double> times;             // of a series
   std::vector<std::string> conversions;  // Source::conversions()
+  JointWork work = {};                   // of several processes
+  StageTimes stages = {};                // of a single step
 };
 
 void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
@@ -105,6 +125,12 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
     document["time_step"] = {
         {"time", notes.step->time}, {"number", notes.step->index + 1}, {"of", notes.step->times.size()}};
   if (!notes.times.empty()) document["times"] = notes.times;
+  for (const auto& [stage, time] : notes.stages) document["stages"][stage] = time;
+  const JointWork& work = notes.work;
+  if (work.ranks > 1)
+    document["ranks"] = {
+        {"count", work.ranks},           {"ranges", work.ranges},     {"record_bytes", work.record_bytes},
+        {"sent_bytes", work.sent_bytes}, {"owned_bytes", work.owned}, {"peak_memory", work.peaks}};
   fmt::print("{}\n", document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
@@ -124,6 +150,9 @@ void print_text(const Options& options, const InputNotes& notes, const BuildRepo
     print_out("  {} is the same as {}: stored once, found by both names\n", name, same);
   for (const CensusLine& line : census_lines(report)) print_out("  {:>12} {}\n", line.count, line.words);
   for (const std::string& warning : warning_lines(report)) print_out("  warning: {}\n", warning);
+  if (notes.work.ranks > 1)
+    print_out("  {:>12} processes, {} of which reduced points; {} bytes sent for {} bytes of records\n",
+              notes.work.ranks, notes.work.ranges, notes.work.sent_bytes, notes.work.record_bytes);
   if (notes.memory < report.least_memory)
     print_out("  {:>12} bytes were held, more than --memory grants: input and attributes need so many\n",
               report.least_memory);
@@ -138,7 +167,7 @@ Result<BuildOptions> build_options_of(const Options& options) {
   build_options.exact = {.positions = options.exact, .values = options.exact};
   build_options.connectivity = parse_connectivity(options.connectivity).value();
   build_options.builder = "svbuild " SPLATVOL_VERSION;
-  build_options.memory = memory_limit() / 4;
+  build_options.memory = memory_limit() / 4 / processes_here();
   if (!options.memory.empty()) {
     SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
     build_options.memory = memory;
@@ -202,10 +231,18 @@ Result<BuildReport> build_steps(const Options& options, const BuildOptions& buil
 
 Result<BuildReport> build_one(const Options& options, const BuildOptions& build_options, const OpenSource& open,
                               InputNotes& notes) {
-  SPLATVOL_TRY_ASSIGN(source, open(options.inputs, source_options_of(options, options.attributes)));
-  StageBar bar(source->point_count().value_or(0));
-  auto report = build_volume(*source, options.output, build_options,
-                             [&](const char* stage, double fraction) { bar.update(stage, fraction); });
+  std::unique_ptr<Source> source;
+  std::optional<StageBar> bar;
+  const auto open_input = [&]() -> Result<std::unique_ptr<Source>> {
+    SPLATVOL_TRY_ASSIGN(opened, open(options.inputs, source_options_of(options, options.attributes)));
+    bar.emplace(opened->point_count().value_or(0));
+    return opened;
+  };
+  auto report = build_in_ranks(
+      open_input, source, options.output, build_options,
+      [&](const char* stage, double fraction) { bar->update(stage, fraction); }, notes.work);
+  if (!source) return report;
+  notes.stages = bar->times();
   notes.step = source->time_step();
   notes.conversions = source->conversions();
   return report;
@@ -352,13 +389,23 @@ Status print_estimate(const Options& options) {
   return {};
 }
 
+// The threads of a process that shares a machine with others of this build; 0: it has the machine, or a part of it that
+// the launcher chose, to itself.
+unsigned threads_of_process() {
+  const auto cores = static_cast<unsigned>(tbb::info::default_concurrency()),
+             here = static_cast<unsigned>(processes_here());
+  const bool is_bound = static_cast<long>(cores) < ::sysconf(_SC_NPROCESSORS_ONLN);
+  return here > 1 && !is_bound ? std::max(cores / here, 1u) : 0;
+}
+
 Status build(const Options& options) {
   const double start = seconds_now();
   std::unique_ptr<tbb::global_control> limit;
-  if (options.threads > 0)
-    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, options.threads);
+  if (const unsigned threads = options.threads > 0 ? options.threads : threads_of_process())
+    limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, threads);
 
   SPLATVOL_TRY(check_outputs({options.output}, options.inputs));
+  if (is_series(options)) SPLATVOL_TRY(require_one_rank("a time series"));
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
   limit_allocator(build_options.memory);
   InputNotes notes;
@@ -377,6 +424,7 @@ Status build(const Options& options) {
     return named || is_series(options) ? Status(tl::unexpected(report.error()))
                                        : Status(fail_in(options.inputs[0], report.error()));
   }
+  if (!notes.work.tells) return {};
   const double seconds = seconds_now() - start;
   options.json ? print_json(options, notes, *report, seconds) : print_text(options, notes, *report, seconds);
   return {};
@@ -514,6 +562,7 @@ void add_machine_options(CLI::App& app, Options& options) {
 
 int main(int argc, char** argv) {
   using namespace splatvol;
+  if (const int code = join_ranks(argc, argv); code >= 0) return code;
   Options options;
   CLI::App app("Turns meshes and point sets into one coarse-first .svol file", "svbuild");
   add_input_options(app, options);
@@ -530,5 +579,8 @@ int main(int argc, char** argv) {
     const std::string wrong = options.series_of_files ? "" : check_svol_path(options.output);
     if (!wrong.empty()) throw CLI::ValidationError("--output", wrong);
   });
-  return run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
+  const int code =
+      run_tool(app, argc, argv, [&] { return options.estimate ? print_estimate(options) : build(options); });
+  leave_ranks();
+  return code;
 }

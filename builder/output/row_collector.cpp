@@ -20,17 +20,29 @@ bool has_gradients(const format::VolumeInfo& info) {
 }  // namespace
 
 RowCollector::RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, bool fits,
-                           const RowPacker* packer, std::size_t memory, std::string folder)
+                           const RowPacker* packer, std::size_t memory, std::string folder, SharedRows shared)
     : attributes_(info.attributes.size()),
       points_per_chunk_(std::move(points_per_chunk)),
       fits_(fits),
       packer_(packer),
       memory_(memory),
       folder_(std::move(folder)),
+      shared_(std::move(shared)),
       splat_bytes_(SplatColumns::bytes_of_splat(attributes_, has_gradients(info))) {}
 
 std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
-  while (queues_.size() <= segment) queues_.emplace_back(queues_.size() + 1);
+  while (queues_.size() <= segment) {
+    const std::size_t added = queues_.size();
+    queues_.emplace_back(added + 1);
+    const std::uint64_t before = added < shared_.before.size() ? shared_.before[added] : 0;
+    const std::size_t absent = before % points_per_chunk_.of(added);
+    for (std::size_t level = 0; level <= added && absent > 0; ++level)
+      queues_[added][level].push_back({.segment = added,
+                                       .level = level,
+                                       .splats = std::make_unique<SplatColumns>(attributes_),
+                                       .packed = {},
+                                       .absent = absent});
+  }
   return queues_[segment];
 }
 
@@ -90,8 +102,10 @@ Status RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
         continue;
       }
       while (!queue.empty() && (at_end || is_complete(queue.front()))) {
-        if (!at_end) SPLATVOL_TRY(read_back(queue.front()));
-        rows.push_back(std::move(queue.front()));
+        PendingRow& row = queue.front();
+        const bool shared = is_shared(row);
+        if (!at_end || shared) SPLATVOL_TRY(read_back(row));
+        (!shared ? rows : row.absent > 0 ? ends_.first : ends_.last).push_back(std::move(row));
         queue.pop_front();
       }
     }

@@ -20,6 +20,12 @@
 
 namespace splatvol {
 
+/// Points that are a range of all points in Morton order share rows with their neighbours.
+struct SharedRows {
+  std::vector<std::uint64_t> before;  // [segment]: points before the range; behind the end: 0
+  bool ends_inside = false;           // more points follow behind the range
+};
+
 /// Collects points and splats into rows: a queue of rows for each segment at each level that draws it. It may also fit
 /// the densities of level 0 (density.h), for which all rows of level 0 have to wait. Splats of coarser levels keep
 /// density 1: a fit holds for one resolution, and most pictures mix resolutions (docs/accuracy.md).
@@ -33,7 +39,7 @@ class RowCollector {
   /// rows do not depend on memory.
   RowCollector(const format::VolumeInfo& info, GroupSizes points_per_chunk, bool fits,
                const RowPacker* packer = nullptr, std::size_t memory = std::numeric_limits<std::size_t>::max(),
-               std::string folder = {});
+               std::string folder = {}, SharedRows shared = {});
   RowCollector(const RowCollector&) = delete;
   RowCollector& operator=(const RowCollector&) = delete;
 
@@ -61,6 +67,13 @@ class RowCollector {
   /// point.
   [[nodiscard]] Result<std::vector<PendingRow>> extract_rest();
 
+  /// The rows that began before the range, and those that end behind it; a row of both is among the first. They are not
+  /// packed, and none of their splats is written out. Called once, after extract_rest().
+  struct Ends {
+    std::vector<PendingRow> first, last;
+  };
+  [[nodiscard]] Ends extract_ends() { return std::move(ends_); }
+
   /// Whether extract_complete() uses the memory of rows that have been written; else they had better be freed.
   [[nodiscard]] bool recycles() const { return spare_memory() >= row_bytes(); }
 
@@ -68,10 +81,15 @@ class RowCollector {
   using Queue = std::deque<PendingRow>;  // only the last row may be smaller than the others
 
   std::vector<Queue>& queues(std::size_t segment);
-  [[nodiscard]] static std::size_t size_of(const PendingRow& row) { return row.written_splats + row.splats->size(); }
+  [[nodiscard]] static std::size_t size_of(const PendingRow& row) {
+    return row.absent + row.written_splats + row.splats->size();
+  }
   [[nodiscard]] bool is_complete(const PendingRow& row) const;
   PendingRow& open_row(std::size_t segment, std::size_t level);
   void recycle(std::vector<PendingRow>& rows);
+  [[nodiscard]] bool is_shared(const PendingRow& row) const {
+    return row.absent > 0 || (shared_.ends_inside && !is_complete(row));
+  }
   [[nodiscard]] Status extract(std::vector<PendingRow>& rows, bool at_end);
   [[nodiscard]] Status pack_waiting(Queue& queue);
   [[nodiscard]] Status write_out_open_rows();
@@ -89,12 +107,14 @@ class RowCollector {
   const RowPacker* packer_;
   std::size_t memory_;
   std::string folder_;
+  SharedRows shared_;
   std::size_t splat_bytes_;
   std::uint64_t waiting_bytes_ = 0;                   // of packed rows that are in memory
   std::unique_ptr<TempFile> spool_;                   // null until something is written out
   std::vector<std::vector<Queue>> queues_;            // [segment][level]
   std::vector<std::unique_ptr<SplatColumns>> spare_;  // empty ones, whose memory the next rows use
-  std::vector<FittedSplat> fitted_;                   // [splat of level 0]; empty if nothing is fitted
+  Ends ends_;
+  std::vector<FittedSplat> fitted_;  // [splat of level 0]; empty if nothing is fitted
 };
 
 }  // namespace splatvol

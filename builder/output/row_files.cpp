@@ -51,6 +51,25 @@ Status RowFiles::write(const PendingRow& row) {
   return stream->file->append(bytes);
 }
 
+Status RowFiles::write_first(const PendingRow& row) {
+  SPLATVOL_TRY(write(row));
+  std::vector<Extent>& rows = streams_[row.segment][row.level].rows;
+  std::ranges::rotate(rows, rows.end() - 1);
+  return {};
+}
+
+std::uint64_t RowFiles::chunk_bytes(std::size_t segment, std::size_t level) const {
+  if (segment >= streams_.size()) return 0;
+  const Stream& stream = streams_[segment][level];
+  std::uint64_t bytes = 0;
+  for (const Extent& row : stream.rows) bytes += row.bytes - stream.entry_bytes;
+  return bytes;
+}
+
+Status RowFiles::read(std::size_t segment, std::size_t level, const Visit& visit) {
+  return segment < streams_.size() ? read(streams_[segment][level], visit) : Status{};
+}
+
 Status RowFiles::read(std::size_t levels, const Visit& visit) {
   for (std::size_t level = levels; level-- > 0;)
     for (std::size_t segment = std::min(levels, streams_.size()); segment-- > level;)

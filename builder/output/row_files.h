@@ -35,6 +35,15 @@ class RowFiles {
   /// Writes the next packed row of its segment and level.
   [[nodiscard]] Status write(const PendingRow& row);
 
+  /// The same for a row that stands before all others of its segment and level.
+  [[nodiscard]] Status write_first(const PendingRow& row);
+
+  /// Segments that have rows, or finer ones have.
+  [[nodiscard]] std::size_t segments() const { return streams_.size(); }
+
+  /// Bytes of the chunks of a segment at a level.
+  [[nodiscard]] std::uint64_t chunk_bytes(std::size_t segment, std::size_t level) const;
+
   /// Bytes of all chunks that went into temporary files.
   [[nodiscard]] std::uint64_t coarse_bytes() const { return coarse_bytes_; }
 
@@ -43,6 +52,9 @@ class RowFiles {
 
   /// Visits each row in file order, and gives its disk space back. `levels`: how many there are.
   [[nodiscard]] Status read(std::size_t levels, const Visit& visit);
+
+  /// The same for the rows of one segment at one level.
+  [[nodiscard]] Status read(std::size_t segment, std::size_t level, const Visit& visit);
 
  private:
   struct Extent {

@@ -130,16 +130,20 @@ StoredSummary RowPacker::summary() const {
   return summary_;
 }
 
-void RowPacker::include(const StoredSummary& row) const {
-  const std::scoped_lock lock(mutex_);
-  summary_.position_error = std::max(summary_.position_error, row.position_error);
-  for (std::size_t a = 0; a < row.values.size(); ++a) {
-    format::StoredValues& all = summary_.values[a];
-    const format::StoredValues& more = row.values[a];
+void StoredSummary::include(const StoredSummary& other) {
+  position_error = std::max(position_error, other.position_error);
+  for (std::size_t a = 0; a < other.values.size(); ++a) {
+    format::StoredValues& all = values[a];
+    const format::StoredValues& more = other.values[a];
     for (std::size_t bin = 0; bin < all.histogram.size(); ++bin) all.histogram[bin] += more.histogram[bin];
     all.missing += more.missing;
     all.error = std::max(all.error, more.error);
   }
+}
+
+void RowPacker::include(const StoredSummary& row) const {
+  const std::scoped_lock lock(mutex_);
+  summary_.include(row);
 }
 
 PackedRow RowPacker::pack(const SplatColumns& splats) const {

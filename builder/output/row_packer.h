@@ -36,6 +36,7 @@ struct PendingRow {
   PackedRow packed;
   std::vector<format::PackedChunk> chunks = {};  // after pack_early: of all columns, but that of the moments is empty
   bool has_points = false;                       // after pack_early
+  std::size_t absent = 0;                        // the row's first splats, which are held elsewhere
 
   // For rows that wait for their densities.
   const std::vector<FittedSplat>* fitted = nullptr;  // [number of a splat]; null: rows have their shapes
@@ -51,6 +52,9 @@ struct PendingRow {
 struct StoredSummary {
   double position_error = 0;                      // the largest that a chunk states, world units
   std::vector<format::StoredValues> values = {};  // [attribute]
+
+  /// Adds the facts about other points.
+  void include(const StoredSummary& other);
 
   /// Returns the histogram of each attribute.
   [[nodiscard]] format::Histograms histograms() const;

@@ -1,5 +1,7 @@
 #include "builder/output/splat_columns.h"
 
+#include <cstring>
+
 #include "builder/output/prefetch.h"
 #include "format/codec.h"
 
@@ -101,6 +103,30 @@ Status SplatColumns::read_from(const TempFile& file, std::uint64_t offset) {
     offset += added.size();
   });
   return done;
+}
+
+void SplatColumns::put_into(format::Bytes& bytes) const {
+  for_each_array(*this, *this, [&](const auto& items, const auto&) {
+    format::append_record(bytes, std::uint64_t{items.size()});
+    const auto raw = std::as_bytes(std::span(items));
+    bytes.insert(bytes.end(), raw.begin(), raw.end());
+  });
+}
+
+std::size_t SplatColumns::append_from(std::span<const std::byte> bytes) {
+  std::size_t at = 0;
+  const auto copy = [&](std::span<std::byte> out) {
+    if (!out.empty()) std::memcpy(out.data(), bytes.data() + at, out.size());
+    at += out.size();
+  };
+  for_each_array(*this, *this, [&](auto& items, const auto&) {
+    const std::size_t before = items.size();
+    std::uint64_t count = 0;
+    copy(std::as_writable_bytes(std::span(&count, 1)));
+    items.resize(before + count);
+    copy(std::as_writable_bytes(std::span(items).subspan(before)));
+  });
+  return at;
 }
 
 std::size_t SplatColumns::bytes_of_splat(std::size_t attributes, bool gradients) {

@@ -10,6 +10,7 @@
 #include "base/math.h"
 #include "base/temp_file.h"
 #include "builder/output/stored_splat.h"
+#include "format/codec.h"
 #include "format/columns.h"
 
 namespace splatvol {
@@ -60,6 +61,13 @@ struct SplatColumns {
 
   /// Appends what write_to() wrote at `offset`. Requires as many attributes.
   [[nodiscard]] Status read_from(const TempFile& file, std::uint64_t offset);
+
+  /// Appends all arrays to bytes, for append_from() of another process of this build.
+  void put_into(format::Bytes& bytes) const;
+
+  /// Appends what put_into() wrote at the front of `bytes`. Returns how many bytes that were. Requires as many
+  /// attributes.
+  std::size_t append_from(std::span<const std::byte> bytes);
 
   /// Bytes of a splat with its point, about.
   [[nodiscard]] static std::size_t bytes_of_splat(std::size_t attributes, bool gradients);

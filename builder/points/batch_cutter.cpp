@@ -7,8 +7,9 @@
 
 namespace splatvol {
 
-BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape)
-    : next_(std::move(next)), index_leaf_points_(index_leaf_points), shape_(shape) {
+BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape,
+                         PointBorders borders)
+    : next_(std::move(next)), index_leaf_points_(index_leaf_points), shape_(shape), borders_(borders) {
   held_.resize_attributes(attributes);
 }
 
@@ -25,7 +26,8 @@ Status BatchCutter::hold(std::size_t points) {
 // key. Requires that more than `most` points from there on are held, or all.
 NodePart BatchCutter::part_at(std::size_t begin, std::size_t most) const {
   const std::vector<MortonKey>& keys = held_.keys;
-  const int shared_before = begin > 0 ? common_depth(keys[begin - 1], keys[begin]) : -1;
+  int shared_before = begin > 0 ? common_depth(keys[begin - 1], keys[begin]) : borders_.keys.shared_before(keys[begin]);
+  if (keys.size() - begin <= most) shared_before = std::max(shared_before, borders_.keys.shared_behind(keys[begin]));
   const KeyLeaf part = leaf_part_at(keys, begin, most, shared_before);
   return {begin, part.end, part.depth, 0, begin > 0 && keys[begin - 1] == keys[begin]};
 }
@@ -61,8 +63,8 @@ void BatchCutter::copy_points(std::size_t end, PointBatch& batch) const {
     if (from.empty()) return;  // not known yet: the estimate writes over the material of the last batch
     to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
   });
-  batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : std::nullopt;
-  batch.behind = end < held_.size() ? std::optional(held_.positions[end]) : std::nullopt;
+  batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : borders_.before;
+  batch.behind = end < held_.size() ? std::optional(held_.positions[end]) : borders_.behind;
 }
 
 // Keeps the last point that was returned: the next nodes depend on its key.

@@ -3,11 +3,13 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "base/error.h"
 #include "builder/points/point_batch.h"
+#include "builder/sorting/octree_nodes.h"
 
 namespace splatvol {
 
@@ -21,12 +23,20 @@ struct BatchShape {
 /// nodes have fewer borders.
 inline constexpr std::size_t estimate_node_points = 4096;
 
+/// The surroundings of points that are a range of all points in Morton order.
+struct PointBorders {
+  KeyBorders keys;
+  std::optional<dvec3> before, behind;  // positions of the neighbours in Morton order
+};
+
 /// Cuts a stream of points into index leaves, and returns them in batches of whole estimate nodes.
 class BatchCutter {
  public:
   /// `next`: the points, in Morton order. `index_leaf_points`: most points in an index leaf, at least 255, because
   /// octree leaves count up to 255 points. Points of one key that are more than a leaf holds come in several parts.
-  BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape = {});
+  /// `borders`: if the points are a part of all; nodes across these have more points than any leaf or estimate node.
+  BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape = {},
+              PointBorders borders = {});
 
   /// Replaces `batch` by the next points, and uses its memory again. Returns false after the last point.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
@@ -42,6 +52,7 @@ class BatchCutter {
   NextPoints next_;
   std::size_t index_leaf_points_;
   BatchShape shape_;
+  PointBorders borders_;
   PointBatch held_;             // points that have not been returned, and at least one before them
   std::size_t begin_ = 0;       // first of the held points that has not been returned
   bool ended_ = false;          // the stream has no more points

@@ -1,5 +1,6 @@
 #include "builder/points/boundary_corners.h"
 
+#include <algorithm>
 #include <cmath>
 #include <tuple>
 #include <utility>
@@ -42,10 +43,12 @@ Status BoundaryCorners::read_corners(const MortonKey& key) {
   corners_.clear();
   for (;;) {
     SPLATVOL_TRY_ASSIGN(any, peek());
-    if (!any || read_.keys[next_] > key) return {};
+    if (!any || read_.keys[next_] > key) break;
     if (read_.keys[next_] == key) corners_.push_back(record_at<CornerArea>(read_.records, next_));
     ++next_;
   }
+  std::ranges::stable_sort(corners_, {}, &CornerArea::face);
+  return {};
 }
 
 Status BoundaryCorners::append_planes(PointBatch& batch, std::size_t begin, std::span<const std::size_t> stored) {

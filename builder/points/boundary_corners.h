@@ -32,6 +32,7 @@ struct Corner {
 struct CornerArea {
   Corner corner;  // the point
   BoundaryPlane plane;
+  std::uint64_t face;  // key of the face: areas at a point add up in its order
 };
 
 /// Copies record `i` of an array of T.
@@ -45,7 +46,7 @@ template <class T>
 /// Finds the boundary planes of points that come in Morton order.
 class BoundaryCorners {
  public:
-  /// `corners`: of CornerArea, sorted by the Morton keys of their positions.
+  /// `corners`: of CornerArea, sorted by the Morton keys of their positions; those of one key in any order.
   BoundaryCorners(const PointRecords& layout, ExternalSorter corners);
 
   /// Appends the planes of the points from `begin` on. `stored`: InputSummary::stored. Requires all points of each key,

@@ -17,7 +17,8 @@ namespace {
 struct Face {
   std::array<Corner, 3> corners;  // ascending
   dvec3 area;                     // vector, outwards; 0: the face does not count
-  CornerArea cell;                // the face at the point of its cell, if points stand for cells
+  Corner point;                   // of its cell, if points stand for cells
+  BoundaryPlane plane;            // the face, as that point has it
 };
 
 template <class Record, class Key>
@@ -42,32 +43,17 @@ bool is_outer(const Face& face, std::span<const Face> of_one_key) {
 }
 
 // Adds a third of each outer face at each of its corners, or all of it at the point of its cell.
-Status add_corners(std::span<const Face> of_one_key, bool of_cells, ExternalSorter& corners) {
+using VisitCorners = std::function<Status(std::span<const std::byte>)>;
+Status add_corners(std::span<const Face> of_one_key, bool of_cells, const VisitCorners& visit) {
   for (const Face& face : of_one_key) {
     if (!is_outer(face, of_one_key)) continue;
     std::array<CornerArea, 3> thirds;
-    for (std::size_t k = 0; k < 3; ++k) thirds[k] = {face.corners[k], {face.area / 3.0, 0}};
-    SPLATVOL_TRY(corners.add(of_cells ? std::as_bytes(std::span(&face.cell, 1)) : std::as_bytes(std::span(thirds))));
+    const std::uint64_t key = face_key(face).high;
+    for (std::size_t k = 0; k < 3; ++k) thirds[k] = {face.corners[k], {face.area / 3.0, 0}, key};
+    const CornerArea whole{face.point, face.plane, key};
+    SPLATVOL_TRY(visit(of_cells ? std::as_bytes(std::span(&whole, 1)) : std::as_bytes(std::span(thirds))));
   }
   return {};
-}
-
-// Adds the corners of the faces that one piece alone has.
-Status add_outer_faces(ExternalSorter& faces, bool of_cells, ExternalSorter& corners) {
-  std::vector<Face> of_one_key;
-  MortonKey key;
-  for (;;) {
-    SPLATVOL_TRY_ASSIGN(sorted, faces.next());
-    if (sorted.keys.empty()) return add_corners(of_one_key, of_cells, corners);
-    for (std::size_t i = 0; i < sorted.keys.size(); ++i) {
-      if (!of_one_key.empty() && sorted.keys[i] != key) {
-        SPLATVOL_TRY(add_corners(of_one_key, of_cells, corners));
-        of_one_key.clear();
-      }
-      key = sorted.keys[i];
-      of_one_key.push_back(record_at<Face>(sorted.records, i));
-    }
-  }
 }
 
 // Sets the area of a face, and sorts its corners. `positions`: of the corners, counterclockwise from outside.
@@ -82,10 +68,20 @@ void finish_face(const OuterFace& outer, const std::array<dvec3, 3>& positions, 
 
 std::size_t PieceFaces::least_memory() { return ExternalSorter::least_memory(sizeof(Face)); }
 
+std::size_t PieceFaces::face_bytes() { return sizeof(Face); }
+
+Result<ExternalSorter> PieceFaces::sort_of_faces() const {
+  return ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_});
+}
+
+Result<ExternalSorter> PieceFaces::sort_of_corners(const Cube& cube) const {
+  const auto key = [cube](const CornerArea& area) { return morton_key(area.corner.position, cube); };
+  return ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory_, memory_, folder_});
+}
+
 Status PieceFaces::start() {
   if (faces_) return {};
-  SPLATVOL_TRY_ASSIGN(sorter,
-                      ExternalSorter::create({sizeof(Face), key_function<Face>(face_key), memory_, memory_, folder_}));
+  SPLATVOL_TRY_ASSIGN(sorter, sort_of_faces());
   faces_.emplace(std::move(sorter));
   return {};
 }
@@ -123,20 +119,43 @@ Status PieceFaces::add_cells(const Piece& piece, const HashOfPoint& hash) {
     if (point == PointCells::no_point) face.area = dvec3(0);
     if (point != PointCells::no_point) {
       const dvec3 position = piece.points[point] + 0.0;
-      face.cell = {{position, hash(point)}, {face.area, glm::dot(face.area, positions[0] - position)}};
+      face.point = {position, hash(point)};
+      face.plane = {face.area, glm::dot(face.area, positions[0] - position)};
     }
     faces.push_back(face);
   }
   return faces_->add(std::as_bytes(std::span(faces)));
 }
 
+Status PieceFaces::find_corners(ExternalSorter& faces, bool of_cells,
+                                const std::function<Status(std::span<const std::byte>)>& visit) {
+  std::vector<Face> of_one_key;
+  MortonKey key;
+  for (;;) {
+    SPLATVOL_TRY_ASSIGN(sorted, faces.next());
+    if (sorted.keys.empty()) return add_corners(of_one_key, of_cells, visit);
+    for (std::size_t i = 0; i < sorted.keys.size(); ++i) {
+      if (!of_one_key.empty() && sorted.keys[i] != key) {
+        SPLATVOL_TRY(add_corners(of_one_key, of_cells, visit));
+        of_one_key.clear();
+      }
+      key = sorted.keys[i];
+      of_one_key.push_back(record_at<Face>(sorted.records, i));
+    }
+  }
+}
+
+Result<std::optional<ExternalSorter>> PieceFaces::take_faces() {
+  if (!faces_) return std::nullopt;
+  SPLATVOL_TRY(faces_->finish());
+  return std::exchange(faces_, std::nullopt);
+}
+
 Result<std::optional<BoundaryCorners>> PieceFaces::join(const Cube& cube) {
   if (!faces_) return std::nullopt;
-  const auto key = [cube](const CornerArea& area) { return morton_key(area.corner.position, cube); };
-  SPLATVOL_TRY_ASSIGN(
-      corners, ExternalSorter::create({sizeof(CornerArea), key_function<CornerArea>(key), memory_, memory_, folder_}));
+  SPLATVOL_TRY_ASSIGN(corners, sort_of_corners(cube));
   SPLATVOL_TRY(faces_->finish());
-  SPLATVOL_TRY(add_outer_faces(*faces_, of_cells_, corners));
+  SPLATVOL_TRY(find_corners(*faces_, of_cells_, [&](std::span<const std::byte> areas) { return corners.add(areas); }));
   faces_.reset();
   SPLATVOL_TRY(corners.finish());
   return BoundaryCorners(layout_, std::move(corners));

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,6 +37,20 @@ class PieceFaces {
   /// Adds a piece whose points stand for whole cells. Faces are matched by their positions alone: two cells that touch
   /// have no boundary between them, whatever their values.
   [[nodiscard]] Status add_cells(const Piece& piece, const HashOfPoint& hash);
+
+  /// Returns the faces so far, sorted, for next(); none if no piece was added. Called once, after the last piece, by
+  /// callers that bring the faces of pieces together that were read elsewhere.
+  [[nodiscard]] Result<std::optional<ExternalSorter>> take_faces();
+  [[nodiscard]] bool of_cells() const { return of_cells_; }
+
+  /// Makes sorts for faces, and for the corners of outer faces.
+  [[nodiscard]] static std::size_t face_bytes();
+  [[nodiscard]] Result<ExternalSorter> sort_of_faces() const;
+  [[nodiscard]] Result<ExternalSorter> sort_of_corners(const Cube& cube) const;
+
+  /// Calls visit(bytes of one or some CornerArea) for all faces that are there once.
+  [[nodiscard]] static Status find_corners(ExternalSorter& faces, bool of_cells,
+                                           const std::function<Status(std::span<const std::byte>)>& visit);
 
   /// Sorts the corners of the whole mesh's faces. Returns none if no piece was added. Called once, after the last
   /// piece.

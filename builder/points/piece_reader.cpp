@@ -73,16 +73,20 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
   }
   for (std::size_t pieces = 0; piece; ++pieces) {
     progress(static_cast<double>(pieces) / static_cast<double>(std::max(source_.piece_count(), pieces + 1)));
-    most_piece_bytes_ = std::max(most_piece_bytes_, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
+    facts_.most_piece_bytes =
+        std::max(facts_.most_piece_bytes, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
     SPLATVOL_TRY(read(*piece, visit));
     piece = std::move(second);
     if (piece || ended) continue;
     SPLATVOL_TRY_ASSIGN(next, source_.next());
     piece = std::move(next);
   }
-  if (!(box().low.x <= box().high.x))
-    return fail(ErrorCode::invalid_data, "no point has coordinates that are finite and within 1e50");
-  return {};
+  return check_any();
+}
+
+Status PieceReader::check_any() const {
+  if (box().low.x <= box().high.x) return {};
+  return fail(ErrorCode::invalid_data, "no point has coordinates that are finite and within 1e50");
 }
 
 // The box round the points that cells use, or round all points of a piece without tetrahedra.
@@ -114,17 +118,17 @@ double PieceReader::deviation_of(const Piece& piece) const {
 bool PieceReader::may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const {
   const std::string& name = source_.attributes()[attribute];
   const auto is_name = [&](const std::string& apart) { return name == apart || name.starts_with(apart + "["); };
-  return joined.join && !brings_value_moments_ && std::ranges::none_of(joined.apart, is_name);
+  return joined.join && !facts_.brings_value_moments && std::ranges::none_of(joined.apart, is_name);
 }
 
 InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   InputSummary summary;
-  const PointRanges& ranges = census_.left_out > 0 ? in_cells_ : ranges_;
+  const PointRanges& ranges = facts_.census.left_out > 0 ? facts_.in_cells : facts_.ranges;
   summary.box = box();
   const std::vector<std::string> units = source_.units();
   std::map<std::pair<std::uint64_t, std::string_view>, std::size_t> first_of;  // by values and unit
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const auto [first, is_new] = first_of.try_emplace({values_[a].value(), units[a]}, summary.attributes.size());
+    const auto [first, is_new] = first_of.try_emplace({facts_.values[a].value(), units[a]}, summary.attributes.size());
     const bool same = !is_new && may_be_joined(a, joined);
     summary.stored.push_back(same ? first->second : summary.attributes.size());
     if (same) {
@@ -134,13 +138,13 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
     summary.attributes.push_back(describe_attribute(source_.attributes()[a], ranges.low[a], ranges.high[a]));
     summary.attributes.back().unit = units[a];
     summary.least.push_back(ranges.least[a]);
-    summary.fills.push_back(fills_[a]);
+    summary.fills.push_back(facts_.fills[a]);
   }
-  summary.cells = cells_;
-  summary.census = census_;
-  summary.has_material = has_material_;
-  summary.bytes_to_read = most_piece_bytes_;
-  if (cells_.tetrahedra == 0) summary.census.in_no_cell = 0;
+  summary.cells = facts_.cells;
+  summary.census = facts_.census;
+  summary.has_material = facts_.has_material;
+  summary.bytes_to_read = facts_.most_piece_bytes;
+  if (facts_.cells.tetrahedra == 0) summary.census.in_no_cell = 0;
   return summary;
 }
 
@@ -149,12 +153,13 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
     return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                 piece.tetrahedra.size());
   const std::vector<std::uint32_t> kept = find_finite(piece);
-  census_.read += piece.points.size();
-  census_.not_finite += piece.points.size() - kept.size();
-  cells_ += piece.census;
-  deviation_ = std::max(deviation_, deviation_of(piece));
-  brings_value_moments_ = brings_value_moments_ || piece.material.has_value();
-  for (std::size_t a = 0; a < piece.fills.size(); ++a) fills_[a] += piece.fills[a];
+  facts_.most_piece_bytes = std::max(facts_.most_piece_bytes, bytes_to_read(piece));
+  facts_.census.read += piece.points.size();
+  facts_.census.not_finite += piece.points.size() - kept.size();
+  facts_.cells += piece.census;
+  facts_.deviation = std::max(facts_.deviation, deviation_of(piece));
+  facts_.brings_value_moments = facts_.brings_value_moments || piece.material.has_value();
+  for (std::size_t a = 0; a < piece.fills.size(); ++a) facts_.fills[a] += piece.fills[a];
 
   PieceMaterial material = prepare_material(piece, kept);
   const std::size_t most = std::max<std::size_t>(slice_bytes_ / layout_.bytes(), slice_tasks);
@@ -183,12 +188,12 @@ std::vector<std::uint32_t> PieceReader::find_finite(const Piece& piece) {
 bool PieceReader::leave_out(const std::byte* record) {
   if (!has_cells() || layout_.vertex(record).in_cell != 0) return false;
   const dvec3 position = layout_.position(record);
-  if (squared_distance(in_cells_.box, position) > 0) {
-    ++census_.left_out;
-    --census_.in_no_cell;
+  if (squared_distance(facts_.in_cells.box, position) > 0) {
+    ++facts_.census.left_out;
+    --facts_.census.in_no_cell;
     return true;
   }
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) in_cells_.include_value(a, layout_.value(record, a));
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) facts_.in_cells.include_value(a, layout_.value(record, a));
   return false;
 }
 
@@ -214,10 +219,10 @@ void PieceReader::make_records(const Piece& piece, const PieceMaterial& material
     }
   });
   // In order, as 0 and -0 are equal.
-  for (const PointRanges& range : ranges) ranges_.include(range);
-  for (const PointRanges& range : in_cells) in_cells_.include(range);
+  for (const PointRanges& range : ranges) facts_.ranges.include(range);
+  for (const PointRanges& range : in_cells) facts_.in_cells.include(range);
   for (const std::vector<format::PartsHash>& of_task : hashes)
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) values_[a].add(of_task[a].value());
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) facts_.values[a].add(of_task[a].value());
 }
 
 // Adds the values at the block's points to the hash of each attribute, if there are others to compare with.
@@ -277,18 +282,18 @@ void PieceReader::find_ranges_in_cells(const Piece& piece, const PieceMaterial& 
 PieceReader::PieceMaterial PieceReader::prepare_material(const Piece& piece, std::span<const std::uint32_t> kept) {
   PieceMaterial material;
   const bool known = piece.material || piece.cells;
-  if (layout_.has_material() && (piece.cells || !piece.tetrahedra.empty())) in_cells_.box.include(box_of(piece));
+  if (layout_.has_material() && (piece.cells || !piece.tetrahedra.empty())) facts_.in_cells.box.include(box_of(piece));
   if (!layout_.has_material() || (!known && piece.tetrahedra.empty())) {
-    census_.in_no_cell += kept.size();
+    facts_.census.in_no_cell += kept.size();
     return material;
   }
-  has_material_ = has_material_ || !piece.cells || !piece.points.empty();
+  facts_.has_material = facts_.has_material || !piece.cells || !piece.points.empty();
   if (known) return material;
 
   material.used.resize(piece.points.size());
   for (const auto& corners : piece.tetrahedra)
     for (const std::uint32_t corner : corners) material.used[corner] = true;
-  for (const std::uint32_t i : kept) census_.in_no_cell += material.used[i] ? 0 : 1;
+  for (const std::uint32_t i : kept) facts_.census.in_no_cell += material.used[i] ? 0 : 1;
   material.mesh.emplace(piece.points, piece.tetrahedra);
   return material;
 }

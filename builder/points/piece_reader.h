@@ -24,6 +24,23 @@
 
 namespace splatvol {
 
+/// What the pieces of an input, or some of them, tell together.
+struct InputFacts {
+  PointRanges ranges;
+  PointRanges in_cells;                   // of the points that cells use; at the end, of all that are not left out
+  std::vector<std::uint64_t> fills;       // [attribute]
+  std::vector<format::PartsHash> values;  // [attribute]: hash of the values of all points, in the order of the input
+  bool brings_value_moments = false;      // which could differ where values are equal
+  CellCensus cells;
+  PointCensus census;
+  bool has_material = false;
+  std::uint64_t most_piece_bytes = 0;
+  double deviation = 0;  // the largest of material that points bring along
+
+  explicit InputFacts(std::size_t attributes)
+      : ranges(attributes), in_cells(attributes), fills(attributes), values(attributes) {}
+};
+
 /// Reads an input's pieces into records, with the material that each piece gives its points.
 class PieceReader {
  public:
@@ -34,10 +51,7 @@ class PieceReader {
         layout_(layout),
         faces_(faces),
         slice_bytes_(std::min(memory, std::size_t{1} << 23)),
-        ranges_(source.attributes().size()),
-        in_cells_(source.attributes().size()),
-        fills_(source.attributes().size()),
-        values_(source.attributes().size()) {}
+        facts_(source.attributes().size()) {}
 
   /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the pieces that are
   /// done). If the input turns out to be one piece, calls only(box round its points) before the records; `only` may be
@@ -45,9 +59,21 @@ class PieceReader {
   [[nodiscard]] Status run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
                            const std::function<Status(std::span<const std::byte>)>& visit);
 
+  /// Calls visit(records) for the points of one piece, some at a time. For callers that choose the pieces themselves.
+  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
+
+  /// Fails if no point is left.
+  [[nodiscard]] Status check_any() const;
+
+  /// The facts of the pieces so far. Whoever reads the other pieces elsewhere adds theirs.
+  [[nodiscard]] const InputFacts& facts() const { return facts_; }
+  void set_facts(InputFacts facts) { facts_ = std::move(facts); }
+
   /// Box round the points so far: if there are cells, round those in cells. Large enough for the material that points
   /// bring along.
-  [[nodiscard]] Box box() const { return grown_for_material(has_cells() ? in_cells_.box : ranges_.box, deviation_); }
+  [[nodiscard]] Box box() const {
+    return grown_for_material(has_cells() ? facts_.in_cells.box : facts_.ranges.box, facts_.deviation);
+  }
 
   /// Whether a record's point is to be left out: no cell uses it, though there are cells, and it lies outside of `box`.
   /// It owns nothing, and should not widen the cube. Call it for all records once these have been read: counts those
@@ -79,7 +105,6 @@ class PieceReader {
   };
 
   [[nodiscard]] bool may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const;
-  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit);
   [[nodiscard]] std::vector<std::uint32_t> find_finite(const Piece& piece);
   [[nodiscard]] Box box_of(const Piece& piece) const;
   [[nodiscard]] double deviation_of(const Piece& piece) const;
@@ -96,7 +121,7 @@ class PieceReader {
   void set_known_material(const PointMaterial& material, std::size_t point, std::byte* record) const;
   void set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const;
   [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh);
-  [[nodiscard]] bool has_cells() const { return in_cells_.box.low.x <= in_cells_.box.high.x; }
+  [[nodiscard]] bool has_cells() const { return facts_.in_cells.box.low.x <= facts_.in_cells.box.high.x; }
 
   Source& source_;
   PointRecords layout_;
@@ -104,16 +129,7 @@ class PieceReader {
   std::size_t slice_bytes_;
   std::vector<std::byte> records_;  // some of the present piece
   tbb::enumerable_thread_specific<Block> blocks_;
-  PointRanges ranges_;
-  PointRanges in_cells_;                   // of the points that cells use; at the end, of all that are not left out
-  std::vector<std::uint64_t> fills_;       // [attribute]
-  std::vector<format::PartsHash> values_;  // [attribute]: hash of the values of all points, in the order of the input
-  bool brings_value_moments_ = false;      // which could differ where values are equal
-  CellCensus cells_;
-  PointCensus census_;
-  bool has_material_ = false;
-  std::uint64_t most_piece_bytes_ = 0;
-  double deviation_ = 0;  // the largest of material that points bring along
+  InputFacts facts_;
 };
 
 }  // namespace splatvol

@@ -33,6 +33,7 @@ PointRanges::PointRanges(std::size_t attributes)
     : low(attributes, infinity), high(attributes, -infinity), least(attributes, infinity) {}
 
 void PointRanges::include_value(std::size_t attribute, double value) {
+  value += 0.0;  // not -0: the ranges do not depend on the order of the points
   // Every comparison with NaN is false.
   if (value < low[attribute]) low[attribute] = value;
   if (value > high[attribute]) high[attribute] = value;
@@ -54,7 +55,7 @@ Result<Cube> bounding_cube(const Box& box) {
   if (edge > 0 && edge < least_extent)
     return fail(ErrorCode::invalid_data, "the points lie within {:g} of each other: give lengths in a smaller unit",
                 edge);
-  return Cube{box.low, edge > 0 ? edge : 1.0};
+  return Cube{box.low + 0.0, edge > 0 ? edge : 1.0};  // not -0, as in PointRanges
 }
 
 format::Attribute describe_attribute(const std::string& name, double low, double high) {

@@ -20,16 +20,6 @@ constexpr std::size_t longest_run(bool of_vertices) { return of_vertices ? std::
 // The least that a point takes in the finished file, which grows while the sorted points are still in their folder.
 constexpr std::uint64_t least_file_bytes = 20;
 
-// Fails before the work if the folder is too small for it.
-Status check_room(const std::string& folder, std::uint64_t points, std::uint64_t sort_bytes) {
-  SPLATVOL_TRY_ASSIGN(room, free_disk_bytes(folder));
-  const std::uint64_t needed = sort_bytes + points * least_file_bytes;
-  if (needed > room)
-    return fail(ErrorCode::io, "{}: {} points need at least {} bytes there, and {} are free", folder, points, needed,
-                room);
-  return {};
-}
-
 // A sort that has all points.
 struct PointSort {
   Cube cube;
@@ -93,15 +83,8 @@ class InputSorter {
   }
 
   Result<ExternalSorter> start_sort(const Cube& cube, std::size_t memory) const {
-    const auto key = [layout = layout_, cube](std::span<const std::byte> records, std::span<MortonKey> keys) {
-      for (std::size_t i = 0; i < keys.size(); ++i)
-        keys[i] = morton_key(layout.position(records.data() + i * layout.bytes()), cube);
-    };
-    const std::size_t least = ExternalSorter::least_memory(layout_.bytes());
-    SPLATVOL_TRY_ASSIGN(sorter, ExternalSorter::create({layout_.bytes(), key, std::max(memory, least),
-                                                        std::max(memory_ / 4, least), folder_}));
-    const std::uint64_t count = source_.point_count().value_or(0);
-    SPLATVOL_TRY(check_room(folder_, count, sorter.temp_bytes(count)));
+    SPLATVOL_TRY_ASSIGN(sorter, PointStream::sort_of_points(layout_, cube, memory, memory_ / 4, folder_));
+    SPLATVOL_TRY(PointStream::check_room(folder_, source_.point_count().value_or(0), sorter));
     return sorter;
   }
 
@@ -123,13 +106,36 @@ PointStream::PointStream(const PointRecords& layout, InputSummary summary, Exter
       corners_(std::move(corners)),
       merger_(layout, summary_.has_material, summary_.stored) {}
 
+PointRecords PointStream::layout_of(const Source& source, bool use_cells, bool gradients) {
+  return PointRecords(source.attributes().size(), source.single_precision(), use_cells && source.may_have_cells(),
+                      use_cells && source.brings_material(), gradients)
+      .with_copies(source.copies());
+}
+
+Result<ExternalSorter> PointStream::sort_of_points(const PointRecords& layout, const Cube& cube, std::size_t memory,
+                                                   std::size_t merge_memory, const std::string& folder, bool rewinds) {
+  const auto key = [layout, cube](std::span<const std::byte> records, std::span<MortonKey> keys) {
+    for (std::size_t i = 0; i < keys.size(); ++i)
+      keys[i] = morton_key(layout.position(records.data() + i * layout.bytes()), cube);
+  };
+  const std::size_t least = ExternalSorter::least_memory(layout.bytes());
+  return ExternalSorter::create(
+      {layout.bytes(), key, std::max(memory, least), std::max(merge_memory, least), folder, rewinds});
+}
+
+Status PointStream::check_room(const std::string& folder, std::uint64_t points, const ExternalSorter& sort) {
+  SPLATVOL_TRY_ASSIGN(room, free_disk_bytes(folder));
+  const std::uint64_t needed = sort.temp_bytes(points) + points * least_file_bytes;
+  if (needed > room)
+    return fail(ErrorCode::io, "{}: {} points need at least {} bytes there, and {} are free", folder, points, needed,
+                room);
+  return {};
+}
+
 Result<PointStream> PointStream::create(Source& source, bool use_cells, std::size_t memory, const std::string& folder,
                                         const std::function<void(double)>& progress, bool gradients,
                                         const JoinedAttributes& joined) {
-  const PointRecords layout =
-      PointRecords(source.attributes().size(), source.single_precision(), use_cells && source.may_have_cells(),
-                   use_cells && source.brings_material(), gradients)
-          .with_copies(source.copies());
+  const PointRecords layout = layout_of(source, use_cells, gradients);
   PieceFaces faces(layout, std::max(memory / 8, PieceFaces::least_memory()), folder);
   source.lend_values();
   const std::size_t slice_memory = memory / 16;
@@ -141,6 +147,15 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
   summary.cube = sorted.cube;
   summary.bytes_to_read += slice_memory + std::min<std::uint64_t>(memory, summary.census.read * layout.bytes());
   return PointStream(layout, std::move(summary), std::move(sorted.points), std::move(corners));
+}
+
+Status PointStream::rewind() {
+  records_.clear();
+  keys_.clear();
+  ended_ = false;
+  merger_ = SampleMerger(layout_, summary_.has_material, summary_.stored);
+  summary_.census.merged = summary_.census.unlike = summary_.census.coincident = 0;
+  return points_.rewind();
 }
 
 // Reads records until at least one run of equal keys is whole. Returns the number of records in whole runs; 0 at the

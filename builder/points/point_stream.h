@@ -31,10 +31,36 @@ class PointStream {
                                                   const std::function<void(double)>& progress, bool gradients = true,
                                                   const JoinedAttributes& joined = {});
 
+  /// Returns the points of a sort that has all records of some range of keys, for callers that read the pieces
+  /// themselves. `corners`: of that range.
+  PointStream(const PointRecords& layout, InputSummary summary, ExternalSorter points,
+              std::optional<BoundaryCorners> corners);
+
+  /// The records of a source.
+  [[nodiscard]] static PointRecords layout_of(const Source& source, bool use_cells, bool gradients);
+
+  /// Makes an empty sort of records by their keys within `cube`. Contract of memory, folder, `rewinds` as SortOptions.
+  [[nodiscard]] static Result<ExternalSorter> sort_of_points(const PointRecords& layout, const Cube& cube,
+                                                             std::size_t memory, std::size_t merge_memory,
+                                                             const std::string& folder, bool rewinds = false);
+
+  /// Fails before the work if the folder is too small for so many points in such a sort.
+  [[nodiscard]] static Status check_room(const std::string& folder, std::uint64_t points, const ExternalSorter& sort);
+
+  /// Starts again with the first point. Requires a sort that rewinds and has no corners; called once, after the last
+  /// point.
+  [[nodiscard]] Status rewind();
+
+  /// Gives the sort back; then only destruction is allowed.
+  [[nodiscard]] ExternalSorter take_sort() { return std::move(points_); }
+
   /// Appends the next points to `batch` (NextPoints), a few thousand, copies of a vertex as one.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
   [[nodiscard]] const InputSummary& summary() const { return summary_; }
+
+  /// Gives the points their planes from now on. Called before the first point.
+  void set_corners(BoundaryCorners corners) { corners_.emplace(std::move(corners)); }
 
   /// A layout for records of the points that this returns.
   [[nodiscard]] const PointRecords& layout() const { return stored_layout_; }
@@ -43,9 +69,6 @@ class PointStream {
   [[nodiscard]] std::uint64_t count() const { return points_.count(); }
 
  private:
-  PointStream(const PointRecords& layout, InputSummary summary, ExternalSorter points,
-              std::optional<BoundaryCorners> corners);
-
   [[nodiscard]] Result<std::size_t> read_whole_run();
 
   PointRecords layout_;  // with all attributes of the source

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -57,6 +58,11 @@ struct ReductionSettings {
   const RowPacker* packer = nullptr;  // packs whole rows of finest points; null: they are not packed
   std::size_t points_per_chunk = 0;
   Reduction method = Reduction::octree;
+
+  // If the points are a range of all points.
+  CascadePart part = {};
+  std::function<void(const Member&)> beyond = {};  // Cascade::Sink::beyond
+  std::uint64_t finest_before = 0;                 // finest points before the range
 };
 
 /// Finds the leaves of the octree over a batch's points, and their clusters. Returns the number of finest points.

@@ -60,14 +60,19 @@ void Cascade::add_to_last(const Member& other) {
 }
 
 void Cascade::push(std::size_t level, MemberPool::Handle member) {
+  if (level == part_.end) {
+    sink_.beyond(*member);
+    member->clear();
+    return done_.push_back(std::move(member));
+  }
   Level& at = levels_[level];
   member->splats.back().number = at.count++;
   at.entries.push_back(std::move(member));
 }
 
 void Cascade::close_nodes(bool at_end) {
-  for (std::size_t level = 1; level < levels_.size() && levels_[level].count > 0; ++level) {
-    if (!at_end && !levels_[level].reduces()) return;
+  for (std::size_t level = part_.first; level < levels_.size() && levels_[level].count > 0; ++level) {
+    if (!at_end && !reduces(levels_[level])) return;
     close_nodes(level, at_end);
     add_splats(merged_, attributes_);
     for (MemberPool::Handle& member : merged_) push(level + 1, std::move(member));
@@ -82,7 +87,8 @@ void Cascade::close_nodes(std::size_t level, bool at_end) {
   Level& at = levels_[level];
   const auto key = [&](std::size_t m) -> const MortonKey& { return at.entries[m]->key; };
   while (!at.entries.empty() && (at_end || at.entries.size() > node_points_)) {
-    const int shared_before = at.before ? common_depth(*at.before, key(0)) : -1;
+    int shared_before = at.before ? common_depth(*at.before, key(0)) : part_.borders.shared_before(key(0));
+    if (at.entries.size() <= node_points_) shared_before = std::max(shared_before, part_.borders.shared_behind(key(0)));
     const KeyLeaf node = leaf_at(key, 0, at.entries.size(), node_points_, shared_before);
     prefetch_next(at, node.end);
     close_node(level, node.end, node.depth);
@@ -118,7 +124,7 @@ void Cascade::close_node(std::size_t level, std::size_t size, int depth) {
     at.entries.pop_front();
   }
   at.before = node_members_.back()->key;
-  if (at.reduces() && level + 1 < max_levels) reduce_node(depth);
+  if (reduces(at) && level + 1 < max_levels) reduce_node(depth);
   for (MemberPool::Handle& member : node_members_) {
     if (!member) continue;
     sink_.point(level, *member);
@@ -178,7 +184,7 @@ std::uint64_t Cascade::first_open_leaf() const {
 
 std::vector<std::uint64_t> Cascade::counts() const {
   std::vector<std::uint64_t> counts;
-  for (std::size_t level = 1; level < levels_.size() && levels_[level].count > 0; ++level)
+  for (std::size_t level = part_.first; level < levels_.size() && levels_[level].count > 0; ++level)
     counts.push_back(levels_[level].count);
   return counts;
 }

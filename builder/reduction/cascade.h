@@ -16,7 +16,7 @@
 #include "builder/mesh/moments.h"
 #include "builder/output/member.h"
 #include "builder/reduction/clusters.h"
-#include "builder/sorting/morton.h"
+#include "builder/sorting/octree_nodes.h"
 #include "format/volume_info.h"
 
 namespace splatvol {
@@ -58,6 +58,14 @@ std::size_t nearest_to_center(const Cube& cube, int depth, std::size_t count, co
   return nearest;
 }
 
+/// The part of a reduction that a Cascade does.
+struct CascadePart {
+  KeyBorders borders;            // nodes across these have more members than a reduction node, at all levels here
+  std::size_t first = 1;         // level of the members that are pushed
+  std::size_t end = max_levels;  // members of this level go to Sink::beyond. If it is not max_levels, each level
+                                 // before it has more than coarsest_target members in all parts together
+};
+
 /// Reduces all levels but the finest. A level holds only members whose reduction node is not whole yet.
 class Cascade {
  public:
@@ -68,11 +76,13 @@ class Cascade {
     std::function<void(std::size_t level, const Member& member, int node_depth)> splat;
     /// Gets the next point of a level, in Morton order, that no coarser level has.
     std::function<void(std::size_t level, const Member& member)> point;
+    /// Gets the next member of level CascadePart::end, in Morton order.
+    std::function<void(const Member& member)> beyond = {};
   };
 
   /// `pool` gets the members that are done. Pool and attributes must outlive this.
   Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::span<const format::Attribute> attributes,
-          MemberPool& pool, Sink sink)
+          MemberPool& pool, Sink sink, CascadePart part = {})
       : cube_(cube),
         method_(method),
         leaf_points_(leaf_points),
@@ -80,10 +90,11 @@ class Cascade {
         attributes_(attributes),
         pool_(pool),
         sink_(std::move(sink)),
+        part_(part),
         levels_(max_levels) {}
 
-  /// Adds the next member of level 1, which has its splats.
-  void push(MemberPool::Handle member) { push(1, std::move(member)); }
+  /// Adds the next member of the first level, which has its splats.
+  void push(MemberPool::Handle member) { push(part_.first, std::move(member)); }
 
   /// Reduces all nodes that are whole. It is faster to call this now and then than after each member.
   void advance() { close_nodes(false); }
@@ -98,7 +109,7 @@ class Cascade {
   /// Number of the first index leaf that can still get a splat.
   [[nodiscard]] std::uint64_t first_open_leaf() const;
 
-  /// Members of each level from 1 on.
+  /// Members of each level from the first on.
   [[nodiscard]] std::vector<std::uint64_t> counts() const;
 
  private:
@@ -106,9 +117,11 @@ class Cascade {
     std::deque<MemberPool::Handle> entries;  // of nodes that are not whole yet
     std::uint64_t count = 0;                 // members, with those that are gone
     std::optional<MortonKey> before;         // last key of the nodes that are done
-    [[nodiscard]] bool reduces() const { return count > coarsest_target; }
   };
 
+  [[nodiscard]] bool reduces(const Level& level) const {
+    return part_.end < max_levels || level.count > coarsest_target;
+  }
   void push(std::size_t level, MemberPool::Handle member);
   void close_nodes(bool at_end);
   void close_nodes(std::size_t level, bool at_end);
@@ -126,6 +139,7 @@ class Cascade {
   std::span<const format::Attribute> attributes_;
   MemberPool& pool_;
   Sink sink_;
+  CascadePart part_;
   std::vector<Level> levels_;  // level 0 is not used
 
   // Scratch for the reduction node that is being closed: members, their keys, positions and owners, and the clusters.

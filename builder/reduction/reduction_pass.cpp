@@ -22,7 +22,24 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& ro
                 [this](std::size_t level, const Member& member) {
                   leaf(member.leaf).count(level);
                   rows_.add_point(level, member);
-                }}) {}
+                },
+                settings.beyond},
+               settings.part),
+      finest_(settings.finest_before) {
+  if (settings.part.first > 1) first_leaf_ = std::numeric_limits<std::uint64_t>::max();
+}
+
+MemberPool::Handle ReductionPass::new_member() {
+  std::vector<MemberPool::Handle> one;
+  pool_.acquire(1, one);
+  return std::move(one[0]);
+}
+
+void ReductionPass::add_coarse(MemberPool::Handle member) {
+  cascade_.push(std::move(member));
+  constexpr std::uint64_t together = 4096;
+  if (++coarse_ % together == 0) cascade_.advance();
+}
 
 void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
   result.clear();
@@ -82,7 +99,7 @@ Status ReductionPass::finish() {
 
 std::vector<std::uint64_t> ReductionPass::counts() const {
   std::vector<std::uint64_t> counts = cascade_.counts();
-  counts.insert(counts.begin(), points_);
+  if (settings_.part.first == 1) counts.insert(counts.begin(), points_);
   return counts;
 }
 

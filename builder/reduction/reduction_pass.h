@@ -35,6 +35,12 @@ class ReductionPass {
   /// Adds the next batch. Extracts the members from `reduced`.
   [[nodiscard]] Status add(const PointBatch& batch, ReducedBatch& reduced);
 
+  /// A member for add_coarse(), without material and splats.
+  [[nodiscard]] MemberPool::Handle new_member();
+
+  /// Adds the next member of the first level of a part that has no points; its leaf has been returned elsewhere.
+  void add_coarse(MemberPool::Handle member);
+
   /// Called after the last batch.
   [[nodiscard]] Status finish();
 
@@ -42,7 +48,7 @@ class ReductionPass {
   /// coarsest levels are whole long after most of their points have passed. Requires finish().
   [[nodiscard]] const std::map<std::uint64_t, OpenIndexLeaf>& late_leaves() const { return late_leaves_; }
 
-  /// Points of each level.
+  /// Points of each level, those of the finest first; of the levels from the first on, if the part has no points.
   [[nodiscard]] std::vector<std::uint64_t> counts() const;
 
  private:
@@ -56,7 +62,8 @@ class ReductionPass {
   std::uint64_t most_open_leaves_;
   MemberPool pool_;
   Cascade cascade_;
-  std::uint64_t finest_ = 0;  // points that no coarser level has, in all batches that are prepared
+  std::uint64_t finest_;      // points that no coarser level has, up to the last batch that is prepared
+  std::uint64_t coarse_ = 0;  // members of add_coarse()
   std::uint64_t points_ = 0;
   std::deque<OpenIndexLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one

@@ -101,6 +101,7 @@ class ExternalSorter::Impl {
   Status add(std::span<const std::byte> records);
   Status finish();
   Result<SortedRecords> next();
+  Status rewind();
   std::uint64_t count() const { return count_; }
   std::uint64_t temp_bytes(std::uint64_t count) const;
 
@@ -122,7 +123,7 @@ class ExternalSorter::Impl {
   Status merge_some();
   Status merge_into(TempFile& file, std::span<const Run> runs);
 
-  void start_merging(std::span<const Run> runs);
+  void start_merging(std::span<const Run> runs, bool keep = false);
   void produce();
   void copy_sorted(Output& output);
 
@@ -246,7 +247,7 @@ Status ExternalSorter::Impl::finish() {
   memory_.emplace(options_.merge_memory);
   outputs_ = make_outputs(plan_.packet, memory_->span().first(plan_.merge_work_bytes));
   while (runs_.size() > plan_.runs_at_once) SPLATVOL_TRY(merge_some());
-  start_merging(runs_);
+  start_merging(runs_, options_.rewinds);
   return {};
 }
 
@@ -281,9 +282,10 @@ Status ExternalSorter::Impl::merge_into(TempFile& file, std::span<const Run> run
   }
 }
 
-void ExternalSorter::Impl::start_merging(std::span<const Run> runs) {
+void ExternalSorter::Impl::start_merging(std::span<const Run> runs, bool keep) {
+  merger_.reset();  // its threads use the memory
   merger_ = std::make_unique<RunMerger>(*file_, runs, plan_.packet, options_.key,
-                                        memory_->span().subspan(2 * plan_.merge_work_bytes));
+                                        memory_->span().subspan(2 * plan_.merge_work_bytes), keep);
   producing_.run([this] { produce(); });
 }
 
@@ -330,6 +332,17 @@ Result<SortedRecords> ExternalSorter::Impl::next() {
   return SortedRecords{output.records.first(output.count * record_bytes()), output.keys.first(output.count)};
 }
 
+Status ExternalSorter::Impl::rewind() {
+  producing_.wait();
+  for (Output& output : outputs_) output.count = 0;
+  copied_ = 0;
+  if (merger_)
+    start_merging(runs_);
+  else
+    producing_.run([this] { produce(); });
+  return {};
+}
+
 std::uint64_t ExternalSorter::Impl::temp_bytes(std::uint64_t count) const {
   if (stays_in_memory(count)) return 0;
   constexpr std::uint64_t pages = 8192;  // bytes at the ends of a run that cannot be released
@@ -359,6 +372,7 @@ ExternalSorter::~ExternalSorter() = default;
 Status ExternalSorter::add(std::span<const std::byte> records) { return impl_->add(records); }
 Status ExternalSorter::finish() { return impl_->finish(); }
 Result<SortedRecords> ExternalSorter::next() { return impl_->next(); }
+Status ExternalSorter::rewind() { return impl_->rewind(); }
 std::uint64_t ExternalSorter::count() const { return impl_->count(); }
 std::uint64_t ExternalSorter::temp_bytes(std::uint64_t count) const { return impl_->temp_bytes(count); }
 

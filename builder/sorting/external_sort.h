@@ -18,6 +18,7 @@ struct SortOptions {
   std::size_t memory = 0;        // bytes to hold until finish()
   std::size_t merge_memory = 0;  // bytes to hold from then on
   std::string folder;            // for temporary files
+  bool rewinds = false;          // whether rewind() may be called: disk space is kept until then
 };
 
 /// Records in order, and their keys: as many keys as records.
@@ -48,6 +49,10 @@ class ExternalSorter {
 
   /// Returns the next records, empty after the last. They are valid until the next call. Requires finish().
   [[nodiscard]] Result<SortedRecords> next();
+
+  /// Starts again with the first record. Requires SortOptions::rewinds. Call it once, after next() has returned the
+  /// last records.
+  [[nodiscard]] Status rewind();
 
   /// The number of records added.
   [[nodiscard]] std::uint64_t count() const;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <ranges>
 #include <span>
 
@@ -28,6 +29,19 @@ namespace splatvol {
   }
   return box;
 }
+
+/// Borders of a range of keys whose octree is cut by itself. What lies beyond a border does not matter as long as every
+/// node that reaches across it has too many points for a leaf, so that it is split.
+struct KeyBorders {
+  std::optional<MortonKey> before;  // the last key below the range; none if no points lie there
+  std::optional<MortonKey> behind;  // the first key above the range; none if no points lie there
+
+  /// Depth of the smallest node that holds both `first` and keys before the range: -1 if there are none.
+  [[nodiscard]] int shared_before(const MortonKey& first) const { return before ? common_depth(*before, first) : -1; }
+
+  /// The same for keys behind the range.
+  [[nodiscard]] int shared_behind(const MortonKey& first) const { return behind ? common_depth(first, *behind) : -1; }
+};
 
 /// A leaf among the keys of an array.
 struct KeyLeaf {

@@ -181,7 +181,7 @@ Status PacketReader::refill() {
   unread_ = buffer_.first(unread_.size() + bytes);
   next_ += bytes;
   const std::uint64_t from = (released_ + page - 1) / page * page, to = next_ / page * page;
-  if (from < to) {
+  if (from < to && !keep_) {
     file_->release(from, to - from);
     released_ = to;
   }

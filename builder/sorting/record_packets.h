@@ -31,14 +31,21 @@ using LocateRecords = std::function<void(std::size_t first, std::span<const std:
 [[nodiscard]] std::size_t pack_records(std::size_t count, const LocateRecords& locate, std::size_t record_bytes,
                                        std::span<std::byte> out);
 
-/// Reads the packets in a part of a file, in their order, and releases their disk space.
+/// Reads the packets in a part of a file, in their order.
 class PacketReader {
  public:
   /// Reads the bytes [begin, end) of `file`, as much at a time as `buffer` holds: at least packet_bound of the largest
-  /// packet. File and buffer must outlive this. Other threads may read the file at the same time.
+  /// packet. Releases their disk space, unless `keep`. File and buffer must outlive this. Other threads may read the
+  /// file at the same time.
   PacketReader(TempFile& file, std::uint64_t begin, std::uint64_t end, std::size_t record_bytes,
-               std::span<std::byte> buffer)
-      : file_(&file), next_(begin), end_(end), released_(begin), record_bytes_(record_bytes), buffer_(buffer) {}
+               std::span<std::byte> buffer, bool keep = false)
+      : file_(&file),
+        next_(begin),
+        end_(end),
+        released_(begin),
+        record_bytes_(record_bytes),
+        buffer_(buffer),
+        keep_(keep) {}
 
   /// Unpacks the next packet into the front of `out`, which must have room for it. Returns its number of records, 0
   /// after the last packet. Fails if the file holds other bytes than were written to it.
@@ -52,6 +59,7 @@ class PacketReader {
   std::uint64_t released_;
   std::size_t record_bytes_;
   std::span<std::byte> buffer_;
+  bool keep_;
   std::span<const std::byte> unread_;  // in the buffer
 };
 

@@ -25,7 +25,7 @@ std::size_t RunMerger::least_memory(const PacketShape& shape) {
 }
 
 RunMerger::RunMerger(TempFile& file, std::span<const Run> runs, const PacketShape& shape, const KeyFunction& key,
-                     std::span<std::byte> memory)
+                     std::span<std::byte> memory, bool keep)
     : record_bytes_(shape.record_bytes), key_(key), tree_(runs.size(), Entry{0, 0, -1}) {
   const std::size_t share = memory.size() / runs.size() / alignment * alignment;
   for (const Run& run : runs) {
@@ -43,7 +43,7 @@ RunMerger::RunMerger(TempFile& file, std::span<const Run> runs, const PacketShap
     }
     const std::size_t read_bytes = std::max(packet_bound(shape.records, record_bytes_), most_read_bytes);
     inputs_.push_back(std::make_unique<RunInput>(
-        PacketReader(file, run.begin, run.end, record_bytes_, rest.first(std::min(rest.size(), read_bytes)))));
+        PacketReader(file, run.begin, run.end, record_bytes_, rest.first(std::min(rest.size(), read_bytes)), keep)));
     inputs_.back()->buffers = buffers;
   }
   for (const auto& input : inputs_) read_ahead(*input);

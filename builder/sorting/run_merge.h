@@ -34,10 +34,10 @@ class RunMerger {
   /// Returns the least bytes of memory for each run.
   [[nodiscard]] static std::size_t least_memory(const PacketShape& shape);
 
-  /// Begins to read, and releases the disk space of packets that it has read. All buffers lie in `memory`: at least
-  /// least_memory for each run, aligned as MortonKey is. File, key and memory must outlive this.
+  /// Begins to read, and releases the disk space of packets that it has read, unless `keep`. All buffers lie in
+  /// `memory`: at least least_memory for each run, aligned as MortonKey is. File, key and memory must outlive this.
   RunMerger(TempFile& file, std::span<const Run> runs, const PacketShape& shape, const KeyFunction& key,
-            std::span<std::byte> memory);
+            std::span<std::byte> memory, bool keep = false);
   RunMerger(const RunMerger&) = delete;
   RunMerger& operator=(const RunMerger&) = delete;
   ~RunMerger();

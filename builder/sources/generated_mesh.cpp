@@ -49,6 +49,11 @@ class MeshGenerator final : public Source {
 
   const std::vector<std::string>& attributes() const override { return generated::attributes(); }
   std::size_t piece_count() const override { return pieces_.count(); }
+  bool select_every(std::size_t first, std::size_t stride) override {
+    pieces_.select_every(first, stride);
+    return true;
+  }
+  PieceNumber piece_number() const override { return {0, static_cast<std::uint32_t>(pieces_.last())}; }
   Result<std::unique_ptr<Piece>> next() override { return pieces_.next(); }
   Result<std::optional<Box>> bounds() override { return std::optional(Box{position(0, 0, 0), position(n_, n_, n_)}); }
   std::optional<std::uint64_t> point_count() const override {

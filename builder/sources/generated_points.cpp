@@ -109,6 +109,11 @@ class PointGenerator final : public Source {
 
   const std::vector<std::string>& attributes() const override { return generated::attributes(); }
   std::size_t piece_count() const override { return pieces_.count(); }
+  bool select_every(std::size_t first, std::size_t stride) override {
+    pieces_.select_every(first, stride);
+    return true;
+  }
+  PieceNumber piece_number() const override { return {0, static_cast<std::uint32_t>(pieces_.last())}; }
   Result<std::unique_ptr<Piece>> next() override { return pieces_.next(); }
   std::optional<std::uint64_t> point_count() const override { return recipe_.count; }
   bool single_precision() const override { return recipe_.single_precision; }

@@ -134,9 +134,17 @@ class NpySource final : public Source {
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
 
+  bool select_every(std::size_t first, std::size_t stride) override {
+    pieces_.select_every(first, stride);
+    return true;
+  }
+  PieceNumber piece_number() const override {
+    return {static_cast<std::uint32_t>(ranges_[pieces_.last()].file), static_cast<std::uint32_t>(pieces_.last())};
+  }
+
   Result<std::unique_ptr<Piece>> next() override {
     SPLATVOL_TRY_ASSIGN(piece, pieces_.next());
-    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[returned_++].file].path, *piece));
+    if (piece && files_.size() > 1) SPLATVOL_TRY(repeats_.add(files_[ranges_[pieces_.last()].file].path, *piece));
     return piece;
   }
 
@@ -195,7 +203,6 @@ class NpySource final : public Source {
   MissingValues missing_;
   std::vector<RowRange> ranges_;
   PieceAhead pieces_;
-  std::size_t returned_ = 0;  // pieces
   RepeatedPieces repeats_;
 };
 

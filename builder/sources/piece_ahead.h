@@ -25,22 +25,35 @@ class PieceAhead {
 
   /// Contract as Source::next().
   [[nodiscard]] Result<std::unique_ptr<Piece>> next() {
-    if (next_ == 0) start();
+    if (!std::exchange(started_, true)) start();
     if (!coming_.valid()) return std::unique_ptr<Piece>();
     auto piece = coming_.get();
+    last_ = next_ - stride_;
     start();
     return piece;
+  }
+
+  /// The number of the piece that next() returned last.
+  [[nodiscard]] std::size_t last() const { return last_; }
+
+  /// Contract as Source::select_every(), for single pieces.
+  void select_every(std::size_t first, std::size_t stride) {
+    next_ = first;
+    stride_ = stride;
   }
 
  private:
   // The first piece is made when next() is first called. Without a free thread, each piece is made in its next().
   void start() {
-    if (next_ < count_) coming_ = std::async(std::launch::async | std::launch::deferred, make_, next_++);
+    if (next_ >= count_) return;
+    coming_ = std::async(std::launch::async | std::launch::deferred, make_, next_);
+    next_ += stride_;
   }
 
   std::size_t count_;
   Make make_;
-  std::size_t next_ = 0;
+  std::size_t next_ = 0, stride_ = 1, last_ = 0;
+  bool started_ = false;
   std::future<Result<std::unique_ptr<Piece>>> coming_;
 };
 

@@ -65,14 +65,19 @@ bool share_a_member(const std::vector<std::uint64_t>& a, const std::vector<std::
 
 }  // namespace
 
-Status RepeatedPieces::add(const std::string& file, const Piece& piece) {
-  if (piece.points.empty()) return {};
-  Fingerprint print{file, piece.points.size(), box_of(piece.points), sample(piece.tetrahedra)};
-  const std::uint64_t hash = hash_points(piece.points);
-  const auto [first, last] = seen_.equal_range(hash);
+RepeatedPieces::Fingerprint RepeatedPieces::fingerprint(std::string file, const Piece& piece) {
+  return {std::move(file), piece.points.size(), hash_points(piece.points), box_of(piece.points),
+          sample(piece.tetrahedra)};
+}
+
+Status RepeatedPieces::add(const std::string& file, const Piece& piece) { return add(fingerprint(file, piece)); }
+
+Status RepeatedPieces::add(Fingerprint print) {
+  if (print.points == 0) return {};
+  const auto [first, last] = seen_.equal_range(print.positions);
   const auto repeated = std::find_if(first, last, [&](const auto& entry) {
     const Fingerprint& other = entry.second;
-    if (other.file == file || other.points != print.points) return false;
+    if (other.file == print.file || other.points != print.points) return false;
     if (other.box != print.box) return false;
     return other.tetrahedra.empty() || print.tetrahedra.empty() || share_a_member(other.tetrahedra, print.tetrahedra);
   });
@@ -80,7 +85,8 @@ Status RepeatedPieces::add(const std::string& file, const Piece& piece) {
     return fail(ErrorCode::invalid_argument,
                 "{}: has the same {} points as {}, so they are no pieces of one data set; if they are time steps, "
                 "give --series",
-                file, print.points, repeated->second.file);
+                print.file, print.points, repeated->second.file);
+  const std::uint64_t hash = print.positions;
   seen_.emplace(hash, std::move(print));
   return {};
 }

@@ -15,18 +15,22 @@ namespace splatvol {
 /// sample of its tetrahedra.
 class RepeatedPieces {
  public:
+  struct Fingerprint {
+    std::string file;
+    std::uint64_t points = 0, positions = 0;  // number, hash
+    Box box;
+    std::vector<std::uint64_t> tetrahedra = {};  // the smallest hashes, sorted
+  };
+  [[nodiscard]] static Fingerprint fingerprint(std::string file, const Piece& piece);
+
+  /// The same as the next function, for a piece that was read elsewhere.
+  [[nodiscard]] Status add(Fingerprint print);
+
   /// Fails if a piece of another file has the same points in the same order, and shares tetrahedra with this one or
   /// either has none. Pieces of one mesh pass: they share some points only, or all points but no tetrahedra.
   [[nodiscard]] Status add(const std::string& file, const Piece& piece);
 
  private:
-  struct Fingerprint {
-    std::string file;
-    std::size_t points = 0;
-    Box box;
-    std::vector<std::uint64_t> tetrahedra;  // the smallest hashes, sorted
-  };
-
   std::unordered_multimap<std::uint64_t, Fingerprint> seen_;  // by the hash of the positions
 };
 

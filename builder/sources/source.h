@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <compare>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -123,6 +124,18 @@ class Source {
 
   /// Returns the next piece, a null pointer after the last. The order does not depend on threads.
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
+
+  /// Lets next() return only the pieces of parts `first`, `first` + `stride` and so on: the others are read elsewhere.
+  /// Parts are pieces or whole files. Called before the first next(). Returns false if the source has to read all of
+  /// the input anyway: then nothing changes, and piece_number() is 0.
+  [[nodiscard]] virtual bool select_every(std::size_t /*first*/, std::size_t /*stride*/) { return false; }
+
+  /// The place of the last piece in the order of the input, whatever is selected: its file, and its number there.
+  struct PieceNumber {
+    std::uint32_t file = 0, in_file = 0;
+    auto operator<=>(const PieceNumber&) const = default;
+  };
+  [[nodiscard]] virtual PieceNumber piece_number() const { return {}; }
 
   /// Finds the smallest box round all points with finite coordinates, in a pass that is much cheaper than next() over
   /// all pieces. Empty if there is no such pass, or no such point. Does not move next().

@@ -50,6 +50,25 @@ Status verify_bytes(const Bytes& bytes) {
   return volume->verify([](double) {});
 }
 
+// The same by three readers, who share the chunks.
+Status verify_in_parts(const Bytes& bytes) {
+  SPLATVOL_TRY_ASSIGN(volume, Volume::open(memory_source(bytes, "test.svol")));
+  const auto progress = [](double) {};
+  Volume::CheckedValues all;
+  constexpr std::uint64_t parts = 3;
+  for (std::uint64_t part = 0; part < parts; ++part) {
+    SPLATVOL_TRY_ASSIGN(found, volume->verify_chunks(part, parts, progress));
+    all.histograms.resize(found.histograms.size());
+    all.missing.resize(found.missing.size());
+    for (std::size_t a = 0; a < found.missing.size(); ++a) {
+      for (std::size_t bin = 0; bin < all.histograms[a].size(); ++bin)
+        all.histograms[a][bin] += found.histograms[a][bin];
+      all.missing[a] += found.missing[a];
+    }
+  }
+  return volume->verify_rest(std::move(all), progress);
+}
+
 // Compares a chunk of material with its input. The tests of columns test the bounds of errors.
 void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Column& column, const Group& group,
                           std::size_t resolution, const TestVolume& volume) {
@@ -249,6 +268,7 @@ TEST(Damage, AGrownFileIsRefused) {
 TEST(Damage, EveryFlippedByteIsFound) {
   Bytes bytes = test_volume_bytes(small_volume(test::is_sanitized ? 150 : 500, 1));
   ASSERT_TRUE(verify_bytes(bytes));
+  ASSERT_TRUE(verify_in_parts(bytes));
   std::mt19937 random(1);
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     const std::byte whole = bytes[i];
@@ -256,6 +276,7 @@ TEST(Damage, EveryFlippedByteIsFound) {
       bytes[i] = whole ^ pattern;
       const Status status = verify_bytes(bytes);
       ASSERT_FALSE(status) << "byte " << i << " of " << bytes.size();
+      ASSERT_FALSE(verify_in_parts(bytes)) << "byte " << i << " of " << bytes.size();
       EXPECT_THAT(status.error().message, testing::StartsWith("test.svol: "));
     }
     bytes[i] = whole;

@@ -32,8 +32,8 @@ auto members_of(Options& options) requires std::is_same_v<std::remove_const_t<Op
 
 template <class State>
 auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>, SourceState> {
-  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.points, state.time,
-                  state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
+  return std::tie(state.attributes, state.units, state.conversions, state.pieces, state.number, state.points,
+                  state.time, state.copies, state.averages_by_piece, state.may_have_cells, state.brings_material,
                   state.single_precision);
 }
 
@@ -146,6 +146,7 @@ SourceState state_of(const Source& source) {
   state.units = source.units();
   state.conversions = source.conversions();
   state.pieces = source.piece_count();
+  state.number = source.piece_number();
   state.points = source.point_count();
   state.step = source.time_step();
   state.time = source.stated_time();

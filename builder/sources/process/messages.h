@@ -17,6 +17,7 @@ enum class ReaderRequest : std::uint32_t {
   open,    // inputs, SourceOptions. Answer: SourceState. The number is new
   next,    // whether values are lent. Answer: SourceState, whether there is a piece, the piece
   bounds,  // Answer: optional Box
+  select,  // first, stride. Answer: whether the source does so
   close,   // No answer
 };
 
@@ -24,6 +25,7 @@ enum class ReaderRequest : std::uint32_t {
 struct SourceState {
   std::vector<std::string> attributes, units, conversions;
   std::uint64_t pieces = 0;
+  Source::PieceNumber number;  // of the last piece
   std::optional<std::uint64_t> points;
   std::optional<TimeStep> step;
   std::optional<double> time;  // stated

@@ -210,6 +210,20 @@ class ProcessSource final : public Source {
     return box;
   }
 
+  // If the process fails, so will the next next().
+  bool select_every(std::size_t first, std::size_t stride) override {
+    bool selects = false;
+    const Status answered = process_->ask(
+        name_, ReaderRequest::select, number_,
+        [&](Channel& channel) -> Status {
+          SPLATVOL_TRY(channel.put(std::uint64_t{first}));
+          return channel.put(std::uint64_t{stride});
+        },
+        [&](Channel& channel) { return channel.get(selects); });
+    return answered && selects;
+  }
+  PieceNumber piece_number() const override { return state_.number; }
+
   const std::vector<std::string>& attributes() const override { return state_.attributes; }
   std::vector<std::string> units() const override { return state_.units; }
   void lend_values() override { lends_ = true; }

@@ -44,6 +44,9 @@ class Server {
       case ReaderRequest::bounds:
         SPLATVOL_TRY(bounds(*sources_.at(source)));
         break;
+      case ReaderRequest::select:
+        SPLATVOL_TRY(select(*sources_.at(source)));
+        break;
       case ReaderRequest::close:
         sources_.erase(source);
         return {};
@@ -82,6 +85,14 @@ class Server {
     if (!box) return refuse(box.error());
     SPLATVOL_TRY(channel_.put(false));
     return channel_.put(*box);
+  }
+
+  Status select(Source& source) {
+    std::uint64_t first = 0, stride = 1;
+    SPLATVOL_TRY(channel_.get(first));
+    SPLATVOL_TRY(channel_.get(stride));
+    SPLATVOL_TRY(channel_.put(false));
+    return channel_.put(source.select_every(first, stride));
   }
 
   Status refuse(const Error& error) {

@@ -54,7 +54,29 @@ class FileDataSets final : public VtkDataSets {
 
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
 
+  bool select_every(std::size_t first, std::size_t stride) override {
+    if (files_.size() < 2) return false;
+    first_ = first;
+    stride_ = stride;
+    if (file_ > 0 && !is_selected(file_ - 1)) {
+      blocks_ = nullptr;
+      reader_ = nullptr;
+    }
+    return true;
+  }
+
+  Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
+
   Result<vtkSmartPointer<vtkDataSet>> next() override {
+    SPLATVOL_TRY_ASSIGN(data, next_of_file());
+    ++in_file_;
+    return data;
+  }
+
+ private:
+  [[nodiscard]] bool is_selected(std::size_t file) const { return file % stride_ == first_; }
+
+  Result<vtkSmartPointer<vtkDataSet>> next_of_file() {
     if (blocks_) {
       SPLATVOL_TRY_ASSIGN(block, blocks_->next());
       if (block) return block;
@@ -63,21 +85,22 @@ class FileDataSets final : public VtkDataSets {
       blocks_ = nullptr;
     }
     if (reader_) return next_piece();
+    while (file_ < files_.size() && !is_selected(file_)) ++file_;
     if (file_ == files_.size()) return vtkSmartPointer<vtkDataSet>();
     const VtkFile& file = files_[file_++];
+    in_file_ = 0;
     path_ = file.path;
     if (file.kind == VtkFile::Kind::legacy) return read_legacy();
     if (is_blocks(file.kind)) {
       SPLATVOL_TRY_ASSIGN(blocks, open_any(file));
       blocks_ = std::move(blocks);
       if (!step_) step_ = blocks_->time_step();
-      return next();
+      return next_of_file();
     }
     SPLATVOL_TRY(open_xml(file.kind));
     return next_piece();
   }
 
- private:
   static bool is_blocks(VtkFile::Kind kind) {
     return kind == VtkFile::Kind::exodus || kind == VtkFile::Kind::ensight || kind == VtkFile::Kind::openfoam ||
            kind == VtkFile::Kind::cgns || kind == VtkFile::Kind::composite || kind == VtkFile::Kind::gmsh ||
@@ -168,6 +191,8 @@ class FileDataSets final : public VtkDataSets {
   MissingValues missing_;
   std::optional<TimeStep> step_;
   std::size_t file_ = 0;                  // the next one
+  std::uint32_t in_file_ = 0;             // data sets of the current file so far
+  std::size_t first_ = 0, stride_ = 1;    // of the files that are selected
   std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
   std::string path_;                      // of the current file
   CellCensus left_out_;                   // of the files before the current one

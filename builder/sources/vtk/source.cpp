@@ -75,10 +75,11 @@ class VtkSource final : public Source {
 
   Result<std::unique_ptr<Piece>> next() override {
     if (!pending_) SPLATVOL_TRY(load());
-    if (!pending_ && own_cells_ && points_ == 0)
+    if (!pending_ && own_cells_ && points_ == 0 && !selects_)
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which '--cells own' needs", data_sets_->path());
     if (!pending_) return std::unique_ptr<Piece>();
     const vtkSmartPointer<vtkDataSet> data = std::exchange(pending_, nullptr);
+    number_ = pending_number_;
     SPLATVOL_TRY_ASSIGN(piece, make_piece(
                                    data_sets_->path(), *data, attributes_, cells_, missing_,
                                    [&](const std::string& array, int component, std::span<double> means) {
@@ -90,6 +91,15 @@ class VtkSource final : public Source {
     note_conversions(*data);
     return piece;
   }
+
+  bool select_every(std::size_t first, std::size_t stride) override {
+    selects_ = data_sets_->select_every(first, stride);
+    // The first data set was read for its attributes.
+    if (selects_ && pending_number_.file % stride != first) pending_ = nullptr;
+    return selects_;
+  }
+
+  PieceNumber piece_number() const override { return number_; }
 
   bool averages_by_piece() const override {
     return !own_cells_ && data_sets_->averages_by_data_set() &&
@@ -130,6 +140,7 @@ class VtkSource final : public Source {
     do {
       SPLATVOL_TRY_ASSIGN(data, data_sets_->next());
       pending_ = data;
+      pending_number_ = data_sets_->number();
     } while (pending_ && pending_->GetNumberOfPoints() == 0);
     return {};
   }
@@ -148,6 +159,8 @@ class VtkSource final : public Source {
   std::vector<std::string> available_;  // of the first piece
   std::optional<double> time_;          // that the first piece states
   vtkSmartPointer<vtkDataSet> pending_;
+  PieceNumber pending_number_, number_;  // of pending_, and of the last piece
+  bool selects_ = false;                 // some files
   RepeatedPieces repeats_;
 };
 

@@ -147,6 +147,26 @@ TEST(ExternalSort, SameAsStableSortForEverySizeOfRecord) {
   }
 }
 
+TEST(ExternalSort, StartsAgain) {
+  constexpr std::size_t record_bytes = 32;
+  const Bytes records = make_records(100'000, record_bytes, at_few_positions);
+  const Bytes expected = sort_in_memory(records, record_bytes);
+  for (const std::size_t memory : {100'000, 64'000'000}) {
+    SortOptions options = options_for(record_bytes, memory);
+    options.rewinds = true;
+    auto sorter = ExternalSorter::create(std::move(options)).value();
+    ASSERT_TRUE(sorter.add(records));
+    ASSERT_TRUE(sorter.finish());
+    for (int pass = 0; pass < 2; ++pass) {
+      Bytes sorted;
+      for (SortedRecords packet = sorter.next().value(); !packet.keys.empty(); packet = sorter.next().value())
+        sorted.insert(sorted.end(), packet.records.begin(), packet.records.end());
+      EXPECT_TRUE(sorted == expected) << "pass " << pass << ", memory of " << memory;
+      if (pass == 0) ASSERT_TRUE(sorter.rewind());
+    }
+  }
+}
+
 // Points of a mesh with 60,000 attributes.
 TEST(ExternalSort, RecordsOfMegabytes) {
   for (const std::size_t record_bytes : {std::size_t{2'200'000}, std::size_t{5'000'000}}) {

@@ -1,0 +1,317 @@
+#include "builder/distributed/joint_build.h"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "base/interruption.h"
+#include "builder/census_lines.h"
+#include "builder/connect.h"
+#include "builder/distributed/byte_streams.h"
+#include "builder/distributed/joint_file.h"
+#include "builder/distributed/piece_turns.h"
+#include "builder/distributed/range_plan.h"
+#include "builder/distributed/range_reduction.h"
+#include "builder/distributed/record_exchange.h"
+#include "builder/distributed/shared_output.h"
+#include "builder/reduce_source.h"
+#include "format/volume_info.h"
+
+namespace splatvol {
+namespace {
+
+// Copies of a vertex that pieces share, at most: records are counted before they are merged.
+constexpr std::uint64_t usual_copies = 32;
+
+class JointBuild {
+ public:
+  JointBuild(Ranks& ranks, Source& source, const std::string& output, const BuildOptions& options,
+             const BuildProgress& progress)
+      : ranks_(ranks),
+        source_(source),
+        output_(output),
+        options_(options),
+        progress_(progress),
+        folder_(temp_folder_of(output, options)),
+        memory_(options.memory / 2),
+        layout_(PointStream::layout_of(source, uses_cells(options), options.gradients)),
+        pieces_(ranks, source, layout_, {memory_, folder_}) {}
+
+  Result<JointReport> run() {
+    SPLATVOL_TRY_ASSIGN(file, SharedOutput::create(ranks_, output_));
+    SPLATVOL_TRY(read());
+    SPLATVOL_TRY(share_points());
+    SPLATVOL_TRY_ASSIGN(plan, make_plan());
+    if (!plan) SPLATVOL_TRY(give_all_to_first());
+    SPLATVOL_TRY_ASSIGN(corners, share_corners());
+    JointReport report;
+    report.ranks = ranks_.size();
+    report.ranges = begins_.size() + 1;
+    report.owned = owned_;
+    auto built = plan ? build_in_ranges(std::move(file), std::move(corners), *plan)
+                      : build_on_first(std::move(file), std::move(corners));
+    if (!built) return tl::unexpected<Error>(built.error());
+    report.build = std::move(*built);
+    std::array<std::uint64_t, 1> sent = {ranks_.bytes_sent()};
+    ranks_.sum(sent);
+    report.sent_bytes = sent[0];
+    report.record_bytes = std::accumulate(owned_.begin(), owned_.end(), std::uint64_t{0});
+    return report;
+  }
+
+ private:
+  [[nodiscard]] bool has_range() const { return ranks_.rank() <= begins_.size(); }
+  [[nodiscard]] std::uint64_t round_memory() const { return memory_ / 16; }
+  [[nodiscard]] bool estimates() const { return !is_joined_by_cells(summary_); }
+
+  [[nodiscard]] std::uint64_t records() const { return pieces_.records(); }
+
+  // Most points in an index leaf or an estimate node.
+  [[nodiscard]] std::uint64_t node_points() const {
+    return std::max<std::uint64_t>(estimates() ? estimate_node_points : 0, index_leaf_points(options_));
+  }
+
+  Status read() {
+    std::optional<Box> bounds;
+    // Without material, the box of the points is known as soon as they have been read.
+    if (layout_.has_material()) {
+      auto found = source_.bounds();
+      SPLATVOL_TRY(ranks_.agree(found ? Status{} : Status(tl::unexpected<Error>(found.error()))));
+      bounds = *found;
+    }
+    SPLATVOL_TRY(pieces_.read([&](double fraction) { progress_("reading", fraction); }));
+    leaves_out_ = !bounds;
+    SPLATVOL_TRY_ASSIGN(cube, bounding_cube(bounds.value_or(pieces_.reader().box())));
+    cube_ = cube;
+    summary_ = pieces_.reader().summary(joined_attributes(options_));
+    return {};
+  }
+
+  // Whether what comes after the sort can be done range by range.
+  [[nodiscard]] bool reduces_in_ranges() const {
+    const bool boxes = options_.connectivity == Connectivity::boxes ||
+                       (options_.connectivity == Connectivity::automatic && records() > most_cells);
+    const bool refused =
+        options_.connectivity == Connectivity::automatic && !describe_no_volume(summary_.cells).empty();
+    return (is_joined_by_cells(summary_) || (boxes && !refused)) && options_.reduction == Reduction::octree &&
+           records() > most_fitted_points;
+  }
+
+  // Rank 0 has the samples, and chooses for all.
+  Status choose_begins() {
+    if (!reduces_in_ranges()) return {};
+    SPLATVOL_TRY_ASSIGN(samples, pieces_.sample_keys(cube_));
+    // Twice as many as needed, and some: fewer points than needed then give so many samples with a probability of
+    // less than 1e-30.
+    const std::uint64_t needed = (node_points() + 1) * (estimates() ? 1 : usual_copies);
+    const double least = 2 * samples.probability * static_cast<double>(needed) + 64;
+    begins_ = choose_ranges(samples.keys, ranks_.size(), static_cast<std::size_t>(least));
+    ByteWriter chosen;
+    chosen.put(begins_);
+    const Bytes bytes = ranks_.broadcast(chosen.bytes());
+    ByteReader(bytes).get(begins_);
+    return {};
+  }
+
+  // Sends all records to the ranks that sort them.
+  Status share_points() {
+    progress_("sorting", 0);
+    SPLATVOL_TRY(choose_begins());
+    Status made;
+    if (has_range()) {
+      auto sorter = PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_, true);
+      if (!sorter) made = tl::unexpected<Error>(sorter.error());
+      if (sorter) made = PointStream::check_room(folder_, records() / (begins_.size() + 1), *sorter);
+      if (sorter) sorter_.emplace(std::move(*sorter));
+    }
+    SPLATVOL_TRY(ranks_.agree(made));
+    SPLATVOL_TRY(exchange_pieces(ranks_, pieces_, layout_, cube_, begins_, leaves_out_, round_memory(),
+                                 [&](std::span<const std::byte> records) { return sorter_->add(records); }));
+    SPLATVOL_TRY(ranks_.agree(sorter_ ? sorter_->finish() : Status{}));
+    pieces_.add_left_out();
+    summary_ = pieces_.reader().summary(joined_attributes(options_));
+    summary_.cube = cube_;
+    summary_.bytes_to_read += memory_ / 16 + std::min<std::uint64_t>(memory_, summary_.census.read * layout_.bytes());
+    owned_ = gather_values(ranks_, sorter_ ? sorter_->count() * layout_.bytes() : std::uint64_t{0});
+    return {};
+  }
+
+  [[nodiscard]] std::uint64_t sorted_records() const {
+    return std::accumulate(owned_.begin(), owned_.end(), std::uint64_t{0}) / layout_.bytes();
+  }
+
+  Result<std::optional<RangePlan>> make_plan() {
+    if (begins_.empty() || sorted_records() <= most_fitted_points) return std::nullopt;
+    progress_("counting", 0);
+    if (sorter_) points_.emplace(layout_, summary_, std::move(*sorter_), std::nullopt);
+    return plan_ranges(ranks_, begins_, points_ ? &*points_ : nullptr, options_, index_leaf_points(options_),
+                       node_points());
+  }
+
+  // If the points cannot be reduced in ranges after all, rank 0 sorts them again.
+  Status give_all_to_first() {
+    if (begins_.empty()) return {};
+    Status made;
+    std::optional<ExternalSorter> all;
+    if (ranks_.is_first()) {
+      auto sorter = PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_);
+      if (!sorter) made = tl::unexpected<Error>(sorter.error());
+      if (sorter) all.emplace(std::move(*sorter));
+    }
+    SPLATVOL_TRY(ranks_.agree(made));
+    if (points_) sorter_.emplace(points_->take_sort());
+    const auto next = [&]() -> Result<OwnedRecords> {
+      if (!sorter_) return OwnedRecords{};
+      SPLATVOL_TRY_ASSIGN(sorted, sorter_->next());
+      return OwnedRecords{sorted.records, std::vector<std::uint32_t>(sorted.keys.size(), 0)};
+    };
+    SPLATVOL_TRY(exchange_records(ranks_, layout_.bytes(), round_memory(), next,
+                                  [&](std::span<const std::byte> records) { return all->add(records); }));
+    points_.reset();
+    sorter_ = std::move(all);
+    begins_.clear();
+    return ranks_.agree(sorter_ ? sorter_->finish() : Status{});
+  }
+
+  // Finds the outer faces of the whole mesh, and sends their corners to the ranks that have the points. A face goes to
+  // the rank that its key names: there it meets the same face of a neighbouring piece.
+  Result<std::optional<BoundaryCorners>> share_corners() {
+    auto own = pieces_.faces().take_faces();
+    SPLATVOL_TRY(ranks_.agree(own ? Status{} : Status(tl::unexpected<Error>(own.error()))));
+    std::array<std::uint64_t, 2> any = {own->has_value() ? 1u : 0u, pieces_.faces().of_cells() ? 1u : 0u};
+    ranks_.largest(any);
+    if (any[0] == 0) return std::nullopt;
+    BlockSpool found(folder_);
+    SPLATVOL_TRY(match_faces(*own, any[1] != 0, found));
+    return sort_corners(found);
+  }
+
+  Status match_faces(std::optional<ExternalSorter>& own, bool of_cells, BlockSpool& found) {
+    auto faces = pieces_.faces().sort_of_faces();
+    SPLATVOL_TRY(ranks_.agree(faces ? Status{} : Status(tl::unexpected<Error>(faces.error()))));
+    const auto next = [&]() -> Result<OwnedRecords> {
+      if (!own) return OwnedRecords{};
+      SPLATVOL_TRY_ASSIGN(sorted, own->next());
+      OwnedRecords owned{sorted.records, {}};
+      for (const MortonKey& key : sorted.keys)
+        owned.owners.push_back(static_cast<std::uint32_t>(key.high % ranks_.size()));
+      return owned;
+    };
+    SPLATVOL_TRY(exchange_records(ranks_, PieceFaces::face_bytes(), round_memory(), next,
+                                  [&](std::span<const std::byte> records) { return faces->add(records); }));
+    own.reset();
+    Status matched = faces->finish();
+    if (matched)
+      matched = PieceFaces::find_corners(*faces, of_cells,
+                                         [&](std::span<const std::byte> areas) { return found.append(areas); });
+    return ranks_.agree(matched);
+  }
+
+  Result<std::optional<BoundaryCorners>> sort_corners(BlockSpool& found) {
+    auto corners = pieces_.faces().sort_of_corners(cube_);
+    SPLATVOL_TRY(ranks_.agree(corners ? Status{} : Status(tl::unexpected<Error>(corners.error()))));
+    const auto next = [&]() -> Result<OwnedRecords> {
+      SPLATVOL_TRY_ASSIGN(bytes, found.next());
+      OwnedRecords owned{bytes, {}};
+      for (std::size_t i = 0; i < bytes.size() / sizeof(CornerArea); ++i) {
+        const MortonKey key = morton_key(record_at<CornerArea>(bytes, i).corner.position, cube_);
+        owned.owners.push_back(static_cast<std::uint32_t>(range_of(begins_, key)));
+      }
+      return owned;
+    };
+    SPLATVOL_TRY(exchange_records(ranks_, sizeof(CornerArea), round_memory(), next,
+                                  [&](std::span<const std::byte> records) { return corners->add(records); }));
+    SPLATVOL_TRY(ranks_.agree(corners->finish()));
+    return BoundaryCorners(layout_, std::move(*corners));
+  }
+
+  Result<BuildReport> build_on_first(SharedOutput file, std::optional<BoundaryCorners> corners) {
+    BuildReport report;
+    Status built;
+    if (ranks_.is_first()) {
+      auto made = build_from_points(PointStream(layout_, summary_, std::move(*sorter_), std::move(corners)),
+                                    file.take_file(), folder_, options_, progress_);
+      if (made) report = std::move(*made);
+      if (!made) built = tl::unexpected<Error>(made.error());
+    }
+    SPLATVOL_TRY(ranks_.agree(built));
+    return report;
+  }
+
+  Result<BuildReport> build_in_ranges(SharedOutput file, std::optional<BoundaryCorners> corners,
+                                      const RangePlan& plan) {
+    if (points_ && corners) points_->set_corners(std::move(*corners));
+    RangeReduction reduction(ranks_, options_, summary_, plan, estimates(), folder_);
+    Status reduced;
+    if (points_) {
+      const auto next = [this](PointBatch& batch) { return points_->next(batch); };
+      reduced = reduction.reduce(next, points_->count(), progress_);
+    }
+    SPLATVOL_TRY(ranks_.agree(reduced));
+    SPLATVOL_TRY(reduction.join_shared_rows());
+    SPLATVOL_TRY(reduction.reduce_coarse_levels());
+    sum_census();
+    points_.reset();
+
+    const std::vector<std::uint64_t> counts = reduction.counts();
+    const StoredSummary stored = reduction.stored();
+    BuildReport report =
+        complete_description(options_, summary_,
+                             {.connectivity = estimates() ? Connectivity::boxes : Connectivity::mesh,
+                              .least_memory = std::max(reduction.least_memory(), summary_.bytes_to_read),
+                              .counts = counts,
+                              .stored = stored},
+                             reduction.info());
+    if (options_.strict) SPLATVOL_TRY(check_unchanged(report));
+    SPLATVOL_TRY_ASSIGN(bytes, write_joint_file(ranks_, std::move(file), reduction, counts.size(), stored.histograms(),
+                                                folder_, progress_));
+    report.file_bytes = bytes;
+    return report;
+  }
+
+  void sum_census() {
+    const PointCensus own = points_ ? points_->summary().census : PointCensus{};
+    std::array<std::uint64_t, 3> counts = {own.merged, own.unlike, own.coincident};
+    ranks_.sum(counts);
+    summary_.census.merged = counts[0];
+    summary_.census.unlike = counts[1];
+    summary_.census.coincident = counts[2];
+  }
+
+  Ranks& ranks_;
+  Source& source_;
+  const std::string& output_;
+  const BuildOptions& options_;
+  const BuildProgress& progress_;
+  std::string folder_;
+  std::size_t memory_;  // for the points
+  PointRecords layout_;
+  PieceTurns pieces_;
+  bool leaves_out_ = true;
+  Cube cube_;
+  InputSummary summary_;
+  RangeBegins begins_;
+  std::vector<std::uint64_t> owned_;      // JointReport::owned
+  std::optional<ExternalSorter> sorter_;  // the records of this rank's range
+  std::optional<PointStream> points_;     // made of these, if there are several ranges
+};
+
+}  // namespace
+
+Result<JointReport> build_volume_together(Ranks& ranks, const std::function<Result<std::unique_ptr<Source>>()>& open,
+                                          std::unique_ptr<Source>& source, const std::string& output,
+                                          const BuildOptions& options, const BuildProgress& progress) {
+  const Interruptible heed(ranks.stop());
+  Status opened = check_reduction(options);
+  if (opened) {
+    auto made = open();
+    if (made) source = std::move(*made);
+    opened = made ? check_units(*source, options) : Status(tl::unexpected<Error>(made.error()));
+  }
+  SPLATVOL_TRY(ranks.agree(opened));
+  return JointBuild(ranks, *source, output, options, progress).run();
+}
+
+}  // namespace splatvol

@@ -1,0 +1,325 @@
+// svbuild as the ranks of an MPI job: the same bytes as one process makes, within the memory of each rank, and one end
+// for all of them where one fails.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "base/file.h"
+#include "tests/support/require.h"
+#include "tests/support/sanitizers.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+constexpr std::uint64_t mebibyte = 1u << 20;
+
+bool has_mpi() { return std::string_view(SPLATVOL_MPIEXEC) != "" && fs::exists(SPLATVOL_MPIEXEC); }
+
+struct Outcome {
+  int code;  // -1 if a signal ended the program
+  std::string out, err;
+
+  // Lines of the program; the launcher has some of its own.
+  [[nodiscard]] std::size_t lines() const {
+    std::size_t count = 0;
+    std::istringstream all(err);
+    for (std::string line; std::getline(all, line);) count += line.starts_with("svbuild: ") ? 1 : 0;
+    return count;
+  }
+};
+
+class Folder {
+ public:
+  Folder() {
+    std::string pattern = (fs::path(testing::TempDir()) / "splatvol-ranks-XXXXXX").string();
+    test::require(::mkdtemp(pattern.data()) != nullptr, "no temporary folder");
+    path_ = pattern;
+    fs::create_directory(path_ / "out");
+  }
+  ~Folder() { fs::remove_all(path_); }
+
+  [[nodiscard]] std::string operator/(const std::string& name) const { return (path_ / name).string(); }
+
+  // Runs a command of the shell in this folder.
+  [[nodiscard]] Outcome run(const std::string& command) const {
+    const std::string out = *this / "stdout", err = *this / "stderr";
+    const int status = std::system(
+        ("cd " + path_.string() + "; { " + command + "; } > " + out + " 2> " + err + " < /dev/null").c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, *read_text_file(out), *read_text_file(err)};
+  }
+
+  [[nodiscard]] std::vector<std::string> outputs() const {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(path_ / "out")) names.push_back(entry.path().filename());
+    return names;
+  }
+
+ private:
+  fs::path path_;
+};
+
+// A command that starts ranks, all on this machine.
+std::string ranks(int count, const std::string& arguments) {
+  return SPLATVOL_MPIEXEC " -n " + std::to_string(count) + " " SPLATVOL_BIN "/svbuild " + arguments;
+}
+
+class RanksTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    // Open MPI's guards against what a test does; other launchers do not know these names.
+    for (const char* name :
+         {"OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"})
+      ::setenv(name, "1", 1);
+    if (test::is_sanitized) GTEST_SKIP() << "MPI's libraries are not built with sanitizers";
+    if (!has_mpi()) GTEST_SKIP() << "built without MPI, or without its launcher: -D SPLATVOL_MPI=ON needs both";
+  }
+  Folder folder_;
+};
+
+// Points with several attributes, missing values and unusable positions, in files of very different sizes.
+void write_npy_pieces(const Folder& folder) {
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  const std::vector<int> counts = {250'000, 7, 130'000, 90'000, 120'000};
+  for (std::size_t file = 0; file < counts.size(); ++file) {
+    std::string header =
+        "{'descr': [('x','<f8'),('y','<f8'),('z','<f8'),('p','<f8'),('same','<f8'),('q','<f8')], "
+        "'fortran_order': False, 'shape': (" +
+        std::to_string(counts[file]) + ",), }";
+    while ((10 + header.size() + 1) % 64 != 0) header += ' ';
+    header += '\n';
+    std::ofstream out(folder / ("p" + std::to_string(file) + ".npy"), std::ios::binary);
+    out.write("\x93NUMPY\x01\x00", 8);
+    const auto length = static_cast<std::uint16_t>(header.size());
+    out.write(reinterpret_cast<const char*>(&length), 2);
+    out << header;
+    for (int i = 0; i < counts[file]; ++i) {
+      const double nan = std::numeric_limits<double>::quiet_NaN();
+      std::array<double, 6> row = {normal(random), normal(random), normal(random)};
+      row[3] = row[4] = i % 17 == 0 ? nan : row[0] * row[1];
+      row[5] = i % 3 == 0 ? std::abs(row[2]) : -0.0;
+      if (i == 5) row[0] = std::numeric_limits<double>::infinity();
+      out.write(reinterpret_cast<const char*>(row.data()), sizeof row);
+    }
+  }
+}
+
+struct Input {
+  const char* name;
+  const char* arguments;
+  enum class Files { none, points, mesh } files = Files::none;
+};
+
+void PrintTo(const Input& input, std::ostream* out) { *out << input.name; }
+
+class SameBytes : public RanksTest, public testing::WithParamInterface<Input> {};
+
+TEST_P(SameBytes, AsOneProcess) {
+  const Input& input = GetParam();
+  if (input.files == Input::Files::points) write_npy_pieces(folder_);
+  if (input.files == Input::Files::mesh) {
+    ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svgen mesh --cells 6e5 --pieces 6 -o mesh").code, 0);
+  }
+  const std::string arguments = input.arguments;
+  const Outcome alone = folder_.run(SPLATVOL_BIN "/svbuild " + arguments + " -o out/alone.svol");
+  ASSERT_EQ(alone.code, 0) << alone.err;
+  for (const int count : {1, 2, 3, 4, 8}) {
+    const Outcome together = folder_.run(ranks(count, arguments + " --threads 1 -o out/together.svol"));
+    ASSERT_EQ(together.code, 0) << together.err;
+    EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "") << count << " ranks";
+    // The census is the same, too.
+    const auto rest = [](const std::string& text) { return text.substr(std::min(text.find('\n'), text.size())); };
+    if (count == 1) {
+      EXPECT_EQ(rest(together.out), rest(alone.out));
+    } else {
+      EXPECT_THAT(together.out, HasSubstr(std::to_string(count) + " processes"));
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Inputs, SameBytes,
+    testing::Values(
+        Input{"boxes", "gen:points:count=7e5,distribution=vortex,type=float32 --connectivity boxes"},
+        Input{"half_tiny", "gen:points:count=7e5,distribution=half-tiny --connectivity boxes"},
+        Input{"two_clusters", "gen:points:count=7e5,distribution=two-clusters --connectivity boxes --memory 64M"},
+        Input{"equal", "gen:points:count=7e5,distribution=equal --connectivity boxes"},
+        Input{"mesh", "gen:mesh:cells=3.6e6,pieces=12"}, Input{"one_piece", "gen:mesh:cells=3.6e6,pieces=1"},
+        Input{"large_leaves", "gen:points:count=7e5,distribution=vortex --connectivity boxes --leaf 300"},
+        Input{"mesh_of_large_leaves", "gen:mesh:cells=3.6e6,pieces=12 --leaf 300 --memory 128M"},
+        Input{"few_points", "gen:points:count=4,distribution=uniform --connectivity none"},
+        Input{"joined_at_once", "gen:points:count=2e4,distribution=clusters"},
+        Input{"fitted_mesh", "gen:mesh:cells=1e5,pieces=8"},
+        Input{"attributes", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes", Input::Files::points},
+        Input{"gradients", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --gradients --exact --leaf 16",
+              Input::Files::points},
+        Input{"other_reduction", "p0.npy p1.npy p2.npy p3.npy p4.npy --connectivity boxes --reduction kdtree",
+              Input::Files::points},
+        Input{"files_of_cells", "mesh --cells own", Input::Files::mesh}),
+    [](const auto& input) { return input.param.name; });
+
+json build_of(const Folder& folder, int count, const std::string& arguments) {
+  const Outcome outcome = folder.run(ranks(count, arguments + " --threads 1 --json -o out/a.svol"));
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  return json::parse(outcome.out).at("ranks");
+}
+
+TEST_F(RanksTest, ShareThePointsEvenly) {
+  for (const std::string distribution : {"vortex", "half-tiny", "layer", "clusters"}) {
+    const json work =
+        build_of(folder_, 4, "gen:points:count=7e5,distribution=" + distribution + " --connectivity boxes");
+    EXPECT_EQ(work.at("ranges"), 4) << distribution;
+    const auto owned = work.at("owned_bytes").get<std::vector<double>>();
+    const double mean = work.at("record_bytes").get<double>() / 4;
+    EXPECT_LE(std::ranges::max(owned), 1.3 * mean) << distribution;
+  }
+  EXPECT_EQ(build_of(folder_, 4, "gen:points:count=7e5,distribution=equal --connectivity boxes").at("ranges"), 1);
+}
+
+// Beside --memory, a rank holds the program and MPI, which a small build shows, and 64 MiB.
+TEST_F(RanksTest, HoldNoMoreThanTheirMemory) {
+  const auto peak = [&](const std::string& arguments) {
+    const auto peaks = build_of(folder_, 3, arguments).at("peak_memory").get<std::vector<std::uint64_t>>();
+    return std::ranges::max(peaks);
+  };
+  const std::uint64_t base = peak("gen:points:count=4 --connectivity none");
+  for (const std::uint64_t memory : {128, 256})
+    EXPECT_LE(
+        peak("gen:points:count=6e6,distribution=vortex --connectivity boxes --memory " + std::to_string(memory) + "M"),
+        base + (memory + 64) * mebibyte);
+}
+
+TEST_F(RanksTest, SendLittleMoreThanTheRecords) {
+  const json work = build_of(folder_, 3, "gen:points:count=5e6,distribution=vortex,type=float32 --connectivity boxes");
+  EXPECT_LE(work.at("sent_bytes").get<double>(), 1.2 * work.at("record_bytes").get<double>());
+}
+
+// Expects that a build fails with one line, and leaves the old output alone.
+void expect_one_failure(const Folder& folder, const std::string& command, const std::string& reason) {
+  std::ofstream(folder / "out/a.svol") << "";
+  ASSERT_EQ(folder.run(SPLATVOL_BIN "/svbuild gen:points:count=100 -o out/a.svol").code, 0);
+  const std::string before = *read_text_file(folder / "out/a.svol");
+  const auto start = std::chrono::steady_clock::now();
+  const Outcome outcome = folder.run(command);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
+  EXPECT_EQ(outcome.code, 1);
+  EXPECT_EQ(outcome.lines(), 1u) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr(reason));
+  EXPECT_EQ(*read_text_file(folder / "out/a.svol"), before);
+  EXPECT_THAT(folder.outputs(), testing::ElementsAre("a.svol"));
+}
+
+TEST_F(RanksTest, FailTogetherIfOneCannotReadItsPiece) {
+  ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svgen mesh --cells 6e5 --pieces 6 -o mesh").code, 0);
+  fs::resize_file(folder_ / "mesh/piece4.vtu", fs::file_size(folder_ / "mesh/piece4.vtu") / 2);
+  expect_one_failure(folder_, ranks(3, "mesh -o out/a.svol"), "piece4.vtu");
+  expect_one_failure(folder_, ranks(3, "mesh/none.vtu -o out/a.svol"), "none.vtu");
+}
+
+TEST_F(RanksTest, FailTogetherIfTheDiskOfOneIsFull) {
+  const std::string build =
+      SPLATVOL_BIN "/svbuild gen:points:count=6e6,distribution=vortex --connectivity boxes --memory 64M -o out/a.svol";
+  // MPI has files of its own, which must fit.
+  const std::string limited = " -n 1 bash -c 'ulimit -f 30000; exec " + build + "'";
+  expect_one_failure(folder_, SPLATVOL_MPIEXEC " -n 2 " + build + " :" + limited, "File too large");
+  expect_one_failure(folder_, SPLATVOL_MPIEXEC + limited + " : -n 2 " + build, "File too large");
+}
+
+TEST_F(RanksTest, RefuseWhatOneProcessDoes) {
+  expect_one_failure(folder_, ranks(2, "gen:points:count=100 --series -o out/a.svol"), "work of one process");
+}
+
+TEST_F(RanksTest, SayOnceWhatIsWrongWithTheCommand) {
+  const Outcome outcome = folder_.run(ranks(3, "gen:points:count=100 --nonsense -o out/a.svol"));
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_EQ(outcome.err.find("--nonsense"), outcome.err.rfind("--nonsense")) << outcome.err;
+}
+
+TEST_F(RanksTest, RefuseDifferentCommands) {
+  const Outcome outcome = folder_.run(SPLATVOL_MPIEXEC " -n 1 " SPLATVOL_BIN
+                                                       "/svbuild gen:points:count=9 -o out/a.svol : -n 1 " SPLATVOL_BIN
+                                                       "/svbuild gen:points:count=9 -o out/b.svol");
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_EQ(outcome.lines(), 1u);
+  EXPECT_THAT(outcome.err, HasSubstr("different command lines"));
+  EXPECT_THAT(folder_.outputs(), testing::IsEmpty());
+}
+
+std::vector<pid_t> children_of(pid_t process) {
+  std::vector<pid_t> children;
+  std::ifstream list("/proc/" + std::to_string(process) + "/task/" + std::to_string(process) + "/children");
+  for (pid_t child = 0; list >> child;) children.push_back(child);
+  return children;
+}
+
+// Kills a rank of a build, and expects that all end and leave nothing. `preload`: a library for the ranks.
+void expect_end_of_all(const Folder& folder, std::size_t victim, const char* preload) {
+  const pid_t launcher = ::fork();
+  if (launcher == 0) {
+    for (const int stream : {1, 2}) ::dup2(::open("/dev/null", O_WRONLY), stream);
+    const std::string command = std::string("exec env LD_PRELOAD=") + preload +
+                                " " SPLATVOL_BIN
+                                "/svbuild --connectivity boxes gen:points:count=1e8,distribution=vortex";
+    ::execl(SPLATVOL_MPIEXEC, SPLATVOL_MPIEXEC, "-n", "3", "sh", "-c",
+            (command + " -o " + (folder / "out/a.svol")).c_str(), nullptr);
+    ::_exit(127);
+  }
+  std::vector<pid_t> children;
+  for (int wait = 0; wait < 100 && children.size() < 3; ++wait) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    children = children_of(launcher);
+  }
+  ASSERT_GE(children.size(), 3u);
+  std::this_thread::sleep_for(std::chrono::seconds(2));
+  ::kill(children[victim], SIGKILL);
+  const auto start = std::chrono::steady_clock::now();
+  int status = 0;
+  ::waitpid(launcher, &status, 0);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(15));
+  EXPECT_TRUE(!WIFEXITED(status) || WEXITSTATUS(status) != 0);
+  EXPECT_THAT(folder.outputs(), testing::IsEmpty());
+}
+
+TEST_F(RanksTest, EndIfOneIsKilled) {
+  for (const std::size_t victim : {0u, 1u}) expect_end_of_all(folder_, victim, "");
+}
+
+// As on file systems that force names, or on several machines.
+TEST_F(RanksTest, EndIfOneIsKilledAndTheFileHasAName) {
+  for (const std::size_t victim : {0u, 1u}) expect_end_of_all(folder_, victim, SPLATVOL_NO_TMPFILE);
+}
+
+TEST_F(RanksTest, MakeTheSameBytesIfTheFileHasAName) {
+  const std::string input = " gen:points:count=6e5,distribution=vortex --connectivity boxes";
+  ASSERT_EQ(folder_.run(SPLATVOL_BIN "/svbuild" + input + " -o out/alone.svol").code, 0);
+  const Outcome together =
+      folder_.run(SPLATVOL_MPIEXEC " -n 3 env LD_PRELOAD=" SPLATVOL_NO_TMPFILE " " SPLATVOL_BIN "/svbuild" + input +
+                  " -o out/together.svol");
+  EXPECT_EQ(together.code, 0) << together.err;
+  EXPECT_EQ(folder_.run("cmp out/alone.svol out/together.svol").out, "");
+  EXPECT_THAT(folder_.outputs(), testing::UnorderedElementsAre("alone.svol", "together.svol"));
+}
+
+}  // namespace
+}  // namespace splatvol
