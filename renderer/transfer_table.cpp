@@ -153,6 +153,10 @@ class Averager {
       : pieces_(linear_pieces(function)), before_(end_of(function, -1)), behind_(end_of(function, 2)) {
     double largest = std::max(before_.a, behind_.a);
     for (const LinearPiece& piece : pieces_) largest = std::max({largest, piece.at_begin.a, piece.at_end.a});
+    brightest_ = glm::max(glm::dvec3(before_), glm::dvec3(behind_));
+    for (const LinearPiece& piece : pieces_)
+      brightest_ = glm::max(brightest_, glm::max(glm::dvec3(piece.at_begin), glm::dvec3(piece.at_end)));
+
     // Added to the extinction where colours are weighted, so that clear values have a colour too.
     least_ = largest > 0 ? 1e-9 * largest : 1;
 
@@ -230,8 +234,9 @@ class Averager {
   }
 
   [[nodiscard]] vec4 finish(dvec4 sum) const {
+    // Where nearly all is clear, sums are differences of large numbers.
     sum = glm::max(sum, 0.0);
-    return vec4(dvec4(glm::dvec3(sum) / (sum.a + least_), sum.a));
+    return vec4(dvec4(glm::min(glm::dvec3(sum) / (sum.a + least_), brightest_), sum.a));
   }
 
   std::vector<LinearPiece> pieces_;
@@ -239,6 +244,7 @@ class Averager {
   std::vector<Polynomial> polynomials_;  // one before the pieces, one for each, one after them
   std::vector<dvec4> integrals_;         // one for each
   double least_ = 0;                     // extinction: a billionth of the largest
+  glm::dvec3 brightest_{0};              // the largest of each channel
 };
 
 }  // namespace

@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <random>
 
 namespace splatvol {
 namespace {
@@ -132,6 +134,23 @@ TEST(TransferTable, InvisibleFunctionsKeepTheirColours) {
     for (int channel = 0; channel < 3; ++channel) EXPECT_TRUE(entry[channel] >= 0 && entry[channel] <= 1);
   }
   EXPECT_LT(glm::distance(vec3(table.entries[0]), vec3(1, 0, 0.5)), 1e-6);
+}
+
+TEST(TransferTable, NoMeanIsBrighterThanAllColours) {
+  // Hundreds of steps of colour and extinction in a hundredth of the domain, and nothing beyond.
+  std::mt19937 generator(5);
+  for (int turn = 0; turn < 200; ++turn) {
+    TransferFunction function;
+    double t = 0;
+    for (int i = 0; i < 1200; ++i, t += (generator() % 8 == 0 ? 1e-4 : 7.6e-6)) {
+      function.colors.push_back({t, dvec3(generator() % 16 == 0 ? 1e4 : 562, 0.05, 0.05)});
+      function.densities.push_back({t, generator() % 4 == 0 ? 5e28 : generator() % 16 == 0 ? 1e30 : 0});
+    }
+    function.colors.push_back({t, dvec3(0)});
+    function.densities.push_back({t, 0});
+    for (const vec4& entry : make_transfer_table(function, 50, 6).entries)
+      ASSERT_LE(std::max({entry.r, entry.g, entry.b}), 1e4F) << turn;
+  }
 }
 
 TEST(TransferTable, RemembersTheLastFunctions) {
