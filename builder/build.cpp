@@ -19,13 +19,12 @@ Result<std::uint64_t> write(AtomicFile file, ReducedSource reduced, const std::s
   SPLATVOL_TRY_ASSIGN(writer, format::VolumeWriter::create(std::move(file), reduced.files.coarse_bytes(), reduced.info,
                                                            std::move(index), folder));
   std::uint64_t row = 0;
-  SPLATVOL_TRY(reduced.files.read(
-      reduced.info.resolutions(),
-      [&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
-        SPLATVOL_TRY(check_interruption());
-        progress("writing", static_cast<double>(++row) / static_cast<double>(writer->rows().row_count()));
-        return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
-      }));
+  const auto append = [&](std::span<const format::ChunkEntry> entries, std::span<const std::byte> bytes) -> Status {
+    SPLATVOL_TRY(check_interruption());
+    progress("writing", static_cast<double>(++row) / static_cast<double>(writer->rows().row_count()));
+    return bytes.empty() ? writer->add_written_row(entries) : writer->append_row(entries, bytes);
+  };
+  SPLATVOL_TRY(reduced.files.read(reduced.info.resolutions(), append));
   SPLATVOL_TRY(writer->finish(reduced.histograms, [&](double fraction) { progress("checking", fraction); }));
   return writer->file_bytes();
 }

@@ -3,7 +3,10 @@
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
 
+#include <algorithm>
 #include <array>
+#include <cstdlib>
+#include <new>
 #include <sstream>
 
 #include "builder/sources/vdb_library.h"
@@ -12,6 +15,26 @@
 #include "fuzz/read_source.h"
 
 using namespace splatvol;
+
+// OpenVDB takes memory for what a file states. In splatvol-read a limit of the process turns that into bad_alloc; under
+// AddressSanitizer, operator new would end the fuzzer instead.
+namespace {
+
+void* allocate(std::size_t bytes) {
+  constexpr std::size_t most_bytes = std::size_t{1} << 30;
+  void* block = bytes > most_bytes ? nullptr : std::malloc(std::max<std::size_t>(bytes, 1));
+  if (!block) throw std::bad_alloc();
+  return block;
+}
+
+}  // namespace
+
+void* operator new(std::size_t bytes) { return allocate(bytes); }
+void* operator new[](std::size_t bytes) { return allocate(bytes); }
+void operator delete(void* block) noexcept { std::free(block); }
+void operator delete[](void* block) noexcept { std::free(block); }
+void operator delete(void* block, std::size_t) noexcept { std::free(block); }
+void operator delete[](void* block, std::size_t) noexcept { std::free(block); }
 
 namespace {
 

@@ -52,8 +52,7 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
     SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
     why = without_material ? without_material : why_empty_in_view(player.frame()->splats > 0);
   }
-  fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.output.empty() ? options.movie : options.output,
-             why.reason, why.remedy);
+  fmt::print(stderr, "svrender: {} shows nothing: {}; {}\n", options.written(), why.reason, why.remedy);
   return {};
 }
 

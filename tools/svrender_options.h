@@ -46,6 +46,9 @@ struct RenderOptions {
   std::optional<double> milliseconds;
   int repeat = 1;
 
+  /// The picture, or the movie if there is no picture.
+  [[nodiscard]] const std::string& written() const { return output.empty() ? movie : output; }
+
   /// Whether frames of a moving camera are drawn.
   [[nodiscard]] bool moves() const { return !path.empty() || turntable > 0; }
 

@@ -84,13 +84,13 @@ std::string limits_of(const RenderOptions& options, const Drawing& drawing) {
 // Says what error was measured, and why it is more than the wanted one.
 void print_estimate(const RenderOptions& options, const Drawing& drawing) {
   const ErrorControl::Estimate& estimate = drawing.search->estimate;
-  print_out("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.output,
+  print_out("{}: {} splats, an error of about {:.2g} by comparing {} pictures\n", options.written(),
             drawing.player->frame()->splats, estimate.error, drawing.search->pictures);
   if (estimate.file_error > *drawing.max_error)
-    print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.output,
+    print_out("{}: more than {:.2g}: even all points of the file have about {:.2g}\n", options.written(),
               *drawing.max_error, estimate.file_error);
   else if (!estimate.reached)
-    print_out("{}: more than {:.2g}, to stay within {}\n", options.output, *drawing.max_error,
+    print_out("{}: more than {:.2g}, to stay within {}\n", options.written(), *drawing.max_error,
               limits_of(options, drawing));
 }
 
@@ -98,9 +98,9 @@ void print_estimate(const RenderOptions& options, const Drawing& drawing) {
 void print_goal(const RenderOptions& options, const Drawing& drawing) {
   const FrameSplats& frame = *drawing.player->frame();
   if (drawing.search) return print_estimate(options, drawing);
-  print_out("{}: {} splats, an error of {:.2g} expected\n", options.output, frame.splats, frame.expected_error);
+  print_out("{}: {} splats, an error of {:.2g} expected\n", options.written(), frame.splats, frame.expected_error);
   if (frame.splats > drawing.player->request().detail.goal->max_splats)
-    print_out("{}: more than {} splats: the coarsest that the view has\n", options.output,
+    print_out("{}: more than {} splats: the coarsest that the view has\n", options.written(),
               drawing.player->request().detail.goal->max_splats);
 }
 
@@ -121,23 +121,23 @@ void print_summary(const RenderOptions& options, const Drawing& drawing, const T
   const FrameSplats& frame = *drawing.player->frame();
   const Scene& scene = drawing.player->scene();
   const Streamer& streamer = drawing.player->streamer();
-  print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n",
-            options.output.empty() ? options.movie : options.output, scene.width, scene.height, frame.splats,
-            frame.nodes, streamer.statistics().bytes_read, streamer.volume().file_bytes(), timings.first_image);
+  print_out("{}: {} x {} pixels, {} splats in {} nodes, {} of {} bytes read, {:.3f} s\n", options.written(),
+            scene.width, scene.height, frame.splats, frame.nodes, streamer.statistics().bytes_read,
+            streamer.volume().file_bytes(), timings.first_image);
   if (frame.detail.goal) {
     print_goal(options, drawing);
     return;
   }
   if (frame.detail.resolution && *frame.detail.resolution < *options.detail.resolution &&
       frame.splats_by_resolution.size() > *options.detail.resolution)
-    print_out("{}: resolution {} instead of {}, to stay within {}\n", options.output, *frame.detail.resolution,
+    print_out("{}: resolution {} instead of {}, to stay within {}\n", options.written(), *frame.detail.resolution,
               *options.detail.resolution, limits_of(options, drawing));
   if (frame.detail.resolution || frame.detail.tolerance_percent <= options.detail.tolerance_percent) return;
   if (std::isinf(frame.detail.tolerance_percent))
     print_out("{}: the fewest splats that there are instead of a tolerance of {:.3g} %, to stay within {}\n",
-              options.output, options.detail.tolerance_percent, limits_of(options, drawing));
+              options.written(), options.detail.tolerance_percent, limits_of(options, drawing));
   else
-    print_out("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.output,
+    print_out("{}: tolerance {:.3g} % instead of {:.3g} %, to stay within {}\n", options.written(),
               frame.detail.tolerance_percent, options.detail.tolerance_percent, limits_of(options, drawing));
 }
 

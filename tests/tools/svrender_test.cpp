@@ -224,8 +224,9 @@ TEST_F(Svrender, FfmpegJoinsTheFramesOfAMovie) {
     ::setenv("PATH", before.c_str(), 1);
     return outcome;
   };
-  const Outcome made = with_path(path("bin") + ":/bin:/usr/bin", movie);
+  const Outcome made = with_path(path("bin") + ":/bin:/usr/bin", movie + " --splats 100");
   ASSERT_EQ(made.code, 0) << made.text;
+  EXPECT_THAT(made.text, testing::AllOf(HasSubstr("turn.mp4: 65 x 48"), testing::Not(HasSubstr("\n: "))));
   EXPECT_TRUE(std::filesystem::exists(path("turn.mp4")));
   EXPECT_FALSE(std::filesystem::exists(path("turn.mp4.frames")));
   EXPECT_THAT(read_text_file(path("args")).value(),

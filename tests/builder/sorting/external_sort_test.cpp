@@ -162,7 +162,9 @@ TEST(ExternalSort, StartsAgain) {
       for (SortedRecords packet = sorter.next().value(); !packet.keys.empty(); packet = sorter.next().value())
         sorted.insert(sorted.end(), packet.records.begin(), packet.records.end());
       EXPECT_TRUE(sorted == expected) << "pass " << pass << ", memory of " << memory;
-      if (pass == 0) ASSERT_TRUE(sorter.rewind());
+      if (pass == 0) {
+        ASSERT_TRUE(sorter.rewind());
+      }
     }
   }
 }
