@@ -88,7 +88,7 @@ std::vector<PrecisionWarning> precision_warnings(const InputSummary& input) {
 std::vector<std::string> warning_lines(const BuildReport& report) {
   std::vector<std::string> lines;
   for (const auto& [attribute, words] : report.warnings)
-    lines.push_back(attribute.empty() ? words : attribute + ": " + words);
+    lines.push_back(attribute.empty() ? words : fmt::format("{}: {}", attribute, words));
   return lines;
 }
 

@@ -1,6 +1,7 @@
 // Points into triangulations of CGAL, which look for no stop themselves.
 #pragma once
 
+#include <CGAL/Spatial_sort_traits_adapter_3.h>
 #include <CGAL/property_map.h>
 #include <CGAL/spatial_sort.h>
 
