@@ -1,4 +1,4 @@
-// What a build tells of its input, in words.
+// The report of a build on its input, in words.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ struct CensusLine {
 /// The counts that are not 0.
 [[nodiscard]] std::vector<CensusLine> census_lines(const BuildReport& report);
 
-/// Tells of numbers that lose their detail: positions that lie far from the origin for their distance from each other,
-/// and values that are too small to be stored beside the largest.
+/// Finds numbers that lose their detail: positions far from the origin for the distance between them, and values too
+/// small beside the largest.
 [[nodiscard]] std::vector<PrecisionWarning> precision_warnings(const InputSummary& input);
 
 /// The warnings of a report, each in a line.

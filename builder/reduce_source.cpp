@@ -37,8 +37,7 @@ class Reducer {
     const RowPacker packer(info_, options_.exact);
     RowCollector rows(info_, options_.points_per_chunk, fits_, &packer, plan_.rows, folder_);
     if (fits_) rows.expect_splats(connection_.points);
-    SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
-    IndexLeafSpool leaves(std::move(leaf_file));
+    IndexLeafSpool leaves(folder_);
     const ReductionSettings settings = reduction_settings(packer);
     ReductionPass pass(
         settings, rows, [&](const OpenIndexLeaf& leaf) { return leaves.append(leaf); }, plan_.most_open_leaves);

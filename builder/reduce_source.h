@@ -51,7 +51,7 @@ using WriteReduced = std::function<Status(ReducedSource)>;
                                                 const std::string& folder, const BuildProgress& progress,
                                                 const WriteReduced& write);
 
-/// What a reduction found.
+/// Results of a reduction.
 struct ReductionFacts {
   Connectivity connectivity = Connectivity::mesh;
   std::uint64_t uncertain = 0;  // DelaunaySubdomains::uncertain()

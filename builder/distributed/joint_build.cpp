@@ -9,13 +9,13 @@
 #include "base/interruption.h"
 #include "builder/census_lines.h"
 #include "builder/connect.h"
-#include "builder/distributed/byte_streams.h"
 #include "builder/distributed/joint_file.h"
 #include "builder/distributed/piece_turns.h"
 #include "builder/distributed/range_plan.h"
 #include "builder/distributed/range_reduction.h"
 #include "builder/distributed/record_exchange.h"
 #include "builder/distributed/shared_output.h"
+#include "builder/output/byte_streams.h"
 #include "builder/reduce_source.h"
 #include "format/volume_info.h"
 
@@ -50,10 +50,9 @@ class JointBuild {
     report.ranks = ranks_.size();
     report.ranges = begins_.size() + 1;
     report.owned = owned_;
-    auto built = plan ? build_in_ranges(std::move(file), std::move(corners), *plan)
-                      : build_on_first(std::move(file), std::move(corners));
-    if (!built) return tl::unexpected<Error>(built.error());
-    report.build = std::move(*built);
+    SPLATVOL_TRY_ASSIGN(built, plan ? build_in_ranges(std::move(file), std::move(corners), *plan)
+                                    : build_on_first(std::move(file), std::move(corners)));
+    report.build = std::move(built);
     std::array<std::uint64_t, 1> sent = {ranks_.bytes_sent()};
     ranks_.sum(sent);
     report.sent_bytes = sent[0];
@@ -77,9 +76,8 @@ class JointBuild {
     std::optional<Box> bounds;
     // Without material, the box of the points is known as soon as they have been read.
     if (layout_.has_material()) {
-      auto found = source_.bounds();
-      SPLATVOL_TRY(ranks_.agree(found ? Status{} : Status(tl::unexpected<Error>(found.error()))));
-      bounds = *found;
+      SPLATVOL_TRY_ASSIGN(found, ranks_.agree_on(source_.bounds()));
+      bounds = found;
     }
     SPLATVOL_TRY(pieces_.read([&](double fraction) { progress_("reading", fraction); }));
     leaves_out_ = !bounds;
@@ -115,18 +113,22 @@ class JointBuild {
     return {};
   }
 
+  // Returns a sorter of points on the ranks that need one.
+  [[nodiscard]] Result<std::optional<ExternalSorter>> make_sorter(bool is_needed, bool rewinds) const {
+    if (!is_needed) return std::nullopt;
+    SPLATVOL_TRY_ASSIGN(sorter,
+                        PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_, rewinds));
+    return std::optional(std::move(sorter));
+  }
+
   // Sends all records to the ranks that sort them.
   Status share_points() {
     progress_("sorting", 0);
     SPLATVOL_TRY(choose_begins());
-    Status made;
-    if (has_range()) {
-      auto sorter = PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_, true);
-      if (!sorter) made = tl::unexpected<Error>(sorter.error());
-      if (sorter) made = PointStream::check_room(folder_, records() / (begins_.size() + 1), *sorter);
-      if (sorter) sorter_.emplace(std::move(*sorter));
-    }
-    SPLATVOL_TRY(ranks_.agree(made));
+    SPLATVOL_TRY_ASSIGN(sorter, ranks_.agree_on(make_sorter(has_range(), true)));
+    sorter_ = std::move(sorter);
+    const std::uint64_t share = records() / (begins_.size() + 1);
+    SPLATVOL_TRY(ranks_.agree(sorter_ ? PointStream::check_room(folder_, share, *sorter_) : Status{}));
     SPLATVOL_TRY(exchange_pieces(ranks_, pieces_, layout_, cube_, begins_, leaves_out_, round_memory(),
                                  [&](std::span<const std::byte> records) { return sorter_->add(records); }));
     SPLATVOL_TRY(ranks_.agree(sorter_ ? sorter_->finish() : Status{}));
@@ -153,14 +155,7 @@ class JointBuild {
   // If the points cannot be reduced in ranges after all, rank 0 sorts them again.
   Status give_all_to_first() {
     if (begins_.empty()) return {};
-    Status made;
-    std::optional<ExternalSorter> all;
-    if (ranks_.is_first()) {
-      auto sorter = PointStream::sort_of_points(layout_, cube_, memory_ / 2, memory_ / 4, folder_);
-      if (!sorter) made = tl::unexpected<Error>(sorter.error());
-      if (sorter) all.emplace(std::move(*sorter));
-    }
-    SPLATVOL_TRY(ranks_.agree(made));
+    SPLATVOL_TRY_ASSIGN(all, ranks_.agree_on(make_sorter(ranks_.is_first(), false)));
     if (points_) sorter_.emplace(points_->take_sort());
     const auto next = [&]() -> Result<OwnedRecords> {
       if (!sorter_) return OwnedRecords{};
@@ -178,19 +173,17 @@ class JointBuild {
   // Finds the outer faces of the whole mesh, and sends their corners to the ranks that have the points. A face goes to
   // the rank that its key names: there it meets the same face of a neighbouring piece.
   Result<std::optional<BoundaryCorners>> share_corners() {
-    auto own = pieces_.faces().take_faces();
-    SPLATVOL_TRY(ranks_.agree(own ? Status{} : Status(tl::unexpected<Error>(own.error()))));
-    std::array<std::uint64_t, 2> any = {own->has_value() ? 1u : 0u, pieces_.faces().of_cells() ? 1u : 0u};
+    SPLATVOL_TRY_ASSIGN(own, ranks_.agree_on(pieces_.faces().take_faces()));
+    std::array<std::uint64_t, 2> any = {own ? 1u : 0u, pieces_.faces().of_cells() ? 1u : 0u};
     ranks_.largest(any);
     if (any[0] == 0) return std::nullopt;
     BlockSpool found(folder_);
-    SPLATVOL_TRY(match_faces(*own, any[1] != 0, found));
+    SPLATVOL_TRY(match_faces(own, any[1] != 0, found));
     return sort_corners(found);
   }
 
   Status match_faces(std::optional<ExternalSorter>& own, bool of_cells, BlockSpool& found) {
-    auto faces = pieces_.faces().sort_of_faces();
-    SPLATVOL_TRY(ranks_.agree(faces ? Status{} : Status(tl::unexpected<Error>(faces.error()))));
+    SPLATVOL_TRY_ASSIGN(faces, ranks_.agree_on(pieces_.faces().sort_of_faces()));
     const auto next = [&]() -> Result<OwnedRecords> {
       if (!own) return OwnedRecords{};
       SPLATVOL_TRY_ASSIGN(sorted, own->next());
@@ -200,18 +193,17 @@ class JointBuild {
       return owned;
     };
     SPLATVOL_TRY(exchange_records(ranks_, PieceFaces::face_bytes(), round_memory(), next,
-                                  [&](std::span<const std::byte> records) { return faces->add(records); }));
+                                  [&](std::span<const std::byte> records) { return faces.add(records); }));
     own.reset();
-    Status matched = faces->finish();
+    Status matched = faces.finish();
     if (matched)
-      matched = PieceFaces::find_corners(*faces, of_cells,
+      matched = PieceFaces::find_corners(faces, of_cells,
                                          [&](std::span<const std::byte> areas) { return found.append(areas); });
     return ranks_.agree(matched);
   }
 
   Result<std::optional<BoundaryCorners>> sort_corners(BlockSpool& found) {
-    auto corners = pieces_.faces().sort_of_corners(cube_);
-    SPLATVOL_TRY(ranks_.agree(corners ? Status{} : Status(tl::unexpected<Error>(corners.error()))));
+    SPLATVOL_TRY_ASSIGN(corners, ranks_.agree_on(pieces_.faces().sort_of_corners(cube_)));
     const auto next = [&]() -> Result<OwnedRecords> {
       SPLATVOL_TRY_ASSIGN(bytes, found.next());
       OwnedRecords owned{bytes, {}};
@@ -222,22 +214,15 @@ class JointBuild {
       return owned;
     };
     SPLATVOL_TRY(exchange_records(ranks_, sizeof(CornerArea), round_memory(), next,
-                                  [&](std::span<const std::byte> records) { return corners->add(records); }));
-    SPLATVOL_TRY(ranks_.agree(corners->finish()));
-    return BoundaryCorners(layout_, std::move(*corners));
+                                  [&](std::span<const std::byte> records) { return corners.add(records); }));
+    SPLATVOL_TRY(ranks_.agree(corners.finish()));
+    return BoundaryCorners(layout_, std::move(corners));
   }
 
   Result<BuildReport> build_on_first(SharedOutput file, std::optional<BoundaryCorners> corners) {
-    BuildReport report;
-    Status built;
-    if (ranks_.is_first()) {
-      auto made = build_from_points(PointStream(layout_, summary_, std::move(*sorter_), std::move(corners)),
-                                    file.take_file(), folder_, options_, progress_);
-      if (made) report = std::move(*made);
-      if (!made) built = tl::unexpected<Error>(made.error());
-    }
-    SPLATVOL_TRY(ranks_.agree(built));
-    return report;
+    if (!ranks_.is_first()) return ranks_.agree_on(Result<BuildReport>());
+    return ranks_.agree_on(build_from_points(PointStream(layout_, summary_, std::move(*sorter_), std::move(corners)),
+                                             file.take_file(), folder_, options_, progress_));
   }
 
   Result<BuildReport> build_in_ranges(SharedOutput file, std::optional<BoundaryCorners> corners,
@@ -304,13 +289,14 @@ Result<JointReport> build_volume_together(Ranks& ranks, const std::function<Resu
                                           std::unique_ptr<Source>& source, const std::string& output,
                                           const BuildOptions& options, const BuildProgress& progress) {
   const Interruptible heed(ranks.stop());
-  Status opened = check_reduction(options);
-  if (opened) {
-    auto made = open();
-    if (made) source = std::move(*made);
-    opened = made ? check_units(*source, options) : Status(tl::unexpected<Error>(made.error()));
-  }
-  SPLATVOL_TRY(ranks.agree(opened));
+  const auto open_checked = [&]() -> Result<std::unique_ptr<Source>> {
+    SPLATVOL_TRY(check_reduction(options));
+    SPLATVOL_TRY_ASSIGN(opened, open());
+    SPLATVOL_TRY(check_units(*opened, options));
+    return opened;
+  };
+  SPLATVOL_TRY_ASSIGN(opened, ranks.agree_on(open_checked()));
+  source = std::move(opened);
   return JointBuild(ranks, *source, output, options, progress).run();
 }
 

@@ -13,7 +13,7 @@
 
 namespace splatvol {
 
-/// What a joint build did, besides its result.
+/// The result of a joint build, and the work of its ranks.
 struct JointReport {
   BuildReport build;
   std::size_t ranks = 1;

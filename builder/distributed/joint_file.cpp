@@ -7,21 +7,13 @@
 #include <vector>
 
 #include "base/interruption.h"
-#include "builder/distributed/block_spool.h"
+#include "builder/output/block_spool.h"
 #include "builder/output/index_stream.h"
 #include "format/volume.h"
 #include "format/volume_writer.h"
 
 namespace splatvol {
 namespace {
-
-// Calls visit(segment, level) for all rows of a file in their order.
-template <class Visit>
-Status for_each_stream(std::size_t resolutions, const Visit& visit) {
-  for (std::size_t level = resolutions; level-- > 0;)
-    for (std::size_t segment = resolutions; segment-- > level;) SPLATVOL_TRY(visit(segment, level));
-  return {};
-}
 
 // Where the rows of this rank go.
 struct RowPlaces {
@@ -36,11 +28,7 @@ RowPlaces place_rows(Ranks& ranks, const RowFiles& files, std::size_t resolution
     own.push_back(files.chunk_bytes(segment, level));
     return {};
   });
-  std::vector<std::vector<std::uint64_t>> bytes;  // [rank][stream]
-  for (const Bytes& of_rank : ranks.gather_all(std::as_bytes(std::span(own)))) {
-    bytes.emplace_back(own.size());
-    std::memcpy(bytes.back().data(), of_rank.data(), of_rank.size());
-  }
+  const auto bytes = gather_arrays(ranks, std::span<const std::uint64_t>(own));  // [rank][stream]
   RowPlaces places;
   std::uint64_t at = 0;
   for (std::size_t stream = 0; stream < own.size(); ++stream) {
@@ -83,41 +71,33 @@ class JointFile {
  private:
   // Returns the index on rank 0.
   Result<std::optional<format::PackedIndex>> pack_index() {
-    std::optional<TempFile> pages;
-    std::optional<IndexStream> index;
-    Status made;
-    if (ranks_.is_first()) {
-      auto file = TempFile::create(folder_);
-      if (!file) made = tl::unexpected<Error>(file.error());
-      if (file) pages.emplace(std::move(*file));
-      index.emplace(reduction_.info().cube, resolutions_, attributes(),
-                    [&](const format::PackedIndexPage& page) { return pages->append(page.bytes); });
-    }
-    SPLATVOL_TRY(ranks_.agree(made));
-    SPLATVOL_TRY(reduction_.visit_leaves(resolutions_, [&](IndexLeaf leaf) { return index->add(std::move(leaf)); }));
-    std::optional<format::PackedIndex> packed;
-    Status finished;
-    if (index) {
-      auto root = index->finish();
-      if (root) packed = {IndexStream::shape(resolutions_, attributes()), std::move(*root), std::move(*pages)};
-      if (!root) finished = tl::unexpected<Error>(root.error());
-    }
-    SPLATVOL_TRY(ranks_.agree(finished));
-    return packed;
+    const auto make_pages = [&]() -> Result<std::optional<TempFile>> {
+      if (!ranks_.is_first()) return std::nullopt;
+      SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
+      return std::optional(std::move(file));
+    };
+    SPLATVOL_TRY_ASSIGN(pages, ranks_.agree_on(make_pages()));
+    IndexStream index(reduction_.info().cube, resolutions_, attributes(),
+                      [&](const format::PackedIndexPage& page) { return pages->append(page.bytes); });
+    SPLATVOL_TRY(reduction_.visit_leaves(resolutions_, [&](IndexLeaf leaf) { return index.add(std::move(leaf)); }));
+    const auto finish = [&]() -> Result<std::optional<format::PackedIndex>> {
+      if (!pages) return std::nullopt;
+      SPLATVOL_TRY_ASSIGN(root, index.finish());
+      return format::PackedIndex{IndexStream::shape(resolutions_, attributes()), std::move(root), std::move(*pages)};
+    };
+    return ranks_.agree_on(finish());
   }
 
   // Returns the offset of the first row.
   Result<std::uint64_t> begin(const RowPlaces& places, std::optional<format::PackedIndex> index) {
-    Status begun;
-    std::uint64_t first_row = 0;
-    if (index) {
-      auto writer = format::VolumeWriter::create_around(output_.take_file(), places.bytes_before, places.last_bytes,
-                                                        std::move(reduction_.info()), std::move(*index), folder_);
-      if (writer) first_row = (*writer)->first_row_offset();
-      if (writer) writer_ = std::move(*writer);
-      if (!writer) begun = tl::unexpected<Error>(writer.error());
-    }
-    SPLATVOL_TRY(ranks_.agree(begun));
+    const auto create = [&]() -> Result<std::unique_ptr<format::VolumeWriter>> {
+      if (!index) return nullptr;
+      return format::VolumeWriter::create_around(output_.take_file(), places.bytes_before, places.last_bytes,
+                                                 std::move(reduction_.info()), std::move(*index), folder_);
+    };
+    SPLATVOL_TRY_ASSIGN(writer, ranks_.agree_on(create()));
+    writer_ = std::move(writer);
+    std::uint64_t first_row = writer_ ? writer_->first_row_offset() : 0;
     ranks_.sum({&first_row, 1});
     return first_row;
   }
@@ -163,14 +143,17 @@ class JointFile {
   // Collective: the file is read back, by all ranks, before it gets its name.
   Status check() {
     const auto progress = [&](double fraction) { progress_("checking", fraction); };
-    auto volume = open_finished();
-    Result<format::Volume::CheckedValues> own =
-        volume ? (*volume)->verify_chunks(ranks_.rank(), ranks_.size(), progress)
-               : Result<format::Volume::CheckedValues>(tl::unexpected<Error>(volume.error()));
-    SPLATVOL_TRY(agree_on_check(own ? Status{} : Status(tl::unexpected<Error>(own.error()))));
+    std::shared_ptr<const format::Volume> volume;
+    const auto check_own = [&]() -> Result<format::Volume::CheckedValues> {
+      SPLATVOL_TRY_ASSIGN(opened, open_finished());
+      volume = std::move(opened);
+      return volume->verify_chunks(ranks_.rank(), ranks_.size(), progress);
+    };
+    auto own = check_own();
+    SPLATVOL_TRY(agree_on_check(status_of(own)));
     for (format::Histogram& histogram : own->histograms) ranks_.sum(histogram);
     ranks_.sum(own->missing);
-    return agree_on_check(writer_ ? (*volume)->verify_rest(std::move(*own), progress) : Status{});
+    return agree_on_check(writer_ ? volume->verify_rest(std::move(*own), progress) : Status{});
   }
 
   Result<std::shared_ptr<const format::Volume>> open_finished() const {

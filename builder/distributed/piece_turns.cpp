@@ -1,10 +1,12 @@
 #include "builder/distributed/piece_turns.h"
 
 #include <algorithm>
+#include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "base/interruption.h"
-#include "builder/distributed/byte_streams.h"
+#include "builder/output/byte_streams.h"
 
 namespace splatvol {
 namespace {
@@ -12,30 +14,25 @@ namespace {
 // Samples of all ranks together, and the least of a rank: more samples make ranges more even.
 constexpr std::size_t most_samples = std::size_t{1} << 18, least_samples = 1024;
 
-void put(ByteWriter& out, const PointRanges& ranges) {
-  out.put(ranges.box);
-  out.put(ranges.low);
-  out.put(ranges.high);
-  out.put(ranges.least);
+template <class Ranges>
+auto members_of(Ranges& ranges) requires std::is_same_v<std::remove_const_t<Ranges>, PointRanges> {
+  return std::tie(ranges.box, ranges.low, ranges.high, ranges.least);
 }
 
-void get(ByteReader& in, PointRanges& ranges) {
-  in.get(ranges.box);
-  in.get(ranges.low);
-  in.get(ranges.high);
-  in.get(ranges.least);
+template <class Print>
+auto members_of(Print& print) requires std::is_same_v<std::remove_const_t<Print>, RepeatedPieces::Fingerprint> {
+  return std::tie(print.points, print.positions, print.box, print.tetrahedra);  // the file goes as its number
 }
 
-template <class Visit>
-void for_each_count(CellCensus& cells, const Visit& visit) {
-  for (std::uint64_t* count : {&cells.tetrahedra, &cells.inverted, &cells.flat, &cells.without_volume, &cells.surfaces,
-                               &cells.lines, &cells.hidden, &cells.hidden_points, &cells.more_nodes,
-                               &cells.left_out_flat, &cells.non_finite, &cells.not_star_shaped})
-    visit(*count);
+// Those that need no function of their own.
+template <class Facts>
+auto members_of(Facts& facts) requires std::is_same_v<std::remove_const_t<Facts>, InputFacts> {
+  return std::tie(facts.fills, facts.brings_value_moments, facts.census, facts.has_material, facts.most_piece_bytes,
+                  facts.deviation);
 }
 
-void put(ByteWriter& out, CellCensus cells) {
-  for_each_count(cells, [&](std::uint64_t count) { out.put(count); });
+void put(ByteWriter& out, const CellCensus& cells) {
+  out.put_members(numbers_of(cells));
   out.put(std::uint64_t{cells.cells.size()});
   for (const auto& [name, count] : cells.cells) {
     out.put(std::vector<char>(name.begin(), name.end()));
@@ -44,7 +41,7 @@ void put(ByteWriter& out, CellCensus cells) {
 }
 
 void get(ByteReader& in, CellCensus& cells) {
-  for_each_count(cells, [&](std::uint64_t& count) { in.get(count); });
+  in.get_members(numbers_of(cells));
   std::uint64_t types = 0;
   in.get(types);
   for (std::uint64_t t = 0; t < types; ++t) {
@@ -56,16 +53,11 @@ void get(ByteReader& in, CellCensus& cells) {
 
 Bytes bytes_of(const InputFacts& facts) {
   ByteWriter out;
-  put(out, facts.ranges);
-  put(out, facts.in_cells);
-  out.put(facts.fills);
+  out.put_members(members_of(facts.ranges));
+  out.put_members(members_of(facts.in_cells));
+  out.put_members(members_of(facts));
   for (const format::PartsHash& hash : facts.values) out.put(hash.value());
-  out.put(facts.brings_value_moments);
   put(out, facts.cells);
-  out.put(facts.census);
-  out.put(facts.has_material);
-  out.put(facts.most_piece_bytes);
-  out.put(facts.deviation);
   return out.bytes();
 }
 
@@ -74,20 +66,15 @@ Bytes bytes_of(const InputFacts& facts) {
 void include(ByteReader in, InputFacts& all) {
   const std::size_t attributes = all.fills.size();
   InputFacts more(attributes);
-  get(in, more.ranges);
-  get(in, more.in_cells);
-  in.get(more.fills);
+  in.get_members(members_of(more.ranges));
+  in.get_members(members_of(more.in_cells));
+  in.get_members(members_of(more));
   for (format::PartsHash& hash : all.values) {
     std::uint64_t value = 0;
     in.get(value);
     hash.add(value);
   }
-  in.get(more.brings_value_moments);
   get(in, more.cells);
-  in.get(more.census);
-  in.get(more.has_material);
-  in.get(more.most_piece_bytes);
-  in.get(more.deviation);
 
   all.ranges.include(more.ranges);
   all.in_cells.include(more.in_cells);
@@ -159,10 +146,7 @@ Status PieceTurns::check_repeated() {
   ByteWriter own;
   for (std::size_t i = 0; i < prints_.size(); ++i) {
     own.put(turns_[i].number.file);
-    own.put(prints_[i].points);
-    own.put(prints_[i].positions);
-    own.put(prints_[i].box);
-    own.put(prints_[i].tetrahedra);
+    own.put_members(members_of(prints_[i]));
   }
   prints_ = {};
   RepeatedPieces all;
@@ -174,10 +158,7 @@ Status PieceTurns::check_repeated() {
           in.get(file);
           RepeatedPieces::Fingerprint print;
           print.file = fmt::format("input file {}", file + 1);
-          in.get(print.points);
-          in.get(print.positions);
-          in.get(print.box);
-          in.get(print.tetrahedra);
+          in.get_members(members_of(print));
           SPLATVOL_TRY(all.add(std::move(print)));
         }
         return {};
@@ -186,8 +167,8 @@ Status PieceTurns::check_repeated() {
 
 void PieceTurns::share_turns() {
   std::vector<Turn> all;
-  for (const Bytes& bytes : ranks_.gather_all(std::as_bytes(std::span(turns_))))
-    for (ByteReader in(bytes); !in.at_end();) in.get(all.emplace_back());
+  for (const std::vector<Turn>& of_rank : gather_arrays(ranks_, std::span<const Turn>(turns_)))
+    all.insert(all.end(), of_rank.begin(), of_rank.end());
   std::ranges::sort(all, {}, &Turn::number);
   turns_ = std::move(all);
 }

@@ -1,7 +1,6 @@
 #include "builder/distributed/range_plan.h"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -40,7 +39,7 @@ std::uint64_t least_across(const RangeBegins& begins, const std::vector<MortonKe
   return least;
 }
 
-// What a rank finds in its own range.
+// Counts of a rank in its own range.
 struct RangeCounts {
   Intervals intervals;
   std::optional<dvec3> first, last;  // positions
@@ -79,15 +78,12 @@ Result<std::optional<RangePlan>> plan_ranges(Ranks& ranks, const RangeBegins& be
   const std::vector<MortonKey> marks = marks_of(begins);
   RangePlan plan;
   plan.ranges = begins.size() + 1;
-  RangeCounts own;
-  Status counted;
-  if (points) {
+  const auto count_own = [&]() -> Result<RangeCounts> {
+    if (!points) return RangeCounts{};
     plan.borders.keys = borders_of(begins, ranks.rank());
-    auto found = count_range(*points, plan.borders.keys, marks, options, index_leaf_points);
-    if (found) own = std::move(*found);
-    if (!found) counted = tl::unexpected<Error>(found.error());
-  }
-  SPLATVOL_TRY(ranks.agree(counted));
+    return count_range(*points, plan.borders.keys, marks, options, index_leaf_points);
+  };
+  SPLATVOL_TRY_ASSIGN(own, ranks.agree_on(count_own()));
 
   own.intervals.resize(max_levels, std::vector<std::uint64_t>(marks.size() + 1));
   Intervals all = own.intervals;
@@ -115,13 +111,9 @@ Result<std::optional<RangePlan>> plan_ranges(Ranks& ranks, const RangeBegins& be
     segments.push_back(total(own.intervals[level]) - total(own.intervals[level + 1]));
   }
   plan.before.resize(segments.size());
-  const std::vector<Bytes> of_ranks = ranks.gather_all(std::as_bytes(std::span(segments)));
+  const auto of_ranks = gather_arrays(ranks, std::span<const std::uint64_t>(segments));
   for (std::size_t before = 0; before < r; ++before)
-    for (std::size_t s = 0; s < segments.size(); ++s) {
-      std::uint64_t count = 0;
-      std::memcpy(&count, of_ranks[before].data() + s * sizeof count, sizeof count);
-      plan.before[s] += count;
-    }
+    for (std::size_t s = 0; s < segments.size(); ++s) plan.before[s] += of_ranks[before][s];
   return plan;
 }
 

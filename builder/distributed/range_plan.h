@@ -1,4 +1,4 @@
-// What a rank must know of all ranges before it reduces its own.
+// Facts of all ranges that a rank needs before it reduces its own.
 #pragma once
 
 #include <cstdint>

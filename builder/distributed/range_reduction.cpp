@@ -2,10 +2,11 @@
 
 #include <algorithm>
 #include <numeric>
+#include <tuple>
 #include <utility>
 
 #include "builder/describe.h"
-#include "builder/distributed/byte_streams.h"
+#include "builder/output/byte_streams.h"
 #include "builder/points/batch_cutter.h"
 #include "builder/points/material_estimator.h"
 #include "builder/reduce_source.h"
@@ -17,28 +18,10 @@ namespace {
 // Messages of about this size keep the sender's memory small, and the receiver busy.
 constexpr std::size_t message_bytes = std::size_t{1} << 18;
 
-void put(ByteWriter& out, const Member& member) {
-  out.put(member.key);
-  out.put(member.leaf);
-  out.put(member.point);
-  out.put(member.moments);
-  out.put(member.plane);
-  out.put(member.values);
-  out.put(member.gradients);
-  out.put(member.splats);
-  out.put(member.stored_values);
-}
-
-void get(ByteReader& in, Member& member) {
-  in.get(member.key);
-  in.get(member.leaf);
-  in.get(member.point);
-  in.get(member.moments);
-  in.get(member.plane);
-  in.get(member.values);
-  in.get(member.gradients);
-  in.get(member.splats);
-  in.get(member.stored_values);
+template <class M>
+auto members_of(M& member) {
+  return std::tie(member.key, member.leaf, member.point, member.moments, member.plane, member.values, member.gradients,
+                  member.splats, member.stored_values);
 }
 
 // Most leaves have points and splats at the finest resolutions only: those before stay at home.
@@ -132,14 +115,13 @@ ReductionSettings RangeReduction::settings() const {
 }
 
 Status RangeReduction::reduce(const NextPoints& next, std::uint64_t points, const BuildProgress& progress) {
-  SPLATVOL_TRY_ASSIGN(leaf_file, TempFile::create(folder_));
-  leaves_.emplace(std::move(leaf_file));
+  leaves_.emplace(folder_);
   ReductionSettings of_range = settings();
   of_range.part = {.borders = plan_.borders.keys, .first = 1, .end = plan_.own_levels + 1};
   of_range.finest_before = plan_.before[0];
   of_range.beyond = [this](const Member& member) {
     ByteWriter out;
-    put(out, member);
+    out.put_members(members_of(member));
     if (kept_) kept_ = beyond_.append(out.bytes());
   };
   range_ = std::make_unique<Part>(
@@ -230,7 +212,7 @@ Status RangeReduction::reduce_coarse_levels() {
 Status RangeReduction::add_members(std::uint64_t first_leaf, std::span<const std::byte> bytes) {
   for (ByteReader in(bytes); !in.at_end();) {
     MemberPool::Handle member = coarse_->pass.new_member();
-    get(in, *member);
+    in.get_members(members_of(*member));
     member->leaf += first_leaf;
     coarse_->pass.add_coarse(std::move(member));
   }

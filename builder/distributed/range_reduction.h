@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "builder/build.h"
-#include "builder/distributed/block_spool.h"
 #include "builder/distributed/range_plan.h"
 #include "builder/distributed/ranks.h"
 #include "builder/memory_plan.h"
+#include "builder/output/block_spool.h"
 #include "builder/output/index_leaf_spool.h"
 #include "builder/output/row_collector.h"
 #include "builder/output/row_files.h"

@@ -12,10 +12,17 @@
 #include <vector>
 
 #include "base/error.h"
+#include "format/codec.h"
 
 namespace splatvol {
 
-using Bytes = std::vector<std::byte>;
+using format::Bytes;
+
+/// The failure of a result, if it is one.
+template <class T>
+[[nodiscard]] Status status_of(const Result<T>& result) {
+  return result ? Status{} : Status(tl::unexpected<Error>(result.error()));
+}
 
 /// The ranks 0 to size() - 1 of one MPI job. Functions marked "collective" are called by all ranks, in one order; they
 /// wait for each other. One thread at a time may call. If a rank dies, MPI ends all of them.
@@ -45,6 +52,13 @@ class Ranks {
 
   /// Collective: returns the same on all ranks. Fails with the error of the first rank whose status is a failure.
   [[nodiscard]] Status agree(const Status& own);
+
+  /// Collective: returns what this rank has made, if all ranks have made theirs. Fails as agree().
+  template <class T>
+  [[nodiscard]] Result<T> agree_on(Result<T> own) {
+    SPLATVOL_TRY(agree(status_of(own)));
+    return own;
+  }
 
   /// Collective: replaces each number by its sum, or its largest, over all ranks.
   void sum(std::span<std::uint64_t> numbers);
@@ -85,13 +99,23 @@ class Ranks {
   std::unique_ptr<Watcher> watcher_;
 };
 
-/// Collective: returns a number of each rank.
+/// Collective: returns the values of each rank.
 template <class T>
 requires std::is_trivially_copyable_v<T>
+[[nodiscard]] std::vector<std::vector<T>> gather_arrays(Ranks& ranks, std::span<const T> own) {
+  std::vector<std::vector<T>> arrays;
+  for (const Bytes& bytes : ranks.gather_all(std::as_bytes(own))) {
+    std::vector<T>& array = arrays.emplace_back(bytes.size() / sizeof(T));
+    if (!bytes.empty()) std::memcpy(array.data(), bytes.data(), bytes.size());
+  }
+  return arrays;
+}
+
+/// Collective: returns a value of each rank.
+template <class T>
 [[nodiscard]] std::vector<T> gather_values(Ranks& ranks, const T& own) {
   std::vector<T> values;
-  for (const Bytes& bytes : ranks.gather_all(std::as_bytes(std::span(&own, 1))))
-    std::memcpy(&values.emplace_back(), bytes.data(), sizeof(T));
+  for (const std::vector<T>& one : gather_arrays(ranks, std::span(&own, 1))) values.push_back(one[0]);
   return values;
 }
 

@@ -167,7 +167,7 @@ Status exchange_records(Ranks& ranks, std::size_t record_bytes, std::size_t memo
   for (;;) {
     if (status && at == held.owners.size()) {
       auto more = next();
-      if (!more) status = tl::unexpected<Error>(more.error());
+      status = status_of(more);
       held = more ? std::move(*more) : OwnedRecords{};
       at = 0;
     }

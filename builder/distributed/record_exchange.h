@@ -17,9 +17,9 @@ using VisitRecords = std::function<Status(std::span<const std::byte>)>;
 
 /// Collective: sends the records of all pieces to the ranks that own their keys, in rounds: the records of a round take
 /// at most `memory` bytes in all ranks together, so that none can get more. Calls visit(records) for those of this
-/// rank. They come in the order of the input: pieces ascending, and each piece in its own order. So a stable sort puts
-/// records of one key into the order in which a single process has them. `leaves_out`: whether PieceReader::leave_out
-/// decides which are sent.
+/// rank. They come in the order of the input: pieces ascending, and each piece in its own order. A stable sort then
+/// keeps the order of a single process among records of one key. `leaves_out`: whether PieceReader::leave_out decides
+/// which are sent.
 [[nodiscard]] Status exchange_pieces(Ranks& ranks, PieceTurns& pieces, const PointRecords& layout, const Cube& cube,
                                      const RangeBegins& begins, bool leaves_out, std::size_t memory,
                                      const VisitRecords& visit);

@@ -51,14 +51,12 @@ Result<SharedOutput> SharedOutput::create(Ranks& ranks, const std::string& targe
   using Unnamed = AtomicFile::Unnamed;
   for (const bool named : {false, true}) {
     if (!named && !ranks.on_one_machine()) continue;
-    std::optional<AtomicFile> file;
-    Status created;
-    if (ranks.is_first()) {
-      auto made = AtomicFile::create(target, named ? Unnamed::never : Unnamed::if_possible);
-      if (made) file.emplace(std::move(*made));
-      if (!made) created = tl::unexpected<Error>(made.error());
-    }
-    SPLATVOL_TRY(ranks.agree(created));
+    const auto create_on_first = [&]() -> Result<std::optional<AtomicFile>> {
+      if (!ranks.is_first()) return std::nullopt;
+      SPLATVOL_TRY_ASSIGN(made, AtomicFile::create(target, named ? Unnamed::never : Unnamed::if_possible));
+      return std::optional(std::move(made));
+    };
+    SPLATVOL_TRY_ASSIGN(file, ranks.agree_on(create_on_first()));
     SharedOutput output(target, std::move(file), ranks.on_one_machine());
     const Status opened = open_on_all(ranks, output, named);
     if (opened) return output;

@@ -10,18 +10,9 @@ namespace splatvol {
 
 CellCensus& CellCensus::operator+=(const CellCensus& other) {
   for (const auto& [name, count] : other.cells) cells[name] += count;
-  tetrahedra += other.tetrahedra;
-  inverted += other.inverted;
-  flat += other.flat;
-  without_volume += other.without_volume;
-  surfaces += other.surfaces;
-  lines += other.lines;
-  hidden += other.hidden;
-  hidden_points += other.hidden_points;
-  more_nodes += other.more_nodes;
-  left_out_flat += other.left_out_flat;
-  non_finite += other.non_finite;
-  not_star_shaped += other.not_star_shaped;
+  std::apply(
+      [&](auto&... sums) { std::apply([&](const auto&... numbers) { ((sums += numbers), ...); }, numbers_of(other)); },
+      numbers_of(*this));
   return *this;
 }
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <tuple>
 
 namespace splatvol {
 
@@ -25,6 +26,14 @@ struct CellCensus {
 
   CellCensus& operator+=(const CellCensus& other);
 };
+
+/// All numbers but those by type, by reference.
+template <class Census>
+[[nodiscard]] auto numbers_of(Census& census) {
+  return std::tie(census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces, census.lines,
+                  census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat, census.non_finite,
+                  census.not_star_shaped);
+}
 
 /// Describes an input whose cells are surfaces and lines, or none of whose cells has a volume: "only surface cells
 /// (3040 polygons)". Empty if there is a tetrahedron with a volume, or if there are no cells besides vertices.

@@ -5,11 +5,13 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <string>
+#include <utility>
 #include <vector>
 
-#include "base/temp_file.h"
+#include "builder/output/block_spool.h"
+#include "builder/output/byte_streams.h"
 #include "builder/output/index_stream.h"
-#include "format/codec.h"
 
 namespace splatvol {
 
@@ -27,10 +29,10 @@ struct OpenIndexLeaf {
   void include_late(const OpenIndexLeaf& other);  // adds counts and splats only
 };
 
-/// A queue of index leaves in a temporary file.
+/// A queue of index leaves in a temporary file, which is made when the first MiB is full.
 class IndexLeafSpool {
  public:
-  explicit IndexLeafSpool(TempFile file) : file_(std::move(file)) {}
+  explicit IndexLeafSpool(std::string folder) : spool_(std::move(folder)) {}
 
   [[nodiscard]] Status append(const OpenIndexLeaf& leaf);
 
@@ -40,18 +42,8 @@ class IndexLeafSpool {
                             const std::function<Status(IndexLeaf)>& visit);
 
  private:
-  class Reader;
-  // What was written at once. A bad disk must not decide how much memory a leaf takes.
-  struct Block {
-    std::uint64_t bytes, hash;
-  };
-
-  [[nodiscard]] Status flush();
-
-  TempFile file_;
-  std::vector<Block> blocks_;
-  format::Bytes buffer_;
-  std::uint64_t count_ = 0;
+  BlockSpool spool_;
+  ByteWriter leaf_;  // the one that is appended
 };
 
 }  // namespace splatvol

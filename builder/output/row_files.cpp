@@ -71,10 +71,7 @@ Status RowFiles::read(std::size_t segment, std::size_t level, const Visit& visit
 }
 
 Status RowFiles::read(std::size_t levels, const Visit& visit) {
-  for (std::size_t level = levels; level-- > 0;)
-    for (std::size_t segment = std::min(levels, streams_.size()); segment-- > level;)
-      SPLATVOL_TRY(read(streams_[segment][level], visit));
-  return {};
+  return for_each_stream(levels, [&](std::size_t segment, std::size_t level) { return read(segment, level, visit); });
 }
 
 Status RowFiles::read(Stream& stream, const Visit& visit) {

@@ -18,6 +18,15 @@
 
 namespace splatvol {
 
+/// Calls visit(segment, level) for the rows of each segment at each level, in the order in which a file has them, until
+/// a call fails. `levels`: how many there are.
+template <class Visit>
+[[nodiscard]] Status for_each_stream(std::size_t levels, const Visit& visit) {
+  for (std::size_t level = levels; level-- > 0;)
+    for (std::size_t segment = levels; segment-- > level;) SPLATVOL_TRY(visit(segment, level));
+  return {};
+}
+
 /// Keeps packed rows in temporary files: one file for each segment at each level, so that each is read from its
 /// beginning to its end. Where the process may have few files open, some share one. The finest rows are the last of the
 /// file and more than half of it: their chunks go where they are to stay, and only their entries into a temporary file.
@@ -37,9 +46,6 @@ class RowFiles {
 
   /// The same for a row that stands before all others of its segment and level.
   [[nodiscard]] Status write_first(const PendingRow& row);
-
-  /// Segments that have rows, or finer ones have.
-  [[nodiscard]] std::size_t segments() const { return streams_.size(); }
 
   /// Bytes of the chunks of a segment at a level.
   [[nodiscard]] std::uint64_t chunk_bytes(std::size_t segment, std::size_t level) const;

@@ -24,7 +24,7 @@
 
 namespace splatvol {
 
-/// What the pieces of an input, or some of them, tell together.
+/// Facts of all pieces of an input, or of some.
 struct InputFacts {
   PointRanges ranges;
   PointRanges in_cells;                   // of the points that cells use; at the end, of all that are not left out

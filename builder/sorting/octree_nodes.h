@@ -30,8 +30,8 @@ namespace splatvol {
   return box;
 }
 
-/// Borders of a range of keys whose octree is cut by itself. What lies beyond a border does not matter as long as every
-/// node that reaches across it has too many points for a leaf, so that it is split.
+/// Borders of a range of keys whose octree is cut by itself. Requires that every node across a border has too many
+/// points for a leaf. Such a node is split, and the keys beyond the border change nothing.
 struct KeyBorders {
   std::optional<MortonKey> before;  // the last key below the range; none if no points lie there
   std::optional<MortonKey> behind;  // the first key above the range; none if no points lie there

@@ -39,9 +39,7 @@ auto members_of(State& state) requires std::is_same_v<std::remove_const_t<State>
 
 template <class Census>
 auto members_of(Census& census) requires std::is_same_v<std::remove_const_t<Census>, CellCensus> {
-  return std::tie(census.cells, census.tetrahedra, census.inverted, census.flat, census.without_volume, census.surfaces,
-                  census.lines, census.hidden, census.hidden_points, census.more_nodes, census.left_out_flat,
-                  census.non_finite, census.not_star_shaped);
+  return std::tuple_cat(std::tie(census.cells), numbers_of(census));
 }
 
 template <class Material>

@@ -52,6 +52,7 @@ class BlockSpool {
 
  private:
   static constexpr std::size_t buffer_bytes = std::size_t{1} << 20;
+  // Bytes written at once. Their hash is checked first: a bad disk must not decide how much memory a value takes.
   struct Block {
     std::uint64_t bytes, hash;
   };

@@ -1,10 +1,11 @@
-// Values one after another as bytes, for messages between processes of one build.
+// Values one after another as bytes, for temporary files and for messages between processes of one build.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <span>
+#include <tuple>
 #include <type_traits>
 #include <vector>
 
@@ -23,6 +24,12 @@ class ByteWriter {
   void put(const std::vector<T>& items) {
     put(std::uint64_t{items.size()});
     append(std::as_bytes(std::span(items)));
+  }
+
+  /// Each of several members, which std::tie names.
+  template <class... Members>
+  void put_members(const std::tuple<Members&...>& members) {
+    std::apply([this](const auto&... each) { (put(each), ...); }, members);
   }
 
   void append(std::span<const std::byte> more) { bytes_.insert(bytes_.end(), more.begin(), more.end()); }
@@ -50,6 +57,11 @@ class ByteReader {
     get(count);
     items.resize(count);
     copy_to(std::as_writable_bytes(std::span(items)));
+  }
+
+  template <class... Members>
+  void get_members(const std::tuple<Members&...>& members) {
+    std::apply([this](auto&... each) { (get(each), ...); }, members);
   }
 
   /// Fills in items whose number the reader knows.
