@@ -132,13 +132,6 @@ std::vector<OctantSplat> random_octants(std::size_t count) {
   return splats;
 }
 
-TransferFunction lively() {
-  TransferFunction function;
-  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
-  function.densities = {{0, 0}, {0.3, 20}, {0.5, 4}, {1, 20}};
-  return function;
-}
-
 /// A drawing of each kernel on each device.
 struct Case {
   std::string name;
@@ -165,7 +158,7 @@ TEST(Depths, OfWhatIsBehindEverythingChangeNoBit) {
       const View view = test::view_from(eye, orthographic, 131, 97);
       for (const Case& c : random_cases(3000)) {
         SCOPED_TRACE(testing::Message() << c.name << ", orthographic " << orthographic << ", eye " << eye.z);
-        Drawn drawn(c.way, c.kernel, c.list, lively());
+        Drawn drawn(c.way, c.kernel, c.list, test::lively());
         const Image without = drawn.picture(view);
         EXPECT_GT(largest(without), 0.5F);
         for (const float depth : {8.0F, 1e30F, infinity, std::numeric_limits<float>::quiet_NaN()})
@@ -179,7 +172,7 @@ TEST(Depths, OfWhatIsInFrontOfEverythingLeaveNothing) {
   for (const bool orthographic : {false, true})
     for (const Case& c : random_cases(3000)) {
       SCOPED_TRACE(testing::Message() << c.name << ", orthographic " << orthographic);
-      Drawn drawn(c.way, c.kernel, c.list, lively());
+      Drawn drawn(c.way, c.kernel, c.list, test::lively());
       const View outside = test::view_from(dvec3(0.3, 0.2, 4), orthographic, 131, 97);
       for (const double depth : {1.0, 1e-30, 0.0, -3.0, -std::numeric_limits<double>::infinity()})
         EXPECT_EQ(largest(drawn.picture(outside, constant(outside, depth))), 0) << depth;
@@ -302,7 +295,7 @@ TEST(Depths, HideToTheEdgeOfAPixel) {
   for (const Case& c : random_cases(3000))
     for (const int spacing : {1, 4}) {
       SCOPED_TRACE(testing::Message() << c.name << ", every " << spacing << " pixels");
-      Drawn drawn(c.way, c.kernel, c.list, lively());
+      Drawn drawn(c.way, c.kernel, c.list, test::lively());
       const Image without = drawn.picture(view), image = drawn.picture(view, depths, spacing);
       double squares = 0;
       for (int y = 0; y < view.height; ++y)
@@ -329,14 +322,14 @@ TEST(Depths, DevicesAgree) {
           view, [&](int x, int y) { return distance + 0.4 * std::sin(0.3 * x) * std::cos(0.2 * y + 0.01 * x * y); });
       for (const auto& [smallest, largest] : {std::pair(0.002, 0.01), std::pair(0.01, 0.1), std::pair(0.01, 1.0)}) {
         const DrawList list = test::list_of(test::random_splats(5000, smallest, largest));
-        const Image one = Drawn(by_splats, list, lively()).picture(view, waves);
-        const Image other = Drawn(by_gl, list, lively()).picture(view, waves);
+        const Image one = Drawn(by_splats, list, test::lively()).picture(view, waves);
+        const Image other = Drawn(by_gl, list, test::lively()).picture(view, waves);
         EXPECT_LT(rmse(one, other), 1e-4) << orthographic << " " << eye.z << " " << largest;
       }
       const std::vector<OctantSplat> octants = random_octants(3000);
       DrawList list = test::make_list(octants, {{dvec3(0), 0, 2000, 1}, {dvec3(0), 2000, 1000, 0.4F}});
-      const Image one = Drawn(by_splats, KernelKind::octant, list, lively()).picture(view, waves);
-      const Image other = Drawn(by_gl, KernelKind::octant, list, lively()).picture(view, waves);
+      const Image one = Drawn(by_splats, KernelKind::octant, list, test::lively()).picture(view, waves);
+      const Image other = Drawn(by_gl, KernelKind::octant, list, test::lively()).picture(view, waves);
       EXPECT_LT(rmse(one, other), 1e-4) << orthographic << " " << eye.z;
     }
 }
@@ -366,7 +359,7 @@ TEST(Depths, AreInWorldUnits) {
   const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 131, 97);
   const SurfaceDepths depths = plane(view, dvec3(0), glm::normalize(dvec3(0.5, 0.7, 1)));
   for (const Way& way : all_ways()) {
-    const Image plain = Drawn(way, test::list_of(splats), lively()).picture(view, depths);
+    const Image plain = Drawn(way, test::list_of(splats), test::lively()).picture(view, depths);
     // The same splats in a world that is 2^40 times as large.
     const double unit = std::ldexp(1, 40);
     std::vector<Material> far = splats;
@@ -376,7 +369,7 @@ TEST(Depths, AreInWorldUnits) {
     large.eye *= unit;
     SurfaceDepths scaled = depths;
     for (float& depth : scaled.depths) depth *= static_cast<float>(unit);
-    TransferFunction function = lively();
+    TransferFunction function = test::lively();
     for (auto& density : function.densities) density.extinction /= unit;
     DrawingUnits units;
     units.length = unit;
@@ -387,7 +380,7 @@ TEST(Depths, AreInWorldUnits) {
 TEST(Depths, OfAnotherSizeAreRefused) {
   const View view = test::view_from(dvec3(0.3, 0.2, 4), false, 64, 48);
   for (const Way& way : all_ways()) {
-    Drawn drawn(way, test::list_of(test::random_splats(100)), lively());
+    Drawn drawn(way, test::list_of(test::random_splats(100)), test::lively());
     const Image hidden = drawn.picture(view, constant(view, 4));
     const auto wrong = std::make_shared<const SurfaceDepths>(SurfaceDepths{4, 4, std::vector<float>(15)});
     const Status refused = drawn.rasterizer().set_surface_depths(wrong);
@@ -415,7 +408,7 @@ TEST(Depths, AreTheSameBitsWithAnyNumberOfThreads) {
     std::optional<Image> first;
     for (const std::size_t threads : {1, 2, 5}) {
       const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-      const Image image = Drawn(way, list, lively()).picture(view, depths);
+      const Image image = Drawn(way, list, test::lively()).picture(view, depths);
       if (!first) first = image;
       EXPECT_TRUE(are_same_bits(image, *first)) << way.name << " " << threads;
     }
@@ -427,11 +420,11 @@ TEST(Depths, AreTheSamePictureWithAnyInstructions) {
   const SurfaceDepths depths = ball(view, dvec3(0), 0.7);
   const DrawList list = test::list_of(test::random_splats(5000));
   for (const Way& way : {by_splats, by_slabs}) {
-    const Image newest = Drawn(way, list, lively()).picture(view, depths);
+    const Image newest = Drawn(way, list, test::lively()).picture(view, depths);
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       hwy::SetSupportedTargetsForTest(target);
       hwy::GetChosenTarget().Update(target);
-      EXPECT_LT(rmse(newest, Drawn(way, list, lively()).picture(view, depths)), 1e-4) << hwy::TargetName(target);
+      EXPECT_LT(rmse(newest, Drawn(way, list, test::lively()).picture(view, depths)), 1e-4) << hwy::TargetName(target);
     }
     hwy::SetSupportedTargetsForTest(0);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());

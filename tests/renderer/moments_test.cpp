@@ -17,6 +17,7 @@
 #include "shared_context.h"
 #include "tests/renderer/device_name.h"
 #include "tests/renderer/draw_parts.h"
+#include "tests/renderer/random_splats.h"
 #include "tests/support/random.h"
 
 namespace splatvol {
@@ -80,13 +81,6 @@ TransferFunction uniform(double extinction) {
 }
 
 /// A function with colours and bends between 0 and 1.
-TransferFunction lively(double extinction) {
-  TransferFunction function;
-  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
-  function.densities = {{0, 0}, {0.3, extinction}, {0.5, 0.2 * extinction}, {1, extinction}};
-  return function;
-}
-
 /// The eye at `eye`, looking along -z, y up.
 View look(Camera camera, int width, int height) {
   camera.focal_point = camera.position - dvec3(0, 0, 1);
@@ -534,13 +528,13 @@ TEST_P(MomentsTest, ValuesVaryWithinASplat) {
       for (const View& view : {perspective_view(33, 33), orthographic_view(4, 33, 33)}) {
         for (const auto& lighting : {std::optional<Lighting>(), std::optional(Lighting{0.2, 0.7})}) {
           renderer_->set_lighting(lighting);
-          const Image image = picture({cluster}, view, lively(2));
+          const Image image = picture({cluster}, view, test::lively(2));
           expect_sane(image);
           // The table's rows are 5 % apart. The renderer takes light and spread as the same all over a splat that the
           // eye's plane does not cut, even at depth 2, where it reaches two thirds of the way to the eye.
           // Its mean |cos| is 2 % off at most.
           const double bound = !view.orthographic && position.z == -2 ? 4e-2 : lighting ? 8e-3 : 4e-3;
-          EXPECT_LT(rmse(image, evaluate(cluster, view, lively(2), lighting)), bound)
+          EXPECT_LT(rmse(image, evaluate(cluster, view, test::lively(2), lighting)), bound)
               << position.z << " " << value_deviation << " " << view.orthographic << " " << lighting.has_value();
         }
       }
@@ -665,10 +659,10 @@ TEST_P(MomentsTest, BoundaryIsAPlaneThatNothingCrosses) {
 TEST_P(MomentsTest, OrderChangesColoursOnly) {
   std::vector<Cluster> clusters = cloud(300);
   const View view = perspective_view(64, 64, {0, 0, 4});
-  const Image sorted = picture(clusters, view, lively(3), SortMode::exact);
+  const Image sorted = picture(clusters, view, test::lively(3), SortMode::exact);
   std::mt19937 generator(4);
   std::ranges::shuffle(clusters, generator);
-  const Image shuffled = picture(clusters, view, lively(3), SortMode::none);
+  const Image shuffled = picture(clusters, view, test::lively(3), SortMode::none);
   EXPECT_GT(rmse(sorted, shuffled), 0.01);
   for (std::size_t i = 0; i < sorted.pixels.size(); ++i) ASSERT_NEAR(sorted.pixels[i].a, shuffled.pixels[i].a, 1e-4);
 }
@@ -700,7 +694,7 @@ TEST_P(MomentsTest, AxisOrderIsExactAlongTheAxis) {
       cluster.position[axis] = position;
       splats.push_back(material_of(cluster));
     }
-    ASSERT_TRUE(renderer_->set_transfer_function(lively(1), {}));
+    ASSERT_TRUE(renderer_->set_transfer_function(test::lively(1), {}));
     ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{origin, 0, 15}, {origin, 15, 25}})));
     for (const double side : {-40.0, 40.0}) {
       Camera camera;
@@ -729,7 +723,7 @@ TEST_P(MomentsTest, PictureMovesWithTheScene) {
   Camera camera;
   camera.position = {0.5, 0.3, 2.5};
   camera.focal_point = {0.1, 0, 0};
-  const Image expected = picture(clusters, make_view(camera, 64, 64).value(), lively(3));
+  const Image expected = picture(clusters, make_view(camera, 64, 64).value(), test::lively(3));
   ASSERT_GT(total_alpha(expected), 500);
 
   const auto moved = [&](dquat turn, dvec3 shift, double scale) {
@@ -744,7 +738,7 @@ TEST_P(MomentsTest, PictureMovesWithTheScene) {
     other.position = scale * (turn * camera.position) + shift;
     other.focal_point = scale * (turn * camera.focal_point) + shift;
     other.up = turn * camera.up;
-    return picture(result, make_view(other, 64, 64).value(), lively(3 / scale), SortMode::exact, shift);
+    return picture(result, make_view(other, 64, 64).value(), test::lively(3 / scale), SortMode::exact, shift);
   };
   const dquat turn = glm::normalize(dquat(0.3, -0.7, 0.4, 0.5));
   const dquat still(1, 0, 0, 0);
@@ -762,7 +756,7 @@ TEST_P(MomentsTest, NothingJumpsAsTheEyeFliesThrough) {
                         .correlation = {0.6, 0.5, -0.4}};
   Image last;
   for (int frame = 0; frame <= 400; ++frame) {
-    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * frame}), lively(0.1));
+    const Image image = picture({cluster}, perspective_view(32, 32, {0.05, 0.1, 3 - 0.01 * frame}), test::lively(0.1));
     expect_sane(image);
     if (frame > 0) {
       ASSERT_LT(largest_difference(image, last), 0.01) << frame;
@@ -860,7 +854,7 @@ TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
                         .value = value,
                         .value_deviation = share * std::abs(value),
                         .correlation = {0.5, -0.4, 0.3}};
-        TransferFunction function = lively(0.8);
+        TransferFunction function = test::lively(0.8);
         function.axis = axis;
         function.lo = axis == ValueAxis::log ? 1e-3 : -100;
         function.hi = 100;
@@ -870,7 +864,7 @@ TEST_P(MomentsTest, BentAxesTakeTheMomentsOnTheAxis) {
         cluster.value = (value - 0.5) * 4, cluster.value_deviation *= 4;
         const Image bent = drawn(function, cluster, {.value_offset = 0.5, .value_scale = 0.25});
         cluster.value = t.mean, cluster.value_deviation = t.deviation;
-        const Image linear = drawn(lively(0.8), cluster, {});
+        const Image linear = drawn(test::lively(0.8), cluster, {});
         for (std::size_t i = 0; i < linear.pixels.size(); ++i)
           ASSERT_LT(glm::length(bent.pixels[i] - linear.pixels[i]), 1e-3f) << i;
       }
@@ -911,7 +905,7 @@ TEST_P(MomentsTest, HardCasesStaySane) {
   for (const double extinction : {1e-30, 1.0, 1e30}) {
     for (const View& view : {perspective_view(33, 17), orthographic_view(3, 33, 17)}) {
       // All of them, then each alone: an opaque splat could hide an error of another.
-      expect_sane(picture(clusters, view, lively(extinction)));
+      expect_sane(picture(clusters, view, test::lively(extinction)));
       const std::vector<Material> splats = materials_of(clusters);
       for (std::uint64_t i = 0; i < splats.size(); i += extinction == 1 ? 1 : 7) {
         ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {{dvec3(0), i, 1}})));
@@ -936,7 +930,7 @@ TEST_P(MomentsTest, WhatDrawsNothing) {
       {.position = {5, 0, 0}, .deviations = dvec3(0.5)},  // beside the eye, outside
       {.position = {0, 0, -5}, .value = 0, .value_deviation = 0},
   };
-  TransferFunction function = lively(100);
+  TransferFunction function = test::lively(100);
   for (const Cluster& cluster : nothing) {
     Cluster visible = cluster;
     if (&cluster != &nothing.back() && !std::isnan(cluster.value)) visible.value = 1;
@@ -948,11 +942,11 @@ TEST_P(MomentsTest, AWeightIsAFactorOnTheMass) {
   const std::vector<Material> splats = materials_of(cloud(200));
   for (const View& view :
        {perspective_view(65, 65, {0, 0, 4}), perspective_view(), orthographic_view(3, 65, 65, {0, 0, 4})}) {
-    const Image whole = picture(splats, view, lively(3));
+    const Image whole = picture(splats, view, test::lively(3));
     for (const float weight : {0.5F, 0.15F}) {
       std::vector<Material> lighter = splats;
       for (Material& splat : lighter) splat.mass *= weight;
-      const Image expected = picture(lighter, view, lively(3));
+      const Image expected = picture(lighter, view, test::lively(3));
       const test::DrawPart part{dvec3(0), 0, splats.size(), weight};
       ASSERT_TRUE(renderer_->set_draw_list(test::make_list(splats, {part})));
       EXPECT_LT(largest_difference(redraw(view), expected), 1e-6);

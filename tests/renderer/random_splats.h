@@ -1,4 +1,4 @@
-// Splats at random.
+// Splats at random, and a transfer function that shows them.
 #pragma once
 
 #include <cmath>
@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "scene/scene.h"
 #include "streamer/record.h"
 #include "tests/support/random.h"
 
@@ -30,6 +31,14 @@ inline std::vector<Material> random_splats(std::size_t count, double smallest = 
     if (unit(generator) > 0.6) splat.boundary = direction();
   }
   return splats;
+}
+
+/// Three colours, and extinctions from 0 to `extinction`, not in their order.
+inline TransferFunction lively(double extinction = 20) {
+  TransferFunction function;
+  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
+  function.densities = {{0, 0}, {0.3, extinction}, {0.5, 0.2 * extinction}, {1, extinction}};
+  return function;
 }
 
 }  // namespace splatvol::test

@@ -17,6 +17,7 @@
 #include "renderer/cpu/tile_rasterizer.h"
 #include "tests/renderer/bodies.h"
 #include "tests/renderer/draw_parts.h"
+#include "tests/renderer/random_splats.h"
 
 namespace splatvol {
 namespace {
@@ -27,6 +28,8 @@ using test::crossing;
 using test::exact;
 using test::gradient;
 using test::list_of;
+using test::lively;
+using test::random_splats;
 using test::Ray;
 using test::ray_of;
 using test::splats_of;
@@ -231,35 +234,8 @@ TEST(Slabs, ALinearFieldIsLitAsItsGradientSays) {
   EXPECT_NEAR(middle.r, factor * middle.a, 0.02);
 }
 
-/// Ellipsoids of many sizes, a part of them at boundaries.
-std::vector<Material> random_splats(std::size_t count) {
-  std::mt19937 generator(7);
-  std::uniform_real_distribution<double> unit(-1, 1);
-  const auto direction = [&] { return dvec3(unit(generator), unit(generator), unit(generator)); };
-  std::vector<Material> splats(count);
-  for (Material& splat : splats) {
-    const double size = 0.002 * std::pow(100, 0.5 + 0.5 * unit(generator));
-    splat.center = direction();
-    splat.deviations = size * dvec3(1, 0.6 + 0.4 * unit(generator), 0.1);
-    splat.mass = 2 * size * size * size;
-    splat.orientation = glm::normalize(glm::dquat(1.5, direction()));
-    splat.value = 0.5 + 0.4 * unit(generator);
-    splat.value_deviation = 0.1;
-    splat.correlations = 0.5 * direction();
-    if (unit(generator) > 0.6) splat.boundary = direction();
-  }
-  return splats;
-}
-
-TransferFunction lively() {
-  TransferFunction function;
-  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
-  function.densities = {{0, 0}, {0.3, 20}, {0.5, 4}, {1, 20}};
-  return function;
-}
-
 TEST(Slabs, TheOrderOfTheSplatsDoesNotMatter) {
-  std::vector<Material> splats = random_splats(5000);
+  std::vector<Material> splats = random_splats(5000, 0.002, 0.2);
   const View view = view_from(dvec3(0.3, 0.2, 4));
   const Image one = draw(list_of(splats), lively(), view);
   std::ranges::shuffle(splats, std::mt19937(3));
@@ -267,7 +243,7 @@ TEST(Slabs, TheOrderOfTheSplatsDoesNotMatter) {
 }
 
 TEST(Slabs, AreTheSameBitsWithAnyNumberOfThreads) {
-  const DrawList list = list_of(random_splats(90'000));  // two batches
+  const DrawList list = list_of(random_splats(90'000, 0.002, 0.2));  // two batches
   std::optional<Image> first;
   for (const std::size_t threads : {1, 2, 5}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
@@ -278,7 +254,7 @@ TEST(Slabs, AreTheSameBitsWithAnyNumberOfThreads) {
 }
 
 TEST(Slabs, AreTheSamePictureWithAnyInstructions) {
-  const DrawList list = list_of(random_splats(20'000));
+  const DrawList list = list_of(random_splats(20'000, 0.002, 0.2));
   const View view = view_from(dvec3(0.3, 0.2, 4));
   const Image newest = draw(list, lively(), view);
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
@@ -295,7 +271,7 @@ TEST(Slabs, DrawListsOfAnySizeFollowEachOther) {
   ASSERT_TRUE(tiles.set_transfer_function(lively(), {}));
   const View view = view_from(dvec3(0.3, 0.2, 4));
   for (const std::size_t count : {1'000, 40'000, 150'000, 70'000, 10}) {
-    const DrawList list = list_of(random_splats(count));
+    const DrawList list = list_of(random_splats(count, 0.002, 0.2));
     ASSERT_TRUE(tiles.set_draw_list(list));
     for (const Compositing compositing : {Compositing::slabs, Compositing::splats, Compositing::slabs}) {
       ASSERT_TRUE(tiles.set_compositing(compositing));
@@ -313,7 +289,7 @@ TEST(Slabs, SamplesApartShowTheSame) {
 }
 
 TEST(Slabs, HardSplatsDrawNoNonsense) {
-  std::vector<Material> splats = random_splats(300);
+  std::vector<Material> splats = random_splats(300, 0.002, 0.2);
   splats[0].deviations = dvec3(0);        // a point
   splats[1].deviations = dvec3(1, 0, 0);  // a line
   splats[2].deviations = dvec3(1, 1, 0);  // a disc

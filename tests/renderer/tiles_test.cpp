@@ -70,13 +70,6 @@ double difference(const Drawing& drawing, KernelKind kernel = KernelKind::moment
   return result.rmse;
 }
 
-TransferFunction lively(double extinction) {
-  TransferFunction function;
-  function.colors = {{0, {1, 0, 0}}, {0.4, {0, 1, 0}}, {1, {0, 0, 1}}};
-  function.densities = {{0, 0}, {0.3, extinction}, {0.5, 0.2 * extinction}, {1, extinction}};
-  return function;
-}
-
 View view_of(bool orthographic, int width, int height, dvec3 eye = dvec3(0.3, 0.2, 4)) {
   Camera camera;
   camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
@@ -88,7 +81,7 @@ View view_of(bool orthographic, int width, int height, dvec3 eye = dvec3(0.3, 0.
 Drawing random_drawing(std::size_t count, double smallest, double largest, const View& view) {
   Drawing drawing{test::make_list(test::random_splats(count, smallest, largest), {{dvec3(0), 0, count}}),
                   {},
-                  lively(20),
+                  test::lively(20),
                   std::nullopt,
                   view};
   return drawing;
@@ -147,7 +140,7 @@ TEST(Tiles, OctantsAgreeWithOpenGl) {
     for (const float weight : {1.0F, 0.3F}) {
       Drawing drawing{test::make_list(splats, {{dvec3(0), 0, splats.size(), weight}}),
                       {},
-                      lively(2),
+                      test::lively(2),
                       Lighting{0.2, 0.8},
                       view_of(orthographic, 131, 97)};
       EXPECT_LT(difference(drawing, KernelKind::octant), bar) << orthographic << weight;

@@ -235,7 +235,7 @@ TEST(IndexStream, RefusesLeavesThatDoNotFollow) {
 // The leaves need more than one read of the file. Levels from the finest on become resolutions from the coarsest on.
 TEST(IndexLeafSpool, GivesLeavesBackByResolution) {
   constexpr std::size_t leaves = 20'000, resolutions = 5;
-  IndexLeafSpool spool(*TempFile::create(testing::TempDir()));
+  IndexLeafSpool spool(testing::TempDir());
   const auto make = [](std::size_t k) {
     OpenIndexLeaf leaf;
     leaf.key = {k, ~k};

@@ -256,7 +256,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   RowFiles files(testing::TempDir(), finest);
   RowCollector rows(info, {}, false);
   const ReductionSettings settings{whole.summary.cube, leaf_points, true, true, info.attributes};
-  IndexLeafSpool spool(*TempFile::create(testing::TempDir()));
+  IndexLeafSpool spool(testing::TempDir());
   ReductionPass pass(
       settings, rows, [&](const OpenIndexLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);
   run(std::move(whole.points), 300, pass, rows, packer, files);
