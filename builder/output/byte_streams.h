@@ -29,7 +29,7 @@ class ByteWriter {
   /// Each of several members, which std::tie names.
   template <class... Members>
   void put_members(const std::tuple<Members&...>& members) {
-    std::apply([this](const auto&... each) { (put(each), ...); }, members);
+    std::apply([this](const auto&... each) { (this->put(each), ...); }, members);
   }
 
   void append(std::span<const std::byte> more) { bytes_.insert(bytes_.end(), more.begin(), more.end()); }
@@ -61,7 +61,7 @@ class ByteReader {
 
   template <class... Members>
   void get_members(const std::tuple<Members&...>& members) {
-    std::apply([this](auto&... each) { (get(each), ...); }, members);
+    std::apply([this](auto&... each) { (this->get(each), ...); }, members);
   }
 
   /// Fills in items whose number the reader knows.
