@@ -563,7 +563,8 @@ def head(results, plotted):
     lines = [
         "# Results",
         "",
-        *paragraph(f"""Made by `bench/svbench run --shared SHARED --devices {",".join(plan["devices"])}`:
+        *paragraph(f"""Made by `bench/svbench run --shared SHARED --devices {",".join(plan["devices"])}
+            --turns {plan["turns"]}`:
             {note['software']}, {note['cores']} cores of {note['processor']}; {renderers}{with_peers}. Load of the
             machine before the run: {note['load_before']:.2f}."""),
         *paragraph(f"""The settings of a view and the peers took turns ({plan['turns']}, of {plan['frames']} frames
