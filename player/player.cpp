@@ -295,8 +295,11 @@ Status Player::draw_within(double seconds, const DrawOptions& options) {
     request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
     if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
   }
+  // One by one, more splats are drawn in the time, and coarse slabs would show where tiles end.
+  DrawOptions how = options;
+  if (how.raster == Raster::automatic) how.raster = Raster::splats;
   const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw(options));
+  SPLATVOL_TRY(draw(how));
   // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
   pacer_.add(frame_->progress.settled ? allowed : frame_->splats, seconds_since(draw_start));
   return {};

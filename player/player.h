@@ -136,7 +136,7 @@ class Player {
 
   /// Draws the best picture that can be there in `seconds` from now: with the splats that the device can draw in the
   /// time, of parts that are there or come in time. Learns the device's speed from call to call, so that the first
-  /// calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
+  /// calls may take longer, or do less. Waits for the coarsest parts, whatever their time. Raster::automatic: splats.
   [[nodiscard]] Status draw_within(double seconds, const DrawOptions& options = {});
 
   /// Draws picture after picture, each with all of its parts, until one has the wanted error against the exact picture

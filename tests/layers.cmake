@@ -35,7 +35,7 @@ set(renderer/gl_knows base scene streamer renderer)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(renderer/device_knows base scene streamer renderer renderer/cpu renderer/gl)
 set(player_knows base scene format streamer ${renderer_rooms})
-set(library_knows base scene format ${builder_rooms} builder streamer renderer renderer/device player)
+set(library_knows base scene format ${builder_rooms} builder streamer ${renderer_rooms} player)
 set(viewer_knows base scene format streamer ${renderer_rooms} player)
 set(tools_knows base scene reference format ${builder_rooms} builder builder/distributed exporter streamer ${renderer_rooms} player viewer)
 

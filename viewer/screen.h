@@ -14,19 +14,6 @@ struct ShownPicture {
   bool top_first = false;  // the texture's first row is the picture's highest, not its lowest
 };
 
-/// A texture for pictures that were drawn without OpenGL. The context of the first upload must be current in each call.
-class PictureTexture {
- public:
-  /// Replaces the picture. The texture's first row is the picture's highest.
-  [[nodiscard]] Status upload(const Image& image);
-
-  [[nodiscard]] GLuint name() const { return texture_.name(); }
-
- private:
-  Texture texture_;
-  int width_ = 0, height_ = 0;
-};
-
 /// Draws a picture into the window's framebuffer. Needs the context that was current at `create`.
 class Screen {
  public:

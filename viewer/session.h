@@ -13,6 +13,7 @@
 #include "format/volume.h"
 #include "player/player.h"
 #include "player/sharpening.h"
+#include "renderer/gl/picture_texture.h"
 #include "scene/page.h"
 #include "scene/scene.h"
 #include "streamer/frame_pacer.h"

@@ -61,6 +61,12 @@ std::string device_text() {
   return fmt::format("{}, OpenGL {}", text(GL_RENDERER), text(GL_VERSION));
 }
 
+Status check_current_context() {
+  if (epoxy_gl_version() >= 45 && epoxy_is_desktop_gl()) return {};
+  return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
+              epoxy_gl_version() / 10, epoxy_gl_version() % 10);
+}
+
 std::uint64_t largest_buffer() {
   GLint64 limit = 0;
   glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &limit);

@@ -49,6 +49,9 @@ using Program = GlObject<delete_program>;
 /// Returns the device and version of the current context: "GL_RENDERER, OpenGL GL_VERSION".
 [[nodiscard]] std::string device_text();
 
+/// Fails with ErrorCode::device unless the current context has OpenGL 4.5.
+[[nodiscard]] Status check_current_context();
+
 /// Returns the most bytes of one buffer that the device's shaders can see.
 [[nodiscard]] std::uint64_t largest_buffer();
 

@@ -64,9 +64,7 @@ void for_each_run(std::size_t count, const Visit& visit) {
 
 Result<std::unique_ptr<GlRasterizer>> GlRasterizer::create(KernelKind kind, std::uint64_t most_bytes,
                                                            std::uint64_t page_bytes) {
-  if (epoxy_gl_version() < 45 || !epoxy_is_desktop_gl())
-    return fail(ErrorCode::device, "OpenGL 4.5 is needed, the current context has {}.{} (0.0: there is none)",
-                epoxy_gl_version() / 10, epoxy_gl_version() % 10);
+  SPLATVOL_TRY(check_current_context());
   SPLATVOL_TRY_ASSIGN(kernel, make_kernel(kind));
   SPLATVOL_TRY_ASSIGN(upsampler, Upsampler::create());
   std::unique_ptr<GlRasterizer> rasterizer(

@@ -40,7 +40,7 @@ test_headers() {
 # The libraries export what public headers declare with SPLATVOL_EXPORT. Weak names are of templates.
 test_exports() {
   local library name names exported others all=''
-  exported='splatvol::(File|Renderer|TransferFunction)::'
+  exported='splatvol::(File|GlRenderer|Renderer|TransferFunction)::'
   exported+='|splatvol::(append_to_series|build|build_series|write_image|is_image_path|parse_scene|load_scene|scene_to_json)(\[abi:cxx11\])?\('
   for library in read render build; do
     names=$(nm -D --defined-only -C "$libraries/libsplatvol_$library.so" | grep -E ' [A-TX-Z] ' || true)
@@ -167,6 +167,10 @@ test_examples() {
   out/render ring.svol ring.png > render.txt
   [[ $(head -c 4 ring.png) == $'\x89PNG' ]] || fail "render writes no picture"
   awk '$(NF) > 0.002 { exit 1 }' render.txt || fail "the error is too large: $(< render.txt)"
+  if [[ -e $prefix/include/splatvol/gl_renderer.h && -x out/window ]] && command -v xvfb-run > /dev/null; then
+    xvfb-run --auto-servernum out/window ring.svol window.png || fail "window fails"
+    [[ $(head -c 4 window.png) == $'\x89PNG' ]] || fail "window writes no picture"
+  fi
   ! out/read ring.png > /dev/null 2> error.txt || fail "a picture is no file to read"
   grep -q '^read: ring.png' error.txt || fail "the error does not name the file: $(< error.txt)"
 }

@@ -1,0 +1,37 @@
+// Draws what callers of the library ask for, and tells what it cost.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "player/player.h"
+#include "splatvol/renderer.h"
+
+namespace splatvol {
+
+/// A player behind the calls of the public face. Its calls come from the thread that the player belongs to.
+class Drawing {
+ public:
+  [[nodiscard]] static Result<std::unique_ptr<Drawing>> open(const std::string& path, const std::optional<Scene>& scene,
+                                                             const RendererOptions& options, bool in_current_context);
+
+  // As in Renderer.
+  [[nodiscard]] Status draw(const Quality& quality);
+  [[nodiscard]] Status draw_within(double seconds);
+  [[nodiscard]] Status draw_now(double wait_seconds, const Quality& quality);
+  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute, int width, int height) const;
+  [[nodiscard]] const RenderStatistics& statistics() const { return statistics_; }
+
+  [[nodiscard]] Player& player() { return *player_; }
+  [[nodiscard]] const Player& player() const { return *player_; }
+
+ private:
+  explicit Drawing(std::unique_ptr<Player> player) : player_(std::move(player)) {}
+  [[nodiscard]] Status take_statistics(double start, const Status& drawn, std::optional<double> error = std::nullopt);
+
+  std::unique_ptr<Player> player_;
+  RenderStatistics statistics_;
+};
+
+}  // namespace splatvol
