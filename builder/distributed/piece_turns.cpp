@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "builder/distributed/fair_shares.h"
 #include "builder/output/byte_streams.h"
 
 namespace splatvol {
@@ -103,6 +104,7 @@ PieceTurns::PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout,
 
 Status PieceTurns::read(const std::function<void(double)>& progress) {
   source_.lend_values();
+  SPLATVOL_TRY(select_share());
   SPLATVOL_TRY(ranks_.agree(read_own(progress)));
   SPLATVOL_TRY(check_repeated());
   share_turns();
@@ -113,18 +115,35 @@ Status PieceTurns::read(const std::function<void(double)>& progress) {
   return reader_.check_any();
 }
 
+// Rank 0 deals for all: another rank may see a file's size otherwise.
+Status PieceTurns::select_share() {
+  ByteWriter dealt;
+  if (ranks_.is_first())
+    for (const std::vector<std::uint64_t>& share : deal_largest_first(source_.part_sizes(), ranks_.size()))
+      dealt.put(share);
+  const Bytes bytes = ranks_.broadcast(dealt.bytes());
+  ByteReader in(bytes);
+  std::vector<std::uint64_t> own;
+  for (std::size_t rank = 0; rank < ranks_.size(); ++rank) {
+    std::vector<std::uint64_t> share;
+    in.get(share);
+    selects_ = selects_ || !share.empty();
+    if (rank == ranks_.rank()) own = std::move(share);
+  }
+  return ranks_.agree(selects_ ? source_.select(std::move(own)) : Status{});
+}
+
 Status PieceTurns::read_own(const std::function<void(double)>& progress) {
-  const bool selects = source_.select_every(ranks_.rank(), ranks_.size());
   for (std::uint32_t read = 0;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source_.next());
     if (!piece) return {};
     SPLATVOL_TRY(check_interruption());
-    if (!selects && read % ranks_.size() != ranks_.rank()) continue;
+    if (!selects_ && read % ranks_.size() != ranks_.rank()) continue;
     const double all = static_cast<double>(std::max<std::size_t>(source_.piece_count(), 1));
-    progress(std::min(static_cast<double>(read) * static_cast<double>(selects ? ranks_.size() : 1) / all, 1.0));
-    turns_.push_back({selects ? source_.piece_number() : Source::PieceNumber{0, read}, ranks_.rank(), 0});
+    progress(std::min(static_cast<double>(read) * static_cast<double>(selects_ ? ranks_.size() : 1) / all, 1.0));
+    turns_.push_back({selects_ ? source_.piece_number() : Source::PieceNumber{0, read}, ranks_.rank(), 0});
     // Without a selection, the source has seen all pieces, and has found those that repeat others.
-    if (selects) prints_.push_back(RepeatedPieces::fingerprint({}, *piece));
+    if (selects_) prints_.push_back(RepeatedPieces::fingerprint({}, *piece));
     const auto keep_records = [&](std::span<const std::byte> records) { return keep(turns_.back(), records); };
     SPLATVOL_TRY(reader_.read(*piece, keep_records));
   }

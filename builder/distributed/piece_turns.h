@@ -22,8 +22,8 @@ struct Workplace {
   std::string folder;      // for what does not fit
 };
 
-/// The pieces of this rank, as records. Rank r reads files or pieces r, r + size and so on: each rank's pieces are in
-/// ascending order.
+/// The pieces of this rank, as records. Parts of the input are dealt to the ranks, the largest first. Of an input that
+/// cannot be read in parts, each rank keeps every size-th piece. Each rank's pieces are in ascending order.
 class PieceTurns {
  public:
   PieceTurns(Ranks& ranks, Source& source, const PointRecords& layout, const Workplace& place);
@@ -58,6 +58,7 @@ class PieceTurns {
   [[nodiscard]] Result<KeySamples> sample_keys(const Cube& cube);
 
  private:
+  [[nodiscard]] Status select_share();
   [[nodiscard]] Status read_own(const std::function<void(double)>& progress);
   [[nodiscard]] Status keep(Turn& turn, std::span<const std::byte> records);
   [[nodiscard]] Status check_repeated();
@@ -70,6 +71,7 @@ class PieceTurns {
   PieceReader reader_;
   RecordSpool spool_;
   PositionSamples samples_;
+  bool selects_ = false;  // parts
   std::vector<Turn> turns_;
   std::vector<RepeatedPieces::Fingerprint> prints_;  // of this rank's pieces; the file is that of the piece's number
   InputFacts before_;                                // facts of all pieces, before records were left out

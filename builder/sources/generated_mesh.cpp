@@ -49,9 +49,10 @@ class MeshGenerator final : public Source {
 
   const std::vector<std::string>& attributes() const override { return generated::attributes(); }
   std::size_t piece_count() const override { return pieces_.count(); }
-  bool select_every(std::size_t first, std::size_t stride) override {
-    pieces_.select_every(first, stride);
-    return true;
+  std::vector<std::uint64_t> part_sizes() override { return std::vector<std::uint64_t>(pieces_.count(), 1); }
+  Status select(std::vector<std::uint64_t> parts) override {
+    pieces_.select(std::move(parts));
+    return {};
   }
   PieceNumber piece_number() const override { return {0, static_cast<std::uint32_t>(pieces_.last())}; }
   Result<std::unique_ptr<Piece>> next() override { return pieces_.next(); }

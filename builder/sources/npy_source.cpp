@@ -134,9 +134,14 @@ class NpySource final : public Source {
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
 
-  bool select_every(std::size_t first, std::size_t stride) override {
-    pieces_.select_every(first, stride);
-    return true;
+  std::vector<std::uint64_t> part_sizes() override {
+    std::vector<std::uint64_t> rows;
+    for (const RowRange& range : ranges_) rows.push_back(range.count);
+    return rows;
+  }
+  Status select(std::vector<std::uint64_t> parts) override {
+    pieces_.select(std::move(parts));
+    return {};
   }
   PieceNumber piece_number() const override {
     return {static_cast<std::uint32_t>(ranges_[pieces_.last()].file), static_cast<std::uint32_t>(pieces_.last())};

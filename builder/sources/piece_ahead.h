@@ -5,7 +5,9 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include "builder/sources/source.h"
 
@@ -28,7 +30,7 @@ class PieceAhead {
     if (!std::exchange(started_, true)) start();
     if (!coming_.valid()) return std::unique_ptr<Piece>();
     auto piece = coming_.get();
-    last_ = next_ - stride_;
+    last_ = coming_number_;
     start();
     return piece;
   }
@@ -36,23 +38,22 @@ class PieceAhead {
   /// The number of the piece that next() returned last.
   [[nodiscard]] std::size_t last() const { return last_; }
 
-  /// Contract as Source::select_every(), for single pieces.
-  void select_every(std::size_t first, std::size_t stride) {
-    next_ = first;
-    stride_ = stride;
-  }
+  /// Contract as Source::select(): parts are pieces.
+  void select(std::vector<std::uint64_t> pieces) { selected_ = std::move(pieces); }
 
  private:
   // The first piece is made when next() is first called. Without a free thread, each piece is made in its next().
   void start() {
-    if (next_ >= count_) return;
-    coming_ = std::async(std::launch::async | std::launch::deferred, make_, next_);
-    next_ += stride_;
+    if (next_ >= (selected_ ? selected_->size() : count_)) return;
+    coming_number_ = selected_ ? static_cast<std::size_t>((*selected_)[next_]) : next_;
+    ++next_;
+    coming_ = std::async(std::launch::async | std::launch::deferred, make_, coming_number_);
   }
 
   std::size_t count_;
   Make make_;
-  std::size_t next_ = 0, stride_ = 1, last_ = 0;
+  std::optional<std::vector<std::uint64_t>> selected_;  // none: all
+  std::size_t next_ = 0, coming_number_ = 0, last_ = 0;
   bool started_ = false;
   std::future<Result<std::unique_ptr<Piece>>> coming_;
 };

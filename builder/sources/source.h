@@ -125,10 +125,13 @@ class Source {
   /// Returns the next piece, a null pointer after the last. The order does not depend on threads.
   [[nodiscard]] virtual Result<std::unique_ptr<Piece>> next() = 0;
 
-  /// Lets next() return only the pieces of parts `first`, `first` + `stride` and so on: the others are read elsewhere.
-  /// Parts are pieces or whole files. Called before the first next(). Returns false if the source has to read all of
-  /// the input anyway: then nothing changes, and piece_number() is 0.
-  [[nodiscard]] virtual bool select_every(std::size_t /*first*/, std::size_t /*stride*/) { return false; }
+  /// Returns the sizes of the parts that can be read by themselves, pieces or whole files, as far as they are known:
+  /// in any unit, or 0. None if the source has to read all of the input anyway.
+  [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() { return {}; }
+
+  /// Lets next() return only the pieces of these parts: the others are read elsewhere. Called before the first next().
+  /// Requires ascending numbers of parts that part_sizes() returns.
+  [[nodiscard]] virtual Status select(std::vector<std::uint64_t> /*parts*/) { return {}; }
 
   /// The place of the last piece in the order of the input, whatever is selected: its file, and its number there.
   struct PieceNumber {

@@ -8,8 +8,9 @@
 
 namespace splatvol {
 
-/// Keeps the state that the renderer changes or relies on, and sets what it relies on. Its end puts all back. The host's
-/// framebuffer and viewport stay until the renderer changes them. Errors that the host has not fetched are forgotten.
+/// Keeps the state that the renderer changes or relies on, and sets what it relies on. Its end puts all back. The
+/// host's framebuffer and viewport stay until the renderer changes them. Errors that the host has not fetched are
+/// forgotten.
 ///
 /// Cannot put aside a query, conditional rendering or transform feedback that is active.
 class HostState {

@@ -17,7 +17,8 @@ enum class ReaderRequest : std::uint32_t {
   open,    // inputs, SourceOptions. Answer: SourceState. The number is new
   next,    // whether values are lent. Answer: SourceState, whether there is a piece, the piece
   bounds,  // Answer: optional Box
-  select,  // first, stride. Answer: whether the source does so
+  parts,   // Answer: sizes of the parts
+  select,  // numbers of parts. Answer: nothing
   close,   // No answer
 };
 

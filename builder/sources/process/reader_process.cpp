@@ -210,17 +210,19 @@ class ProcessSource final : public Source {
     return box;
   }
 
-  // If the process fails, so will the next next().
-  bool select_every(std::size_t first, std::size_t stride) override {
-    bool selects = false;
+  // If the process fails, so will the next select() or next().
+  std::vector<std::uint64_t> part_sizes() override {
+    std::vector<std::uint64_t> sizes;
     const Status answered = process_->ask(
-        name_, ReaderRequest::select, number_,
-        [&](Channel& channel) -> Status {
-          SPLATVOL_TRY(channel.put(std::uint64_t{first}));
-          return channel.put(std::uint64_t{stride});
-        },
-        [&](Channel& channel) { return channel.get(selects); });
-    return answered && selects;
+        name_, ReaderRequest::parts, number_, [](Channel&) { return Status{}; },
+        [&](Channel& channel) { return channel.get(sizes); });
+    if (!answered) sizes.clear();
+    return sizes;
+  }
+  Status select(std::vector<std::uint64_t> parts) override {
+    return process_->ask(
+        name_, ReaderRequest::select, number_, [&](Channel& channel) { return channel.put(parts); },
+        [](Channel&) { return Status{}; });
   }
   PieceNumber piece_number() const override { return state_.number; }
 

@@ -44,6 +44,10 @@ class Server {
       case ReaderRequest::bounds:
         SPLATVOL_TRY(bounds(*sources_.at(source)));
         break;
+      case ReaderRequest::parts:
+        SPLATVOL_TRY(channel_.put(false));
+        SPLATVOL_TRY(channel_.put(sources_.at(source)->part_sizes()));
+        break;
       case ReaderRequest::select:
         SPLATVOL_TRY(select(*sources_.at(source)));
         break;
@@ -88,11 +92,10 @@ class Server {
   }
 
   Status select(Source& source) {
-    std::uint64_t first = 0, stride = 1;
-    SPLATVOL_TRY(channel_.get(first));
-    SPLATVOL_TRY(channel_.get(stride));
-    SPLATVOL_TRY(channel_.put(false));
-    return channel_.put(source.select_every(first, stride));
+    std::vector<std::uint64_t> parts;
+    SPLATVOL_TRY(channel_.get(parts));
+    const Status selected = source.select(std::move(parts));
+    return selected ? channel_.put(false) : refuse(selected.error());
   }
 
   Status refuse(const Error& error) {

@@ -51,8 +51,9 @@ class VtkDataSets {
   /// Returns the next data set, a null pointer after the last.
   [[nodiscard]] virtual Result<vtkSmartPointer<vtkDataSet>> next() = 0;
 
-  /// As Source::select_every(), by files. A data set that was returned already stays.
-  [[nodiscard]] virtual bool select_every(std::size_t /*first*/, std::size_t /*stride*/) { return false; }
+  /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
+  [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() const { return {}; }
+  virtual void select(std::vector<std::uint64_t> /*files*/) {}
 
   /// As Source::piece_number(), of the last data set.
   [[nodiscard]] virtual Source::PieceNumber number() const { return {}; }

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <utility>
 
 #include "builder/sources/vtk/attributes.h"
@@ -54,15 +55,19 @@ class FileDataSets final : public VtkDataSets {
 
   bool averages_by_data_set() const override { return !blocks_ || blocks_->averages_by_data_set(); }
 
-  bool select_every(std::size_t first, std::size_t stride) override {
-    if (files_.size() < 2) return false;
-    first_ = first;
-    stride_ = stride;
+  std::vector<std::uint64_t> part_sizes() const override {
+    std::vector<std::uint64_t> bytes;
+    if (files_.size() < 2) return bytes;
+    for (const VtkFile& file : files_) bytes.push_back(size_of(file));
+    return bytes;
+  }
+
+  void select(std::vector<std::uint64_t> files) override {
+    selected_ = std::move(files);
     if (file_ > 0 && !is_selected(file_ - 1)) {
       blocks_ = nullptr;
       reader_ = nullptr;
     }
-    return true;
   }
 
   Source::PieceNumber number() const override { return {static_cast<std::uint32_t>(file_ - 1), in_file_ - 1}; }
@@ -74,7 +79,18 @@ class FileDataSets final : public VtkDataSets {
   }
 
  private:
-  [[nodiscard]] bool is_selected(std::size_t file) const { return file % stride_ == first_; }
+  [[nodiscard]] bool is_selected(std::size_t file) const {
+    return !selected_ || std::ranges::binary_search(*selected_, file);
+  }
+
+  // In bytes, with the files that it names; 0 for what has no size, such as a folder.
+  static std::uint64_t size_of(const VtkFile& file) {
+    std::error_code error;
+    const std::uint64_t own = std::filesystem::file_size(file.path, error);
+    std::uint64_t bytes = error ? 0 : own;
+    for (const VtkFile& block : file.blocks) bytes += size_of(block);
+    return bytes;
+  }
 
   Result<vtkSmartPointer<vtkDataSet>> next_of_file() {
     if (blocks_) {
@@ -190,15 +206,15 @@ class FileDataSets final : public VtkDataSets {
   CellValues cells_;
   MissingValues missing_;
   std::optional<TimeStep> step_;
-  std::size_t file_ = 0;                  // the next one
-  std::uint32_t in_file_ = 0;             // data sets of the current file so far
-  std::size_t first_ = 0, stride_ = 1;    // of the files that are selected
-  std::size_t extra_pieces_ = 0;          // of opened files, besides one for each
-  std::string path_;                      // of the current file
-  CellCensus left_out_;                   // of the files before the current one
-  std::unique_ptr<VtkDataSets> blocks_;   // of the current file, while it has blocks left
-  vtkSmartPointer<vtkXMLReader> reader_;  // of the current file, while it has pieces left
-  int piece_ = 0;                         // the next one
+  std::size_t file_ = 0;                                // the next one
+  std::uint32_t in_file_ = 0;                           // data sets of the current file so far
+  std::optional<std::vector<std::uint64_t>> selected_;  // numbers of files; none: all
+  std::size_t extra_pieces_ = 0;                        // of opened files, besides one for each
+  std::string path_;                                    // of the current file
+  CellCensus left_out_;                                 // of the files before the current one
+  std::unique_ptr<VtkDataSets> blocks_;                 // of the current file, while it has blocks left
+  vtkSmartPointer<vtkXMLReader> reader_;                // of the current file, while it has pieces left
+  int piece_ = 0;                                       // the next one
   int pieces_ = 0;
 };
 

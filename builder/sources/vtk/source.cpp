@@ -92,11 +92,13 @@ class VtkSource final : public Source {
     return piece;
   }
 
-  bool select_every(std::size_t first, std::size_t stride) override {
-    selects_ = data_sets_->select_every(first, stride);
+  std::vector<std::uint64_t> part_sizes() override { return data_sets_->part_sizes(); }
+  Status select(std::vector<std::uint64_t> parts) override {
     // The first data set was read for its attributes.
-    if (selects_ && pending_number_.file % stride != first) pending_ = nullptr;
-    return selects_;
+    if (!std::ranges::binary_search(parts, pending_number_.file)) pending_ = nullptr;
+    data_sets_->select(std::move(parts));
+    selects_ = true;
+    return {};
   }
 
   PieceNumber piece_number() const override { return number_; }
