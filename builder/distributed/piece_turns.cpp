@@ -130,7 +130,7 @@ Status PieceTurns::select_share() {
     selects_ = selects_ || !share.empty();
     if (rank == ranks_.rank()) own = std::move(share);
   }
-  return ranks_.agree(selects_ ? source_.select(std::move(own)) : Status{});
+  return ranks_.agree(selects_ ? source_.select(own) : Status{});
 }
 
 Status PieceTurns::read_own(const std::function<void(double)>& progress) {

@@ -50,8 +50,8 @@ class MeshGenerator final : public Source {
   const std::vector<std::string>& attributes() const override { return generated::attributes(); }
   std::size_t piece_count() const override { return pieces_.count(); }
   std::vector<std::uint64_t> part_sizes() override { return std::vector<std::uint64_t>(pieces_.count(), 1); }
-  Status select(std::vector<std::uint64_t> parts) override {
-    pieces_.select(std::move(parts));
+  Status select(const std::vector<std::uint64_t>& parts) override {
+    pieces_.select(parts);
     return {};
   }
   PieceNumber piece_number() const override { return {0, static_cast<std::uint32_t>(pieces_.last())}; }

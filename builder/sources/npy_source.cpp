@@ -139,8 +139,8 @@ class NpySource final : public Source {
     for (const RowRange& range : ranges_) rows.push_back(range.count);
     return rows;
   }
-  Status select(std::vector<std::uint64_t> parts) override {
-    pieces_.select(std::move(parts));
+  Status select(const std::vector<std::uint64_t>& parts) override {
+    pieces_.select(parts);
     return {};
   }
   PieceNumber piece_number() const override {

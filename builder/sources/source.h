@@ -131,7 +131,7 @@ class Source {
 
   /// Lets next() return only the pieces of these parts: the others are read elsewhere. Called before the first next().
   /// Requires ascending numbers of parts that part_sizes() returns.
-  [[nodiscard]] virtual Status select(std::vector<std::uint64_t> /*parts*/) { return {}; }
+  [[nodiscard]] virtual Status select(const std::vector<std::uint64_t>& /*parts*/) { return {}; }
 
   /// The place of the last piece in the order of the input, whatever is selected: its file, and its number there.
   struct PieceNumber {

@@ -219,7 +219,7 @@ class ProcessSource final : public Source {
     if (!answered) sizes.clear();
     return sizes;
   }
-  Status select(std::vector<std::uint64_t> parts) override {
+  Status select(const std::vector<std::uint64_t>& parts) override {
     return process_->ask(
         name_, ReaderRequest::select, number_, [&](Channel& channel) { return channel.put(parts); },
         [](Channel&) { return Status{}; });

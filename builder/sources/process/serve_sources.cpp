@@ -94,7 +94,7 @@ class Server {
   Status select(Source& source) {
     std::vector<std::uint64_t> parts;
     SPLATVOL_TRY(channel_.get(parts));
-    const Status selected = source.select(std::move(parts));
+    const Status selected = source.select(parts);
     return selected ? channel_.put(false) : refuse(selected.error());
   }
 

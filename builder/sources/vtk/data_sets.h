@@ -53,7 +53,7 @@ class VtkDataSets {
 
   /// As Source::part_sizes() and Source::select(): parts are files. A data set that was returned already stays.
   [[nodiscard]] virtual std::vector<std::uint64_t> part_sizes() const { return {}; }
-  virtual void select(std::vector<std::uint64_t> /*files*/) {}
+  virtual void select(const std::vector<std::uint64_t>& /*files*/) {}
 
   /// As Source::piece_number(), of the last data set.
   [[nodiscard]] virtual Source::PieceNumber number() const { return {}; }

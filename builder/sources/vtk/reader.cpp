@@ -62,8 +62,8 @@ class FileDataSets final : public VtkDataSets {
     return bytes;
   }
 
-  void select(std::vector<std::uint64_t> files) override {
-    selected_ = std::move(files);
+  void select(const std::vector<std::uint64_t>& files) override {
+    selected_ = files;
     if (file_ > 0 && !is_selected(file_ - 1)) {
       blocks_ = nullptr;
       reader_ = nullptr;

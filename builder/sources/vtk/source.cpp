@@ -93,10 +93,10 @@ class VtkSource final : public Source {
   }
 
   std::vector<std::uint64_t> part_sizes() override { return data_sets_->part_sizes(); }
-  Status select(std::vector<std::uint64_t> parts) override {
+  Status select(const std::vector<std::uint64_t>& parts) override {
     // The first data set was read for its attributes.
     if (!std::ranges::binary_search(parts, pending_number_.file)) pending_ = nullptr;
-    data_sets_->select(std::move(parts));
+    data_sets_->select(parts);
     selects_ = true;
     return {};
   }
