@@ -138,9 +138,9 @@ Status Session::fit_camera(int width, int height) {
 }
 
 Status Session::draw(int width, int height, double seconds) {
-  Status drawn = draw_next(width, height, seconds);
-  if (!drawn) settled_ = true;  // only a change helps, and it begins anew
-  return drawn;
+  failure_ = draw_next(width, height, seconds);
+  if (!failure_) settled_ = true;  // only a change helps, and it begins anew
+  return failure_;
 }
 
 Status Session::draw_next(int width, int height, double seconds) {
@@ -150,7 +150,7 @@ Status Session::draw_next(int width, int height, double seconds) {
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
   SPLATVOL_TRY(apply());
-  if (settled_) return {};
+  if (settled_) return failure_;
 
   const bool moves = settings.hurries && still_seconds_ < pause_seconds;
   if (!moves && !sharpening_) begin_rest();

@@ -45,7 +45,8 @@ class Session {
                                                              const ViewSettings& settings);
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
-  /// from call to call at rest. `seconds`: since the last call.
+  /// from call to call at rest. `seconds`: since the last call. A picture that cannot be drawn is tried again after a
+  /// change; until then, each call fails alike.
   [[nodiscard]] Status draw(int width, int height, double seconds);
 
   /// Returns whether another call without a change would draw the same.
@@ -61,7 +62,7 @@ class Session {
   [[nodiscard]] std::size_t step() const { return player_->step(); }
 
   /// Shows another step of a series. Camera and transfer function stay. The picture stays that of the step before until
-  /// there is one as fine as a moving picture is. If the step cannot be read, the one before is opened again.
+  /// there is one as fine as a moving picture is. If the step cannot be read, the one before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
   /// Whether the picture is that of `step()`, and so fine.
@@ -148,6 +149,7 @@ class Session {
   Scene used_scene_;
 
   bool settled_ = false;
+  Status failure_;            // of the last draw
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{0.011};   // seconds of a frame while something moves: 60 frames a second with the window's share
   std::optional<Sharpening> sharpening_;  // at rest

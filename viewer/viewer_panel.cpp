@@ -298,7 +298,8 @@ void Viewer::draw_hud() {
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
   ImGui::TextUnformatted(text.c_str());
-  for (const std::string& trouble : session_->troubles()) ImGui::TextColored({1, 0.5f, 0.4f, 1}, "%s", trouble.c_str());
+  if (const auto& troubles = session_->troubles(); !troubles.empty())
+    ImGui::TextColored({1, 0.5f, 0.4f, 1}, "errors: %zu, the last: %s", troubles.size(), troubles.back().c_str());
   ImGui::End();
 }
 

@@ -296,6 +296,66 @@ TEST_F(ViewerTest, SurvivesBeingMinimisedAndTiny) {
   EXPECT_GT(brightness(viewer->session()->image().value()), 0);
 }
 
+// A picture that the card has no room for: the message stays, and the next size that fits is drawn.
+TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.settings.device = Device::gl;
+  options.settings.gpu_memory = 40 << 20;
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_TRUE(viewer->drawn());
+  press('C');  // draws the nodes of the last frame, too
+
+  ASSERT_TRUE(target.resize(4 * width, 4 * height));
+  frame({WindowResized{4 * width, 4 * height, 4 * width, 4 * height, 1}, PointerMoved{3 * width, 2 * height}});
+  settle();
+  ASSERT_FALSE(viewer->drawn());
+  EXPECT_THAT(viewer->drawn().error().message, HasSubstr("GPU memory"));
+  EXPECT_EQ(viewer->session()->frame(), nullptr);
+  for (const int code : {'R', 'H', 'B', 'L'}) press(code);
+  settle();
+  EXPECT_FALSE(viewer->drawn());
+
+  ASSERT_TRUE(target.resize(width, height));
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_TRUE(viewer->drawn());
+  EXPECT_TRUE(viewer->session()->frame());
+}
+
+// A file that is moved stays open. Of one that is cut off, neither the other attribute nor the first one can be read.
+TEST_F(ViewerTest, SurvivesAFileThatGoesAway) {
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.settings.memory = 1 << 20;
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  const auto switch_to = [&](const std::string& attribute) {
+    Scene other = scene();
+    other.attribute = attribute;
+    std::ofstream(path("other.json")) << scene_to_json(other);
+    frame({FilesDropped{{path("other.json")}}});
+    settle();
+    press('C');
+    frame({PointerMoved{600, 300}});
+    settle();
+  };
+  fs::rename(path("v.svol"), path("moved.svol"));
+  switch_to("a1");
+  EXPECT_TRUE(viewer->drawn());
+  fs::resize_file(path("moved.svol"), 0);
+  for (const std::string attribute : {"a0", "a1"}) {
+    switch_to(attribute);
+    ASSERT_FALSE(viewer->drawn());
+    EXPECT_THAT(viewer->drawn().error().message, HasSubstr("v.svol"));
+  }
+}
+
 TEST_F(ViewerTest, AHighDensityDisplayGetsItsPixels) {
   frame({WindowResized{width / 2, height / 2, width, height, 1}});
   settle();
