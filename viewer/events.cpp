@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
@@ -74,7 +75,45 @@ Result<FrameInput> parse_line(const std::string& line) {
   }
 }
 
+// What the events of a frame have done so far.
+struct FrameChanges {
+  bool moved = false, button = false, text = false, command = false;
+  std::map<int, bool> keys;
+
+  // GLFW's codes of keys that type a character are below 256.
+  static bool is_command(int code) { return code >= 256; }
+
+  [[nodiscard]] bool allow(const Event& event) const {
+    if (button) return false;
+    if (const auto* changed = std::get_if<KeyChanged>(&event)) {
+      const auto before = keys.find(changed->code);
+      return (before == keys.end() || before->second == changed->down) && !(text && is_command(changed->code));
+    }
+    if (std::holds_alternative<TextTyped>(event)) return !command;
+    return !moved || !(std::holds_alternative<ButtonChanged>(event) || std::holds_alternative<Scrolled>(event));
+  }
+
+  void add(const Event& event) {
+    moved |= std::holds_alternative<PointerMoved>(event);
+    button |= std::holds_alternative<ButtonChanged>(event);
+    text |= std::holds_alternative<TextTyped>(event);
+    if (const auto* changed = std::get_if<KeyChanged>(&event)) {
+      keys[changed->code] = changed->down;
+      command |= is_command(changed->code);
+    }
+  }
+};
+
 }  // namespace
+
+std::vector<Event> EventQueue::take_frame() {
+  std::vector<Event> taken;
+  for (FrameChanges changes; !events_.empty() && changes.allow(events_.front()); events_.pop_front()) {
+    changes.add(events_.front());
+    taken.push_back(std::move(events_.front()));
+  }
+  return taken;
+}
 
 std::string to_line(const FrameInput& input) {
   json events = json::array();

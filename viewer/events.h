@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <string>
 #include <variant>
 #include <vector>
@@ -52,6 +53,22 @@ using Event = std::variant<PointerMoved, ButtonChanged, Scrolled, KeyChanged, Te
 struct FrameInput {
   double seconds = 0;
   std::vector<Event> events;
+};
+
+/// Events that wait for their frame. Dear ImGui sees only the state of buttons, keys and pointer at a frame: of a press
+/// and its release, or of a motion behind a press, it must see one at a time.
+class EventQueue {
+ public:
+  void add(const std::vector<Event>& events) { events_.insert(events_.end(), events.begin(), events.end()); }
+
+  /// Takes the events of the next frame, in their order: none of a frame hides another one from Dear ImGui. A press or
+  /// a scroll comes a frame after a motion, when the control under the pointer is known.
+  [[nodiscard]] std::vector<Event> take_frame();
+
+  [[nodiscard]] bool is_empty() const { return events_.empty(); }
+
+ private:
+  std::deque<Event> events_;
 };
 
 /// Returns a line of JSON, with its end.

@@ -12,9 +12,6 @@
 namespace splatvol {
 namespace {
 
-// After this time without a change, the picture becomes finer.
-constexpr double pause_seconds = 0.15;
-
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
 
@@ -137,13 +134,13 @@ Status Session::fit_camera(int width, int height) {
   return {};
 }
 
-Status Session::draw(int width, int height, double seconds) {
-  failure_ = draw_next(width, height, seconds);
+Status Session::draw(int width, int height, double seconds, bool is_busy) {
+  failure_ = draw_next(width, height, seconds, is_busy);
   if (!failure_) settled_ = true;  // only a change helps, and it begins anew
   return failure_;
 }
 
-Status Session::draw_next(int width, int height, double seconds) {
+Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
   scene.height = height;
@@ -152,7 +149,9 @@ Status Session::draw_next(int width, int height, double seconds) {
   SPLATVOL_TRY(apply());
   if (settled_) return failure_;
 
-  const bool moves = settings.hurries && still_seconds_ < pause_seconds;
+  if (is_busy && sharpening_ && !awaits_step_) return {};  // the picture stays
+
+  const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
   if (!moves && !sharpening_) begin_rest();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds)};

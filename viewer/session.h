@@ -21,6 +21,9 @@
 
 namespace splatvol {
 
+/// After this time without a change, in seconds, the picture becomes finer.
+inline constexpr double pause_seconds = 0.15;
+
 /// How the file is to be shown, named like svrender's options.
 struct ViewSettings {
   std::uint64_t memory = std::uint64_t{512} << 20;
@@ -46,8 +49,9 @@ class Session {
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
   /// from call to call at rest. `seconds`: since the last call. A picture that cannot be drawn is tried again after a
-  /// change; until then, each call fails alike.
-  [[nodiscard]] Status draw(int width, int height, double seconds);
+  /// change; until then, each call fails alike. While `is_busy`, somebody uses the interface, and would wait for a
+  /// finer picture: none is drawn.
+  [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
   /// Returns whether another call without a change would draw the same.
   [[nodiscard]] bool is_settled() const { return settled_; }
@@ -125,7 +129,7 @@ class Session {
 
  private:
   Session() = default;
-  [[nodiscard]] Status draw_next(int width, int height, double seconds);
+  [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status read_histogram();
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply();

@@ -91,11 +91,12 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
-  return pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies && (!session_ || session_->is_settled());
+  if (is_minimised()) return true;
+  return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
+         (!session_ || session_->is_settled());
 }
 
 void Viewer::handle(const Event& event) {
-  if (const auto* resized = std::get_if<WindowResized>(&event)) window_ = *resized;
   if (const auto* dropped = std::get_if<FilesDropped>(&event))
     for (const std::string& path : dropped->paths) open(path);
   if (const auto* changed = std::get_if<KeyChanged>(&event)) {
@@ -240,12 +241,17 @@ void Viewer::play_steps(double seconds) {
   }
 }
 
-Status Viewer::frame(const FrameInput& input) {
+Status Viewer::frame(const FrameInput& given) {
+  for (const Event& event : given.events)
+    if (const auto* resized = std::get_if<WindowResized>(&event)) window_ = *resized;
+  events_.add(given.events);
+  if (is_minimised()) return {};
+  const FrameInput input{given.seconds, events_.take_frame()};
+  idle_seconds_ = input.events.empty() ? idle_seconds_ + input.seconds : 0;
   if (!input.events.empty()) pending_frames_ = 3;
   pending_frames_ = std::max(0, pending_frames_ - 1);
   frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * input.seconds;
   for (const Event& event : input.events) handle(event);
-  if (window_.pixel_width <= 0 || window_.pixel_height <= 0) return {};  // minimised
   move_camera(input);
   play(input.seconds);
   play_steps(input.seconds);
@@ -266,7 +272,7 @@ Status Viewer::draw_picture(double seconds) {
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
-    drawn_ = session_->draw(width, window_.pixel_height, seconds);
+    drawn_ = session_->draw(width, window_.pixel_height, seconds, is_busy());
     if (drawn_) {
       SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
       picture = shown;
@@ -292,7 +298,8 @@ void Viewer::draw_overlays() {
   if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
-  if (probe_ && !drag_ && !gui_->has_pointer()) draw_probe();
+  // It looks at all splats: only where the pointer rests.
+  if (probe_ && !drag_ && !gui_->has_pointer() && !is_busy()) draw_probe();
 }
 
 // Shows the probe beside the pointer, for the splats of the last frame.

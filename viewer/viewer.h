@@ -30,7 +30,8 @@ class Viewer {
   /// Fails if the volume or the scene of `options` cannot be opened. Errors of later files appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
-  /// Draws a frame into the framebuffer that is bound. The first input must begin with a WindowResized.
+  /// Draws a frame into the framebuffer that is bound, of the size of the last WindowResized. The first input must have
+  /// one. Other events may wait for the next frames.
   [[nodiscard]] Status frame(const FrameInput& input);
 
   /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
@@ -83,6 +84,8 @@ class Viewer {
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
+  [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
+  [[nodiscard]] bool is_minimised() const { return window_.pixel_width <= 0 || window_.pixel_height <= 0; }
 
   std::unique_ptr<Gui> gui_;
   Screen screen_;
@@ -93,6 +96,8 @@ class Viewer {
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.
+  EventQueue events_;
+  double idle_seconds_ = 0;  // since the last event
   WindowResized window_{0, 0, 0, 0, 1};
   dvec2 pointer_{-1, -1};
   std::array<bool, 3> buttons_{};

@@ -60,5 +60,44 @@ TEST_F(Recording, RefusesWhatIsNone) {
   EXPECT_FALSE(load_recording("no/such.jsonl"));
 }
 
+// Returns the events of each frame as the letters of their kinds.
+std::string frames_of(const std::vector<Event>& events) {
+  EventQueue queue;
+  queue.add(events);
+  std::string frames;
+  while (!queue.is_empty()) {
+    for (const Event& event : queue.take_frame()) frames += "mbskt"[event.index()];
+    frames += ' ';
+  }
+  return frames;
+}
+
+TEST(EventQueue, GivesAFrameToEachChangeThatWouldHideAnother) {
+  const PointerMoved move{1, 2};
+  const ButtonChanged press{0, true}, release{0, false};
+  const KeyChanged down{'A', true}, up{'A', false}, other{'B', true}, back{key::backspace, true};
+  const TextTyped text{'a'};
+  EXPECT_EQ(frames_of({press, release, press, release}), "b b b b ");
+  EXPECT_EQ(frames_of({move, move, press, move, move, release, move}), "mm b mm b m ");
+  EXPECT_EQ(frames_of({Scrolled{0, 1}, Scrolled{0, 1}, move, Scrolled{0, 1}}), "ssm s ");
+  EXPECT_EQ(frames_of({down, other, up}), "kk k ");
+  EXPECT_EQ(frames_of({down, down, down}), "kkk ") << "a key that repeats";
+  EXPECT_EQ(frames_of({down, text, other, text}), "ktkt ") << "fast typing";
+  EXPECT_EQ(frames_of({text, back, text}), "t k t ");
+  EXPECT_EQ(frames_of({KeyChanged{key::left_control, true}, press}), "kb ");
+  EXPECT_EQ(frames_of({press, KeyChanged{key::left_control, false}}), "b k ");
+}
+
+TEST(EventQueue, KeepsWhatWaits) {
+  EventQueue queue;
+  queue.add({ButtonChanged{0, true}, ButtonChanged{0, false}});
+  EXPECT_EQ(queue.take_frame().size(), 1u);
+  queue.add({PointerMoved{3, 4}});
+  EXPECT_FALSE(std::get<ButtonChanged>(queue.take_frame().at(0)).down);
+  EXPECT_EQ(std::get<PointerMoved>(queue.take_frame().at(0)).x, 3);
+  EXPECT_TRUE(queue.is_empty());
+  EXPECT_TRUE(queue.take_frame().empty());
+}
+
 }  // namespace
 }  // namespace splatvol

@@ -169,6 +169,38 @@ TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
   EXPECT_EQ(scene().camera.position, before.position);
 }
 
+// A slow frame may see all of a click, or of a drag.
+TEST_F(ViewerTest, ClicksWithinAFrameAreNotLost) {
+  settle();
+  const Camera before = scene().camera;
+  // The box of "lighting", and away over the picture.
+  frame({PointerMoved{17, 474}, ButtonChanged{0, true}, ButtonChanged{0, false}, PointerMoved{600, 300}});
+  EXPECT_FALSE(viewer->is_settled()) << "events wait";
+  settle();
+  EXPECT_TRUE(scene().lighting);
+  EXPECT_EQ(scene().camera, before);
+  frame({ButtonChanged{0, true}, PointerMoved{660, 320}, ButtonChanged{0, false}, PointerMoved{17, 474},
+         ButtonChanged{0, true}, ButtonChanged{0, false}});
+  settle();
+  EXPECT_NE(scene().camera, before);
+  EXPECT_FALSE(scene().lighting);
+}
+
+// While somebody uses the interface, no frame takes the time of a finer picture.
+TEST_F(ViewerTest, DoesNotSharpenWhileThePointerMoves) {
+  settle();
+  press('R');
+  frame({ButtonChanged{0, true}, PointerMoved{600, 300}}, 0.01);
+  frame({PointerMoved{620, 300}, ButtonChanged{0, false}}, 0.01);
+  for (int i = 0; i < 50; ++i) {
+    frame({PointerMoved{100.0 + i, 300}}, 0.01);
+    ASSERT_FALSE(viewer->is_settled());
+    ASSERT_FALSE(viewer->session()->sharpening()) << i;
+  }
+  settle();
+  EXPECT_TRUE(viewer->session()->sharpening());
+}
+
 TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
   settle();
   EXPECT_FALSE(viewer->session()->frame()->detail.goal);
