@@ -1,6 +1,8 @@
 #include "viewer/events.h"
 
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -122,12 +124,25 @@ std::string to_line(const FrameInput& input) {
          "\n";
 }
 
+Result<RecordingFile> RecordingFile::create(const std::string& path) {
+  RecordingFile recording(path);
+  if (!recording.file_) return fail(ErrorCode::io, "{}: cannot be written: {}", path, std::strerror(errno));
+  return recording;
+}
+
+Status RecordingFile::add(const FrameInput& input) {
+  file_ << to_line(input) << std::flush;
+  return file_ ? Status{} : fail(ErrorCode::io, "{}: cannot be written: {}", path_, std::strerror(errno));
+}
+
 Result<std::vector<FrameInput>> load_recording(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
   std::istringstream lines(text);
   std::vector<FrameInput> frames;
   for (std::string line; std::getline(lines, line);) {
     auto frame = parse_line(line);
+    const bool is_cut_off = lines.eof();
+    if (!frame && is_cut_off && !frames.empty()) break;
     if (!frame) return fail(frame.error().code, "{}:{}: {}", path, frames.size() + 1, frame.error().message);
     frames.push_back(std::move(*frame));
   }

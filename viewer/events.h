@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <fstream>
 #include <string>
 #include <variant>
 #include <vector>
@@ -74,7 +75,24 @@ class EventQueue {
 /// Returns a line of JSON, with its end.
 [[nodiscard]] std::string to_line(const FrameInput& input);
 
-/// Reads a recording: a line for each frame. Errors name the file and the line.
+/// A recording that is written frame by frame: it is there up to the last frame, however the program ends.
+class RecordingFile {
+ public:
+  /// Makes the file, or empties it. Errors name the file.
+  [[nodiscard]] static Result<RecordingFile> create(const std::string& path);
+
+  /// Adds a frame. Fails if the file cannot be written to.
+  [[nodiscard]] Status add(const FrameInput& input);
+
+ private:
+  explicit RecordingFile(std::string path) : path_(std::move(path)), file_(path_, std::ios::binary) {}
+
+  std::string path_;
+  std::ofstream file_;
+};
+
+/// Reads a recording: a line for each frame. Leaves out a last line that was cut off, unless it is the only one. Errors
+/// name the file and the line.
 [[nodiscard]] Result<std::vector<FrameInput>> load_recording(const std::string& path);
 
 }  // namespace splatvol

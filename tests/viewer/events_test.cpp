@@ -26,8 +26,13 @@ TEST_F(Recording, ComesBackAsItWas) {
       {0, {}},
       {1, {Scrolled{0, -1}, KeyChanged{key::f1, false}, TextTyped{0x20AC}, FilesDropped{{"/a b/\"c\".svol", "d"}}}}};
   std::string text;
-  for (const FrameInput& frame : frames) text += to_line(frame);
-  write(text);
+  auto recording = RecordingFile::create(file);
+  ASSERT_TRUE(recording);
+  for (const FrameInput& frame : frames) {
+    text += to_line(frame);
+    ASSERT_TRUE(recording->add(frame));
+    EXPECT_EQ(*read_text_file(file), text) << "it is there at once";
+  }
   const auto read = load_recording(file);
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->size(), frames.size());
@@ -36,6 +41,23 @@ TEST_F(Recording, ComesBackAsItWas) {
   EXPECT_EQ(again, text);
   EXPECT_EQ(std::get<FilesDropped>((*read)[2].events[3]).paths[0], "/a b/\"c\".svol");
   EXPECT_EQ(std::get<WindowResized>((*read)[0].events[0]).pixel_width, 1600);
+}
+
+// A program that crashed, or a disk that is full.
+TEST_F(Recording, MayBeCutOffAnywhere) {
+  const std::string line = to_line({0.25, {PointerMoved{1.5, 2}, FilesDropped{{"a"}}}});
+  for (std::size_t bytes = 0; bytes <= line.size(); ++bytes) {
+    write(line + line + line.substr(0, bytes));
+    const auto read = load_recording(file);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(read->size(), bytes + 1 < line.size() ? 2u : 3u) << bytes;
+  }
+  write(line + line.substr(0, 5) + "\n" + line);
+  EXPECT_FALSE(load_recording(file)) << "not cut off";
+  EXPECT_THAT(RecordingFile::create("no/such/folder.jsonl").error().message, HasSubstr("no/such/folder.jsonl"));
+  auto full = RecordingFile::create("/dev/full");
+  ASSERT_TRUE(full);
+  EXPECT_THAT(full->add({}).error().message, HasSubstr("No space left"));
 }
 
 TEST_F(Recording, RefusesWhatIsNone) {
