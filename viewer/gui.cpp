@@ -156,6 +156,8 @@ bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
 
 bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
 
+bool Gui::has_active_control() const { return ImGui::IsAnyItemActive(); }
+
 Status Gui::upload(const ImDrawData& data) {
   SPLATVOL_TRY(vertices_.reserve(static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert)));
   SPLATVOL_TRY(indices_.reserve(static_cast<std::size_t>(data.TotalIdxCount) * sizeof(ImDrawIdx)));

@@ -30,6 +30,9 @@ class Gui {
   [[nodiscard]] bool has_pointer() const;
   [[nodiscard]] bool has_keyboard() const;
 
+  /// Whether a control is held, or a text is being typed.
+  [[nodiscard]] bool has_active_control() const;
+
  private:
   Gui() = default;
   [[nodiscard]] Status make_font(double scale);

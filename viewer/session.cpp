@@ -77,7 +77,7 @@ const format::Attribute& Session::attribute() const {
 }
 
 Status Session::show_attribute(const std::string& name) {
-  SPLATVOL_TRY_ASSIGN(fitting, player_->fitting_scene(name, {512, 512, scene.background}));
+  SPLATVOL_TRY_ASSIGN(fitting, fitting_scene(name));
   scene.attribute = name;
   scene.transfer_function = fitting.transfer_function;
   return {};

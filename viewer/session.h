@@ -56,6 +56,11 @@ class Session {
   /// Returns whether another call without a change would draw the same.
   [[nodiscard]] bool is_settled() const { return settled_; }
 
+  /// Returns a scene that fits an attribute, on the background of `scene`.
+  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute) const {
+    return player_->fitting_scene(attribute, {512, 512, scene.background});
+  }
+
   /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
 

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 
 #include "base/file.h"
+#include "scene/contrast.h"
 
 namespace splatvol {
 namespace {
@@ -16,6 +18,9 @@ constexpr double zoom_per_notch = 0.87;  // of the wheel
 constexpr double least_distance = 1e-7;  // of the data's extent
 constexpr double fly_speed = 0.35;       // extents a second
 constexpr double turn_speed = 1.2;       // radians a second
+
+// Turns of the wheel, and moves by keys, are one step of the history if they follow each other so soon.
+constexpr double burst_seconds = 0.3;
 
 void put(std::array<char, 512>& field, const std::string& text) {
   const std::size_t length = std::min(text.size(), field.size() - 1);
@@ -45,7 +50,8 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::show(std::unique_ptr<Session> session) {
   session_ = std::move(session);
-  fitting_ = session_->first_scene().transfer_function;
+  fitting_ = session_->first_scene();
+  history_.reset();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
   put(scene_name_, stem + ".json");
   put(picture_name_, stem + ".png");
@@ -92,6 +98,7 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
   if (is_minimised()) return true;
+  if (moved_seconds_ < burst_seconds) return false;
   return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
          (!session_ || session_->is_settled());
 }
@@ -101,10 +108,12 @@ void Viewer::handle(const Event& event) {
     for (const std::string& path : dropped->paths) open(path);
   if (const auto* changed = std::get_if<KeyChanged>(&event)) {
     const bool pressed = changed->down && !keys_[static_cast<std::size_t>(changed->code)];
+    if (pressed && !is_held()) remember();
     keys_[static_cast<std::size_t>(changed->code)] = changed->down;
     if (pressed && !gui_->has_keyboard()) handle_key(changed->code);
   }
   if (const auto* button = std::get_if<ButtonChanged>(&event); button && button->button >= 0 && button->button < 3) {
+    if (button->down && !is_held()) remember();
     buttons_[static_cast<std::size_t>(button->button)] = button->down;
     if (button->down && !drag_ && !gui_->has_pointer()) drag_ = button->button;
     if (!button->down && drag_ == button->button) drag_.reset();
@@ -119,18 +128,18 @@ void Viewer::handle(const Event& event) {
     zoom(session_->scene.camera, viewport(), pointer_in_picture(), std::pow(zoom_per_notch, scrolled->y),
          least_distance * extent_of(*session_));
     playing_.reset();
+    moved_seconds_ = 0;
   }
 }
 
 void Viewer::drag_camera(const dvec2& drag) {
   Camera& camera = session_->scene.camera;
-  const bool shift = keys_[key::left_shift], control = keys_[key::left_control];
   if (flying_ && *drag_ == 0) {
     const double unit = 2.0 / std::min(viewport().width, viewport().height);
     fly(camera, dvec3(0), unit * drag.x, -unit * drag.y);
-  } else if (*drag_ == 1 || *drag_ == 2 || shift) {
+  } else if (*drag_ == 1 || *drag_ == 2 || has_shift()) {
     pan(camera, viewport(), drag);
-  } else if (control) {
+  } else if (has_control()) {
     roll(camera, 4 * drag.x / viewport().width);
   } else {
     orbit(camera, viewport(), drag);
@@ -142,9 +151,16 @@ void Viewer::handle_key(int code) {
   const auto toggle = [](bool& shown) { shown = !shown; };
   if (code == key::f1) toggle(help_);
   if (code == key::escape) help_ = false;
-  if (code == 'Q' && keys_[key::left_control]) closing_ = true;
+  if (code == 'Q' && has_control()) closing_ = true;
   if (code == key::tab) toggle(panel_);
-  if (!session_ || keys_[key::left_control]) return;
+  if (!session_) return;
+  if (has_control()) {
+    if (code == 'Y' || (code == 'Z' && has_shift()))
+      redo();
+    else if (code == 'Z')
+      undo();
+    return;
+  }
   if (code == 'F') toggle(flying_);
   if (code == key::space) toggle_steps();
   if (!flying_ && code == key::right) show_step(session_->step() + 1);
@@ -159,7 +175,7 @@ void Viewer::handle_scene_key(int code) {
   using Projection = Camera::Projection;
   Scene& scene = session_->scene;
   Camera& camera = scene.camera;
-  const double sign = keys_[key::left_shift] ? 1 : -1;
+  const double sign = has_shift() ? 1 : -1;
   switch (code) {
     case 'R':
       camera = session_->first_scene().camera;
@@ -196,9 +212,59 @@ void Viewer::move_camera(const FrameInput& input) {
   const dvec3 direction(axis('D', 'A'), axis('E', 'Q'), axis('W', 'S'));
   const double yaw = axis(key::right, key::left), pitch = axis(key::up, key::down);
   if (direction == dvec3(0) && yaw == 0 && pitch == 0) return;
-  const double faster = keys_[key::left_shift] ? 4 : 1;
+  moved_seconds_ = 0;
+  const double faster = has_shift() ? 4 : 1;
   fly(session_->scene.camera, faster * fly_speed * seconds * extent_of(*session_) * direction,
       turn_speed * seconds * yaw, turn_speed * seconds * pitch);
+}
+
+// Whether the scene is in the middle of a change.
+bool Viewer::is_held() const {
+  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_;
+}
+
+// Adds the scene to the history, if it has changed.
+void Viewer::remember() {
+  if (!session_ || !session_->frame()) return;
+  Scene scene = session_->scene;
+  scene.width = scene.height = 0;
+  if (!history_)
+    history_.emplace(std::move(scene));
+  else
+    history_->add(scene);
+}
+
+void Viewer::undo() {
+  if (is_held() || !history_) return;
+  remember();
+  restore(history_->undo());
+}
+
+void Viewer::redo() {
+  if (is_held() || !history_) return;
+  remember();
+  restore(history_->redo());
+}
+
+void Viewer::restore(const Scene& scene) {
+  const int width = session_->scene.width, height = session_->scene.height;
+  session_->scene = scene;
+  session_->scene.width = width;
+  session_->scene.height = height;
+  moved_seconds_ = burst_seconds;
+}
+
+// Returns the transfer function that fits the attribute on the scene's background.
+TransferFunction Viewer::fitting_function() {
+  const Scene& scene = session_->scene;
+  if (fitting_.attribute != scene.attribute) {
+    auto fitting = session_->fitting_scene(scene.attribute);
+    if (!fitting) message_ = fitting.error().message;
+    fitting_ = fitting ? std::move(*fitting) : scene;
+  }
+  Scene adapted = fitting_;
+  if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
+  return adapted.transfer_function;
 }
 
 void Viewer::play(double seconds) {
@@ -247,6 +313,7 @@ Status Viewer::frame(const FrameInput& given) {
   events_.add(given.events);
   if (is_minimised()) return {};
   const FrameInput input{given.seconds, events_.take_frame()};
+  moved_seconds_ += input.seconds;
   idle_seconds_ = input.events.empty() ? idle_seconds_ + input.seconds : 0;
   if (!input.events.empty()) pending_frames_ = 3;
   pending_frames_ = std::max(0, pending_frames_ - 1);
@@ -260,6 +327,7 @@ Status Viewer::frame(const FrameInput& given) {
   if (help_) draw_help();
   SPLATVOL_TRY(draw_picture(input.seconds));
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
+  if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
   return gui_->draw();
 }

@@ -10,6 +10,7 @@
 #include "viewer/camera_path.h"
 #include "viewer/events.h"
 #include "viewer/gui.h"
+#include "viewer/history.h"
 #include "viewer/overlay.h"
 #include "viewer/probe.h"
 #include "viewer/screen.h"
@@ -58,6 +59,12 @@ class Viewer {
   void handle_scene_key(int code);
   void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
+  [[nodiscard]] bool is_held() const;
+  void remember();
+  void undo();
+  void redo();
+  void restore(const Scene& scene);
+  [[nodiscard]] TransferFunction fitting_function();
   void play(double seconds);
   void play_steps(double seconds);
   void toggle_steps();
@@ -65,6 +72,7 @@ class Viewer {
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
+  void draw_history_buttons();
   void draw_attribute_menu();
   void draw_step_controls();
   void draw_view_section();
@@ -84,6 +92,8 @@ class Viewer {
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
+  [[nodiscard]] bool has_shift() const { return keys_[key::left_shift]; }
+  [[nodiscard]] bool has_control() const { return keys_[key::left_control]; }
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
   [[nodiscard]] bool is_minimised() const { return window_.pixel_width <= 0 || window_.pixel_height <= 0; }
 
@@ -92,12 +102,14 @@ class Viewer {
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
-  TransferFunction fitting_;                   // fits the attribute that is shown
+  Scene fitting_;                              // fits the attribute that is shown
+  std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.
   EventQueue events_;
-  double idle_seconds_ = 0;  // since the last event
+  double idle_seconds_ = 0;   // since the last event
+  double moved_seconds_ = 1;  // since the wheel or a key moved the camera
   WindowResized window_{0, 0, 0, 0, 1};
   dvec2 pointer_{-1, -1};
   std::array<bool, 3> buttons_{};

@@ -45,16 +45,28 @@ std::string detail_text(const Session& session) {
 
 }  // namespace
 
+// Ends within a line.
+void Viewer::draw_history_buttons() {
+  const auto button = [](const char* name, bool enabled) {
+    ImGui::BeginDisabled(!enabled);
+    const bool pressed = ImGui::SmallButton(name);
+    ImGui::EndDisabled();
+    return pressed;
+  };
+  const bool undoes = button("undo", history_ && history_->can_undo());
+  ImGui::SameLine();
+  if (button("redo", history_ && history_->can_redo())) redo();
+  if (undoes) undo();
+  ImGui::SameLine();
+}
+
 void Viewer::draw_attribute_menu() {
   Scene& scene = session_->scene;
   if (!ImGui::BeginCombo("attribute", scene.attribute.c_str())) return;
   for (const auto& attribute : session_->info().attributes)
     if (ImGui::Selectable(attribute.name.c_str(), attribute.name == scene.attribute) &&
         attribute.name != scene.attribute) {
-      if (Status status = session_->show_attribute(attribute.name))
-        fitting_ = scene.transfer_function;
-      else
-        message_ = status.error().message;
+      if (const Status status = session_->show_attribute(attribute.name); !status) message_ = status.error().message;
     }
   ImGui::EndCombo();
 }
@@ -82,11 +94,13 @@ void Viewer::draw_panel() {
   ImGui::SetNextWindowSize({static_cast<float>(panel_width) * scale, static_cast<float>(window_.height)});
   ImGui::Begin("panel", nullptr, ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar);
   ImGui::PushItemWidth(220 * scale);
+  if (session_) draw_history_buttons();
+  if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
   if (session_) {
     draw_attribute_menu();
     draw_step_controls();
     if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
-      editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram(),
+      editor_.draw(session_->scene.transfer_function, fitting_function(), session_->attribute(), session_->histogram(),
                    session_->range_of_all_steps());
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
@@ -94,7 +108,6 @@ void Viewer::draw_panel() {
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window.");
   }
-  if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
   if (!message_.empty()) ImGui::TextWrapped("%s", message_.c_str());
   ImGui::PopItemWidth();
   ImGui::End();
@@ -233,13 +246,7 @@ void Viewer::draw_file_section() {
 void Viewer::draw_picture_controls() {
   Scene& scene = session_->scene;
   int light = is_light(scene.background) ? 1 : 0;
-  if (ImGui::Combo("background", &light, "dark\0white\0")) {
-    Scene fitting = scene;
-    fitting.transfer_function = fitting_;
-    adapt_to_background(fitting, dvec3(light));
-    fitting_ = fitting.transfer_function;
-    adapt_to_background(scene, dvec3(light));
-  }
+  if (ImGui::Combo("background", &light, "dark\0white\0")) adapt_to_background(scene, dvec3(light));
   ImGui::InputText("title", title_.data(), title_.size());
   ImGui::Checkbox("colour bar in the file", &saves_bar_);
   ImGui::SameLine();
@@ -321,6 +328,7 @@ void Viewer::draw_help() {
       "left, right        step before, next step\n"
       "B C H              bounding box, octree cut, numbers\n"
       "Tab                panel\n"
+      "control Z          undo; with shift, or control Y: redo\n"
       "F1                 this list\n"
       "control Q          quit\n"
       "\n"

@@ -87,6 +87,9 @@ class ViewerTest : public testing::Test {
     return sum;
   }
 
+  // Where the panel has its check box "lighting".
+  static constexpr PointerMoved lighting_box{17, 492};
+
   fs::path folder;
   Target target;
   std::unique_ptr<Viewer> viewer;
@@ -173,17 +176,80 @@ TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
 TEST_F(ViewerTest, ClicksWithinAFrameAreNotLost) {
   settle();
   const Camera before = scene().camera;
-  // The box of "lighting", and away over the picture.
-  frame({PointerMoved{17, 474}, ButtonChanged{0, true}, ButtonChanged{0, false}, PointerMoved{600, 300}});
+  frame({lighting_box, ButtonChanged{0, true}, ButtonChanged{0, false}, PointerMoved{600, 300}});
   EXPECT_FALSE(viewer->is_settled()) << "events wait";
   settle();
   EXPECT_TRUE(scene().lighting);
   EXPECT_EQ(scene().camera, before);
-  frame({ButtonChanged{0, true}, PointerMoved{660, 320}, ButtonChanged{0, false}, PointerMoved{17, 474},
-         ButtonChanged{0, true}, ButtonChanged{0, false}});
+  frame({ButtonChanged{0, true}, PointerMoved{660, 320}, ButtonChanged{0, false}, lighting_box, ButtonChanged{0, true},
+         ButtonChanged{0, false}});
   settle();
   EXPECT_NE(scene().camera, before);
   EXPECT_FALSE(scene().lighting);
+}
+
+TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
+  settle();
+  const auto chord = [&](std::vector<int> codes) {
+    for (const int code : codes) frame({KeyChanged{code, true}});
+    for (const int code : codes) frame({KeyChanged{code, false}});
+    settle();
+  };
+  const auto undo = [&] { chord({key::left_control, 'Z'}); };
+  const auto redo = [&] { chord({key::left_control, key::left_shift, 'Z'}); };
+  std::vector<Scene> scenes = {scene()};
+  const auto done = [&] {
+    settle();
+    EXPECT_NE(scene(), scenes.back());
+    scenes.push_back(scene());
+  };
+  // A drag of many motions, one burst of the wheel, a control point, a key, a check box, an attribute, a scene.
+  frame({PointerMoved{600, 300}, ButtonChanged{0, true}}, 0.01);
+  for (int i = 1; i < 20; ++i) frame({PointerMoved{600.0 + i, 300}}, 0.05);
+  frame({ButtonChanged{0, false}}, 0.01);
+  done();
+  for (int i = 1; i < 10; ++i) frame({Scrolled{0, 1}}, 0.05);
+  done();
+  click(170, 130);
+  done();
+  press('P');
+  done();
+  click(lighting_box.x, lighting_box.y);
+  done();
+  Scene other = Session::open(path("v.svol"), "", {}).value()->fitting_scene("a1").value();
+  other.clip_box = Box{dvec3(0), dvec3(0.5)};
+  other.background = dvec3(1);
+  std::ofstream(path("other.json")) << scene_to_json(other);
+  frame({FilesDropped{{path("other.json")}}});
+  done();
+  EXPECT_EQ(viewer->session()->attribute().name, "a1");
+
+  for (std::size_t i = scenes.size() - 1; i-- > 0;) {
+    undo();
+    EXPECT_EQ(scene(), scenes[i]) << i;
+  }
+  undo();
+  EXPECT_EQ(scene(), scenes[0]) << "there is no more";
+  EXPECT_EQ(viewer->session()->attribute().name, "a0");
+  for (std::size_t i = 1; i < scenes.size(); ++i) {
+    redo();
+    EXPECT_EQ(scene(), scenes[i]) << i;
+  }
+  // The wheel, and control Z before it has come to rest. Then the other way to redo, and a change instead.
+  frame({PointerMoved{600, 300}, Scrolled{0, 1}, KeyChanged{key::left_control, true}, KeyChanged{'Z', true}}, 0.01);
+  frame({KeyChanged{'Z', false}, KeyChanged{key::left_control, false}}, 0.01);
+  settle();
+  EXPECT_EQ(scene(), scenes.back());
+  chord({key::left_control, 'Y'});
+  EXPECT_NE(scene(), scenes.back());
+  undo();
+  press('P');
+  const Scene changed = scene();
+  redo();
+  EXPECT_EQ(scene(), changed);
+  click(26, 15);  // the button "undo"
+  settle();
+  EXPECT_EQ(scene(), scenes.back());
 }
 
 // While somebody uses the interface, no frame takes the time of a finer picture.
