@@ -98,15 +98,41 @@ struct TransferEditor::Area {
   }
 };
 
+void TransferEditor::add_presets(std::vector<NamedColorMap> maps) {
+  for (NamedColorMap& map : maps) {
+    std::erase_if(presets_, [&](const NamedColorMap& preset) { return preset.name == map.name; });
+    presets_.push_back(std::move(map));
+  }
+}
+
+// Shows each map's colours beside its name.
+void TransferEditor::choose_preset(TransferFunction& function) const {
+  if (!ImGui::BeginCombo("colours", "presets", ImGuiComboFlags_HeightLargest)) return;
+  const auto offer = [&](const std::string& name, const std::vector<TransferFunction::Color>& colors) {
+    ImGui::PushID(name.c_str());
+    const ImVec2 corner = ImGui::GetCursorScreenPos();
+    const float height = ImGui::GetTextLineHeight(), width = 5 * height;
+    if (ImGui::Selectable("##map")) function.colors = colors;
+    TransferFunction map;
+    map.colors = colors;
+    constexpr int stripes = 32;
+    for (int i = 0; i < stripes; ++i)
+      ImGui::GetWindowDrawList()->AddRectFilled({corner.x + width * float(i) / stripes, corner.y},
+                                                {corner.x + width * float(i + 1) / stripes, corner.y + height},
+                                                gui_color(map.color_at((i + 0.5) / stripes)));
+    ImGui::SameLine(width + 2 * ImGui::GetStyle().ItemSpacing.x);
+    ImGui::TextUnformatted(name.c_str());
+    ImGui::PopID();
+  };
+  for (const ColorMap& map : color_maps()) offer(std::string(map.name), map.colors);
+  for (const NamedColorMap& map : presets_) offer(map.name, map.colors);
+  ImGui::EndCombo();
+}
+
 void TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
                           const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
                           const format::StepRange& all) {
-  // Colours.
-  if (ImGui::BeginCombo("colours", "presets", ImGuiComboFlags_HeightLargest)) {
-    for (const ColorMap& map : color_maps())
-      if (ImGui::Selectable(std::string(map.name).c_str())) function.colors = map.colors;
-    ImGui::EndCombo();
-  }
+  choose_preset(function);
   edit_densities(function, attribute, histogram);
   edit_colors(function);
 

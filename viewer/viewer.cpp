@@ -9,6 +9,7 @@
 #include <functional>
 
 #include "base/file.h"
+#include "scene/color_map_file.h"
 #include "scene/contrast.h"
 
 namespace splatvol {
@@ -61,17 +62,14 @@ void Viewer::show(std::unique_ptr<Session> session) {
   step_seconds_.reset();
 }
 
-// A .json file is a scene for the volume that is open. Any other file is a volume.
+// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume.
 void Viewer::open(const std::string& path) {
   message_.clear();
   if (session_ && path.ends_with(".json")) {
-    auto scene = load_scene(path);
-    if (scene && session_->info().find_attribute(scene->attribute) < 0)
-      message_ = fmt::format("{}: this file has no attribute '{}'", path, scene->attribute);
-    else if (scene)
-      session_->scene = std::move(*scene);
-    else
-      message_ = scene.error().message;
+    const auto text = read_text_file(path);
+    const bool is_map = text && is_color_map_text(*text);
+    if (const Status opened = is_map ? open_color_maps(path) : open_scene(path); !opened)
+      message_ = opened.error().message;
     return;
   }
   auto session = Session::open(path, "", session_ ? session_->settings : settings_);
@@ -79,6 +77,22 @@ void Viewer::open(const std::string& path) {
     show(std::move(*session));
   else
     message_ = session.error().message;
+}
+
+Status Viewer::open_scene(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(path));
+  if (session_->info().find_attribute(scene.attribute) < 0)
+    return fail(ErrorCode::invalid_argument, "{}: this file has no attribute '{}'", path, scene.attribute);
+  session_->scene = std::move(scene);
+  return {};
+}
+
+// The first of the maps colours the volume. All of them stand among the presets.
+Status Viewer::open_color_maps(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(maps, load_color_maps(path));
+  session_->scene.transfer_function.colors = maps.front().colors;
+  editor_.add_presets(std::move(maps));
+  return {};
 }
 
 // Right of the panel, and at least one pixel wide.

@@ -54,6 +54,8 @@ class Viewer {
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
+  [[nodiscard]] Status open_scene(const std::string& path);
+  [[nodiscard]] Status open_color_maps(const std::string& path);
   void handle(const Event& event);
   void handle_key(int code);
   void handle_scene_key(int code);

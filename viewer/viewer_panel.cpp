@@ -238,7 +238,7 @@ void Viewer::draw_file_section() {
   if (ImGui::SmallButton("save scene"))
     save(scene_name_.data(), write_json(scene_name_.data(), scene_to_json(session_->scene)));
   ImGui::SameLine();
-  if (ImGui::SmallButton("load scene")) open(scene_name_.data());
+  if (ImGui::SmallButton("load scene or colours")) open(scene_name_.data());
   draw_picture_controls();
 }
 
@@ -332,7 +332,7 @@ void Viewer::draw_help() {
       "F1                 this list\n"
       "control Q          quit\n"
       "\n"
-      "Drop a .svol file to open it, a scene (.json) to apply it.");
+      "Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
   ImGui::End();
 }
 

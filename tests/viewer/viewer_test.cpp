@@ -319,6 +319,35 @@ TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   settle();
 }
 
+// ParaView's colour maps are dropped, too, and stand among the presets.
+TEST_F(ViewerTest, ADropAppliesColors) {
+  settle();
+  const TransferFunction before = scene().transfer_function;
+  const auto write = [&](const std::string& colors) {
+    std::ofstream(path("maps.json")) << R"([{"Name": "mine", "ColorSpace": "RGB", "RGBPoints": [)" + colors + "]}]";
+    frame({FilesDropped{{path("maps.json")}}});
+  };
+  write("3, 1, 0, 0, 5, 0, 0, 1");
+  EXPECT_EQ(scene().transfer_function.color_at(0), dvec3(1, 0, 0));
+  EXPECT_EQ(scene().transfer_function.color_at(1), dvec3(0, 0, 1));
+  EXPECT_EQ(scene().transfer_function.lo, before.lo);
+  EXPECT_EQ(scene().transfer_function.densities, before.densities);
+  const TransferFunction mine = scene().transfer_function;
+  write("3, 1, 0, 0, 5, 0, 0, 7");
+  EXPECT_EQ(scene().transfer_function, mine) << "a map that is refused";
+
+  // Opens the list of presets, chooses the first, then the last.
+  const auto choose = [&](double y) {
+    click(100, 81);
+    click(100, y);
+    settle();
+  };
+  choose(103);
+  EXPECT_NE(scene().transfer_function, mine);
+  choose(103 + 6 * 17);
+  EXPECT_EQ(scene().transfer_function, mine);
+}
+
 TEST_F(ViewerTest, ExplainsEmptyPictures) {
   settle();
   EXPECT_EQ(viewer->session()->explain(), "");
