@@ -108,6 +108,12 @@ struct FrameChanges {
 
 }  // namespace
 
+int key_by_name(int code, std::string_view name) {
+  const char c = name.size() == 1 ? name[0] : '\0';
+  if (c >= 'a' && c <= 'z') return 'A' + (c - 'a');
+  return c >= 'A' && c <= 'Z' ? c : code;
+}
+
 std::vector<Event> EventQueue::take_frame() {
   std::vector<Event> taken;
   for (FrameChanges changes; !events_.empty() && changes.allow(events_.front()); events_.pop_front()) {

@@ -5,6 +5,7 @@
 #include <deque>
 #include <fstream>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -17,7 +18,8 @@ namespace splatvol {
 namespace key {
 inline constexpr int space = 32, minus = 45, equal = 61, escape = 256, enter = 257, tab = 258, backspace = 259,
                      del = 261, right = 262, left = 263, down = 264, up = 265, page_up = 266, page_down = 267,
-                     home = 268, end = 269, f1 = 290, f12 = 301, left_shift = 340, left_control = 341, left_alt = 342;
+                     home = 268, end = 269, f1 = 290, f12 = 301, left_shift = 340, left_control = 341, left_alt = 342,
+                     right_shift = 344, right_control = 345;
 inline constexpr int count = 349;
 }  // namespace key
 
@@ -55,6 +57,11 @@ struct FrameInput {
   double seconds = 0;
   std::vector<Event> events;
 };
+
+/// Returns the key that types a letter on the user's layout. `name`: what the key of this code types there; empty if
+/// not known. A key that types no letter from A to Z keeps its code, which is its place on a keyboard of the United
+/// States.
+[[nodiscard]] int key_by_name(int code, std::string_view name);
 
 /// Events that wait for their frame. Dear ImGui sees only the state of buttons, keys and pointer at a frame: of a press
 /// and its release, or of a motion behind a press, it must see one at a time.

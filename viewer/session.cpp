@@ -76,6 +76,11 @@ const format::Attribute& Session::attribute() const {
   return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
 }
 
+Result<Camera> Session::fitting_camera() const {
+  SPLATVOL_TRY_ASSIGN(fitting, player_->fitting_scene(scene.attribute, {scene.width, scene.height}));
+  return fitting.camera;
+}
+
 Status Session::show_attribute(const std::string& name) {
   SPLATVOL_TRY_ASSIGN(fitting, fitting_scene(name));
   scene.attribute = name;
@@ -125,12 +130,12 @@ Status Session::apply() {
 }
 
 // Fits the first scene's camera to the first picture, whose size was not known when the file was opened.
-Status Session::fit_camera(int width, int height) {
+Status Session::fit_camera() {
   if (!fits_) return {};
   fits_ = false;
   if (scene.camera != first_scene_.camera) return {};
-  SPLATVOL_TRY_ASSIGN(fitted, player_->fitting_scene(first_scene_.attribute, {width, height}));
-  scene.camera = first_scene_.camera = fitted.camera;
+  SPLATVOL_TRY_ASSIGN(fitted, fitting_camera());
+  scene.camera = first_scene_.camera = fitted;
   return {};
 }
 
@@ -141,9 +146,9 @@ Status Session::draw(int width, int height, double seconds, bool is_busy) {
 }
 
 Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
-  SPLATVOL_TRY(fit_camera(width, height));
   scene.width = width;
   scene.height = height;
+  SPLATVOL_TRY(fit_camera());
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
   SPLATVOL_TRY(apply());

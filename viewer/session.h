@@ -61,6 +61,9 @@ class Session {
     return player_->fitting_scene(attribute, {512, 512, scene.background});
   }
 
+  /// Returns a camera that sees all that the file shows, in the size of the last picture.
+  [[nodiscard]] Result<Camera> fitting_camera() const;
+
   /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
 
@@ -138,7 +141,7 @@ class Session {
   [[nodiscard]] Status read_histogram();
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply();
-  [[nodiscard]] Status fit_camera(int width, int height);
+  [[nodiscard]] Status fit_camera();
   void begin_rest();
   [[nodiscard]] Status finish_picture();
 

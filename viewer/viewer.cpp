@@ -52,6 +52,7 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 void Viewer::show(std::unique_ptr<Session> session) {
   session_ = std::move(session);
   fitting_ = session_->first_scene();
+  up_ = session_->info().up >= 0 ? session_->info().up : 1;
   history_.reset();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
   put(scene_name_, stem + ".json");
@@ -98,7 +99,7 @@ Status Viewer::open_color_maps(const std::string& path) {
 // Right of the panel, and at least one pixel wide.
 PictureArea Viewer::picture_area() const {
   PictureArea area;
-  const double left = panel_ ? panel_width * window_.content_scale : 0;
+  const double left = panel_ && !is_narrow() ? panel_width * window_.content_scale : 0;
   area.unit_x = static_cast<double>(window_.width) / std::max(1, window_.pixel_width);
   area.unit_y = static_cast<double>(window_.height) / std::max(1, window_.pixel_height);
   area.left = std::max(0.0, std::min(left, window_.width - area.unit_x));
@@ -166,7 +167,7 @@ void Viewer::handle_key(int code) {
   if (code == key::f1) toggle(help_);
   if (code == key::escape) help_ = false;
   if (code == 'Q' && has_control()) closing_ = true;
-  if (code == key::tab) toggle(panel_);
+  if (code == key::tab) toggle(panel());
   if (!session_) return;
   if (has_control()) {
     if (code == 'Y' || (code == 'Z' && has_shift()))
@@ -192,7 +193,7 @@ void Viewer::handle_scene_key(int code) {
   const double sign = has_shift() ? 1 : -1;
   switch (code) {
     case 'R':
-      camera = session_->first_scene().camera;
+      show_all();
       break;
     case 'P':
       set_projection(camera,
@@ -202,17 +203,46 @@ void Viewer::handle_scene_key(int code) {
       scene.lighting = scene.lighting ? std::nullopt : std::optional(Lighting());
       break;
     case '1':
-      look_along(camera, {sign, 0, 0}, {0, 1, 0});
+      look_from({-sign, 0, 0});
       break;
     case '2':
-      look_along(camera, {0, sign, 0}, {0, 0, -sign});
+      look_from({0, -sign, 0});
       break;
     case '3':
-      look_along(camera, {0, 0, sign}, {0, 1, 0});
+      look_from({0, 0, -sign});
       break;
     default:
       break;
   }
+}
+
+// Shows all, from the first direction. The projection stays.
+void Viewer::show_all() {
+  auto camera = session_->fitting_camera();
+  if (!camera) {
+    message_ = camera.error().message;
+    return;
+  }
+  set_projection(*camera, session_->scene.camera.projection);
+  session_->scene.camera = *camera;
+}
+
+// Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
+void Viewer::look_from(const dvec3& direction) {
+  static constexpr std::array<dvec3, 3> plan_up = {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0)};
+  dvec3 up(0);
+  up[up_] = 1;
+  if (direction[up_] != 0) up = direction[up_] * plan_up[static_cast<std::size_t>(up_)];
+  look_along(session_->scene.camera, -direction, up);
+}
+
+// Turns the camera about its line of sight, unless it looks along the axis.
+void Viewer::set_up_axis(int axis) {
+  up_ = axis;
+  dvec3 up(0);
+  up[axis] = 1;
+  Camera& camera = session_->scene.camera;
+  if (std::abs(glm::dot(axes_of(camera).forward, up)) < 0.999) camera.up = up;
 }
 
 // Flies with the keys that are held.
@@ -336,8 +366,11 @@ Status Viewer::frame(const FrameInput& given) {
   move_camera(input);
   play(input.seconds);
   play_steps(input.seconds);
-  SPLATVOL_TRY(gui_->begin(input, window_));
-  if (panel_) draw_panel();
+  SPLATVOL_TRY(gui_->begin(input, window_, light_));
+  if (panel())
+    draw_panel();
+  else if (is_narrow())
+    draw_panel_button();
   if (help_) draw_help();
   SPLATVOL_TRY(draw_picture(input.seconds));
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
@@ -377,7 +410,9 @@ void Viewer::draw_overlays() {
   if (session_->scene.outline) draw_box(view, session_->bounds(), {150, 150, 150}, picture_area());
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
-  if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), picture_area());
+  if (scalar_bar_)
+    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), ink_on(session_->scene.background),
+                    picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
   // It looks at all splats: only where the pointer rests.

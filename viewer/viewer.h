@@ -74,6 +74,7 @@ class Viewer {
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
+  void draw_panel_button();
   void draw_history_buttons();
   void draw_attribute_menu();
   void draw_step_controls();
@@ -94,8 +95,15 @@ class Viewer {
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
-  [[nodiscard]] bool has_shift() const { return keys_[key::left_shift]; }
-  [[nodiscard]] bool has_control() const { return keys_[key::left_control]; }
+  void show_all();
+  void look_from(const dvec3& direction);
+  void set_up_axis(int axis);
+
+  // Beside a panel, the picture would be too narrow: the panel covers it, and is hidden at first.
+  [[nodiscard]] bool is_narrow() const { return window_.width < 1.75 * panel_width * window_.content_scale; }
+  [[nodiscard]] bool& panel() { return is_narrow() ? covering_panel_ : panel_; }
+  [[nodiscard]] bool has_shift() const { return keys_[key::left_shift] || keys_[key::right_shift]; }
+  [[nodiscard]] bool has_control() const { return keys_[key::left_control] || keys_[key::right_control]; }
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
   [[nodiscard]] bool is_minimised() const { return window_.pixel_width <= 0 || window_.pixel_height <= 0; }
 
@@ -120,6 +128,9 @@ class Viewer {
 
   // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, scalar_bar_ = true, cut_ = false, probe_ = true;
+  bool covering_panel_ = false;
+  bool light_ = false;  // the interface's theme
+  int up_ = 1;          // the axis that views along an axis have upwards
   bool flying_ = false;
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change

@@ -43,6 +43,11 @@ std::string detail_text(const Session& session) {
   return error + (sharpening->has_reached() ? "" : ": memory allows no less");
 }
 
+// Tells about the control before, where the pointer rests on it.
+void hint(const char* text) {
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
+}
+
 }  // namespace
 
 // Ends within a line.
@@ -86,16 +91,21 @@ void Viewer::draw_step_controls() {
   const double slowest = 0.1, fastest = 60;
   ImGui::SliderScalar("steps a second", ImGuiDataType_Double, &steps_per_second_, &slowest, &fastest, "%.3g",
                       ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
+  hint("Steps come later if the file is slow.\nControl click: type a number.");
 }
 
 void Viewer::draw_panel() {
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({0, 0});
-  ImGui::SetNextWindowSize({static_cast<float>(panel_width) * scale, static_cast<float>(window_.height)});
-  ImGui::Begin("panel", nullptr, ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar);
+  ImGui::SetNextWindowSize({std::min(static_cast<float>(panel_width) * scale, static_cast<float>(window_.width)),
+                            static_cast<float>(window_.height)});
+  ImGui::Begin("panel", nullptr,
+               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
   ImGui::PushItemWidth(220 * scale);
   if (session_) draw_history_buttons();
   if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
+  ImGui::SameLine();
+  if (ImGui::SmallButton("hide (Tab)")) panel() = false;
   if (session_) {
     draw_attribute_menu();
     draw_step_controls();
@@ -109,7 +119,18 @@ void Viewer::draw_panel() {
     ImGui::TextWrapped("Drop a .svol file on this window.");
   }
   if (!message_.empty()) ImGui::TextWrapped("%s", message_.c_str());
+  if (session_ && !session_->troubles().empty()) {
+    const auto& troubles = session_->troubles();
+    ImGui::TextWrapped("%zu errors, the last: %s", troubles.size(), troubles.back().c_str());
+  }
   ImGui::PopItemWidth();
+  ImGui::End();
+}
+
+void Viewer::draw_panel_button() {
+  ImGui::SetNextWindowPos({0, 0});
+  ImGui::Begin("panel button", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
+  if (ImGui::SmallButton("panel (Tab)")) panel() = true;
   ImGui::End();
 }
 
@@ -125,12 +146,16 @@ void Viewer::draw_detail_controls() {
   else
     ImGui::SliderScalar("error", ImGuiDataType_Double, &settings.max_error, &least_error, &most_error, "%.2g",
                         ImGuiSliderFlags_Logarithmic);
+  hint(settings.tolerance
+           ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
+           : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
   // The streamer is opened again for another memory: only when the slider is let go.
   static constexpr std::uint64_t least = 16, most = 65536;
   std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
   if (ImGui::SliderScalar("memory", ImGuiDataType_U64, &mebibytes, &least, &most, "%llu MiB",
                           ImGuiSliderFlags_Logarithmic))
     memory_shown_ = mebibytes;
+  hint("For the parts of the file that are read.\nControl click: type a number.");
   if (memory_shown_ && !ImGui::IsItemActive()) {
     settings.memory = *memory_shown_ << 20;
     memory_shown_.reset();
@@ -139,6 +164,7 @@ void Viewer::draw_detail_controls() {
   if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
     settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
   ImGui::Checkbox("slabs at rest", &settings.mixes);
+  hint("Mixes splats that overlap: a better picture, which takes longer.");
 }
 
 void Viewer::draw_lighting_controls() {
@@ -159,17 +185,18 @@ void Viewer::draw_camera_controls() {
   ImGui::SameLine();
   ImGui::Checkbox("fly", &flying_);
   ImGui::SameLine();
-  if (ImGui::SmallButton("reset")) camera = session_->first_scene().camera;
+  if (ImGui::SmallButton("see all")) show_all();
   for (int axis = 0; axis < 3; ++axis)
     for (const double sign : {1.0, -1.0}) {
       const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);
       dvec3 direction(0);
-      direction[axis] = -sign;  // from that side, towards the focal point
-      if (ImGui::SmallButton(name.c_str()))
-        look_along(camera, direction, axis == 1 ? dvec3(0, 0, -sign) : dvec3(0, 1, 0));
+      direction[axis] = sign;
+      if (ImGui::SmallButton(name.c_str())) look_from(direction);
       ImGui::SameLine();
     }
-  ImGui::NewLine();
+  ImGui::SetNextItemWidth(45 * static_cast<float>(window_.content_scale));
+  int up = up_;
+  if (ImGui::Combo("up", &up, "x\0y\0z\0")) set_up_axis(up);
 }
 
 void Viewer::draw_clip_box_controls() {
@@ -185,6 +212,7 @@ void Viewer::draw_clip_box_controls() {
                            nullptr, "%.4g") &&
         range[0] < range[1])
       clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
+    hint("In the units of the file's coordinates.\nDrag, or control click: type a number.");
   }
 }
 
@@ -203,6 +231,7 @@ void Viewer::draw_view_section() {
   ImGui::Checkbox("octree cut", &cut_);
   ImGui::SameLine();
   ImGui::Checkbox("probe", &probe_);
+  ImGui::Checkbox("light theme", &light_);
 }
 
 void Viewer::draw_path_section() {
@@ -219,6 +248,7 @@ void Viewer::draw_path_section() {
   const double shortest = 0.1, longest = 600;
   ImGui::SliderScalar("seconds", ImGuiDataType_Double, &path_.seconds, &shortest, &longest, "%.3g",
                       ImGuiSliderFlags_Logarithmic);
+  hint("Of the whole path.\nControl click: type a number.");
   ImGui::Text("%zu views", path_.cameras.size());
   ImGui::InputText("file##path", path_name_.data(), path_name_.size());
   if (ImGui::SmallButton("save path") && !path_.cameras.empty())
@@ -299,40 +329,55 @@ void Viewer::draw_hud() {
     text +=
         fmt::format("\nstep {} (0 to {}), time {:.6g}", session_->step(), times.size() - 1, times[session_->step()]);
   const float scale = static_cast<float>(window_.content_scale);
+  if (const auto& troubles = session_->troubles(); !troubles.empty())
+    text += fmt::format("\nerrors: {}", troubles.size());
+  // Where it would hide most of the picture, or the button of the panel, there are no numbers.
+  const ImVec2 size = ImGui::CalcTextSize(text.c_str());
+  const float room = static_cast<float>(picture_area().width) - (is_narrow() ? 120 : 32) * scale;
+  if (panel() && is_narrow()) return;
+  if (size.x > room || size.y > static_cast<float>(picture_area().height) / 2) return;
   ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
-  ImGui::SetNextWindowBgAlpha(0.5f);
+  ImGui::SetNextWindowBgAlpha(0.75f);
   ImGui::Begin("HUD", nullptr,
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
   ImGui::TextUnformatted(text.c_str());
-  if (const auto& troubles = session_->troubles(); !troubles.empty())
-    ImGui::TextColored({1, 0.5f, 0.4f, 1}, "errors: %zu, the last: %s", troubles.size(), troubles.back().c_str());
   ImGui::End();
 }
 
 void Viewer::draw_help() {
-  ImGui::SetNextWindowPos({static_cast<float>(window_.width) / 2, static_cast<float>(window_.height) / 2},
+  const PictureArea area = picture_area();
+  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(window_.height) / 2},
                           ImGuiCond_Always, {0.5f, 0.5f});
   ImGui::Begin("keys", &help_, ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize);
-  ImGui::TextUnformatted(
-      "left drag          turn\n"
-      "right drag, shift  move\n"
-      "control drag       roll\n"
-      "wheel              zoom to the pointer\n"
-      "R                  see all again\n"
-      "1 2 3              along -x, -y, -z; with shift from the other side\n"
-      "P                  perspective or orthographic\n"
-      "F                  fly: W A S D E Q, arrows and left drag to look, shift for speed\n"
-      "L                  lighting\n"
-      "space              play the steps of a time series, or stop\n"
-      "left, right        step before, next step\n"
-      "B C H              bounding box, octree cut, numbers\n"
-      "Tab                panel\n"
-      "control Z          undo; with shift, or control Y: redo\n"
-      "F1                 this list\n"
-      "control Q          quit\n"
-      "\n"
-      "Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
+  constexpr std::pair<const char*, const char*> lines[] = {
+      {"left drag", "turn"},
+      {"right drag, shift", "move"},
+      {"control drag", "roll"},
+      {"wheel", "zoom to the pointer"},
+      {"R", "see all again"},
+      {"1 2 3", "from +x, +y, +z; with shift from the other side"},
+      {"P", "perspective or orthographic"},
+      {"F", "fly: W A S D E Q, arrows and left drag to look, shift for speed"},
+      {"L", "lighting"},
+      {"space", "play the steps of a time series, or stop"},
+      {"left, right", "step before, next step"},
+      {"B C H", "bounding box, octree cut, numbers"},
+      {"Tab", "panel"},
+      {"control Z", "undo; with shift, or control Y: redo"},
+      {"F1", "this list"},
+      {"control Q", "quit"},
+  };
+  if (ImGui::BeginTable("keys", 2, ImGuiTableFlags_SizingFixedFit)) {
+    for (const auto& [keys, what] : lines) {
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(keys);
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(what);
+    }
+    ImGui::EndTable();
+  }
+  ImGui::TextUnformatted("Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
   ImGui::End();
 }
 

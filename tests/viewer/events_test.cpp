@@ -121,5 +121,14 @@ TEST(EventQueue, KeepsWhatWaits) {
   EXPECT_TRUE(queue.take_frame().empty());
 }
 
+TEST(Keys, AreThoseOfTheUsersLayout) {
+  EXPECT_EQ(key_by_name('Y', "z"), 'Z') << "QWERTZ";
+  EXPECT_EQ(key_by_name('Q', "a"), 'A') << "AZERTY";
+  EXPECT_EQ(key_by_name('1', "&"), '1') << "digits of AZERTY";
+  EXPECT_EQ(key_by_name('R', "\xd0\xba"), 'R') << "Cyrillic";
+  EXPECT_EQ(key_by_name('R', ""), 'R');
+  EXPECT_EQ(key_by_name(key::tab, ""), key::tab);
+}
+
 }  // namespace
 }  // namespace splatvol

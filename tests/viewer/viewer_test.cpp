@@ -88,7 +88,7 @@ class ViewerTest : public testing::Test {
   }
 
   // Where the panel has its check box "lighting".
-  static constexpr PointerMoved lighting_box{17, 492};
+  static constexpr PointerMoved lighting_box{17, 521};
 
   fs::path folder;
   Target target;
@@ -196,7 +196,7 @@ TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
     settle();
   };
   const auto undo = [&] { chord({key::left_control, 'Z'}); };
-  const auto redo = [&] { chord({key::left_control, key::left_shift, 'Z'}); };
+  const auto redo = [&] { chord({key::right_control, key::right_shift, 'Z'}); };
   std::vector<Scene> scenes = {scene()};
   const auto done = [&] {
     settle();
@@ -302,6 +302,84 @@ TEST_F(ViewerTest, KeysChangeWhatTheySay) {
   EXPECT_TRUE(viewer->wants_to_close());
 }
 
+TEST_F(ViewerTest, RSeesAllAgain) {
+  settle();
+  const Camera all = scene().camera;
+  Scene away = scene();
+  away.camera.focal_point = away.camera.position + dvec3(0, 0, 50);
+  away.attribute = "a1";
+  std::ofstream(path("away.json")) << scene_to_json(away);
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.scene = path("away.json");
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_EQ(scene().camera, away.camera);
+  press('R');
+  EXPECT_EQ(scene().camera, all);
+  press('P');
+  press('R');
+  EXPECT_EQ(scene().camera.projection, Camera::Projection::orthographic);
+}
+
+TEST_F(ViewerTest, AnyAxisMayBeUp) {
+  ASSERT_TRUE(target.resize(width, 900));
+  frame({WindowResized{width, 900, width, 900, 1}});
+  settle();
+  for (const int axis : {2, 0, 1}) {
+    click(210, 572);
+    click(210, 597 + 19 * axis);
+    settle();
+    dvec3 up(0);
+    up[axis] = 1;
+    EXPECT_EQ(scene().camera.up, up);
+    // From all sides, the axis is up, and from above it is a plan.
+    for (const int code : {'1', '2', '3'}) {
+      press(code);
+      const CameraAxes axes = axes_of(scene().camera);
+      if (code - '1' == axis)
+        EXPECT_LT(glm::length(axes.right - (axis == 0 ? dvec3(0, 1, 0) : dvec3(1, 0, 0))), 1e-12) << axis;
+      else
+        EXPECT_LT(glm::length(axes.up - up), 1e-12) << axis;
+      EXPECT_NEAR(axes.forward[code - '1'], -1, 1e-12);
+    }
+    press('R');
+  }
+}
+
+// There the panel covers the picture, and comes with its key or its button.
+TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
+  ASSERT_TRUE(target.resize(300, 200));
+  frame({WindowResized{300, 200, 300, 200, 1}});
+  settle();
+  EXPECT_EQ(scene().width, 300);
+  const auto drags = [&] {
+    const Camera before = scene().camera;
+    frame({PointerMoved{120, 150}});
+    frame({ButtonChanged{0, true}, PointerMoved{160, 150}, ButtonChanged{0, false}});
+    settle();
+    const bool moved = scene().camera != before;
+    press('R');
+    return moved;
+  };
+  EXPECT_TRUE(drags());
+  press(key::tab);
+  EXPECT_FALSE(drags());
+  EXPECT_EQ(scene().width, 300);
+  press(key::tab);
+  EXPECT_TRUE(drags());
+  click(45, 15);
+  settle();
+  EXPECT_FALSE(drags());
+  // In a wide window the panel stands beside the picture, as before.
+  ASSERT_TRUE(target.resize(width, height));
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_LT(scene().width, width);
+}
+
 TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   settle();
   Scene other = scene();
@@ -338,13 +416,13 @@ TEST_F(ViewerTest, ADropAppliesColors) {
 
   // Opens the list of presets, chooses the first, then the last.
   const auto choose = [&](double y) {
-    click(100, 81);
+    click(100, 87);
     click(100, y);
     settle();
   };
-  choose(103);
+  choose(112);
   EXPECT_NE(scene().transfer_function, mine);
-  choose(103 + 6 * 17);
+  choose(112 + 6 * 19);
   EXPECT_EQ(scene().transfer_function, mine);
 }
 
