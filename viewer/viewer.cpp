@@ -51,6 +51,8 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::show(std::unique_ptr<Session> session) {
   session_ = std::move(session);
+  question_.reset();
+  saving_.reset();
   fitting_ = session_->first_scene();
   up_ = session_->info().up >= 0 ? session_->info().up : 1;
   history_.reset();
@@ -113,7 +115,7 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
   if (is_minimised()) return true;
-  if (moved_seconds_ < burst_seconds) return false;
+  if (moved_seconds_ < burst_seconds || saving_) return false;
   return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
          (!session_ || session_->is_settled());
 }
@@ -372,7 +374,9 @@ Status Viewer::frame(const FrameInput& given) {
   else if (is_narrow())
     draw_panel_button();
   if (help_) draw_help();
+  draw_question();
   SPLATVOL_TRY(draw_picture(input.seconds));
+  save_drawn_picture();
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
   if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
@@ -387,7 +391,9 @@ Status Viewer::draw_picture(double seconds) {
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
-    drawn_ = session_->draw(width, window_.pixel_height, seconds, is_busy());
+    // A picture that is saved in another size fills the window until it is there.
+    drawn_ = saving_ ? session_->draw(saving_->width, saving_->height, seconds)
+                     : session_->draw(width, window_.pixel_height, seconds, is_busy());
     if (drawn_) {
       SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
       picture = shown;
@@ -404,6 +410,7 @@ Status Viewer::draw_picture(double seconds) {
 
 void Viewer::draw_overlays() {
   if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", picture_area());
+  if (saving_) return draw_message(fmt::format("{} is being drawn", saving_->path), picture_area());
   const View& view = session_->view();
   if (cut_ && session_->frame())
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());

@@ -1,6 +1,7 @@
 // The viewer without its window: events in, frames out.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -86,12 +87,17 @@ class Viewer {
   void draw_path_section();
   void draw_file_section();
   void draw_picture_controls();
-  [[nodiscard]] Status save_picture(const std::string& path) const;
+  void save(const std::string& path, std::function<void()> write);
+  void save_text(const std::string& path, const std::string& text);
+  void save_picture();
+  void save_drawn_picture();
+  [[nodiscard]] Status write_picture(const std::string& path) const;
+  void draw_question();
   void draw_hud();
   void draw_help();
   void draw_overlays();
   void draw_probe();
-  void save(const std::string& what, const Status& status);
+  void report(const std::string& path, const Status& saved);
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
@@ -147,7 +153,22 @@ class Viewer {
   bool loops_ = false;
 
   std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{}, title_{};
-  bool saves_bar_ = false, saves_transparent_ = false;
+  bool saves_bar_ = false, saves_transparent_ = false, saves_as_shown_ = true;
+  std::array<int, 2> saved_size_ = {1920, 1080};
+
+  // A file that is there, while the user is asked.
+  struct Question {
+    std::string path;
+    std::function<void()> write;
+  };
+  std::optional<Question> question_;
+
+  // A picture that is drawn to be saved.
+  struct Saving {
+    std::string path;
+    int width, height;
+  };
+  std::optional<Saving> saving_;
 };
 
 }  // namespace splatvol

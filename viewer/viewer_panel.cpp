@@ -3,6 +3,7 @@
 #include <imgui.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include "base/file.h"
 #include "base/replaceable.h"
@@ -13,6 +14,7 @@ namespace splatvol {
 namespace {
 
 constexpr double usual_tolerance = 1;  // per cent
+constexpr int largest_picture = 16384;
 
 std::string bytes_text(double bytes) {
   const char* units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
@@ -251,8 +253,7 @@ void Viewer::draw_path_section() {
   hint("Of the whole path.\nControl click: type a number.");
   ImGui::Text("%zu views", path_.cameras.size());
   ImGui::InputText("file##path", path_name_.data(), path_name_.size());
-  if (ImGui::SmallButton("save path") && !path_.cameras.empty())
-    save(path_name_.data(), write_json(path_name_.data(), path_to_json(path_)));
+  if (ImGui::SmallButton("save path") && !path_.cameras.empty()) save_text(path_name_.data(), path_to_json(path_));
   ImGui::SameLine();
   if (ImGui::SmallButton("load path")) {
     auto path = load_camera_path(path_name_.data());
@@ -265,8 +266,7 @@ void Viewer::draw_path_section() {
 
 void Viewer::draw_file_section() {
   ImGui::InputText("scene", scene_name_.data(), scene_name_.size());
-  if (ImGui::SmallButton("save scene"))
-    save(scene_name_.data(), write_json(scene_name_.data(), scene_to_json(session_->scene)));
+  if (ImGui::SmallButton("save scene")) save_text(scene_name_.data(), scene_to_json(session_->scene));
   ImGui::SameLine();
   if (ImGui::SmallButton("load scene or colours")) open(scene_name_.data());
   draw_picture_controls();
@@ -282,11 +282,66 @@ void Viewer::draw_picture_controls() {
   ImGui::SameLine();
   ImGui::Checkbox("transparent", &saves_transparent_);
   ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
-  if (ImGui::SmallButton("save picture (.png, .exr)")) save(picture_name_.data(), save_picture(picture_name_.data()));
+  ImGui::Checkbox("size as shown", &saves_as_shown_);
+  if (!saves_as_shown_) ImGui::InputInt2("size", saved_size_.data());
+  if (ImGui::SmallButton("save picture (.png, .exr)")) save_picture();
 }
 
-Status Viewer::save_picture(const std::string& path) const {
-  if (!is_image_path(path)) return fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", path);
+// Asks before it replaces a file.
+void Viewer::save(const std::string& path, std::function<void()> write) {
+  std::error_code error;
+  if (std::filesystem::exists(path, error))
+    question_ = Question{path, std::move(write)};
+  else
+    write();
+}
+
+void Viewer::save_text(const std::string& path, const std::string& text) {
+  save(path, [=, this] { report(path, write_json(path, text)); });
+}
+
+void Viewer::save_picture() {
+  const std::string path = picture_name_.data();
+  const Scene& scene = session_->scene;
+  const auto [width, height] = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
+  if (!is_image_path(path))
+    message_ = path + ": neither .png nor .exr";
+  else if (std::min(width, height) < 1 || std::max(width, height) > largest_picture)
+    message_ = fmt::format("{} x {}: sides of pictures have 1 to {} pixels", width, height, largest_picture);
+  else
+    save(path, [=, this] {
+      playing_.reset();
+      step_seconds_.reset();
+      saving_ = Saving{path, width, height};
+    });
+}
+
+// Writes the picture once it is as fine as it gets.
+void Viewer::save_drawn_picture() {
+  if (!saving_ || (drawn_ && !session_->is_settled())) return;
+  report(saving_->path, drawn_ ? write_picture(saving_->path) : drawn_);
+  saving_.reset();
+}
+
+void Viewer::draw_question() {
+  if (!question_) return;
+  constexpr const char* name = "replace?";
+  ImGui::OpenPopup(name);
+  ImGui::SetNextWindowPos({static_cast<float>(window_.width) / 2, static_cast<float>(window_.height) / 2},
+                          ImGuiCond_Always, {0.5f, 0.5f});
+  if (!ImGui::BeginPopupModal(name, nullptr, ImGuiWindowFlags_AlwaysAutoResize)) return;
+  ImGui::Text("%s is there.", question_->path.c_str());
+  const bool replaces = ImGui::Button("replace it");
+  ImGui::SameLine();
+  if (replaces || ImGui::Button("keep it") || keys_[key::escape]) {
+    ImGui::CloseCurrentPopup();
+    if (replaces) question_->write();
+    question_.reset();
+  }
+  ImGui::EndPopup();
+}
+
+Status Viewer::write_picture(const std::string& path) const {
   const Scene& scene = session_->scene;
   PageText text;
   text.title = title_.data();
@@ -298,8 +353,8 @@ Status Viewer::save_picture(const std::string& path) const {
                      saves_transparent_);
 }
 
-void Viewer::save(const std::string& what, const Status& status) {
-  message_ = status ? "saved " + what : status.error().message;
+void Viewer::report(const std::string& path, const Status& saved) {
+  message_ = saved ? "saved " + path : saved.error().message;
 }
 
 void Viewer::draw_hud() {

@@ -349,6 +349,67 @@ TEST_F(ViewerTest, AnyAxisMayBeUp) {
   }
 }
 
+// Files are named relative to the present folder.
+TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
+  const fs::path present = fs::current_path();
+  fs::current_path(folder);
+  constexpr int tall = 1000;
+  ASSERT_TRUE(target.resize(width, tall));
+  frame({WindowResized{width, tall, width, tall, 1}});
+  settle();
+  const auto click_and_settle = [&](double x, double y) {
+    click(x, y);
+    settle();
+  };
+  const auto keep = [&] { click_and_settle(435, 520); };
+  const auto replace = [&] { click_and_settle(366, 520); };
+  const int shown = scene().width;
+  click_and_settle(100, 722);  // the section "save"
+
+  // The picture as it is shown, then another view of it.
+  const auto save_picture = [&] { click_and_settle(60, 913); };
+  save_picture();
+  const std::string first = *read_text_file("v.png");
+  const auto size_of = [](const std::string& png) {
+    const auto number = [&](std::size_t at) {
+      return 256 * static_cast<unsigned char>(png[at + 2]) + static_cast<unsigned char>(png[at + 3]);
+    };
+    return std::pair(number(16), number(20));
+  };
+  EXPECT_EQ(size_of(first), std::pair(shown, tall));
+  press('P');
+  save_picture();
+  EXPECT_EQ(*read_text_file("v.png"), first) << "it asks";
+  keep();
+  EXPECT_EQ(*read_text_file("v.png"), first);
+  save_picture();
+  replace();
+  EXPECT_NE(*read_text_file("v.png"), first);
+
+  // Another size. The window's picture comes back.
+  fs::remove("v.png");
+  click_and_settle(18, 890);
+  click_and_settle(60, 938);
+  EXPECT_EQ(size_of(*read_text_file("v.png")), std::pair(1920, 1080));
+  EXPECT_EQ(scene().width, shown);
+
+  // A scene.
+  const auto save_scene = [&] { click_and_settle(40, 768); };
+  save_scene();
+  const std::string saved = *read_text_file("v.json");
+  EXPECT_EQ(saved, scene_to_json(scene()));
+  press('P');
+  save_scene();
+  press(key::escape);
+  settle();
+  EXPECT_EQ(*read_text_file("v.json"), saved);
+  save_scene();
+  replace();
+  EXPECT_EQ(*read_text_file("v.json"), scene_to_json(scene()));
+  EXPECT_NE(*read_text_file("v.json"), saved);
+  fs::current_path(present);
+}
+
 // There the panel covers the picture, and comes with its key or its button.
 TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
   ASSERT_TRUE(target.resize(300, 200));
