@@ -134,11 +134,12 @@ void add_between(Colors& colors, const Point& from, const Point& to, const Betwe
   constexpr int most_pieces = 64;
   const auto at = [&](double part) { return between(from.srgb, to.srgb, part); };
   const auto is_fine = [&](int pieces) {
-    for (int i = 0; i < 4 * pieces; ++i) {
-      const double share = i % 4 / 4.0;
-      const dvec3 low = decode(at(double(i / 4) / pieces)), high = decode(at(double(i / 4 + 1) / pieces));
-      const dvec3 error = glm::abs(encode(glm::mix(low, high, share)) - at(i / (4.0 * pieces)));
-      if (std::max({error.x, error.y, error.z}) > tolerance) return false;
+    for (int i = 0; i < pieces; ++i) {
+      const dvec3 low = decode(at(double(i) / pieces)), high = decode(at((i + 1.0) / pieces));
+      for (const double share : {0.25, 0.5, 0.75}) {
+        const dvec3 error = glm::abs(encode(glm::mix(low, high, share)) - at((i + share) / pieces));
+        if (std::max({error.x, error.y, error.z}) > tolerance) return false;
+      }
     }
     return true;
   };

@@ -306,7 +306,7 @@ TransferFunction Viewer::fitting_function() {
   if (fitting_.attribute != scene.attribute) {
     auto fitting = session_->fitting_scene(scene.attribute);
     if (!fitting) message_ = fitting.error().message;
-    fitting_ = fitting ? std::move(*fitting) : scene;
+    fitting_ = fitting ? *fitting : scene;
   }
   Scene adapted = fitting_;
   if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
