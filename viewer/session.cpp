@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <bit>
 #include <cctype>
+#include <chrono>
 #include <cmath>
+#include <system_error>
 
+#include "base/interruption.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "streamer/explain.h"
@@ -89,6 +92,7 @@ Status Session::show_attribute(const std::string& name) {
 }
 
 Status Session::show_step(std::size_t step) {
+  stop_drawing();
   settled_ = false;
   sharpening_.reset();
   SPLATVOL_TRY(player_->show_step(step));
@@ -151,6 +155,12 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(fit_camera());
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
+  undrawn_seconds_ += seconds;
+  if (is_drawing()) {
+    if (scene != used_scene_) stop_.request_stop();
+    SPLATVOL_TRY(end_drawing(is_busy));
+    if (is_drawing()) return {};  // the picture stays
+  }
   SPLATVOL_TRY(apply());
   if (settled_) return failure_;
 
@@ -159,7 +169,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
   if (!moves && !sharpening_) begin_rest();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
-                       .change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds)};
+                       .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
     request.detail.goal = ErrorGoal{0, std::min(pacer_.splats(), player_->device_splats())};
   else
@@ -173,13 +183,60 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
 
   // Slabs take several times as long: a hand that turns the data gets more splats instead.
   const bool mixes = settings.mixes && !moves;
-  SPLATVOL_TRY(player_->draw({.sort = settings.sort,
-                              .raster = mixes ? Raster::automatic : Raster::splats,
-                              .sample_spacing = moves ? moving_sample_spacing(view(), chosen.splats) : 0}));
-  texture_is_old_ = true;
+  const DrawOptions options{.sort = settings.sort,
+                            .raster = mixes ? Raster::automatic : Raster::splats,
+                            .sample_spacing = moves ? moving_sample_spacing(view(), chosen.splats) : 0};
+  undrawn_seconds_ = 0;
+  if (!moves && can_draw_aside()) return draw_aside(options);
+  SPLATVOL_TRY(player_->draw(options));
+  note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(request.detail.goal->max_splats, player_->times().frame);
   return moves || !frame()->progress.settled ? Status{} : finish_picture();
+}
+
+void Session::note_drawn() {
+  texture_is_old_ = true;
+  draw_seconds_ = player_->times().frame;
+  device_bytes_ = player_->rasterizer().device_bytes();
+}
+
+// A context of OpenGL belongs to this thread.
+bool Session::can_draw_aside() const {
+  return settings.hurries && dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
+}
+
+Status Session::draw_aside(const DrawOptions& options) {
+  stop_ = std::stop_source();
+  const auto draw = [this, options, stop = stop_.get_token()] {
+    const Interruptible interruptible(stop);
+    return player_->draw(options);
+  };
+  try {
+    drawing_ = std::async(std::launch::async, draw);
+  } catch (const std::system_error&) {
+    drawing_ = std::async(std::launch::deferred, draw);  // no thread starts: it is drawn here
+    drawing_.wait();
+  }
+  return end_drawing(false);
+}
+
+// Takes over the picture if it is there, or comes soon.
+Status Session::end_drawing(bool is_busy) {
+  constexpr std::chrono::milliseconds patience{8};  // half of a frame at 60 frames a second
+  if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
+  const Status drawn = drawing_.get();
+  if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
+  SPLATVOL_TRY(drawn);
+  note_drawn();
+  return frame()->progress.settled ? finish_picture() : Status{};
+}
+
+// Ends a picture that nobody will see.
+void Session::stop_drawing() {
+  if (!is_drawing()) return;
+  stop_.request_stop();
+  static_cast<void>(drawing_.get());
 }
 
 // Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.

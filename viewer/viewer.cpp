@@ -51,6 +51,7 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::show(std::unique_ptr<Session> session) {
   session_ = std::move(session);
+  picture_ = {};
   question_.reset();
   saving_.reset();
   fitting_ = session_->first_scene();
@@ -395,8 +396,11 @@ Status Viewer::draw_picture(double seconds) {
     drawn_ = saving_ ? session_->draw(saving_->width, saving_->height, seconds)
                      : session_->draw(width, window_.pixel_height, seconds, is_busy());
     if (drawn_) {
-      SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
-      picture = shown;
+      if (!session_->is_drawing()) {
+        SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
+        picture_ = shown;
+      }
+      picture = picture_;
       background = session_->scene.background;
     } else {
       message_ = drawn_.error().message;

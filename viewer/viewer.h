@@ -141,7 +141,8 @@ class Viewer {
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change
   double frame_seconds_ = 0;
-  Status drawn_;         // of the last picture
+  Status drawn_;  // of the last picture
+  ShownPicture picture_;
   std::string message_;  // the last error, or the last file saved
 
   CameraPath path_;

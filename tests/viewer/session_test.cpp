@@ -108,6 +108,39 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   EXPECT_LT(session->frame()->splats, finest);
 }
 
+// Pictures at rest are drawn aside, and given up if the view changes.
+TEST_F(SessionAtRest, NobodyWaitsForAPicture) {
+  ViewSettings settings = on_processor();
+  settings.tolerance = 0;
+  const auto session = open(settings);
+  const auto draw_large = [&](double seconds) {
+    const Status drawn = session->draw(900, 700, seconds);
+    ASSERT_TRUE(drawn) << drawn.error().message;
+  };
+  const auto settle = [&] {
+    int frames = 0;
+    do {
+      draw_large(long_time);
+    } while (!session->is_settled() && ++frames < 10000);
+    return session->image().value();
+  };
+  const Image whole = settle();
+  const Camera camera = session->scene.camera;
+  int given_up = 0;
+  for (int tries = 0; tries < 20; ++tries) {
+    session->scene.camera.position += dvec3(0.01);
+    draw_large(0.001);
+    for (int frames = 0; !session->is_drawing() && !session->is_settled() && frames < 10000; ++frames)
+      draw_large(long_time);
+    given_up += session->is_drawing() ? 1 : 0;
+  }
+  EXPECT_GT(given_up, 0) << "each picture of 6e5 splats was there at once";
+  session->scene.camera = camera;
+  EXPECT_EQ(compare_images(settle(), whole)->max, 0);
+  session->scene.camera.position += dvec3(0.01);
+  draw_large(long_time);  // may still be drawing at its end
+}
+
 TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
   ViewSettings settings = on_processor();
   settings.hurries = false;
