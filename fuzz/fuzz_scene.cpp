@@ -1,10 +1,12 @@
 // A scene file: read, written and read again. What it describes is used: its view, its transfer function, its tables.
+// The same text as colour maps.
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "fuzz/fuzz.h"
 #include "renderer/transfer_table.h"
+#include "scene/color_map_file.h"
 #include "scene/scene.h"
 
 using namespace splatvol;
@@ -50,10 +52,24 @@ void check_tables(const TransferFunction& function) {
   require(levels.size() == 5 && levels.back().size() == 1, "levels end in one entry");
 }
 
+void check_color_maps(const std::string& text) {
+  const auto maps = parse_color_maps(text);
+  require(maps || maps.error().message.find('\n') == std::string::npos, "an error is one line");
+  for (const NamedColorMap& map : maps.value_or(std::vector<NamedColorMap>())) {
+    require(map.colors.size() >= 2 && map.colors.size() <= 4096, "a map has control points");
+    require(map.colors.front().t == 0 && map.colors.back().t == 1 &&
+                std::ranges::is_sorted(map.colors, {}, &TransferFunction::Color::t),
+            "t runs from 0 to 1");
+    for (const auto& color : map.colors)
+      for (int k = 0; k < 3; ++k) require(color.rgb[k] >= 0 && color.rgb[k] <= 1, "colours are in range");
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string text(reinterpret_cast<const char*>(data), size);
+  check_color_maps(text);
   if (const auto alone = parse_camera(text))
     require(parse_camera(camera_to_json(*alone)) == *alone, "a camera file comes back");
   const auto scene = parse_scene(text);

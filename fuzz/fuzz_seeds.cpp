@@ -159,6 +159,9 @@ Status add_scenes(Seeds& seeds) {
 
   Camera camera;
   camera.position = {1, 2, 3};
+  for (const char* space : {"RGB", "HSV", "Lab", "Diverging", "Step"})
+    SPLATVOL_TRY(
+        seeds.add("fuzz_scene", fmt::format(R"([{{"ColorSpace":"{}","RGBPoints":[0,0,0,1,1,1,0,0]}}])", space)));
   SPLATVOL_TRY(seeds.add("fuzz_scene", camera_to_json(camera)));
   const std::string from = camera_to_json(camera);
   camera.position = {3, 0, 1};

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <limits>
+#include <utility>
 
 #include "base/http_source.h"
 #include "base/interruption.h"
@@ -178,23 +179,36 @@ Status Player::show_step(std::size_t step) {
   if (steps_.times().empty() || step >= steps_.times().size())
     return fail(ErrorCode::invalid_argument, "{}: no step {}", steps_.name(), step);
   frame_ = nullptr;
+  if (is_lost_) {
+    const std::size_t before = std::exchange(step_, step);
+    Status opened = open_streamer(scene_, options_);
+    if (!opened) step_ = before;
+    return opened;
+  }
   Status changed = change_step(step);
   if (!changed) {
-    is_lost_ = !open_streamer(scene_, options_);
+    if (is_lost_) static_cast<void>(open_streamer(scene_, options_));
     return changed;
   }
   step_ = step;
   return set_function(*rasterizer_, scene_, *streamer_);
 }
 
+// If a file cannot be opened, all stays as it was. If the streamer cannot change, the step is lost.
 Status Player::change_step(std::size_t step) {
   const Call call(*this);
-  if (!steps_.are_files()) return streamer_->set_step(step);
-  const bool is_ahead = ahead_ && ahead_->step() == step;
-  auto volume = is_ahead ? ahead_->volume() : steps_.volume(step);
-  ahead_.reset();
-  if (!volume) return tl::unexpected(volume.error());
-  return streamer_->set_step(std::move(*volume));
+  std::shared_ptr<const format::Volume> volume;
+  if (steps_.are_files()) {
+    const bool is_ahead = ahead_ && ahead_->step() == step;
+    auto opened = is_ahead ? ahead_->volume() : steps_.volume(step);
+    ahead_.reset();
+    SPLATVOL_TRY_ASSIGN(file, std::move(opened));
+    volume = std::move(file);
+  }
+  is_lost_ = true;
+  SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
+  is_lost_ = false;
+  return {};
 }
 
 void Player::read_ahead(std::size_t step) {

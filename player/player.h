@@ -116,7 +116,7 @@ class Player {
   [[nodiscard]] const format::Steps& steps() const { return steps_; }
   [[nodiscard]] std::size_t step() const { return step_; }
 
-  /// Changes to another step. If it fails, the step before is opened again.
+  /// Changes to another step. If it fails, the step before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
   /// Begins to read another step on a thread of its own, for `show_step`. Does nothing if there is no such step.
@@ -197,7 +197,7 @@ class Player {
   Scene scene_;
   View view_;
   bool is_nudged_ = false;  // by draw_again
-  bool is_lost_ = false;    // no step could be opened again
+  bool is_lost_ = false;    // the streamer has no step; only to be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
   std::shared_ptr<const SurfaceDepths> surface_depths_;

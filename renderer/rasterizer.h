@@ -74,7 +74,8 @@ class Rasterizer {
   [[nodiscard]] virtual Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) = 0;
 
   /// Draws the splats as `view` sees them, on transparent black. Fails if the picture is larger than the device allows,
-  /// or has another size than the depths of the surfaces.
+  /// or has another size than the depths of the surfaces. Fails with ErrorCode::cancelled if the thread is interrupted
+  /// (base/interruption.h) and the device looks at it: the processor does.
   /// A splat draws nothing if its value is NaN, or if its weight is 0, or its extinction unless it is mixed with
   /// others. A splat of `octant` draws nothing either if its centre is not in front of the eye.
   ///

@@ -20,15 +20,53 @@ std::vector<TransferFunction::Color> spread(std::initializer_list<std::uint32_t>
   return colors;
 }
 
+struct Sample {
+  int index;  // in the published table of 256 colours
+  std::uint32_t code;
+};
+
+/// Returns control points from some colours of a table. Between them, the table is met within 4 of 255.
+std::vector<TransferFunction::Color> sampled(std::initializer_list<Sample> samples) {
+  std::vector<TransferFunction::Color> colors;
+  for (const auto& [index, code] : samples) colors.push_back({index / 255.0, spread({code, code}).front().rgb});
+  return colors;
+}
+
 }  // namespace
 
 std::span<const ColorMap> color_maps() {
-  static const std::array<ColorMap, 4> maps = {{
+  static const std::array<ColorMap, 6> maps = {{
       {"viridis", spread({0x440154, 0x472D7B, 0x3B528B, 0x2C728E, 0x21918C, 0x28AE80, 0x5EC962, 0xADDC30, 0xFDE725})},
       {"inferno", spread({0x000004, 0x210C4A, 0x57106E, 0x8A226A, 0xBC3754, 0xE45A31, 0xF98E09, 0xF9CB35, 0xFCFFA4})},
       {"cool to warm",
        spread({0x3B4CC0, 0x6282EA, 0x8DB0FE, 0xB8D0F9, 0xDDDDDD, 0xF5C4AD, 0xF49A7B, 0xDE604D, 0xB40426})},
       {"grey", spread({0x000000, 0x404040, 0x808080, 0xBFBFBF, 0xFFFFFF})},
+      {"cividis", sampled({{0, 0x00224E},
+                           {14, 0x002C66},
+                           {24, 0x053371},
+                           {72, 0x4B546C},
+                           {135, 0x838179},
+                           {192, 0xBCAE6C},
+                           {253, 0xFEE535},
+                           {255, 0xFEE838}})},
+      {"turbo", sampled({{0, 0x30123B},
+                         {3, 0x341B51},
+                         {12, 0x3D358B},
+                         {29, 0x4664DA},
+                         {45, 0x458CFD},
+                         {58, 0x33ADF7},
+                         {74, 0x1AD2D2},
+                         {87, 0x1DE7B2},
+                         {97, 0x35F394},
+                         {107, 0x59FB73},
+                         {120, 0x8BFF4B},
+                         {132, 0xAFFA37},
+                         {168, 0xF8BE39},
+                         {189, 0xFC8725},
+                         {205, 0xEF5811},
+                         {219, 0xDA3907},
+                         {236, 0xB41B01},
+                         {255, 0x7A0403}})},
   }};
   return maps;
 }

@@ -14,7 +14,8 @@ struct ColorMap {
   std::vector<TransferFunction::Color> colors;  // linear, t from 0 to 1
 };
 
-/// Viridis and inferno (van der Walt and Smith, 2015), Moreland's cool to warm (2009), grey.
+/// Viridis and inferno (van der Walt and Smith, 2015), Moreland's cool to warm (2009), grey, cividis (Nunez, Anderton
+/// and Renslow, 2018), turbo (Mikhailov, 2019).
 [[nodiscard]] std::span<const ColorMap> color_maps();
 
 /// Cool to warm with five control points of four digits each: short enough for a scene file that a person edits.

@@ -70,28 +70,25 @@ Status check_recording(const std::string& path) {
 Status look(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, window_size(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
-  std::optional<AtomicFile> recording;
-  if (!options.record.empty()) {
-    SPLATVOL_TRY(check_recording(options.record));
-    SPLATVOL_TRY_ASSIGN(file, AtomicFile::create(options.record));
-    recording.emplace(std::move(file));
-  }
+  if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   window->set_title(viewer->title());
   std::string title = viewer->title();
+  std::optional<RecordingFile> recording;
+  if (!options.record.empty()) {
+    SPLATVOL_TRY_ASSIGN(file, RecordingFile::create(options.record));
+    recording.emplace(std::move(file));
+  }
   while (!window->should_close() && !viewer->wants_to_close()) {
     const FrameInput input = window->take_input(viewer->is_settled() ? 1 : 0);
     if (input.events.empty() && viewer->is_settled()) continue;
-    if (recording) {
-      const std::string line = to_line(input);
-      SPLATVOL_TRY(recording->append(std::as_bytes(std::span(line))));
-    }
+    if (recording) SPLATVOL_TRY(recording->add(input));
     SPLATVOL_TRY(viewer->frame(input));
     window->swap();
     if (viewer->title() != title) window->set_title(title = viewer->title());
   }
-  return recording ? recording->commit() : Status{};
+  return {};
 }
 
 // A recording is drawn onto a stage: a window, or a picture instead.

@@ -1,7 +1,10 @@
 #include "viewer/events.h"
 
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
@@ -74,7 +77,51 @@ Result<FrameInput> parse_line(const std::string& line) {
   }
 }
 
+// What the events of a frame have done so far.
+struct FrameChanges {
+  bool moved = false, button = false, text = false, command = false;
+  std::map<int, bool> keys;
+
+  // GLFW's codes of keys that type a character are below 256.
+  static bool is_command(int code) { return code >= 256; }
+
+  [[nodiscard]] bool allow(const Event& event) const {
+    if (button) return false;
+    if (const auto* changed = std::get_if<KeyChanged>(&event)) {
+      const auto before = keys.find(changed->code);
+      return (before == keys.end() || before->second == changed->down) && !(text && is_command(changed->code));
+    }
+    if (std::holds_alternative<TextTyped>(event)) return !command;
+    return !moved || !(std::holds_alternative<ButtonChanged>(event) || std::holds_alternative<Scrolled>(event));
+  }
+
+  void add(const Event& event) {
+    moved |= std::holds_alternative<PointerMoved>(event);
+    button |= std::holds_alternative<ButtonChanged>(event);
+    text |= std::holds_alternative<TextTyped>(event);
+    if (const auto* changed = std::get_if<KeyChanged>(&event)) {
+      keys[changed->code] = changed->down;
+      command |= is_command(changed->code);
+    }
+  }
+};
+
 }  // namespace
+
+int key_by_name(int code, std::string_view name) {
+  const char c = name.size() == 1 ? name[0] : '\0';
+  if (c >= 'a' && c <= 'z') return 'A' + (c - 'a');
+  return c >= 'A' && c <= 'Z' ? c : code;
+}
+
+std::vector<Event> EventQueue::take_frame() {
+  std::vector<Event> taken;
+  for (FrameChanges changes; !events_.empty() && changes.allow(events_.front()); events_.pop_front()) {
+    changes.add(events_.front());
+    taken.push_back(std::move(events_.front()));
+  }
+  return taken;
+}
 
 std::string to_line(const FrameInput& input) {
   json events = json::array();
@@ -83,12 +130,25 @@ std::string to_line(const FrameInput& input) {
          "\n";
 }
 
+Result<RecordingFile> RecordingFile::create(const std::string& path) {
+  RecordingFile recording(path);
+  if (!recording.file_) return fail(ErrorCode::io, "{}: cannot be written: {}", path, std::strerror(errno));
+  return recording;
+}
+
+Status RecordingFile::add(const FrameInput& input) {
+  file_ << to_line(input) << std::flush;
+  return file_ ? Status{} : fail(ErrorCode::io, "{}: cannot be written: {}", path_, std::strerror(errno));
+}
+
 Result<std::vector<FrameInput>> load_recording(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
   std::istringstream lines(text);
   std::vector<FrameInput> frames;
   for (std::string line; std::getline(lines, line);) {
     auto frame = parse_line(line);
+    const bool is_cut_off = lines.eof();
+    if (!frame && is_cut_off && !frames.empty()) break;
     if (!frame) return fail(frame.error().code, "{}:{}: {}", path, frames.size() + 1, frame.error().message);
     frames.push_back(std::move(*frame));
   }

@@ -3,8 +3,13 @@
 #include <imgui.h>
 
 #include <array>
+#include <cmath>
 #include <cstddef>
+#include <span>
 #include <utility>
+
+#include "scene/font_data.h"
+#include "viewer/gui_units.h"
 
 namespace splatvol {
 namespace {
@@ -31,7 +36,7 @@ layout(location = 0) out vec4 result;
 void main() { result = color * texture(font, at); }
 )";
 
-constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImGuiKey_Tab},
+constexpr std::array<std::pair<int, ImGuiKey>, 17> named_keys = {{{key::tab, ImGuiKey_Tab},
                                                                   {key::left, ImGuiKey_LeftArrow},
                                                                   {key::right, ImGuiKey_RightArrow},
                                                                   {key::up, ImGuiKey_UpArrow},
@@ -45,7 +50,9 @@ constexpr std::array<std::pair<int, ImGuiKey>, 15> named_keys = {{{key::tab, ImG
                                                                   {'A', ImGuiKey_A},
                                                                   {'C', ImGuiKey_C},
                                                                   {'V', ImGuiKey_V},
-                                                                  {'X', ImGuiKey_X}}};
+                                                                  {'X', ImGuiKey_X},
+                                                                  {'Y', ImGuiKey_Y},
+                                                                  {'Z', ImGuiKey_Z}}};
 
 // Dear ImGui takes events since 1.87, with these names since 1.89. Older versions have only state.
 #if IMGUI_VERSION_NUM >= 18900
@@ -55,8 +62,8 @@ void feed(ImGuiIO& io, const ButtonChanged& e) {
 }
 void feed(ImGuiIO& io, const Scrolled& e) { io.AddMouseWheelEvent(float(e.x), float(e.y)); }
 void feed(ImGuiIO& io, const KeyChanged& e) {
-  if (e.code == key::left_control) io.AddKeyEvent(ImGuiMod_Ctrl, e.down);
-  if (e.code == key::left_shift) io.AddKeyEvent(ImGuiMod_Shift, e.down);
+  if (e.code == key::left_control || e.code == key::right_control) io.AddKeyEvent(ImGuiMod_Ctrl, e.down);
+  if (e.code == key::left_shift || e.code == key::right_shift) io.AddKeyEvent(ImGuiMod_Shift, e.down);
   for (const auto& [code, name] : named_keys)
     if (code == e.code) io.AddKeyEvent(name, e.down);
 }
@@ -68,9 +75,9 @@ void feed(ImGuiIO& io, const ButtonChanged& e) {
 }
 void feed(ImGuiIO& io, const Scrolled& e) { io.MouseWheel += float(e.y), io.MouseWheelH += float(e.x); }
 void feed(ImGuiIO& io, const KeyChanged& e) {
-  if (e.code == key::left_control) io.KeyCtrl = e.down;
-  if (e.code == key::left_shift) io.KeyShift = e.down;
   io.KeysDown[e.code] = e.down;
+  io.KeyCtrl = io.KeysDown[key::left_control] || io.KeysDown[key::right_control];
+  io.KeyShift = io.KeysDown[key::left_shift] || io.KeysDown[key::right_shift];
 }
 void name_keys(ImGuiIO& io) {
   static_assert(key::count <= IM_ARRAYSIZE(ImGuiIO::KeysDown));
@@ -114,9 +121,13 @@ Status Gui::make_font(double scale) {
   scale_ = scale;
   ImGuiIO& io = ImGui::GetIO();
   io.Fonts->Clear();
+  // Latin, Greek and Cyrillic letters, and what units and ticks of decades need.
+  static constexpr ImWchar characters[] = {0x20, 0x17F, 0x370, 0x4FF, 0x2010, 0x209F, 0x2200, 0x22FF, 0};
+  const std::span<const unsigned char> font = font_bytes();
   ImFontConfig config;
-  config.SizePixels = static_cast<float>(static_cast<int>(13 * scale));
-  io.Fonts->AddFontDefault(&config);
+  config.FontDataOwnedByAtlas = false;
+  io.Fonts->AddFontFromMemoryTTF(const_cast<unsigned char*>(font.data()), static_cast<int>(font.size()),
+                                 std::round(font_height * static_cast<float>(scale)), &config, characters);
   unsigned char* pixels = nullptr;
   int width = 0, height = 0;
   io.Fonts->GetTexDataAsRGBA32(&pixels, &width, &height);
@@ -128,18 +139,22 @@ Status Gui::make_font(double scale) {
   glTextureSubImage2D(name, 0, 0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, pixels);
   glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
 
+  return check_gl("the interface's font");
+}
+
+void Gui::set_style(double scale, bool light) {
   ImGuiStyle& style = ImGui::GetStyle();
   style = ImGuiStyle();
-  ImGui::StyleColorsDark();
+  light ? ImGui::StyleColorsLight() : ImGui::StyleColorsDark();
   style.WindowRounding = 4;
   style.FrameRounding = 3;
   style.Colors[ImGuiCol_WindowBg].w = 0.85f;
   style.ScaleAllSizes(static_cast<float>(scale));
-  return check_gl("the interface's font");
 }
 
-Status Gui::begin(const FrameInput& input, const WindowResized& window) {
+Status Gui::begin(const FrameInput& input, const WindowResized& window, bool light) {
   SPLATVOL_TRY(make_font(window.content_scale));
+  set_style(window.content_scale, light);
   ImGuiIO& io = ImGui::GetIO();
   io.DisplaySize = ImVec2(static_cast<float>(window.width), static_cast<float>(window.height));
   if (window.width > 0 && window.height > 0)
@@ -155,6 +170,8 @@ Status Gui::begin(const FrameInput& input, const WindowResized& window) {
 bool Gui::has_pointer() const { return ImGui::GetIO().WantCaptureMouse; }
 
 bool Gui::has_keyboard() const { return ImGui::GetIO().WantTextInput; }
+
+bool Gui::has_active_control() const { return ImGui::IsAnyItemActive(); }
 
 Status Gui::upload(const ImDrawData& data) {
   SPLATVOL_TRY(vertices_.reserve(static_cast<std::size_t>(data.TotalVtxCount) * sizeof(ImDrawVert)));

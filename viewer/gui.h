@@ -20,8 +20,9 @@ class Gui {
   Gui& operator=(const Gui&) = delete;
   ~Gui();
 
-  /// Begins a frame of this window. Between `begin` and `draw` Dear ImGui's functions may be called.
-  [[nodiscard]] Status begin(const FrameInput& input, const WindowResized& window);
+  /// Begins a frame of this window, in a light or a dark theme. Between `begin` and `draw` Dear ImGui's functions may
+  /// be called.
+  [[nodiscard]] Status begin(const FrameInput& input, const WindowResized& window, bool light = false);
 
   /// Draws the frame over the framebuffer that is bound, which has the window's size in pixels.
   [[nodiscard]] Status draw();
@@ -30,9 +31,13 @@ class Gui {
   [[nodiscard]] bool has_pointer() const;
   [[nodiscard]] bool has_keyboard() const;
 
+  /// Whether a control is held, or a text is being typed.
+  [[nodiscard]] bool has_active_control() const;
+
  private:
   Gui() = default;
   [[nodiscard]] Status make_font(double scale);
+  static void set_style(double scale, bool light);
   [[nodiscard]] Status upload(const ImDrawData& data);
   void set_state(const ImDrawData& data, int width, int height) const;
 

@@ -14,7 +14,10 @@ namespace splatvol {
   return ImGui::ColorConvertFloat4ToU32(ImVec4(encode(rgb.r), encode(rgb.g), encode(rgb.b), 1));
 }
 
+/// From one line of text to the next, at scale 1.
+inline constexpr float font_height = 15;
+
 /// Returns the window units that a unit of the interface's design takes: 1 on a plain screen.
-[[nodiscard]] inline float gui_unit() { return ImGui::GetFontSize() / 13; }
+[[nodiscard]] inline float gui_unit() { return ImGui::GetFontSize() / font_height; }
 
 }  // namespace splatvol

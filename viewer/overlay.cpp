@@ -92,33 +92,37 @@ void draw_axes(const View& view, const PictureArea& area) {
   }
 }
 
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PictureArea& area) {
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const dvec3& ink,
+                     const PictureArea& area) {
   const float u = gui_unit();
-  const float height = 180 * u, width = 14 * u;
+  const float above = 30 * u, below = 26 * u, width = 14 * u;
+  const float height = std::min(180 * u, static_cast<float>(area.height) - above - below);
+  if (height < 40 * u) return;
   const auto right = static_cast<float>(area.left + area.width);
-  const ImVec2 low(right - 90 * u, static_cast<float>(area.height) - height - 20 * u);
+  const ImVec2 low(right - 90 * u, static_cast<float>(area.height) - height - below);
   constexpr int stripes = 64;
   const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
   for (int i = 0; i < stripes; ++i)
     canvas().AddRectFilled({low.x, y((i + 1.0) / stripes)}, {low.x + width, y(double(i) / stripes)},
                            gui_color(function.color_at((i + 0.5) / stripes)));
-  canvas().AddRect(low, {low.x + width, low.y + height}, IM_COL32(255, 255, 255, 160));
+  const ImU32 color = gui_color(ink), halo = gui_color(dvec3(1) - ink) & ~IM_COL32(0, 0, 0, 128);
+  canvas().AddRect(low, {low.x + width, low.y + height}, color);
   const auto write = [&](const ImVec2& at, const std::string& text) {
-    canvas().AddText({at.x + 1, at.y + 1}, IM_COL32(0, 0, 0, 200), text.c_str());
-    canvas().AddText(at, IM_COL32(255, 255, 255, 255), text.c_str());
+    for (const ImVec2& shift : {ImVec2(1, 0), ImVec2(-1, 0), ImVec2(0, 1), ImVec2(0, -1)})
+      canvas().AddText({at.x + shift.x, at.y + shift.y}, halo, text.c_str());
+    canvas().AddText(at, color, text.c_str());
   };
-  const Ticks ticks = ticks_of(function, 5);
-  // The window's font has no raised digits.
-  const bool is_bent = function.axis != ValueAxis::linear;
+  const Ticks ticks = ticks_of(function, height < 100 * u ? 3 : 5);
+  const float half_line = ImGui::GetFontSize() / 2;
   for (const Tick& tick : ticks.list) {
     const double t = function.t_of(tick.value);
-    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, IM_COL32(255, 255, 255, 200), u);
-    write({low.x + width + 7 * u, y(t) - 7 * u}, is_bent ? fmt::format("{:g}", tick.value) : tick.label);
+    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, color, u);
+    write({low.x + width + 7 * u, y(t) - half_line}, tick.label);
   }
-  if (ticks.exponent != 0) write({low.x, low.y + height + 3 * u}, fmt::format("x 1e{}", ticks.exponent));
+  if (!ticks.factor.empty()) write({low.x, low.y + height + 3 * u}, ticks.factor);
   const std::string title = label_of(attribute);
   const float text_width = ImGui::CalcTextSize(title.c_str()).x;
-  write({std::min(low.x, right - text_width - 8 * u), low.y - 20 * u}, title);
+  write({std::min(low.x, right - text_width - 8 * u), low.y - 22 * u}, title);
 }
 
 void draw_message(const std::string& text, const PictureArea& area) {

@@ -27,8 +27,9 @@ void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t re
 /// Draws the world's axes as the camera sees them, in the picture's lower left corner.
 void draw_axes(const View& view, const PictureArea& area);
 
-/// Draws colours and values of a transfer function, at the right edge.
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const PictureArea& area);
+/// Draws colours and values of a transfer function, at the right edge; words in `ink`.
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const dvec3& ink,
+                     const PictureArea& area);
 
 /// Draws a text in the middle of the picture.
 void draw_message(const std::string& text, const PictureArea& area);

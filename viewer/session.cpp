@@ -3,17 +3,17 @@
 #include <algorithm>
 #include <bit>
 #include <cctype>
+#include <chrono>
 #include <cmath>
+#include <system_error>
 
+#include "base/interruption.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
 #include "streamer/explain.h"
 
 namespace splatvol {
 namespace {
-
-// After this time without a change, the picture becomes finer.
-constexpr double pause_seconds = 0.15;
 
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
@@ -79,14 +79,20 @@ const format::Attribute& Session::attribute() const {
   return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
 }
 
+Result<Camera> Session::fitting_camera() const {
+  SPLATVOL_TRY_ASSIGN(fitting, player_->fitting_scene(scene.attribute, {scene.width, scene.height}));
+  return fitting.camera;
+}
+
 Status Session::show_attribute(const std::string& name) {
-  SPLATVOL_TRY_ASSIGN(fitting, player_->fitting_scene(name, {512, 512, scene.background}));
+  SPLATVOL_TRY_ASSIGN(fitting, fitting_scene(name));
   scene.attribute = name;
   scene.transfer_function = fitting.transfer_function;
   return {};
 }
 
 Status Session::show_step(std::size_t step) {
+  stop_drawing();
   settled_ = false;
   sharpening_.reset();
   SPLATVOL_TRY(player_->show_step(step));
@@ -128,34 +134,42 @@ Status Session::apply() {
 }
 
 // Fits the first scene's camera to the first picture, whose size was not known when the file was opened.
-Status Session::fit_camera(int width, int height) {
+Status Session::fit_camera() {
   if (!fits_) return {};
   fits_ = false;
   if (scene.camera != first_scene_.camera) return {};
-  SPLATVOL_TRY_ASSIGN(fitted, player_->fitting_scene(first_scene_.attribute, {width, height}));
-  scene.camera = first_scene_.camera = fitted.camera;
+  SPLATVOL_TRY_ASSIGN(fitted, fitting_camera());
+  scene.camera = first_scene_.camera = fitted;
   return {};
 }
 
-Status Session::draw(int width, int height, double seconds) {
-  Status drawn = draw_next(width, height, seconds);
-  if (!drawn) settled_ = true;  // only a change helps, and it begins anew
-  return drawn;
+Status Session::draw(int width, int height, double seconds, bool is_busy) {
+  failure_ = draw_next(width, height, seconds, is_busy);
+  if (!failure_) settled_ = true;  // only a change helps, and it begins anew
+  return failure_;
 }
 
-Status Session::draw_next(int width, int height, double seconds) {
-  SPLATVOL_TRY(fit_camera(width, height));
+Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   scene.width = width;
   scene.height = height;
+  SPLATVOL_TRY(fit_camera());
   SPLATVOL_TRY(make_view(scene));
   still_seconds_ += seconds;
+  undrawn_seconds_ += seconds;
+  if (is_drawing()) {
+    if (scene != used_scene_) stop_.request_stop();
+    SPLATVOL_TRY(end_drawing(is_busy));
+    if (is_drawing()) return {};  // the picture stays
+  }
   SPLATVOL_TRY(apply());
-  if (settled_) return {};
+  if (settled_) return failure_;
 
-  const bool moves = settings.hurries && still_seconds_ < pause_seconds;
+  if (is_busy && sharpening_ && !awaits_step_) return {};  // the picture stays
+
+  const bool moves = settings.hurries && (is_busy || still_seconds_ < pause_seconds);
   if (!moves && !sharpening_) begin_rest();
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
-                       .change = moves ? 1 : std::min(1.0, std::max(seconds, 0.01) / fade_seconds)};
+                       .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
     request.detail.goal = ErrorGoal{0, std::min(pacer_.splats(), player_->device_splats())};
   else
@@ -169,13 +183,60 @@ Status Session::draw_next(int width, int height, double seconds) {
 
   // Slabs take several times as long: a hand that turns the data gets more splats instead.
   const bool mixes = settings.mixes && !moves;
-  SPLATVOL_TRY(player_->draw({.sort = settings.sort,
-                              .raster = mixes ? Raster::automatic : Raster::splats,
-                              .sample_spacing = moves ? moving_sample_spacing(view(), chosen.splats) : 0}));
-  texture_is_old_ = true;
+  const DrawOptions options{.sort = settings.sort,
+                            .raster = mixes ? Raster::automatic : Raster::splats,
+                            .sample_spacing = moves ? moving_sample_spacing(view(), chosen.splats) : 0};
+  undrawn_seconds_ = 0;
+  if (!moves && can_draw_aside()) return draw_aside(options);
+  SPLATVOL_TRY(player_->draw(options));
+  note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(request.detail.goal->max_splats, player_->times().frame);
   return moves || !frame()->progress.settled ? Status{} : finish_picture();
+}
+
+void Session::note_drawn() {
+  texture_is_old_ = true;
+  draw_seconds_ = player_->times().frame;
+  device_bytes_ = player_->rasterizer().device_bytes();
+}
+
+// A context of OpenGL belongs to this thread.
+bool Session::can_draw_aside() const {
+  return settings.hurries && dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
+}
+
+Status Session::draw_aside(const DrawOptions& options) {
+  stop_ = std::stop_source();
+  const auto draw = [this, options, stop = stop_.get_token()] {
+    const Interruptible interruptible(stop);
+    return player_->draw(options);
+  };
+  try {
+    drawing_ = std::async(std::launch::async, draw);
+  } catch (const std::system_error&) {
+    drawing_ = std::async(std::launch::deferred, draw);  // no thread starts: it is drawn here
+    drawing_.wait();
+  }
+  return end_drawing(false);
+}
+
+// Takes over the picture if it is there, or comes soon.
+Status Session::end_drawing(bool is_busy) {
+  constexpr std::chrono::milliseconds patience{8};  // half of a frame at 60 frames a second
+  if (drawing_.wait_for(is_busy ? std::chrono::milliseconds{0} : patience) == std::future_status::timeout) return {};
+  const Status drawn = drawing_.get();
+  if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
+  SPLATVOL_TRY(drawn);
+  note_drawn();
+  return frame()->progress.settled ? finish_picture() : Status{};
+}
+
+// Ends a picture that nobody will see.
+void Session::stop_drawing() {
+  if (!is_drawing()) return;
+  stop_.request_stop();
+  static_cast<void>(drawing_.get());
 }
 
 // Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.

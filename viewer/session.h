@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -20,6 +22,9 @@
 #include "viewer/screen.h"
 
 namespace splatvol {
+
+/// After this time without a change, in seconds, the picture becomes finer.
+inline constexpr double pause_seconds = 0.15;
 
 /// How the file is to be shown, named like svrender's options.
 struct ViewSettings {
@@ -39,17 +44,35 @@ struct ViewSettings {
 /// `settings` say so.
 class Session {
  public:
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+  ~Session() { stop_drawing(); }
+
   /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
   /// scene.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
                                                              const ViewSettings& settings);
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
-  /// from call to call at rest. `seconds`: since the last call.
-  [[nodiscard]] Status draw(int width, int height, double seconds);
+  /// from call to call at rest. `seconds`: since the last call. A picture that cannot be drawn is tried again after a
+  /// change; until then, each call fails alike. While `is_busy`, somebody uses the interface, and would wait for a
+  /// finer picture: none is drawn.
+  [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
+
+  /// Whether a thread draws a picture at rest: calls of `draw` do not wait for it long. Then `shown_picture`, `image`
+  /// and `page` must not be called; the picture before stays.
+  [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
 
   /// Returns whether another call without a change would draw the same.
   [[nodiscard]] bool is_settled() const { return settled_; }
+
+  /// Returns a scene that fits an attribute, on the background of `scene`.
+  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute) const {
+    return player_->fitting_scene(attribute, {512, 512, scene.background});
+  }
+
+  /// Returns a camera that sees all that the file shows, in the size of the last picture.
+  [[nodiscard]] Result<Camera> fitting_camera() const;
 
   /// Shows another attribute, with a transfer function of its own. The camera stays.
   [[nodiscard]] Status show_attribute(const std::string& name);
@@ -61,7 +84,7 @@ class Session {
   [[nodiscard]] std::size_t step() const { return player_->step(); }
 
   /// Shows another step of a series. Camera and transfer function stay. The picture stays that of the step before until
-  /// there is one as fine as a moving picture is. If the step cannot be read, the one before is opened again.
+  /// there is one as fine as a moving picture is. If the step cannot be read, the one before stays.
   [[nodiscard]] Status show_step(std::size_t step);
 
   /// Whether the picture is that of `step()`, and so fine.
@@ -107,13 +130,13 @@ class Session {
   /// Returns the last picture with its outline, if the scene has one, and with words round it.
   [[nodiscard]] Result<Image> page(const PageText& text, bool transparent = false) const;
 
-  [[nodiscard]] double draw_seconds() const { return player_->times().frame; }
+  [[nodiscard]] double draw_seconds() const { return draw_seconds_; }
 
   /// Returns how the picture sharpens. None while something moves.
   [[nodiscard]] const std::optional<Sharpening>& sharpening() const { return sharpening_; }
 
   [[nodiscard]] StreamerStatistics statistics() const { return player_->streamer().statistics(); }
-  [[nodiscard]] std::uint64_t device_bytes() const { return player_->rasterizer().device_bytes(); }
+  [[nodiscard]] std::uint64_t device_bytes() const { return device_bytes_; }
   [[nodiscard]] DrawingUnits units() const { return player_->streamer().units(); }
 
   /// Returns the errors of parts that could not be read, the newest last.
@@ -124,12 +147,17 @@ class Session {
 
  private:
   Session() = default;
-  [[nodiscard]] Status draw_next(int width, int height, double seconds);
+  [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status read_histogram();
   [[nodiscard]] Status find_bounds();
   [[nodiscard]] Status apply();
-  [[nodiscard]] Status fit_camera(int width, int height);
+  [[nodiscard]] Status fit_camera();
   void begin_rest();
+  [[nodiscard]] bool can_draw_aside() const;
+  [[nodiscard]] Status draw_aside(const DrawOptions& options);
+  [[nodiscard]] Status end_drawing(bool is_busy);
+  void stop_drawing();
+  void note_drawn();
   [[nodiscard]] Status finish_picture();
 
   std::string path_;
@@ -148,10 +176,20 @@ class Session {
   Scene used_scene_;
 
   bool settled_ = false;
+  Status failure_;            // of the last draw
   double still_seconds_ = 0;  // since the scene changed last
   FramePacer pacer_{0.011};   // seconds of a frame while something moves: 60 frames a second with the window's share
   std::optional<Sharpening> sharpening_;  // at rest
   std::vector<std::string> troubles_;
+
+  // Of the last picture.
+  double draw_seconds_ = 0;
+  std::uint64_t device_bytes_ = 0;
+
+  // A picture at rest, on a thread of its own. Until it ends, nothing else changes the player.
+  double undrawn_seconds_ = 0;  // since the last picture began
+  std::stop_source stop_;
+  std::future<Status> drawing_;
 };
 
 }  // namespace splatvol

@@ -35,6 +35,12 @@ TransferFunction with_domain(TransferFunction function, ValueAxis axis, double l
   return function;
 }
 
+void range_hint(const format::Attribute& attribute, const char* how) {
+  if (ImGui::IsItemHovered())
+    ImGui::SetTooltip("The values%s%s at the ends of the curve.\n%s", attribute.unit.empty() ? "" : ", in ",
+                      attribute.unit.c_str(), how);
+}
+
 constexpr double decades = 4;  // of a logarithmic opacity
 constexpr float grip = 7;      // farthest distance from the pointer to the control point that it takes, at scale 1
 
@@ -98,15 +104,41 @@ struct TransferEditor::Area {
   }
 };
 
+void TransferEditor::add_presets(std::vector<NamedColorMap> maps) {
+  for (NamedColorMap& map : maps) {
+    std::erase_if(presets_, [&](const NamedColorMap& preset) { return preset.name == map.name; });
+    presets_.push_back(std::move(map));
+  }
+}
+
+// Shows each map's colours beside its name.
+void TransferEditor::choose_preset(TransferFunction& function) const {
+  if (!ImGui::BeginCombo("colours", "presets", ImGuiComboFlags_HeightLargest)) return;
+  const auto offer = [&](const std::string& name, const std::vector<TransferFunction::Color>& colors) {
+    ImGui::PushID(name.c_str());
+    const ImVec2 corner = ImGui::GetCursorScreenPos();
+    const float height = ImGui::GetTextLineHeight(), width = 5 * height;
+    if (ImGui::Selectable("##map")) function.colors = colors;
+    TransferFunction map;
+    map.colors = colors;
+    constexpr int stripes = 32;
+    for (int i = 0; i < stripes; ++i)
+      ImGui::GetWindowDrawList()->AddRectFilled({corner.x + width * float(i) / stripes, corner.y},
+                                                {corner.x + width * float(i + 1) / stripes, corner.y + height},
+                                                gui_color(map.color_at((i + 0.5) / stripes)));
+    ImGui::SameLine(width + 2 * ImGui::GetStyle().ItemSpacing.x);
+    ImGui::TextUnformatted(name.c_str());
+    ImGui::PopID();
+  };
+  for (const ColorMap& map : color_maps()) offer(std::string(map.name), map.colors);
+  for (const NamedColorMap& map : presets_) offer(map.name, map.colors);
+  ImGui::EndCombo();
+}
+
 void TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
                           const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
                           const format::StepRange& all) {
-  // Colours.
-  if (ImGui::BeginCombo("colours", "presets", ImGuiComboFlags_HeightLargest)) {
-    for (const ColorMap& map : color_maps())
-      if (ImGui::Selectable(std::string(map.name).c_str())) function.colors = map.colors;
-    ImGui::EndCombo();
-  }
+  choose_preset(function);
   edit_densities(function, attribute, histogram);
   edit_colors(function);
 
@@ -130,6 +162,7 @@ void TransferEditor::draw(TransferFunction& function, const TransferFunction& fi
       for (auto& density : function.densities) density.extinction *= opacity * fitting_top / now;
       top_ = 0;
     }
+    if (ImGui::IsItemHovered()) ImGui::SetTooltip("1: the opacity that fits the data.\nControl click: type a number.");
   }
 }
 
@@ -147,11 +180,13 @@ void TransferEditor::edit_range(TransferFunction& function, const format::Attrib
     if (ImGui::DragScalarN("range", ImGuiDataType_Double, range, 2, speed, nullptr, nullptr, "%.5g") &&
         range[1] - range[0] > narrowest)
       function.lo = range[0], function.hi = range[1];
+    range_hint(attribute, "Drag, or control click: type a number.");
     return;
   }
   // Steps of a drag would be too long for the small values.
   const bool changed = ImGui::InputScalarN("range", ImGuiDataType_Double, range, 2, nullptr, nullptr, "%.5g",
                                            ImGuiInputTextFlags_EnterReturnsTrue);
+  range_hint(attribute, "Type a number, and Enter.");
   if (changed && range[0] < range[1]) function = with_domain(function, function.axis, range[0], range[1]);
   double width = function.linear_width;
   if (function.axis == ValueAxis::asinh &&
@@ -208,7 +243,8 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
   if (density_ && *density_ < points.size())
     points[*density_] = {area.dragged_t(points, *density_), area.pointer_density()};
   if (area.hovered && !area.active)
-    ImGui::SetTooltip("%.5g\nclick: add or drag, right click: remove", function.value_at(area.pointer_t()));
+    ImGui::SetTooltip("%.5g %s\nextinction %.3g per unit of length\nclick: add or drag, right click: remove",
+                      function.value_at(area.pointer_t()), attribute.unit.c_str(), area.pointer_density());
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {

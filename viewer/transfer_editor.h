@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "format/layout.h"
 #include "format/volume_info.h"
+#include "scene/color_map_file.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -20,8 +22,12 @@ class TransferEditor {
   void draw(TransferFunction& function, const TransferFunction& fitting, const format::Attribute& attribute,
             const std::array<std::uint64_t, 64>& histogram, const format::StepRange& all);
 
+  /// Adds colour maps to the presets. One of the same name takes the other's place.
+  void add_presets(std::vector<NamedColorMap> maps);
+
  private:
   struct Area;
+  void choose_preset(TransferFunction& function) const;
   void draw_histogram(const Area& area, const TransferFunction& function, const format::Attribute& attribute,
                       const std::array<std::uint64_t, 64>& histogram) const;
   static void edit_range(TransferFunction& function, const format::Attribute& attribute);
@@ -30,6 +36,7 @@ class TransferEditor {
   void edit_colors(TransferFunction& function);
   void pick_color(TransferFunction& function) const;
 
+  std::vector<NamedColorMap> presets_;  // besides the built-in ones
   bool log_counts_ = true;
   bool log_opacity_ = false;
   std::optional<std::size_t> density_;  // control point that is held

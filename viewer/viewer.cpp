@@ -6,8 +6,11 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 
 #include "base/file.h"
+#include "scene/color_map_file.h"
+#include "scene/contrast.h"
 
 namespace splatvol {
 namespace {
@@ -16,6 +19,9 @@ constexpr double zoom_per_notch = 0.87;  // of the wheel
 constexpr double least_distance = 1e-7;  // of the data's extent
 constexpr double fly_speed = 0.35;       // extents a second
 constexpr double turn_speed = 1.2;       // radians a second
+
+// Turns of the wheel, and moves by keys, are one step of the history if they follow each other so soon.
+constexpr double burst_seconds = 0.3;
 
 void put(std::array<char, 512>& field, const std::string& text) {
   const std::size_t length = std::min(text.size(), field.size() - 1);
@@ -45,7 +51,12 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 
 void Viewer::show(std::unique_ptr<Session> session) {
   session_ = std::move(session);
-  fitting_ = session_->first_scene().transfer_function;
+  picture_ = {};
+  question_.reset();
+  saving_.reset();
+  fitting_ = session_->first_scene();
+  up_ = session_->info().up >= 0 ? session_->info().up : 1;
+  history_.reset();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
   put(scene_name_, stem + ".json");
   put(picture_name_, stem + ".png");
@@ -55,17 +66,14 @@ void Viewer::show(std::unique_ptr<Session> session) {
   step_seconds_.reset();
 }
 
-// A .json file is a scene for the volume that is open. Any other file is a volume.
+// A .json file is a scene for the volume that is open, or colours for it. Any other file is a volume.
 void Viewer::open(const std::string& path) {
   message_.clear();
   if (session_ && path.ends_with(".json")) {
-    auto scene = load_scene(path);
-    if (scene && session_->info().find_attribute(scene->attribute) < 0)
-      message_ = fmt::format("{}: this file has no attribute '{}'", path, scene->attribute);
-    else if (scene)
-      session_->scene = std::move(*scene);
-    else
-      message_ = scene.error().message;
+    const auto text = read_text_file(path);
+    const bool is_map = text && is_color_map_text(*text);
+    if (const Status opened = is_map ? open_color_maps(path) : open_scene(path); !opened)
+      message_ = opened.error().message;
     return;
   }
   auto session = Session::open(path, "", session_ ? session_->settings : settings_);
@@ -75,10 +83,26 @@ void Viewer::open(const std::string& path) {
     message_ = session.error().message;
 }
 
+Status Viewer::open_scene(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(scene, load_scene(path));
+  if (session_->info().find_attribute(scene.attribute) < 0)
+    return fail(ErrorCode::invalid_argument, "{}: this file has no attribute '{}'", path, scene.attribute);
+  session_->scene = std::move(scene);
+  return {};
+}
+
+// The first of the maps colours the volume. All of them stand among the presets.
+Status Viewer::open_color_maps(const std::string& path) {
+  SPLATVOL_TRY_ASSIGN(maps, load_color_maps(path));
+  session_->scene.transfer_function.colors = maps.front().colors;
+  editor_.add_presets(std::move(maps));
+  return {};
+}
+
 // Right of the panel, and at least one pixel wide.
 PictureArea Viewer::picture_area() const {
   PictureArea area;
-  const double left = panel_ ? panel_width * window_.content_scale : 0;
+  const double left = panel_ && !is_narrow() ? panel_width * window_.content_scale : 0;
   area.unit_x = static_cast<double>(window_.width) / std::max(1, window_.pixel_width);
   area.unit_y = static_cast<double>(window_.height) / std::max(1, window_.pixel_height);
   area.left = std::max(0.0, std::min(left, window_.width - area.unit_x));
@@ -91,19 +115,23 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
-  return pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies && (!session_ || session_->is_settled());
+  if (is_minimised()) return true;
+  if (moved_seconds_ < burst_seconds || saving_) return false;
+  return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
+         (!session_ || session_->is_settled());
 }
 
 void Viewer::handle(const Event& event) {
-  if (const auto* resized = std::get_if<WindowResized>(&event)) window_ = *resized;
   if (const auto* dropped = std::get_if<FilesDropped>(&event))
     for (const std::string& path : dropped->paths) open(path);
   if (const auto* changed = std::get_if<KeyChanged>(&event)) {
     const bool pressed = changed->down && !keys_[static_cast<std::size_t>(changed->code)];
+    if (pressed && !is_held()) remember();
     keys_[static_cast<std::size_t>(changed->code)] = changed->down;
     if (pressed && !gui_->has_keyboard()) handle_key(changed->code);
   }
   if (const auto* button = std::get_if<ButtonChanged>(&event); button && button->button >= 0 && button->button < 3) {
+    if (button->down && !is_held()) remember();
     buttons_[static_cast<std::size_t>(button->button)] = button->down;
     if (button->down && !drag_ && !gui_->has_pointer()) drag_ = button->button;
     if (!button->down && drag_ == button->button) drag_.reset();
@@ -118,18 +146,18 @@ void Viewer::handle(const Event& event) {
     zoom(session_->scene.camera, viewport(), pointer_in_picture(), std::pow(zoom_per_notch, scrolled->y),
          least_distance * extent_of(*session_));
     playing_.reset();
+    moved_seconds_ = 0;
   }
 }
 
 void Viewer::drag_camera(const dvec2& drag) {
   Camera& camera = session_->scene.camera;
-  const bool shift = keys_[key::left_shift], control = keys_[key::left_control];
   if (flying_ && *drag_ == 0) {
     const double unit = 2.0 / std::min(viewport().width, viewport().height);
     fly(camera, dvec3(0), unit * drag.x, -unit * drag.y);
-  } else if (*drag_ == 1 || *drag_ == 2 || shift) {
+  } else if (*drag_ == 1 || *drag_ == 2 || has_shift()) {
     pan(camera, viewport(), drag);
-  } else if (control) {
+  } else if (has_control()) {
     roll(camera, 4 * drag.x / viewport().width);
   } else {
     orbit(camera, viewport(), drag);
@@ -141,9 +169,16 @@ void Viewer::handle_key(int code) {
   const auto toggle = [](bool& shown) { shown = !shown; };
   if (code == key::f1) toggle(help_);
   if (code == key::escape) help_ = false;
-  if (code == 'Q' && keys_[key::left_control]) closing_ = true;
-  if (code == key::tab) toggle(panel_);
-  if (!session_ || keys_[key::left_control]) return;
+  if (code == 'Q' && has_control()) closing_ = true;
+  if (code == key::tab) toggle(panel());
+  if (!session_) return;
+  if (has_control()) {
+    if (code == 'Y' || (code == 'Z' && has_shift()))
+      redo();
+    else if (code == 'Z')
+      undo();
+    return;
+  }
   if (code == 'F') toggle(flying_);
   if (code == key::space) toggle_steps();
   if (!flying_ && code == key::right) show_step(session_->step() + 1);
@@ -158,10 +193,10 @@ void Viewer::handle_scene_key(int code) {
   using Projection = Camera::Projection;
   Scene& scene = session_->scene;
   Camera& camera = scene.camera;
-  const double sign = keys_[key::left_shift] ? 1 : -1;
+  const double sign = has_shift() ? 1 : -1;
   switch (code) {
     case 'R':
-      camera = session_->first_scene().camera;
+      show_all();
       break;
     case 'P':
       set_projection(camera,
@@ -171,17 +206,46 @@ void Viewer::handle_scene_key(int code) {
       scene.lighting = scene.lighting ? std::nullopt : std::optional(Lighting());
       break;
     case '1':
-      look_along(camera, {sign, 0, 0}, {0, 1, 0});
+      look_from({-sign, 0, 0});
       break;
     case '2':
-      look_along(camera, {0, sign, 0}, {0, 0, -sign});
+      look_from({0, -sign, 0});
       break;
     case '3':
-      look_along(camera, {0, 0, sign}, {0, 1, 0});
+      look_from({0, 0, -sign});
       break;
     default:
       break;
   }
+}
+
+// Shows all, from the first direction. The projection stays.
+void Viewer::show_all() {
+  auto camera = session_->fitting_camera();
+  if (!camera) {
+    message_ = camera.error().message;
+    return;
+  }
+  set_projection(*camera, session_->scene.camera.projection);
+  session_->scene.camera = *camera;
+}
+
+// Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
+void Viewer::look_from(const dvec3& direction) {
+  static constexpr std::array<dvec3, 3> plan_up = {dvec3(0, 0, 1), dvec3(0, 0, -1), dvec3(0, 1, 0)};
+  dvec3 up(0);
+  up[up_] = 1;
+  if (direction[up_] != 0) up = direction[up_] * plan_up[static_cast<std::size_t>(up_)];
+  look_along(session_->scene.camera, -direction, up);
+}
+
+// Turns the camera about its line of sight, unless it looks along the axis.
+void Viewer::set_up_axis(int axis) {
+  up_ = axis;
+  dvec3 up(0);
+  up[axis] = 1;
+  Camera& camera = session_->scene.camera;
+  if (std::abs(glm::dot(axes_of(camera).forward, up)) < 0.999) camera.up = up;
 }
 
 // Flies with the keys that are held.
@@ -195,9 +259,59 @@ void Viewer::move_camera(const FrameInput& input) {
   const dvec3 direction(axis('D', 'A'), axis('E', 'Q'), axis('W', 'S'));
   const double yaw = axis(key::right, key::left), pitch = axis(key::up, key::down);
   if (direction == dvec3(0) && yaw == 0 && pitch == 0) return;
-  const double faster = keys_[key::left_shift] ? 4 : 1;
+  moved_seconds_ = 0;
+  const double faster = has_shift() ? 4 : 1;
   fly(session_->scene.camera, faster * fly_speed * seconds * extent_of(*session_) * direction,
       turn_speed * seconds * yaw, turn_speed * seconds * pitch);
+}
+
+// Whether the scene is in the middle of a change.
+bool Viewer::is_held() const {
+  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_;
+}
+
+// Adds the scene to the history, if it has changed.
+void Viewer::remember() {
+  if (!session_ || !session_->frame()) return;
+  Scene scene = session_->scene;
+  scene.width = scene.height = 0;
+  if (!history_)
+    history_.emplace(std::move(scene));
+  else
+    history_->add(scene);
+}
+
+void Viewer::undo() {
+  if (is_held() || !history_) return;
+  remember();
+  restore(history_->undo());
+}
+
+void Viewer::redo() {
+  if (is_held() || !history_) return;
+  remember();
+  restore(history_->redo());
+}
+
+void Viewer::restore(const Scene& scene) {
+  const int width = session_->scene.width, height = session_->scene.height;
+  session_->scene = scene;
+  session_->scene.width = width;
+  session_->scene.height = height;
+  moved_seconds_ = burst_seconds;
+}
+
+// Returns the transfer function that fits the attribute on the scene's background.
+TransferFunction Viewer::fitting_function() {
+  const Scene& scene = session_->scene;
+  if (fitting_.attribute != scene.attribute) {
+    auto fitting = session_->fitting_scene(scene.attribute);
+    if (!fitting) message_ = fitting.error().message;
+    fitting_ = fitting ? *fitting : scene;
+  }
+  Scene adapted = fitting_;
+  if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
+  return adapted.transfer_function;
 }
 
 void Viewer::play(double seconds) {
@@ -240,20 +354,32 @@ void Viewer::play_steps(double seconds) {
   }
 }
 
-Status Viewer::frame(const FrameInput& input) {
+Status Viewer::frame(const FrameInput& given) {
+  for (const Event& event : given.events)
+    if (const auto* resized = std::get_if<WindowResized>(&event)) window_ = *resized;
+  events_.add(given.events);
+  if (is_minimised()) return {};
+  const FrameInput input{given.seconds, events_.take_frame()};
+  moved_seconds_ += input.seconds;
+  idle_seconds_ = input.events.empty() ? idle_seconds_ + input.seconds : 0;
   if (!input.events.empty()) pending_frames_ = 3;
   pending_frames_ = std::max(0, pending_frames_ - 1);
   frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * input.seconds;
   for (const Event& event : input.events) handle(event);
-  if (window_.pixel_width <= 0 || window_.pixel_height <= 0) return {};  // minimised
   move_camera(input);
   play(input.seconds);
   play_steps(input.seconds);
-  SPLATVOL_TRY(gui_->begin(input, window_));
-  if (panel_) draw_panel();
+  SPLATVOL_TRY(gui_->begin(input, window_, light_));
+  if (panel())
+    draw_panel();
+  else if (is_narrow())
+    draw_panel_button();
   if (help_) draw_help();
+  draw_question();
   SPLATVOL_TRY(draw_picture(input.seconds));
+  save_drawn_picture();
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
+  if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
   return gui_->draw();
 }
@@ -266,10 +392,15 @@ Status Viewer::draw_picture(double seconds) {
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
-    drawn_ = session_->draw(width, window_.pixel_height, seconds);
+    // A picture that is saved in another size fills the window until it is there.
+    drawn_ = saving_ ? session_->draw(saving_->width, saving_->height, seconds)
+                     : session_->draw(width, window_.pixel_height, seconds, is_busy());
     if (drawn_) {
-      SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
-      picture = shown;
+      if (!session_->is_drawing()) {
+        SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
+        picture_ = shown;
+      }
+      picture = picture_;
       background = session_->scene.background;
     } else {
       message_ = drawn_.error().message;
@@ -283,16 +414,20 @@ Status Viewer::draw_picture(double seconds) {
 
 void Viewer::draw_overlays() {
   if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", picture_area());
+  if (saving_) return draw_message(fmt::format("{} is being drawn", saving_->path), picture_area());
   const View& view = session_->view();
   if (cut_ && session_->frame())
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());
   if (session_->scene.outline) draw_box(view, session_->bounds(), {150, 150, 150}, picture_area());
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
-  if (scalar_bar_) draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), picture_area());
+  if (scalar_bar_)
+    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), ink_on(session_->scene.background),
+                    picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
-  if (probe_ && !drag_ && !gui_->has_pointer()) draw_probe();
+  // It looks at all splats: only where the pointer rests.
+  if (probe_ && !drag_ && !gui_->has_pointer() && !is_busy()) draw_probe();
 }
 
 // Shows the probe beside the pointer, for the splats of the last frame.

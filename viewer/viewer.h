@@ -1,6 +1,7 @@
 // The viewer without its window: events in, frames out.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +11,7 @@
 #include "viewer/camera_path.h"
 #include "viewer/events.h"
 #include "viewer/gui.h"
+#include "viewer/history.h"
 #include "viewer/overlay.h"
 #include "viewer/probe.h"
 #include "viewer/screen.h"
@@ -30,7 +32,8 @@ class Viewer {
   /// Fails if the volume or the scene of `options` cannot be opened. Errors of later files appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
-  /// Draws a frame into the framebuffer that is bound. The first input must begin with a WindowResized.
+  /// Draws a frame into the framebuffer that is bound, of the size of the last WindowResized. The first input must have
+  /// one. Other events may wait for the next frames.
   [[nodiscard]] Status frame(const FrameInput& input);
 
   /// Returns whether a frame without events would be the same. If not, the next frame should come soon.
@@ -52,11 +55,19 @@ class Viewer {
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
+  [[nodiscard]] Status open_scene(const std::string& path);
+  [[nodiscard]] Status open_color_maps(const std::string& path);
   void handle(const Event& event);
   void handle_key(int code);
   void handle_scene_key(int code);
   void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
+  [[nodiscard]] bool is_held() const;
+  void remember();
+  void undo();
+  void redo();
+  void restore(const Scene& scene);
+  [[nodiscard]] TransferFunction fitting_function();
   void play(double seconds);
   void play_steps(double seconds);
   void toggle_steps();
@@ -64,6 +75,8 @@ class Viewer {
   [[nodiscard]] Status draw_picture(double seconds);
 
   void draw_panel();
+  void draw_panel_button();
+  void draw_history_buttons();
   void draw_attribute_menu();
   void draw_step_controls();
   void draw_view_section();
@@ -74,25 +87,45 @@ class Viewer {
   void draw_path_section();
   void draw_file_section();
   void draw_picture_controls();
-  [[nodiscard]] Status save_picture(const std::string& path) const;
+  void save(const std::string& path, std::function<void()> write);
+  void save_text(const std::string& path, const std::string& text);
+  void save_picture();
+  void save_drawn_picture();
+  [[nodiscard]] Status write_picture(const std::string& path) const;
+  void draw_question();
   void draw_hud();
   void draw_help();
   void draw_overlays();
   void draw_probe();
-  void save(const std::string& what, const Status& status);
+  void report(const std::string& path, const Status& saved);
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
+  void show_all();
+  void look_from(const dvec3& direction);
+  void set_up_axis(int axis);
+
+  // Beside a panel, the picture would be too narrow: the panel covers it, and is hidden at first.
+  [[nodiscard]] bool is_narrow() const { return window_.width < 1.75 * panel_width * window_.content_scale; }
+  [[nodiscard]] bool& panel() { return is_narrow() ? covering_panel_ : panel_; }
+  [[nodiscard]] bool has_shift() const { return keys_[key::left_shift] || keys_[key::right_shift]; }
+  [[nodiscard]] bool has_control() const { return keys_[key::left_control] || keys_[key::right_control]; }
+  [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
+  [[nodiscard]] bool is_minimised() const { return window_.pixel_width <= 0 || window_.pixel_height <= 0; }
 
   std::unique_ptr<Gui> gui_;
   Screen screen_;
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
-  TransferFunction fitting_;                   // fits the attribute that is shown
+  Scene fitting_;                              // fits the attribute that is shown
+  std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 
   // Input.
+  EventQueue events_;
+  double idle_seconds_ = 0;   // since the last event
+  double moved_seconds_ = 1;  // since the wheel or a key moved the camera
   WindowResized window_{0, 0, 0, 0, 1};
   dvec2 pointer_{-1, -1};
   std::array<bool, 3> buttons_{};
@@ -101,11 +134,15 @@ class Viewer {
 
   // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, scalar_bar_ = true, cut_ = false, probe_ = true;
+  bool covering_panel_ = false;
+  bool light_ = false;  // the interface's theme
+  int up_ = 1;          // the axis that views along an axis have upwards
   bool flying_ = false;
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change
   double frame_seconds_ = 0;
-  Status drawn_;         // of the last picture
+  Status drawn_;  // of the last picture
+  ShownPicture picture_;
   std::string message_;  // the last error, or the last file saved
 
   CameraPath path_;
@@ -117,7 +154,22 @@ class Viewer {
   bool loops_ = false;
 
   std::array<char, 512> scene_name_{}, picture_name_{}, path_name_{}, title_{};
-  bool saves_bar_ = false, saves_transparent_ = false;
+  bool saves_bar_ = false, saves_transparent_ = false, saves_as_shown_ = true;
+  std::array<int, 2> saved_size_ = {1920, 1080};
+
+  // A file that is there, while the user is asked.
+  struct Question {
+    std::string path;
+    std::function<void()> write;
+  };
+  std::optional<Question> question_;
+
+  // A picture that is drawn to be saved.
+  struct Saving {
+    std::string path;
+    int width, height;
+  };
+  std::optional<Saving> saving_;
 };
 
 }  // namespace splatvol

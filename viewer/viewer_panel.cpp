@@ -3,6 +3,7 @@
 #include <imgui.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include "base/file.h"
 #include "base/replaceable.h"
@@ -13,6 +14,7 @@ namespace splatvol {
 namespace {
 
 constexpr double usual_tolerance = 1;  // per cent
+constexpr int largest_picture = 16384;
 
 std::string bytes_text(double bytes) {
   const char* units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
@@ -43,7 +45,27 @@ std::string detail_text(const Session& session) {
   return error + (sharpening->has_reached() ? "" : ": memory allows no less");
 }
 
+// Tells about the control before, where the pointer rests on it.
+void hint(const char* text) {
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
+}
+
 }  // namespace
+
+// Ends within a line.
+void Viewer::draw_history_buttons() {
+  const auto button = [](const char* name, bool enabled) {
+    ImGui::BeginDisabled(!enabled);
+    const bool pressed = ImGui::SmallButton(name);
+    ImGui::EndDisabled();
+    return pressed;
+  };
+  const bool undoes = button("undo", history_ && history_->can_undo());
+  ImGui::SameLine();
+  if (button("redo", history_ && history_->can_redo())) redo();
+  if (undoes) undo();
+  ImGui::SameLine();
+}
 
 void Viewer::draw_attribute_menu() {
   Scene& scene = session_->scene;
@@ -51,10 +73,7 @@ void Viewer::draw_attribute_menu() {
   for (const auto& attribute : session_->info().attributes)
     if (ImGui::Selectable(attribute.name.c_str(), attribute.name == scene.attribute) &&
         attribute.name != scene.attribute) {
-      if (Status status = session_->show_attribute(attribute.name))
-        fitting_ = scene.transfer_function;
-      else
-        message_ = status.error().message;
+      if (const Status status = session_->show_attribute(attribute.name); !status) message_ = status.error().message;
     }
   ImGui::EndCombo();
 }
@@ -74,19 +93,26 @@ void Viewer::draw_step_controls() {
   const double slowest = 0.1, fastest = 60;
   ImGui::SliderScalar("steps a second", ImGuiDataType_Double, &steps_per_second_, &slowest, &fastest, "%.3g",
                       ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
+  hint("Steps come later if the file is slow.\nControl click: type a number.");
 }
 
 void Viewer::draw_panel() {
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({0, 0});
-  ImGui::SetNextWindowSize({static_cast<float>(panel_width) * scale, static_cast<float>(window_.height)});
-  ImGui::Begin("panel", nullptr, ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar);
+  ImGui::SetNextWindowSize({std::min(static_cast<float>(panel_width) * scale, static_cast<float>(window_.width)),
+                            static_cast<float>(window_.height)});
+  ImGui::Begin("panel", nullptr,
+               (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
   ImGui::PushItemWidth(220 * scale);
+  if (session_) draw_history_buttons();
+  if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
+  ImGui::SameLine();
+  if (ImGui::SmallButton("hide (Tab)")) panel() = false;
   if (session_) {
     draw_attribute_menu();
     draw_step_controls();
     if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
-      editor_.draw(session_->scene.transfer_function, fitting_, session_->attribute(), session_->histogram(),
+      editor_.draw(session_->scene.transfer_function, fitting_function(), session_->attribute(), session_->histogram(),
                    session_->range_of_all_steps());
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
@@ -94,9 +120,19 @@ void Viewer::draw_panel() {
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window.");
   }
-  if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
   if (!message_.empty()) ImGui::TextWrapped("%s", message_.c_str());
+  if (session_ && !session_->troubles().empty()) {
+    const auto& troubles = session_->troubles();
+    ImGui::TextWrapped("%zu errors, the last: %s", troubles.size(), troubles.back().c_str());
+  }
   ImGui::PopItemWidth();
+  ImGui::End();
+}
+
+void Viewer::draw_panel_button() {
+  ImGui::SetNextWindowPos({0, 0});
+  ImGui::Begin("panel button", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
+  if (ImGui::SmallButton("panel (Tab)")) panel() = true;
   ImGui::End();
 }
 
@@ -112,12 +148,16 @@ void Viewer::draw_detail_controls() {
   else
     ImGui::SliderScalar("error", ImGuiDataType_Double, &settings.max_error, &least_error, &most_error, "%.2g",
                         ImGuiSliderFlags_Logarithmic);
+  hint(settings.tolerance
+           ? "The largest share of the picture that a splat may cover, at rest.\nControl click: type a number."
+           : "Of the picture at rest: root mean square of linear RGB.\nControl click: type a number.");
   // The streamer is opened again for another memory: only when the slider is let go.
   static constexpr std::uint64_t least = 16, most = 65536;
   std::uint64_t mebibytes = memory_shown_ ? *memory_shown_ : settings.memory >> 20;
   if (ImGui::SliderScalar("memory", ImGuiDataType_U64, &mebibytes, &least, &most, "%llu MiB",
                           ImGuiSliderFlags_Logarithmic))
     memory_shown_ = mebibytes;
+  hint("For the parts of the file that are read.\nControl click: type a number.");
   if (memory_shown_ && !ImGui::IsItemActive()) {
     settings.memory = *memory_shown_ << 20;
     memory_shown_.reset();
@@ -126,6 +166,7 @@ void Viewer::draw_detail_controls() {
   if (ImGui::Combo("kernel", &kernel, "moments\0octant\0"))
     settings.kernel = kernel == 0 ? KernelKind::moments : KernelKind::octant;
   ImGui::Checkbox("slabs at rest", &settings.mixes);
+  hint("Mixes splats that overlap: a better picture, which takes longer.");
 }
 
 void Viewer::draw_lighting_controls() {
@@ -146,17 +187,18 @@ void Viewer::draw_camera_controls() {
   ImGui::SameLine();
   ImGui::Checkbox("fly", &flying_);
   ImGui::SameLine();
-  if (ImGui::SmallButton("reset")) camera = session_->first_scene().camera;
+  if (ImGui::SmallButton("see all")) show_all();
   for (int axis = 0; axis < 3; ++axis)
     for (const double sign : {1.0, -1.0}) {
       const std::string name = fmt::format("{}{}", sign > 0 ? '+' : '-', "xyz"[axis]);
       dvec3 direction(0);
-      direction[axis] = -sign;  // from that side, towards the focal point
-      if (ImGui::SmallButton(name.c_str()))
-        look_along(camera, direction, axis == 1 ? dvec3(0, 0, -sign) : dvec3(0, 1, 0));
+      direction[axis] = sign;
+      if (ImGui::SmallButton(name.c_str())) look_from(direction);
       ImGui::SameLine();
     }
-  ImGui::NewLine();
+  ImGui::SetNextItemWidth(45 * static_cast<float>(window_.content_scale));
+  int up = up_;
+  if (ImGui::Combo("up", &up, "x\0y\0z\0")) set_up_axis(up);
 }
 
 void Viewer::draw_clip_box_controls() {
@@ -172,6 +214,7 @@ void Viewer::draw_clip_box_controls() {
                            nullptr, "%.4g") &&
         range[0] < range[1])
       clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
+    hint("In the units of the file's coordinates.\nDrag, or control click: type a number.");
   }
 }
 
@@ -190,6 +233,7 @@ void Viewer::draw_view_section() {
   ImGui::Checkbox("octree cut", &cut_);
   ImGui::SameLine();
   ImGui::Checkbox("probe", &probe_);
+  ImGui::Checkbox("light theme", &light_);
 }
 
 void Viewer::draw_path_section() {
@@ -206,10 +250,10 @@ void Viewer::draw_path_section() {
   const double shortest = 0.1, longest = 600;
   ImGui::SliderScalar("seconds", ImGuiDataType_Double, &path_.seconds, &shortest, &longest, "%.3g",
                       ImGuiSliderFlags_Logarithmic);
+  hint("Of the whole path.\nControl click: type a number.");
   ImGui::Text("%zu views", path_.cameras.size());
   ImGui::InputText("file##path", path_name_.data(), path_name_.size());
-  if (ImGui::SmallButton("save path") && !path_.cameras.empty())
-    save(path_name_.data(), write_json(path_name_.data(), path_to_json(path_)));
+  if (ImGui::SmallButton("save path") && !path_.cameras.empty()) save_text(path_name_.data(), path_to_json(path_));
   ImGui::SameLine();
   if (ImGui::SmallButton("load path")) {
     auto path = load_camera_path(path_name_.data());
@@ -222,10 +266,9 @@ void Viewer::draw_path_section() {
 
 void Viewer::draw_file_section() {
   ImGui::InputText("scene", scene_name_.data(), scene_name_.size());
-  if (ImGui::SmallButton("save scene"))
-    save(scene_name_.data(), write_json(scene_name_.data(), scene_to_json(session_->scene)));
+  if (ImGui::SmallButton("save scene")) save_text(scene_name_.data(), scene_to_json(session_->scene));
   ImGui::SameLine();
-  if (ImGui::SmallButton("load scene")) open(scene_name_.data());
+  if (ImGui::SmallButton("load scene or colours")) open(scene_name_.data());
   draw_picture_controls();
 }
 
@@ -233,23 +276,72 @@ void Viewer::draw_file_section() {
 void Viewer::draw_picture_controls() {
   Scene& scene = session_->scene;
   int light = is_light(scene.background) ? 1 : 0;
-  if (ImGui::Combo("background", &light, "dark\0white\0")) {
-    Scene fitting = scene;
-    fitting.transfer_function = fitting_;
-    adapt_to_background(fitting, dvec3(light));
-    fitting_ = fitting.transfer_function;
-    adapt_to_background(scene, dvec3(light));
-  }
+  if (ImGui::Combo("background", &light, "dark\0white\0")) adapt_to_background(scene, dvec3(light));
   ImGui::InputText("title", title_.data(), title_.size());
   ImGui::Checkbox("colour bar in the file", &saves_bar_);
   ImGui::SameLine();
   ImGui::Checkbox("transparent", &saves_transparent_);
   ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
-  if (ImGui::SmallButton("save picture (.png, .exr)")) save(picture_name_.data(), save_picture(picture_name_.data()));
+  ImGui::Checkbox("size as shown", &saves_as_shown_);
+  if (!saves_as_shown_) ImGui::InputInt2("size", saved_size_.data());
+  if (ImGui::SmallButton("save picture (.png, .exr)")) save_picture();
 }
 
-Status Viewer::save_picture(const std::string& path) const {
-  if (!is_image_path(path)) return fail(ErrorCode::invalid_argument, "{}: neither .png nor .exr", path);
+// Asks before it replaces a file.
+void Viewer::save(const std::string& path, std::function<void()> write) {
+  std::error_code error;
+  if (std::filesystem::exists(path, error))
+    question_ = Question{path, std::move(write)};
+  else
+    write();
+}
+
+void Viewer::save_text(const std::string& path, const std::string& text) {
+  save(path, [=, this] { report(path, write_json(path, text)); });
+}
+
+void Viewer::save_picture() {
+  const std::string path = picture_name_.data();
+  const Scene& scene = session_->scene;
+  const auto [width, height] = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
+  if (!is_image_path(path))
+    message_ = path + ": neither .png nor .exr";
+  else if (std::min(width, height) < 1 || std::max(width, height) > largest_picture)
+    message_ = fmt::format("{} x {}: sides of pictures have 1 to {} pixels", width, height, largest_picture);
+  else
+    save(path, [=, this] {
+      playing_.reset();
+      step_seconds_.reset();
+      saving_ = Saving{path, width, height};
+    });
+}
+
+// Writes the picture once it is as fine as it gets.
+void Viewer::save_drawn_picture() {
+  if (!saving_ || (drawn_ && !session_->is_settled())) return;
+  report(saving_->path, drawn_ ? write_picture(saving_->path) : drawn_);
+  saving_.reset();
+}
+
+void Viewer::draw_question() {
+  if (!question_) return;
+  constexpr const char* name = "replace?";
+  ImGui::OpenPopup(name);
+  ImGui::SetNextWindowPos({static_cast<float>(window_.width) / 2, static_cast<float>(window_.height) / 2},
+                          ImGuiCond_Always, {0.5f, 0.5f});
+  if (!ImGui::BeginPopupModal(name, nullptr, ImGuiWindowFlags_AlwaysAutoResize)) return;
+  ImGui::Text("%s is there.", question_->path.c_str());
+  const bool replaces = ImGui::Button("replace it");
+  ImGui::SameLine();
+  if (replaces || ImGui::Button("keep it") || keys_[key::escape]) {
+    ImGui::CloseCurrentPopup();
+    if (replaces) question_->write();
+    question_.reset();
+  }
+  ImGui::EndPopup();
+}
+
+Status Viewer::write_picture(const std::string& path) const {
   const Scene& scene = session_->scene;
   PageText text;
   text.title = title_.data();
@@ -261,8 +353,8 @@ Status Viewer::save_picture(const std::string& path) const {
                      saves_transparent_);
 }
 
-void Viewer::save(const std::string& what, const Status& status) {
-  message_ = status ? "saved " + what : status.error().message;
+void Viewer::report(const std::string& path, const Status& saved) {
+  message_ = saved ? "saved " + path : saved.error().message;
 }
 
 void Viewer::draw_hud() {
@@ -292,38 +384,55 @@ void Viewer::draw_hud() {
     text +=
         fmt::format("\nstep {} (0 to {}), time {:.6g}", session_->step(), times.size() - 1, times[session_->step()]);
   const float scale = static_cast<float>(window_.content_scale);
+  if (const auto& troubles = session_->troubles(); !troubles.empty())
+    text += fmt::format("\nerrors: {}", troubles.size());
+  // Where it would hide most of the picture, or the button of the panel, there are no numbers.
+  const ImVec2 size = ImGui::CalcTextSize(text.c_str());
+  const float room = static_cast<float>(picture_area().width) - (is_narrow() ? 120 : 32) * scale;
+  if (panel() && is_narrow()) return;
+  if (size.x > room || size.y > static_cast<float>(picture_area().height) / 2) return;
   ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
-  ImGui::SetNextWindowBgAlpha(0.5f);
+  ImGui::SetNextWindowBgAlpha(0.75f);
   ImGui::Begin("HUD", nullptr,
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav);
   ImGui::TextUnformatted(text.c_str());
-  for (const std::string& trouble : session_->troubles()) ImGui::TextColored({1, 0.5f, 0.4f, 1}, "%s", trouble.c_str());
   ImGui::End();
 }
 
 void Viewer::draw_help() {
-  ImGui::SetNextWindowPos({static_cast<float>(window_.width) / 2, static_cast<float>(window_.height) / 2},
+  const PictureArea area = picture_area();
+  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(window_.height) / 2},
                           ImGuiCond_Always, {0.5f, 0.5f});
   ImGui::Begin("keys", &help_, ImGuiWindowFlags_NoCollapse | ImGuiWindowFlags_AlwaysAutoResize);
-  ImGui::TextUnformatted(
-      "left drag          turn\n"
-      "right drag, shift  move\n"
-      "control drag       roll\n"
-      "wheel              zoom to the pointer\n"
-      "R                  see all again\n"
-      "1 2 3              along -x, -y, -z; with shift from the other side\n"
-      "P                  perspective or orthographic\n"
-      "F                  fly: W A S D E Q, arrows and left drag to look, shift for speed\n"
-      "L                  lighting\n"
-      "space              play the steps of a time series, or stop\n"
-      "left, right        step before, next step\n"
-      "B C H              bounding box, octree cut, numbers\n"
-      "Tab                panel\n"
-      "F1                 this list\n"
-      "control Q          quit\n"
-      "\n"
-      "Drop a .svol file to open it, a scene (.json) to apply it.");
+  constexpr std::pair<const char*, const char*> lines[] = {
+      {"left drag", "turn"},
+      {"right drag, shift", "move"},
+      {"control drag", "roll"},
+      {"wheel", "zoom to the pointer"},
+      {"R", "see all again"},
+      {"1 2 3", "from +x, +y, +z; with shift from the other side"},
+      {"P", "perspective or orthographic"},
+      {"F", "fly: W A S D E Q, arrows and left drag to look, shift for speed"},
+      {"L", "lighting"},
+      {"space", "play the steps of a time series, or stop"},
+      {"left, right", "step before, next step"},
+      {"B C H", "bounding box, octree cut, numbers"},
+      {"Tab", "panel"},
+      {"control Z", "undo; with shift, or control Y: redo"},
+      {"F1", "this list"},
+      {"control Q", "quit"},
+  };
+  if (ImGui::BeginTable("keys", 2, ImGuiTableFlags_SizingFixedFit)) {
+    for (const auto& [keys, what] : lines) {
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(keys);
+      ImGui::TableNextColumn();
+      ImGui::TextUnformatted(what);
+    }
+    ImGui::EndTable();
+  }
+  ImGui::TextUnformatted("Drop a .svol file to open it, a scene or ParaView's colour maps (.json) to apply them.");
   ImGui::End();
 }
 

@@ -58,8 +58,10 @@ Result<std::unique_ptr<Window>> Window::open(int width, int height, const std::s
   ::glfwSetScrollCallback(window, [](GLFWwindow* w, double x, double y) {
     input_of(w).events.push_back(Scrolled{x, y});
   });
-  ::glfwSetKeyCallback(window, [](GLFWwindow* w, int code, int, int action, int) {
-    if (code >= 0 && code < key::count) input_of(w).events.push_back(KeyChanged{code, action != GLFW_RELEASE});
+  ::glfwSetKeyCallback(window, [](GLFWwindow* w, int code, int place, int action, int) {
+    if (code < 0 || code >= key::count) return;
+    const char* name = ::glfwGetKeyName(code, place);
+    input_of(w).events.push_back(KeyChanged{key_by_name(code, name ? name : ""), action != GLFW_RELEASE});
   });
   ::glfwSetCharCallback(window,
                         [](GLFWwindow* w, unsigned character) { input_of(w).events.push_back(TextTyped{character}); });

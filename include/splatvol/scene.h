@@ -41,6 +41,8 @@ struct Lighting {
 };
 
 struct Scene {
+  [[nodiscard]] bool operator==(const Scene&) const = default;
+
   Camera camera;
   int width = 512;
   int height = 512;

@@ -8,6 +8,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/interruption.h"
 #include "renderer/common.h"
 #include "renderer/cpu/moments_kernel.h"
 #include "renderer/cpu/octant_kernel.h"
@@ -213,11 +214,13 @@ Result<FrameTimes> TileRasterizer::draw(const View& view, SortMode sort, int sam
   resize(picture_, view.width, view.height);
   if (sample_spacing == 1 || frame_.surfaces) {
     draw_samples(view, sort, picture_, times);
+    SPLATVOL_TRY(check_interruption());
     return times;
   }
   const View sampled = sampled_view(view, sample_spacing);
   resize(samples_, sampled.width, sampled.height);
   draw_samples(sampled, sort, samples_, times);
+  SPLATVOL_TRY(check_interruption());
   stopwatch.lap();
   interpolate(samples_, sample_spacing, sample_rows_, picture_);
   times.draw += stopwatch.lap();
@@ -269,8 +272,10 @@ void TileRasterizer::draw_samples(const View& view, SortMode sort, Image& target
   closed_.assign(grid_.size(), 0);
   carried_ = 0;
   depths_ = {0, 0};
-  for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch)
+  for (std::size_t first = 0; first < sequence.count && std::ranges::count(closed_, 0) > 0; first += splats_per_batch) {
+    if (is_interrupted()) return;
     draw_batch(sequence, first, target);
+  }
   times.draw += stopwatch.lap();
 }
 

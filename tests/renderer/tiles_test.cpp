@@ -12,6 +12,7 @@
 #include <map>
 #include <random>
 
+#include "base/interruption.h"
 #include "builder/build.h"
 #include "builder/open_source.h"
 #include "renderer/cpu/tile_rasterizer.h"
@@ -193,6 +194,22 @@ TEST(Tiles, HoldFewBytesForASplat) {
   static_cast<void>(draw(tiles, drawing));
   // The order takes 24 bytes of a splat; the rest does not grow with them.
   EXPECT_LT(tiles.device_bytes(), 24 * drawing.list.splats + (std::uint64_t{40} << 20));
+}
+
+// A picture that nobody waits for any more. The next one is whole.
+TEST(Tiles, HeedInterruptions) {
+  const Drawing drawing = random_drawing(200'000, 0.002, 0.05, view_of(false, 300, 200));  // several batches
+  TileRasterizer tiles(KernelKind::moments);
+  const Image whole = draw(tiles, drawing);
+  for (const int spacing : {1, 2}) {
+    std::stop_source stop;
+    stop.request_stop();
+    const Interruptible interruptible(stop.get_token());
+    const auto times = tiles.draw(drawing.view, drawing.sort, spacing);
+    ASSERT_FALSE(times);
+    EXPECT_EQ(times.error().code, ErrorCode::cancelled);
+  }
+  EXPECT_EQ(compare_images(draw(tiles, drawing), whole)->max, 0);
 }
 
 TEST(Tiles, NothingGivesTransparentBlack) {

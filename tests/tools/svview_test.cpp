@@ -5,9 +5,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "base/file.h"
 #include "format/volume.h"
@@ -18,6 +21,7 @@ namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
+using namespace std::chrono_literals;
 using testing::HasSubstr;
 
 struct Outcome {
@@ -176,6 +180,28 @@ TEST_F(Svview, AWindowShowsWhatIsShownWithoutOne) {
   ASSERT_EQ(run(options + path("a.exr")).code, 0);
   // A window's pixels have 8 bits.
   EXPECT_LT(compare_images(*read_exr(path("w.exr")), *read_exr(path("a.exr")))->max, 0.02);
+}
+
+// Recordings tell how a crash came about.
+TEST_F(Svview, ARecordingSurvivesTheEndOfTheProgram) {
+  const Xvfb server;
+  if (server.display().empty()) GTEST_SKIP() << "no Xvfb on this machine (package xvfb)";
+  const std::string recording = path("lost.jsonl"), volume = path("v.svol"), display = "DISPLAY=" + server.display();
+  const pid_t viewer = ::fork();
+  if (viewer == 0) {
+    ::execlp("env", "env", "-u", "WAYLAND_DISPLAY", display.c_str(), SPLATVOL_BIN "/svview", volume.c_str(), "--record",
+             recording.c_str(), nullptr);
+    ::_exit(127);
+  }
+  const auto frames = [&] {
+    const auto text = read_text_file(recording);
+    return text ? std::ranges::count(*text, '\n') : 0;
+  };
+  for (int tenths = 0; tenths < 600 && frames() < 3; ++tenths) std::this_thread::sleep_for(100ms);
+  ::kill(viewer, SIGKILL);
+  ::waitpid(viewer, nullptr, 0);
+  EXPECT_GE(frames(), 3);
+  EXPECT_EQ(run(volume + " --replay " + recording + " --screenshot " + path("a.png")).code, 0);
 }
 
 }  // namespace

@@ -6,8 +6,11 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 
+#include "base/file.h"
 #include "builder/build.h"
+#include "format/volume.h"
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
@@ -105,6 +108,39 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
   EXPECT_LT(session->frame()->splats, finest);
 }
 
+// Pictures at rest are drawn aside, and given up if the view changes.
+TEST_F(SessionAtRest, NobodyWaitsForAPicture) {
+  ViewSettings settings = on_processor();
+  settings.tolerance = 0;
+  const auto session = open(settings);
+  const auto draw_large = [&](double seconds) {
+    const Status drawn = session->draw(900, 700, seconds);
+    ASSERT_TRUE(drawn) << drawn.error().message;
+  };
+  const auto settle = [&] {
+    int frames = 0;
+    do {
+      draw_large(long_time);
+    } while (!session->is_settled() && ++frames < 10000);
+    return session->image().value();
+  };
+  const Image whole = settle();
+  const Camera camera = session->scene.camera;
+  int given_up = 0;
+  for (int tries = 0; tries < 20; ++tries) {
+    session->scene.camera.position += dvec3(0.01);
+    draw_large(0.001);
+    for (int frames = 0; !session->is_drawing() && !session->is_settled() && frames < 10000; ++frames)
+      draw_large(long_time);
+    given_up += session->is_drawing() ? 1 : 0;
+  }
+  EXPECT_GT(given_up, 0) << "each picture of 6e5 splats was there at once";
+  session->scene.camera = camera;
+  EXPECT_EQ(compare_images(settle(), whole)->max, 0);
+  session->scene.camera.position += dvec3(0.01);
+  draw_large(long_time);  // may still be drawing at its end
+}
+
 TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
   ViewSettings settings = on_processor();
   settings.hurries = false;
@@ -121,6 +157,35 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
   settled(*session);
   session->scene.camera = camera;
   EXPECT_EQ(compare_images(first, settled(*session))->max, 0);
+}
+
+// A disk that fails: after a thousand parts that cannot be read, the picture stays coarse and comes to rest.
+TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
+  const test::Mesh mesh = test::lattice(40, [](dvec3 p) { return p; });
+  test::PieceSource source({test::mesh_piece(mesh, [](dvec3 p) { return std::sin(20 * p.x); })});
+  const std::string damaged = folder + "/damaged.svol";
+  BuildOptions options;
+  options.points_per_chunk = {{64}};
+  ASSERT_TRUE(build_volume(source, damaged, options, [](const char*, double) {}));
+  const auto volume = *format::Volume::open(*open_file(damaged));
+  const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
+  std::string bytes = *read_text_file(damaged);
+  for (std::uint64_t i = rows->packed_bytes / 16; i < rows->packed_bytes; i += 64) bytes[rows->offset + i] ^= 0x55;
+  std::ofstream(damaged, std::ios::binary) << bytes;
+
+  for (const bool hurries : {true, false}) {
+    ViewSettings settings = on_processor();
+    settings.tolerance = 0;
+    settings.hurries = hurries;
+    auto session = Session::open(damaged, "", settings);
+    ASSERT_TRUE(session) << session.error().message;
+    settled(**session);
+    EXPECT_GE((*session)->troubles().size(), 1000u);
+    EXPECT_GT((*session)->frame()->splats, 0u);
+    // A moved camera comes to rest, too.
+    (*session)->scene.camera.position += dvec3(0.1);
+    settled(**session);
+  }
 }
 
 }  // namespace

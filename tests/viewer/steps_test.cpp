@@ -106,6 +106,29 @@ TEST_F(ViewerSteps, OfFilesLookLikeTheFiles) {
   EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
 }
 
+// The step's own file is gone, too: it is open, and stays.
+TEST_F(ViewerSteps, StayWhileAllFilesAreAway) {
+  const std::string index = folder_ + "/g.svols";
+  ASSERT_TRUE(build_series_of_files({step_at(0), step_at(1)}, index, false, {}, [](const char*, double) {}));
+  const auto series = Session::open(index, "", {}).value();
+  const Image last = settled(*series);
+  for (const char* file : {"/g-0000.svol", "/g-0001.svol"})
+    std::filesystem::rename(folder_ + file, folder_ + file + ".away");
+  for (int tries = 0; tries < 2; ++tries) {
+    EXPECT_FALSE(series->show_step(0));
+    EXPECT_EQ(series->step(), 1u);
+    EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
+  }
+  // Neither kernel can be opened again.
+  series->settings.kernel = KernelKind::octant;
+  EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
+  EXPECT_EQ(series->troubles().size(), 1u);
+
+  std::filesystem::rename(folder_ + "/g-0000.svol.away", folder_ + "/g-0000.svol");
+  EXPECT_TRUE(series->show_step(0));
+  EXPECT_GT(compare_images(settled(*series), last)->rmse, 0.01);
+}
+
 class PlayingSteps : public ViewerSteps {
  protected:
   void SetUp() override {

@@ -87,6 +87,9 @@ class ViewerTest : public testing::Test {
     return sum;
   }
 
+  // Where the panel has its check box "lighting".
+  static constexpr PointerMoved lighting_box{17, 521};
+
   fs::path folder;
   Target target;
   std::unique_ptr<Viewer> viewer;
@@ -169,6 +172,101 @@ TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
   EXPECT_EQ(scene().camera.position, before.position);
 }
 
+// A slow frame may see all of a click, or of a drag.
+TEST_F(ViewerTest, ClicksWithinAFrameAreNotLost) {
+  settle();
+  const Camera before = scene().camera;
+  frame({lighting_box, ButtonChanged{0, true}, ButtonChanged{0, false}, PointerMoved{600, 300}});
+  EXPECT_FALSE(viewer->is_settled()) << "events wait";
+  settle();
+  EXPECT_TRUE(scene().lighting);
+  EXPECT_EQ(scene().camera, before);
+  frame({ButtonChanged{0, true}, PointerMoved{660, 320}, ButtonChanged{0, false}, lighting_box, ButtonChanged{0, true},
+         ButtonChanged{0, false}});
+  settle();
+  EXPECT_NE(scene().camera, before);
+  EXPECT_FALSE(scene().lighting);
+}
+
+TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
+  settle();
+  const auto chord = [&](std::vector<int> codes) {
+    for (const int code : codes) frame({KeyChanged{code, true}});
+    for (const int code : codes) frame({KeyChanged{code, false}});
+    settle();
+  };
+  const auto undo = [&] { chord({key::left_control, 'Z'}); };
+  const auto redo = [&] { chord({key::right_control, key::right_shift, 'Z'}); };
+  std::vector<Scene> scenes = {scene()};
+  const auto done = [&] {
+    settle();
+    EXPECT_NE(scene(), scenes.back());
+    scenes.push_back(scene());
+  };
+  // A drag of many motions, one burst of the wheel, a control point, a key, a check box, an attribute, a scene.
+  frame({PointerMoved{600, 300}, ButtonChanged{0, true}}, 0.01);
+  for (int i = 1; i < 20; ++i) frame({PointerMoved{600.0 + i, 300}}, 0.05);
+  frame({ButtonChanged{0, false}}, 0.01);
+  done();
+  for (int i = 1; i < 10; ++i) frame({Scrolled{0, 1}}, 0.05);
+  done();
+  click(170, 130);
+  done();
+  press('P');
+  done();
+  click(lighting_box.x, lighting_box.y);
+  done();
+  Scene other = Session::open(path("v.svol"), "", {}).value()->fitting_scene("a1").value();
+  other.clip_box = Box{dvec3(0), dvec3(0.5)};
+  other.background = dvec3(1);
+  std::ofstream(path("other.json")) << scene_to_json(other);
+  frame({FilesDropped{{path("other.json")}}});
+  done();
+  EXPECT_EQ(viewer->session()->attribute().name, "a1");
+
+  for (std::size_t i = scenes.size() - 1; i-- > 0;) {
+    undo();
+    EXPECT_EQ(scene(), scenes[i]) << i;
+  }
+  undo();
+  EXPECT_EQ(scene(), scenes[0]) << "there is no more";
+  EXPECT_EQ(viewer->session()->attribute().name, "a0");
+  for (std::size_t i = 1; i < scenes.size(); ++i) {
+    redo();
+    EXPECT_EQ(scene(), scenes[i]) << i;
+  }
+  // The wheel, and control Z before it has come to rest. Then the other way to redo, and a change instead.
+  frame({PointerMoved{600, 300}, Scrolled{0, 1}, KeyChanged{key::left_control, true}, KeyChanged{'Z', true}}, 0.01);
+  frame({KeyChanged{'Z', false}, KeyChanged{key::left_control, false}}, 0.01);
+  settle();
+  EXPECT_EQ(scene(), scenes.back());
+  chord({key::left_control, 'Y'});
+  EXPECT_NE(scene(), scenes.back());
+  undo();
+  press('P');
+  const Scene changed = scene();
+  redo();
+  EXPECT_EQ(scene(), changed);
+  click(26, 15);  // the button "undo"
+  settle();
+  EXPECT_EQ(scene(), scenes.back());
+}
+
+// While somebody uses the interface, no frame takes the time of a finer picture.
+TEST_F(ViewerTest, DoesNotSharpenWhileThePointerMoves) {
+  settle();
+  press('R');
+  frame({ButtonChanged{0, true}, PointerMoved{600, 300}}, 0.01);
+  frame({PointerMoved{620, 300}, ButtonChanged{0, false}}, 0.01);
+  for (int i = 0; i < 50; ++i) {
+    frame({PointerMoved{100.0 + i, 300}}, 0.01);
+    ASSERT_FALSE(viewer->is_settled());
+    ASSERT_FALSE(viewer->session()->sharpening()) << i;
+  }
+  settle();
+  EXPECT_TRUE(viewer->session()->sharpening());
+}
+
 TEST_F(ViewerTest, MovesCoarselyAndSharpensAtRest) {
   settle();
   EXPECT_FALSE(viewer->session()->frame()->detail.goal);
@@ -204,6 +302,145 @@ TEST_F(ViewerTest, KeysChangeWhatTheySay) {
   EXPECT_TRUE(viewer->wants_to_close());
 }
 
+TEST_F(ViewerTest, RSeesAllAgain) {
+  settle();
+  const Camera all = scene().camera;
+  Scene away = scene();
+  away.camera.focal_point = away.camera.position + dvec3(0, 0, 50);
+  away.attribute = "a1";
+  std::ofstream(path("away.json")) << scene_to_json(away);
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.scene = path("away.json");
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_EQ(scene().camera, away.camera);
+  press('R');
+  EXPECT_EQ(scene().camera, all);
+  press('P');
+  press('R');
+  EXPECT_EQ(scene().camera.projection, Camera::Projection::orthographic);
+}
+
+TEST_F(ViewerTest, AnyAxisMayBeUp) {
+  ASSERT_TRUE(target.resize(width, 900));
+  frame({WindowResized{width, 900, width, 900, 1}});
+  settle();
+  for (const int axis : {2, 0, 1}) {
+    click(210, 572);
+    click(210, 597 + 19 * axis);
+    settle();
+    dvec3 up(0);
+    up[axis] = 1;
+    EXPECT_EQ(scene().camera.up, up);
+    // From all sides, the axis is up, and from above it is a plan.
+    for (const int code : {'1', '2', '3'}) {
+      press(code);
+      const CameraAxes axes = axes_of(scene().camera);
+      if (code - '1' == axis)
+        EXPECT_LT(glm::length(axes.right - (axis == 0 ? dvec3(0, 1, 0) : dvec3(1, 0, 0))), 1e-12) << axis;
+      else
+        EXPECT_LT(glm::length(axes.up - up), 1e-12) << axis;
+      EXPECT_NEAR(axes.forward[code - '1'], -1, 1e-12);
+    }
+    press('R');
+  }
+}
+
+// Files are named relative to the present folder.
+TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
+  const fs::path present = fs::current_path();
+  fs::current_path(folder);
+  constexpr int tall = 1000;
+  ASSERT_TRUE(target.resize(width, tall));
+  frame({WindowResized{width, tall, width, tall, 1}});
+  settle();
+  const auto click_and_settle = [&](double x, double y) {
+    click(x, y);
+    settle();
+  };
+  const auto keep = [&] { click_and_settle(435, 520); };
+  const auto replace = [&] { click_and_settle(366, 520); };
+  const int shown = scene().width;
+  click_and_settle(100, 722);  // the section "save"
+
+  // The picture as it is shown, then another view of it.
+  const auto save_picture = [&] { click_and_settle(60, 913); };
+  save_picture();
+  const std::string first = *read_text_file("v.png");
+  const auto size_of = [](const std::string& png) {
+    const auto number = [&](std::size_t at) {
+      return 256 * static_cast<unsigned char>(png[at + 2]) + static_cast<unsigned char>(png[at + 3]);
+    };
+    return std::pair(number(16), number(20));
+  };
+  EXPECT_EQ(size_of(first), std::pair(shown, tall));
+  press('P');
+  save_picture();
+  EXPECT_EQ(*read_text_file("v.png"), first) << "it asks";
+  keep();
+  EXPECT_EQ(*read_text_file("v.png"), first);
+  save_picture();
+  replace();
+  EXPECT_NE(*read_text_file("v.png"), first);
+
+  // Another size. The window's picture comes back.
+  fs::remove("v.png");
+  click_and_settle(18, 890);
+  click_and_settle(60, 938);
+  EXPECT_EQ(size_of(*read_text_file("v.png")), std::pair(1920, 1080));
+  EXPECT_EQ(scene().width, shown);
+
+  // A scene.
+  const auto save_scene = [&] { click_and_settle(40, 768); };
+  save_scene();
+  const std::string saved = *read_text_file("v.json");
+  EXPECT_EQ(saved, scene_to_json(scene()));
+  press('P');
+  save_scene();
+  press(key::escape);
+  settle();
+  EXPECT_EQ(*read_text_file("v.json"), saved);
+  save_scene();
+  replace();
+  EXPECT_EQ(*read_text_file("v.json"), scene_to_json(scene()));
+  EXPECT_NE(*read_text_file("v.json"), saved);
+  fs::current_path(present);
+}
+
+// There the panel covers the picture, and comes with its key or its button.
+TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
+  ASSERT_TRUE(target.resize(300, 200));
+  frame({WindowResized{300, 200, 300, 200, 1}});
+  settle();
+  EXPECT_EQ(scene().width, 300);
+  const auto drags = [&] {
+    const Camera before = scene().camera;
+    frame({PointerMoved{120, 150}});
+    frame({ButtonChanged{0, true}, PointerMoved{160, 150}, ButtonChanged{0, false}});
+    settle();
+    const bool moved = scene().camera != before;
+    press('R');
+    return moved;
+  };
+  EXPECT_TRUE(drags());
+  press(key::tab);
+  EXPECT_FALSE(drags());
+  EXPECT_EQ(scene().width, 300);
+  press(key::tab);
+  EXPECT_TRUE(drags());
+  click(45, 15);
+  settle();
+  EXPECT_FALSE(drags());
+  // In a wide window the panel stands beside the picture, as before.
+  ASSERT_TRUE(target.resize(width, height));
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_LT(scene().width, width);
+}
+
 TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   settle();
   Scene other = scene();
@@ -219,6 +456,35 @@ TEST_F(ViewerTest, ADropOpensVolumesAndScenes) {
   frame({FilesDropped{{path("text.svol")}}});
   EXPECT_EQ(viewer->session()->path(), path("w.svol"));
   settle();
+}
+
+// ParaView's colour maps are dropped, too, and stand among the presets.
+TEST_F(ViewerTest, ADropAppliesColors) {
+  settle();
+  const TransferFunction before = scene().transfer_function;
+  const auto write = [&](const std::string& colors) {
+    std::ofstream(path("maps.json")) << R"([{"Name": "mine", "ColorSpace": "RGB", "RGBPoints": [)" + colors + "]}]";
+    frame({FilesDropped{{path("maps.json")}}});
+  };
+  write("3, 1, 0, 0, 5, 0, 0, 1");
+  EXPECT_EQ(scene().transfer_function.color_at(0), dvec3(1, 0, 0));
+  EXPECT_EQ(scene().transfer_function.color_at(1), dvec3(0, 0, 1));
+  EXPECT_EQ(scene().transfer_function.lo, before.lo);
+  EXPECT_EQ(scene().transfer_function.densities, before.densities);
+  const TransferFunction mine = scene().transfer_function;
+  write("3, 1, 0, 0, 5, 0, 0, 7");
+  EXPECT_EQ(scene().transfer_function, mine) << "a map that is refused";
+
+  // Opens the list of presets, chooses the first, then the last.
+  const auto choose = [&](double y) {
+    click(100, 87);
+    click(100, y);
+    settle();
+  };
+  choose(112);
+  EXPECT_NE(scene().transfer_function, mine);
+  choose(112 + 6 * 19);
+  EXPECT_EQ(scene().transfer_function, mine);
 }
 
 TEST_F(ViewerTest, ExplainsEmptyPictures) {
@@ -294,6 +560,66 @@ TEST_F(ViewerTest, SurvivesBeingMinimisedAndTiny) {
   frame({WindowResized{width, height, width, height, 2}});
   settle();
   EXPECT_GT(brightness(viewer->session()->image().value()), 0);
+}
+
+// A picture that the card has no room for: the message stays, and the next size that fits is drawn.
+TEST_F(ViewerTest, APictureThatIsTooLargeIsReported) {
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.settings.device = Device::gl;
+  options.settings.gpu_memory = 40 << 20;
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_TRUE(viewer->drawn());
+  press('C');  // draws the nodes of the last frame, too
+
+  ASSERT_TRUE(target.resize(4 * width, 4 * height));
+  frame({WindowResized{4 * width, 4 * height, 4 * width, 4 * height, 1}, PointerMoved{3 * width, 2 * height}});
+  settle();
+  ASSERT_FALSE(viewer->drawn());
+  EXPECT_THAT(viewer->drawn().error().message, HasSubstr("GPU memory"));
+  EXPECT_EQ(viewer->session()->frame(), nullptr);
+  for (const int code : {'R', 'H', 'B', 'L'}) press(code);
+  settle();
+  EXPECT_FALSE(viewer->drawn());
+
+  ASSERT_TRUE(target.resize(width, height));
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  EXPECT_TRUE(viewer->drawn());
+  EXPECT_TRUE(viewer->session()->frame());
+}
+
+// A file that is moved stays open. Of one that is cut off, neither the other attribute nor the first one can be read.
+TEST_F(ViewerTest, SurvivesAFileThatGoesAway) {
+  ViewerOptions options;
+  options.volume = path("v.svol");
+  options.settings.memory = 1 << 20;
+  viewer.reset();
+  viewer = Viewer::create(options).value();
+  frame({WindowResized{width, height, width, height, 1}});
+  settle();
+  const auto switch_to = [&](const std::string& attribute) {
+    Scene other = scene();
+    other.attribute = attribute;
+    std::ofstream(path("other.json")) << scene_to_json(other);
+    frame({FilesDropped{{path("other.json")}}});
+    settle();
+    press('C');
+    frame({PointerMoved{600, 300}});
+    settle();
+  };
+  fs::rename(path("v.svol"), path("moved.svol"));
+  switch_to("a1");
+  EXPECT_TRUE(viewer->drawn());
+  fs::resize_file(path("moved.svol"), 0);
+  for (const std::string attribute : {"a0", "a1"}) {
+    switch_to(attribute);
+    ASSERT_FALSE(viewer->drawn());
+    EXPECT_THAT(viewer->drawn().error().message, HasSubstr("v.svol"));
+  }
 }
 
 TEST_F(ViewerTest, AHighDensityDisplayGetsItsPixels) {
