@@ -34,16 +34,25 @@ void read_piece(Channel& channel, std::size_t attributes) {
   for (std::size_t a = 0; a < attributes; ++a) piece.lent->get(a, all, values);
 }
 
+void read_surface(Channel& channel) {
+  TriangleMesh mesh;
+  if (!get(channel, mesh)) return;
+  for (const auto& triangle : mesh.triangles)
+    for (const std::uint32_t corner : triangle) require(corner < mesh.points.size(), "a corner is a point");
+}
+
 void read_message(Channel& channel, std::uint8_t kind, std::size_t attributes) {
-  if (kind % 4 == 0) {
+  if (kind % 5 == 0) {
     SourceState state;
     static_cast<void>(get(channel, state));
-  } else if (kind % 4 == 1) {
+  } else if (kind % 5 == 1) {
     Error error;
     static_cast<void>(get(channel, error));
-  } else if (kind % 4 == 2) {
+  } else if (kind % 5 == 2) {
     SourceOptions options;
     static_cast<void>(get(channel, options));
+  } else if (kind % 5 == 3) {
+    read_surface(channel);
   } else {
     read_piece(channel, attributes);
   }

@@ -25,6 +25,10 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
   return set ? set : Status(fail_in(streamer.volume().name(), set.error()));
 }
 
+tl::unexpected<Error> fail_two_surfaces() {
+  return fail(ErrorCode::invalid_argument, "depths of surfaces, and a scene that shows surfaces: give one of them");
+}
+
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
   DetailOptions detail;
   if (request.coarser > 0)
@@ -126,6 +130,13 @@ Status Player::set_kernel(KernelKind kernel) {
 // Takes over a scene and options. The streamer is opened anew only if it would have other parts of the file.
 Status Player::use(const Scene& scene, const PlayerOptions& options) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  const bool other_surfaces = scene.surfaces != scene_.surfaces;
+  std::vector<Surface> surfaces;
+  if (other_surfaces) {
+    if (surface_depths_ && std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
+    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, options.read_surface, surfaces_));
+    surfaces = std::move(read);
+  }
   const bool other_parts = !streamer_ || options.memory != options_.memory || options.kernel != options_.kernel ||
                            scene.attribute != scene_.attribute ||
                            (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
@@ -134,6 +145,10 @@ Status Player::use(const Scene& scene, const PlayerOptions& options) {
   else if (scene.transfer_function != scene_.transfer_function)
     SPLATVOL_TRY(set_function(*rasterizer_, scene, *streamer_));
   rasterizer_->set_lighting(scene.lighting);
+  if (other_surfaces) {
+    surfaces_ = std::move(surfaces);
+    surfaces_view_.reset();
+  }
   scene_ = scene;
   options_ = options;
   view_ = view;
@@ -169,7 +184,10 @@ Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
   return {};
 }
 
+bool Player::shows_surfaces() const { return std::ranges::any_of(surfaces_, &Surface::is_visible); }
+
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
+  if (depths && shows_surfaces()) return fail_two_surfaces();
   SPLATVOL_TRY(rasterizer_->set_surface_depths(depths));
   surface_depths_ = std::move(depths);
   return {};
@@ -281,13 +299,53 @@ Status Player::draw(const DrawOptions& options) {
   sort_ = options.sort;
   sample_spacing_ = options.sample_spacing > 0 ? options.sample_spacing
                                                : automatic_sample_spacing(view, frame_->detail, compositing_);
-  if (surface_depths_) sample_spacing_ = 1;
-  SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, options.sort, sample_spacing_));
-  compositing_ = rasterizer_->drawn_compositing();
+  SPLATVOL_TRY_ASSIGN(times, shows_surfaces() ? draw_with_surfaces(view) : draw_volume(view));
   times.upload += set_seconds;
   times_.draw = times;
   times_.frame = chosen_in + seconds_since(start);
   return {};
+}
+
+Result<FrameTimes> Player::draw_volume(const View& view) {
+  picture_.reset();
+  if (surface_depths_) sample_spacing_ = 1;
+  SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
+  compositing_ = rasterizer_->drawn_compositing();
+  return times;
+}
+
+// Draws the volume in front of each layer of surfaces, and joins all.
+Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
+  if (surfaces_view_ != view) {
+    surface_layers_ = draw_surfaces(surfaces_, view);
+    surfaces_view_ = view;
+  }
+  if (surface_layers_.layers.empty()) return draw_volume(view);
+  picture_.reset();
+  FrameTimes sum;
+  SurfaceComposite composite;
+  const Status drawn = [&]() -> Status {
+    for (const SurfaceLayer& layer : surface_layers_.layers) {
+      // The layer outlives the drawing: it need not be shared.
+      SPLATVOL_TRY(rasterizer_->set_surface_depths({std::shared_ptr<void>(), &layer.depths}));
+      sample_spacing_ = 1;
+      SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
+      SPLATVOL_TRY_ASSIGN(volume, rasterizer_->read_image());
+      composite.add(volume, layer);
+      sum.sort += times.sort, sum.upload += times.upload, sum.draw += times.draw;
+    }
+    return {};
+  }();
+  compositing_ = rasterizer_->drawn_compositing();
+  SPLATVOL_TRY(rasterizer_->set_surface_depths(nullptr));
+  if (!drawn) return tl::unexpected(drawn.error());
+  picture_ = composite.finish();
+  return sum;
+}
+
+Result<Image> Player::image() const {
+  if (picture_) return *picture_;
+  return rasterizer_->read_image();
 }
 
 Status Player::draw_frame(const FrameRequest& request, const DrawOptions& options) {

@@ -20,6 +20,8 @@
 #include "streamer/error_control.h"
 #include "streamer/frame_pacer.h"
 #include "streamer/streamer.h"
+#include "surfaces/draw_surfaces.h"
+#include "surfaces/surface.h"
 
 namespace splatvol {
 
@@ -35,6 +37,9 @@ struct PlayerOptions {
   /// Called when parts of the file have come that a frame did not wait for: time to draw another. Runs on threads of
   /// the player, and must not call it: to wake the thread that draws.
   std::function<void()> on_data = {};
+
+  /// Reads the files of a scene's surfaces. Empty: scenes that show surfaces are refused.
+  ReadSurface read_surface = {};
 };
 
 /// How splats that overlap become a picture.
@@ -96,7 +101,7 @@ class Player {
   ~Player();
 
   /// Changes what is drawn. Another camera or size costs nothing, another function or lighting little; another
-  /// attribute opens the file anew. If it fails, all stays as it was.
+  /// attribute opens the file anew. Surfaces that are new are read. If it fails, all stays as it was.
   [[nodiscard]] Status set_scene(const Scene& scene);
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] const View& view() const { return view_; }
@@ -106,7 +111,8 @@ class Player {
   [[nodiscard]] Status set_kernel(KernelKind kernel);
 
   /// Hides what lies behind opaque surfaces (Rasterizer::set_surface_depths), in all pictures until the next call: they
-  /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was.
+  /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was. Fails if the scene shows
+  /// surfaces of its own.
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
 
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
@@ -169,8 +175,14 @@ class Player {
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
-  /// Returns the picture of the last `draw`, in linear premultiplied RGBA.
-  [[nodiscard]] Result<Image> image() const { return rasterizer_->read_image(); }
+  /// Returns the picture of the last `draw` with its surfaces, in linear premultiplied RGBA.
+  [[nodiscard]] Result<Image> image() const;
+
+  /// Whether surfaces were in the last picture. Then the rasterizer has only a part of it.
+  [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }
+
+  /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
+  [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surface_layers_.is_joined; }
 
   /// Returns the splats that the device has room for beside the picture; 2^32 - 1 if it knows no limit.
   [[nodiscard]] std::uint64_t device_splats() const;
@@ -189,6 +201,9 @@ class Player {
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();
+  [[nodiscard]] Result<FrameTimes> draw_volume(const View& view);
+  [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
+  [[nodiscard]] bool shows_surfaces() const;
 
   format::Steps steps_;
   std::size_t step_;
@@ -200,9 +215,13 @@ class Player {
   bool is_lost_ = false;    // the streamer has no step; only to be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
-  std::shared_ptr<const SurfaceDepths> surface_depths_;
-  bool can_mix_ = false;    // whether it draws in slabs
-  std::uint64_t room_ = 0;  // splats that the device took, as far as is known
+  std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
+  std::vector<Surface> surfaces_;                        // of the scene
+  SurfaceLayers surface_layers_;                         // as `surfaces_view_` shows them
+  std::optional<View> surfaces_view_;                    // none: to be drawn
+  std::optional<Image> picture_;                         // the last one, if surfaces were in it
+  bool can_mix_ = false;                                 // whether it draws in slabs
+  std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
   const FrameSplats* frame_ = nullptr;
   FrameRequest request_;
   SortMode sort_ = SortMode::exact;

@@ -47,8 +47,8 @@ Status check_mesh(const TetMesh& mesh) {
 /// Draws the picture tile by tile; each tile needs only the cells whose bounds touch it.
 class CellProjection {
  public:
-  CellProjection(const TetMesh& mesh, const View& view, const Scene& scene)
-      : mesh_(mesh), view_(view), transfer_(scene.transfer_function), lighting_(scene.lighting) {
+  CellProjection(const TetMesh& mesh, const View& view, const Scene& scene, const SurfaceDepths* surfaces)
+      : mesh_(mesh), view_(view), surfaces_(surfaces), transfer_(scene.transfer_function), lighting_(scene.lighting) {
     image_.width = view.width;
     image_.height = view.height;
     image_.pixels.resize(static_cast<std::size_t>(view.width) * view.height, vec4(0));
@@ -91,10 +91,12 @@ class CellProjection {
   void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
   void gather_cell(std::size_t cell, const PixelRectangle& area, Scratch& scratch) const;
   [[nodiscard]] std::array<double, 2> visible_depths(const PixelRay& ray) const;
-  vec4 integrate(const PixelRay& ray, std::vector<Segment>& segments) const;
+  [[nodiscard]] double surface_depth(int x, int y) const;
+  vec4 integrate(const PixelRay& ray, double surface, std::vector<Segment>& segments) const;
 
   const TetMesh& mesh_;
   const View& view_;
+  const SurfaceDepths* surfaces_;
   PiecewiseTransfer transfer_;
   std::optional<Lighting> lighting_;
   Image image_;
@@ -217,7 +219,7 @@ void CellProjection::draw_area(std::span<const std::uint32_t> cells, const Pixel
   for (int y = area.y0; y <= area.y1; ++y)
     for (int x = area.x0; x <= area.x1; ++x) {
       auto& segments = scratch.pixels[static_cast<std::size_t>(y - area.y0) * width + (x - area.x0)];
-      image_.at(x, view_.height - 1 - y) = integrate(pixel_ray(view_, x, y), segments);
+      image_.at(x, view_.height - 1 - y) = integrate(pixel_ray(view_, x, y), surface_depth(x, y), segments);
       if (segments.capacity() > kept_capacity) segments = {};
     }
   segments_ += scratch.count;
@@ -265,12 +267,21 @@ std::array<double, 2> CellProjection::visible_depths(const PixelRay& ray) const 
   return {from, to};
 }
 
-vec4 CellProjection::integrate(const PixelRay& ray, std::vector<Segment>& segments) const {
+/// Returns the depth where a pixel's ray ends; infinity: nowhere.
+double CellProjection::surface_depth(int x, int y) const {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  if (!surfaces_) return infinity;
+  const double depth = surfaces_->depths[static_cast<std::size_t>(view_.height - 1 - y) * view_.width + x];
+  return std::isnan(depth) ? infinity : depth;
+}
+
+vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<Segment>& segments) const {
   std::ranges::sort(segments, [](const Segment& a, const Segment& b) {
     return a.enter != b.enter ? a.enter < b.enter : a.leave < b.leave;
   });
   const double world_per_depth = view_.orthographic ? 1 : std::sqrt(1 + ray.a * ray.a + ray.b * ray.b);
-  const auto [from, to] = visible_depths(ray);
+  const auto [from, visible_to] = visible_depths(ray);
+  const double to = std::min(visible_to, surface);
   RayLight light;
   for (const Segment& segment : segments) {
     // The invisible part is cut off only here: the order above is the order of whole cells.
@@ -293,9 +304,14 @@ Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scen
                                           const ReferenceOptions& options) try {
   SPLATVOL_TRY(check_mesh(mesh));
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  const SurfaceDepths* surfaces = options.surface_depths;
+  if (surfaces && (surfaces->width != view.width || surfaces->height != view.height ||
+                   surfaces->depths.size() != static_cast<std::size_t>(view.width) * view.height))
+    return fail(ErrorCode::invalid_argument, "{} depths of surfaces for {} x {} pixels", surfaces->depths.size(),
+                view.width, view.height);
   const int machine_threads = tbb::info::default_concurrency();
   tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, machine_threads) : machine_threads);
-  return arena.execute([&] { return CellProjection(mesh, view, scene).render(options.progress); });
+  return arena.execute([&] { return CellProjection(mesh, view, scene, surfaces).render(options.progress); });
 } catch (const std::bad_alloc&) {
   return fail(ErrorCode::out_of_budget, "not enough memory for {} tetrahedra at {} x {} pixels", mesh.tetrahedra.size(),
               scene.width, scene.height);

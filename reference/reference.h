@@ -10,6 +10,7 @@
 #include "base/math.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "splatvol/surface_depths.h"
 
 namespace splatvol {
 
@@ -25,7 +26,10 @@ struct ReferenceOptions {
   int threads = 0;  // at most; 0: as many as the machine has
 
   /// Called with the share of the picture that is done, in [0, 1]; from any thread, one call at a time.
-  std::function<void(double)> progress;
+  std::function<void(double)> progress = {};
+
+  /// Each ray ends at its depth, if any. Must have the picture's size.
+  const SurfaceDepths* surface_depths = nullptr;
 };
 
 struct ReferencePicture {
@@ -46,7 +50,7 @@ struct ReferencePicture {
 /// Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond 1e100 count
 /// as 1e100. The result does not depend on threads. Needs 24 bytes for each point, 20 to 30 for each tetrahedron, and
 /// about 100 MiB for each thread. Fails if memory is too small, an index is out of range, arrays differ in length, or
-/// the camera is degenerate.
+/// the camera is degenerate, or depths of surfaces do not have the picture's size.
 [[nodiscard]] Result<ReferencePicture> render_reference(const TetMesh& mesh, const Scene& scene,
                                                         const ReferenceOptions& options = {});
 

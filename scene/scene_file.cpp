@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <numeric>
@@ -105,6 +106,7 @@ class Field {
     return value_.get<std::string>();
   }
 
+  bool is_list() const { return value_.is_array(); }
   bool is_truth() const { return value_.is_boolean(); }
   bool truth() const { return value_.get<bool>(); }
 
@@ -265,11 +267,55 @@ Result<std::optional<Lighting>> read_lighting(const Field& field) {
   return Lighting{ambient, diffuse};
 }
 
+Status read_truth(const Field& parent, const char* name, bool& truth) {
+  if (!parent.has(name)) return {};
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  if (!field.is_truth()) return field.wrong("neither true nor false");
+  truth = field.truth();
+  return {};
+}
+
+Result<SceneSurface> read_surface(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"file", "color", "opacity", "shown", "edges"}));
+  SceneSurface surface;
+  SPLATVOL_TRY_ASSIGN(file_field, field.member("file"));
+  SPLATVOL_TRY_ASSIGN(file, file_field.text());
+  if (file.empty()) return file_field.wrong("empty");
+  surface.file = file;
+  if (field.has("color")) {
+    SPLATVOL_TRY_ASSIGN(color, color_at(field, "color"));
+    surface.color = color;
+  }
+  if (field.has("opacity")) {
+    SPLATVOL_TRY_ASSIGN(opacity_field, field.member("opacity"));
+    SPLATVOL_TRY_ASSIGN(opacity, opacity_field.number());
+    if (opacity < 0 || opacity > 1) return opacity_field.wrong("{} is outside [0, 1]", opacity);
+    surface.opacity = opacity;
+  }
+  SPLATVOL_TRY(read_truth(field, "shown", surface.shown));
+  SPLATVOL_TRY(read_truth(field, "edges", surface.edges));
+  return surface;
+}
+
+constexpr std::size_t most_surfaces = 4096;
+
+Result<std::vector<SceneSurface>> read_surfaces(const Field& field) {
+  if (!field.is_list()) return field.wrong("not a list");
+  if (field.size() > most_surfaces)
+    return field.wrong("{} surfaces; at most {} are drawn: join some in one file", field.size(), most_surfaces);
+  std::vector<SceneSurface> surfaces;
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    SPLATVOL_TRY_ASSIGN(surface, read_surface(field.element(i)));
+    surfaces.push_back(std::move(surface));
+  }
+  return surfaces;
+}
+
 Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
-  SPLATVOL_TRY(field.check_names(
-      {"camera", "image", "background", "attribute", "transfer_function", "clip_box", "lighting", "outline"}));
+  SPLATVOL_TRY(field.check_names({"camera", "image", "background", "attribute", "transfer_function", "clip_box",
+                                  "lighting", "outline", "surfaces"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -301,10 +347,11 @@ Result<Scene> read_scene(const json& document) {
     SPLATVOL_TRY_ASSIGN(lighting, read_lighting(lighting_field));
     scene.lighting = lighting;
   }
-  if (field.has("outline")) {
-    SPLATVOL_TRY_ASSIGN(outline, field.member("outline"));
-    if (!outline.is_truth()) return outline.wrong("neither true nor false");
-    scene.outline = outline.truth();
+  SPLATVOL_TRY(read_truth(field, "outline", scene.outline));
+  if (field.has("surfaces")) {
+    SPLATVOL_TRY_ASSIGN(surfaces_field, field.member("surfaces"));
+    SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(surfaces_field));
+    scene.surfaces = std::move(surfaces);
   }
   return scene;
 }
@@ -371,6 +418,12 @@ std::string scene_to_json(const Scene& scene) {
   if (scene.outline) document["outline"] = true;
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
+  for (const SceneSurface& surface : scene.surfaces)
+    document["surfaces"].push_back({{"file", surface.file},
+                                    {"color", json_of(surface.color)},
+                                    {"opacity", surface.opacity},
+                                    {"shown", surface.shown},
+                                    {"edges", surface.edges}});
   return text_of(document);
 }
 
@@ -378,6 +431,9 @@ Result<Scene> load_scene(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
   auto scene = parse_scene(text);
   if (!scene) return fail_in(path, scene.error());
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::absolute(path, error).parent_path();
+  for (SceneSurface& surface : scene->surfaces) surface.file = (folder / surface.file).lexically_normal().string();
   return scene;
 }
 

@@ -3,7 +3,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(layers
-    splatvol base scene reference format
+    splatvol base scene surfaces reference format
     builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process builder/sources/vtk
     builder/output builder/points builder/reduction builder builder/distributed
     exporter streamer renderer renderer/cpu renderer/gl renderer/device player library viewer tools)
@@ -12,6 +12,7 @@ set(layers
 set(splatvol_knows)
 set(base_knows)
 set(scene_knows base)
+set(surfaces_knows base scene)
 set(reference_knows base scene)
 set(format_knows base)
 set(builder/sorting_knows base format)
@@ -34,10 +35,10 @@ set(renderer/cpu_knows base scene streamer renderer)
 set(renderer/gl_knows base scene streamer renderer)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(renderer/device_knows base scene streamer renderer renderer/cpu renderer/gl)
-set(player_knows base scene format streamer ${renderer_rooms})
+set(player_knows base scene surfaces format streamer ${renderer_rooms})
 set(library_knows base scene format ${builder_rooms} builder streamer ${renderer_rooms} player)
 set(viewer_knows base scene format streamer ${renderer_rooms} player)
-set(tools_knows base scene reference format ${builder_rooms} builder builder/distributed exporter streamer ${renderer_rooms} player viewer)
+set(tools_knows base scene surfaces reference format ${builder_rooms} builder builder/distributed exporter streamer ${renderer_rooms} player viewer)
 
 # Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)

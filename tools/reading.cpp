@@ -2,6 +2,7 @@
 
 #include <array>
 #include <filesystem>
+#include <memory>
 
 #include "base/memory_limit.h"
 #include "tools/tool.h"
@@ -43,6 +44,17 @@ Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, un
   of_process.patience = std::chrono::seconds(options.seconds);
   of_process.threads = static_cast<int>(threads);
   return of_process;
+}
+
+ReadSurface surface_reader(const ReaderProcessOptions& options) {
+  return [reader = std::make_shared<ReaderProcess>(options)](const std::string& path) {
+    return reader->read_surface(path);
+  };
+}
+
+Result<ReadSurface> usual_surface_reader() {
+  SPLATVOL_TRY_ASSIGN(options, reader_options_of({}, 0));
+  return surface_reader(options);
 }
 
 }  // namespace splatvol

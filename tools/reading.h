@@ -5,6 +5,7 @@
 #include <string>
 
 #include "builder/sources/process/reader_process.h"
+#include "surfaces/surface.h"
 
 namespace splatvol {
 
@@ -18,5 +19,11 @@ void add_reading_options(CLI::App& app, ReadingOptions& options);
 /// `threads`: most threads; 0: those of the machine. The program splatvol-read lies beside this one, or where it is
 /// installed.
 [[nodiscard]] Result<ReaderProcessOptions> reader_options_of(const ReadingOptions& options, unsigned threads);
+
+/// Returns a reader of files of surfaces, which reads them in a process of its own. That process ends with the reader.
+[[nodiscard]] ReadSurface surface_reader(const ReaderProcessOptions& options);
+
+/// The same with the usual limits.
+[[nodiscard]] Result<ReadSurface> usual_surface_reader();
 
 }  // namespace splatvol

@@ -8,6 +8,7 @@
 
 #include "builder/open_source.h"
 #include "builder/sources/process/serve_sources.h"
+#include "builder/sources/vtk/surface_file.h"
 
 namespace {
 
@@ -25,12 +26,12 @@ int main(int argc, char** argv) {
   ReaderLimits limits{};
   std::size_t threads = 0;
   if (argc != 4 || !parse(argv[1], socket) || !parse(argv[2], limits.memory) || !parse(argv[3], threads)) {
-    std::fputs("splatvol-read: reads files for svbuild, svtruth and svgen, which start it\n", stderr);
+    std::fputs("splatvol-read: reads files for svbuild, svrender, svview, svtruth and svgen, which start it\n", stderr);
     return 2;
   }
   confine_reader(socket, limits);
   std::unique_ptr<tbb::global_control> limit;
   if (threads > 0) limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, threads);
-  serve_sources(socket, limits, open_source);
+  serve_sources(socket, limits, open_source, read_surface_file);
   return 0;
 }

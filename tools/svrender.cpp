@@ -74,6 +74,11 @@ Status render(const RenderOptions& options) {
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
   SPLATVOL_TRY(warn_if_empty(options, player, image));
+  if (player.has_joined_surfaces())
+    fmt::print(stderr,
+               "svrender: more than {} translucent surfaces lie one behind the other; the volume between those behind "
+               "is drawn behind all of them\n",
+               most_surface_layers);
   if (!options.output.empty())
     SPLATVOL_TRY(
         write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawing)));

@@ -9,6 +9,7 @@
 #include "reference/reference.h"
 #include "scene/image.h"
 #include "scene/scene.h"
+#include "surfaces/draw_surfaces.h"
 #include "tools/cells_option.h"
 #include "tools/reading.h"
 #include "tools/scene_options.h"
@@ -80,10 +81,30 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const std::string&
   return mesh;
 }
 
-Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, unsigned threads) {
+// Draws the volume in front of each layer of surfaces, and joins all.
+Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, std::span<const Surface> surfaces,
+                                              unsigned threads) {
   ProgressBar bar("draw");
   const TetMesh tet_mesh{mesh.points, mesh.values, mesh.tetrahedra, mesh.constant};
-  return render_reference(tet_mesh, scene, {static_cast<int>(threads), [&](double fraction) { bar.update(fraction); }});
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  const SurfaceLayers drawn = draw_surfaces(surfaces, view, std::numeric_limits<std::size_t>::max());
+  const auto render = [&](std::size_t done, const SurfaceDepths* depths) {
+    const double pictures = std::max<double>(1, static_cast<double>(drawn.layers.size()));
+    return render_reference(
+        tet_mesh, scene,
+        {static_cast<int>(threads),
+         [&, done](double fraction) { bar.update((static_cast<double>(done) + fraction) / pictures); }, depths});
+  };
+  if (drawn.layers.empty()) return render(0, nullptr);
+  SurfaceComposite composite;
+  ReferencePicture last;
+  for (std::size_t i = 0; i < drawn.layers.size(); ++i) {
+    SPLATVOL_TRY_ASSIGN(picture, render(i, &drawn.layers[i].depths));
+    composite.add(picture.image, drawn.layers[i]);
+    last = std::move(picture);
+  }
+  last.image = composite.finish();
+  return last;
 }
 
 // `seconds`: of each drawing, sorted.
@@ -117,11 +138,17 @@ Status draw(const Options& options) {
   SPLATVOL_TRY_ASSIGN(
       mesh, read_mesh(options.meshes, scene.attribute, cell_values_of(options.cells), options.missing, reader_options));
 
+  std::vector<Surface> surfaces;
+  if (!scene.surfaces.empty()) {
+    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, surface_reader(reader_options)));
+    surfaces = std::move(read);
+  }
+
   Result<ReferencePicture> picture;
   std::vector<double> seconds;
   for (int i = 0; i < options.repeat; ++i) {
     const double start = seconds_now();
-    picture = render_with_progress(mesh, scene, options.threads);
+    picture = render_with_progress(mesh, scene, surfaces, options.threads);
     if (!picture) return fail_in(options.meshes.front(), picture.error());
     seconds.push_back(seconds_now() - start);
   }

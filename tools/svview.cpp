@@ -9,6 +9,7 @@
 #include "renderer/gl/context.h"
 #include "renderer/gl/target.h"
 #include "scene/image.h"
+#include "tools/reading.h"
 #include "tools/scene_options.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -51,6 +52,8 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   setup.settings.kernel = options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
   setup.settings.max_error = options.max_error;
   setup.settings.tolerance = options.tolerance;
+  SPLATVOL_TRY_ASSIGN(read_surface, usual_surface_reader());
+  setup.settings.read_surface = std::move(read_surface);
   return setup;
 }
 

@@ -54,7 +54,8 @@ Result<std::unique_ptr<Session>> Session::open(const std::string& path, const st
                                             .gpu_memory = settings.gpu_memory,
                                             .device = settings.device,
                                             .in_current_context = settings.in_current_context,
-                                            .kernel = settings.kernel}));
+                                            .kernel = settings.kernel,
+                                            .read_surface = settings.read_surface}));
   session->player_ = std::move(player);
   session->scene = session->first_scene_ = session->used_scene_ = session->player_->scene();
   SPLATVOL_TRY(session->read_histogram());
@@ -123,7 +124,8 @@ Status Session::apply() {
                     settings.mixes == used_settings_.mixes && scene.attribute == used_scene_.attribute &&
                     scene.camera == used_scene_.camera && scene.transfer_function == used_scene_.transfer_function &&
                     scene.lighting == used_scene_.lighting && scene.clip_box == used_scene_.clip_box &&
-                    scene.width == used_scene_.width && scene.height == used_scene_.height;
+                    scene.surfaces == used_scene_.surfaces && scene.width == used_scene_.width &&
+                    scene.height == used_scene_.height;
   used_scene_ = scene;
   used_settings_ = settings;
   if (same) return {};
@@ -256,6 +258,14 @@ Status Session::finish_picture() {
 }
 
 Result<ShownPicture> Session::shown_picture() {
+  if (player_->has_drawn_surfaces()) {
+    if (texture_is_old_) {
+      SPLATVOL_TRY_ASSIGN(picture, player_->image());
+      SPLATVOL_TRY(texture_.upload(picture));
+      texture_is_old_ = false;
+    }
+    return ShownPicture{texture_.name(), true};
+  }
   if (const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer()))
     return ShownPicture{gl->texture(), false};
   if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer()); tiles && texture_is_old_) {

@@ -37,7 +37,8 @@ struct ViewSettings {
   std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
   bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
   SortMode sort = SortMode::exact;
-  bool mixes = true;  // at rest, in slabs, where the device can
+  bool mixes = true;              // at rest, in slabs, where the device can
+  ReadSurface read_surface = {};  // as in PlayerOptions
 };
 
 /// Draws one file. Draws only after a change. Needs the context that was current at `open`, if

@@ -84,6 +84,7 @@ class Viewer {
   void draw_lighting_controls();
   void draw_camera_controls();
   void draw_clip_box_controls();
+  void draw_surface_controls();
   void draw_path_section();
   void draw_file_section();
   void draw_picture_controls();

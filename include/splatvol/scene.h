@@ -5,6 +5,7 @@
 #include <glm/geometric.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "splatvol/error.h"
 #include "splatvol/export.h"
@@ -40,6 +41,17 @@ struct Lighting {
   [[nodiscard]] bool operator==(const Lighting&) const = default;
 };
 
+/// A surface of triangles, from a file.
+struct SceneSurface {
+  std::string file;    // .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk; positions in the data's world units
+  dvec3 color{0.8};    // linear
+  double opacity = 1;  // [0, 1]; 1 hides what lies behind
+  bool shown = true;   // else the file is not read
+  bool edges = false;  // the triangles' edges are drawn
+
+  [[nodiscard]] bool operator==(const SceneSurface&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -52,12 +64,14 @@ struct Scene {
   std::optional<Lighting> lighting;
   std::optional<Box> clip_box;  // only the inside is drawn
   bool outline = false;         // the edges of the domain's box are drawn over and behind the volume
+  std::vector<SceneSurface> surfaces = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.
 [[nodiscard]] SPLATVOL_EXPORT Result<Scene> parse_scene(const std::string& json);
 
-/// Reads a scene file. The error begins with the path.
+/// Reads a scene file. The error begins with the path. Files of surfaces get absolute paths: relative ones begin at the
+/// scene file's folder.
 [[nodiscard]] SPLATVOL_EXPORT Result<Scene> load_scene(const std::string& path);
 
 /// Returns the text of a scene file that parse_scene reads back as `scene`.

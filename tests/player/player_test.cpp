@@ -18,6 +18,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
+#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {
@@ -168,6 +169,73 @@ TEST_F(PlayerOfALattice, SurfacesHoldForAllFramesOfTheirSize) {
   ASSERT_TRUE(player->set_scene(scene));
   ASSERT_TRUE(player->set_surface_depths(nullptr));
   EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
+}
+
+TEST_F(PlayerOfALattice, SurfacesOfTheSceneAreSortedIn) {
+  int read = 0;
+  PlayerOptions options = on_processor();
+  options.read_surface = [&](const std::string& path) -> Result<TriangleMesh> {
+    ++read;
+    if (path == "none") return fail(ErrorCode::io, "none: gone");
+    return test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0});  // through the middle of the lattice
+  };
+  auto player = Player::open(path(), std::nullopt, options).value();
+  Scene scene = player->scene();
+  scene.width = 120;
+  scene.height = 90;
+  scene.camera.position = {0.5, 0.5, 3};
+  scene.camera.focal_point = dvec3(0.5);
+  scene.camera.up = {0, 1, 0};
+  ASSERT_TRUE(player->set_scene(scene));
+  const Image whole = drawn(*player);
+  EXPECT_FALSE(player->has_drawn_surfaces());
+  ASSERT_TRUE(player->set_surface_depths(
+      std::make_shared<SurfaceDepths>(SurfaceDepths{120, 90, std::vector<float>(120 * 90, 2.5F)})));
+  const Image front = drawn(*player);
+  Scene with_plate = scene;
+  with_plate.surfaces = {{.file = "plate", .color = {0, 0, 1}}};
+  EXPECT_THAT(player->set_scene(with_plate).error().message, HasSubstr("give one of them"));
+  ASSERT_TRUE(player->set_surface_depths(nullptr));
+
+  // Opaque: the front, over the plate.
+  ASSERT_TRUE(player->set_scene(with_plate));
+  const Image opaque = drawn(*player);
+  EXPECT_TRUE(player->has_drawn_surfaces());
+  EXPECT_FALSE(player->set_surface_depths(std::make_shared<SurfaceDepths>(SurfaceDepths{120, 90, {}})));
+  for (const auto& [x, y] : {std::pair{60, 45}, std::pair{10, 80}}) {
+    const double tangent_x = (x + 0.5 - 60) / player->view().focal, tangent_y = (44.5 - y) / player->view().focal;
+    const double blue = 0.3 + 0.7 / std::sqrt(1 + tangent_x * tangent_x + tangent_y * tangent_y);
+    const vec4 expected = front.at(x, y);
+    EXPECT_NEAR(opaque.at(x, y).r, expected.r, 1e-4);
+    EXPECT_NEAR(opaque.at(x, y).b, expected.b + (1 - expected.a) * blue, 1e-4);
+    EXPECT_EQ(opaque.at(x, y).a, 1);
+  }
+
+  // Hardly there: the picture of the volume, drawn in two parts.
+  with_plate.surfaces[0].opacity = 1e-6;
+  ASSERT_TRUE(player->set_scene(with_plate));
+  EXPECT_LT(compare_images(drawn(*player), whole)->rmse, 1e-3);
+
+  // Off: the same bits as without. Each file was read once.
+  with_plate.surfaces[0].shown = false;
+  ASSERT_TRUE(player->set_scene(with_plate));
+  EXPECT_EQ(compare_images(drawn(*player), whole)->max, 0);
+  EXPECT_FALSE(player->has_drawn_surfaces());
+  EXPECT_EQ(read, 1);
+
+  Scene wrong = scene;
+  wrong.surfaces = {{.file = "none"}};
+  EXPECT_EQ(player->set_scene(wrong).error().message, "none: gone");
+  EXPECT_EQ(player->scene().surfaces, with_plate.surfaces) << "what is refused changes nothing";
+}
+
+TEST_F(PlayerOfALattice, WithoutAReaderSurfacesAreRefused) {
+  const auto player = open();
+  Scene scene = player->scene();
+  scene.surfaces = {{.file = "a.stl"}};
+  EXPECT_THAT(player->set_scene(scene).error().message, HasSubstr("a.stl"));
+  scene.surfaces[0].shown = false;
+  EXPECT_TRUE(player->set_scene(scene));
 }
 
 TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {

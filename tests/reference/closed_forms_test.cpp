@@ -58,6 +58,41 @@ TEST(Slab, ConstantCellsKeepTheirValues) {
   }
 }
 
+TEST(Slab, RaysEndAtSurfaces) {
+  const Mesh mesh = make_box(4, constant);
+  Scene scene = make_scene(slab_extinction, 16, 12);
+  for (const bool orthographic : {false, true}) {
+    if (orthographic) make_orthographic(scene, 0.5);
+    look(scene, {0.5, 0.5, 3}, dvec3(0.5));
+    scene.camera.vertical_fov_degrees = 5;
+    SurfaceDepths surfaces{16, 12, {}};
+    for (int i = 0; i < 16 * 12; ++i) surfaces.depths.push_back(1.5F + 0.01F * static_cast<float>(i));
+    surfaces.depths[0] = 0;
+    surfaces.depths[1] = std::numeric_limits<float>::infinity();
+    surfaces.depths[2] = std::numeric_limits<float>::quiet_NaN();
+    const TetMesh tets{mesh.points, mesh.values, mesh.tetrahedra};
+    const auto picture = render_reference(tets, scene, {.surface_depths = &surfaces});
+    ASSERT_TRUE(picture) << picture.error().message;
+    const Image whole = render(mesh, scene).image;
+    const View view = make_view(scene).value();
+    for (std::size_t i = 0; i < surfaces.depths.size(); ++i) {
+      const double x = (static_cast<double>(i % 16) - 7.5) / view.focal;
+      const double y = (static_cast<double>(i / 16) - 5.5) / view.focal;
+      const double along = orthographic ? 1 : std::sqrt(1 + x * x + y * y);  // of a unit of depth
+      const double depth = std::isnan(surfaces.depths[i]) ? 9 : surfaces.depths[i];
+      if (depth < 2) expect_alpha(picture->image.pixels[i].a, slab_extinction, 0, exact);
+      if (depth >= 2 && depth < 2.95) {
+        const double length = (depth - 2) * along;  // the box begins at a depth of 2
+        EXPECT_NEAR(picture->image.pixels[i].a, -std::expm1(-slab_extinction * length), exact) << i;
+      }
+      if (depth <= 3.1) continue;
+      EXPECT_EQ(picture->image.pixels[i], whole.pixels[i]) << i;
+    }
+    surfaces.width = 15;
+    EXPECT_FALSE(render_reference(tets, scene, {.surface_depths = &surfaces}));
+  }
+}
+
 // Two clip boxes cut the mesh in two parts, whose transmittances multiply to that of the whole.
 TEST(Slab, AClipBoxCutsRaysWhereItsFacesAre) {
   const Mesh mesh = make_box(4, constant);

@@ -112,6 +112,30 @@ TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
   EXPECT_THAT(error_of(changed("/outline", 1)), StartsWith("outline: "));
 }
 
+TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
+  const auto scene = parse_scene(
+      changed("/surfaces",
+              {{{"file", "a.stl"}},
+               {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}}}));
+  ASSERT_TRUE(scene) << scene.error().message;
+  const std::vector<SceneSurface> expected{
+      {.file = "a.stl"}, {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true}};
+  EXPECT_EQ(scene->surfaces, expected);
+  EXPECT_EQ(parse_scene(scene_to_json(*scene))->surfaces, expected);
+  EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());
+}
+
+TEST(ParseScene, RefusesWrongSurfaces) {
+  const auto error = [](const json& surface) { return error_of(changed("/surfaces", json::array({surface}))); };
+  EXPECT_THAT(error({{"color", {1, 1, 1}}}), StartsWith("surfaces[0].file: missing"));
+  EXPECT_THAT(error({{"file", ""}}), StartsWith("surfaces[0].file: empty"));
+  EXPECT_THAT(error({{"file", "a"}, {"colour", {1, 1, 1}}}), StartsWith("surfaces[0].colour: no such field"));
+  EXPECT_THAT(error({{"file", "a"}, {"color", {1, -1, 1}}}), StartsWith("surfaces[0].color: negative"));
+  EXPECT_THAT(error({{"file", "a"}, {"opacity", 1.5}}), StartsWith("surfaces[0].opacity: 1.5"));
+  EXPECT_THAT(error({{"file", "a"}, {"shown", 1}}), StartsWith("surfaces[0].shown: neither"));
+  EXPECT_THAT(error_of(changed("/surfaces", "a.stl")), StartsWith("surfaces: not a list"));
+}
+
 TEST(ParseScene, LightingIsOffOnOrGiven) {
   const auto lighting = [](const json& value) { return parse_scene(changed("/lighting", value))->lighting; };
   EXPECT_EQ(lighting(false), std::nullopt);
@@ -284,6 +308,17 @@ TEST(LoadScene, MessagesBeginWithThePath) {
   ASSERT_FALSE(incomplete);
   EXPECT_EQ(incomplete.error().message, path + ": attribute: missing");
   std::filesystem::remove(path);
+}
+
+TEST(LoadScene, FilesOfSurfacesBeginAtItsFolder) {
+  const std::string folder = testing::TempDir();
+  const std::string path = folder + "surfaces_test.json";
+  std::ofstream(path) << changed("/surfaces", {{{"file", "parts/../a.stl"}}, {{"file", "/b.stl"}}});
+  const auto scene = load_scene(path);
+  std::filesystem::remove(path);
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->surfaces[0].file, (std::filesystem::absolute(folder) / "a.stl").lexically_normal().string());
+  EXPECT_EQ(scene->surfaces[1].file, "/b.stl");
 }
 
 TEST(LoadScene, ReadsTheSharedScenes) {

@@ -14,6 +14,7 @@
 
 #include "base/file.h"
 #include "scene/image.h"
+#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {
@@ -478,6 +479,56 @@ TEST_F(RealData, AnErrorHolds) {
     }
     EXPECT_LT(last, 10000U) << name;
   }
+}
+
+// A ball and a plate cut through the data, opaque and translucent. The error is at most about that of pictures
+// without surfaces (docs/design.md).
+TEST_F(RealData, SurfacesAreSortedInAsInTheExactPicture) {
+  std::string built;
+  for (const std::string view : {"bluntfin", "bluntfin-ortho", "post", "wing"}) {
+    const std::string name = view.substr(0, view.find('-'));
+    if (name != built) expect_success("svbuild " + mesh(name) + " -o " + path("volume.svol"));
+    built = name;
+    json text = json::parse(*read_text_file(scene(view)));
+    const auto vector = [&](const char* field) {
+      const json& v = text.at("camera").at(field);
+      return dvec3(v[0], v[1], v[2]);
+    };
+    const dvec3 focus = vector("focal_point");
+    const double size = 0.05 * glm::length(vector("position") - focus);
+    std::ofstream(path("ball.stl"), std::ios::binary) << test::stl_of(test::ball(focus, size, 40));
+    std::ofstream(path("plate.stl"), std::ios::binary)
+        << test::stl_of(test::plate(focus - 3 * size, size * dvec3(6, 1, 0), size * dvec3(0, 1, 6), 5));
+    for (const double opacity : {1.0, 0.5}) {
+      text["surfaces"] = {{{"file", "ball.stl"}, {"color", {0.8, 0.3, 0.2}}, {"opacity", opacity}},
+                          {{"file", "plate.stl"}, {"color", {0.2, 0.3, 0.4}}, {"edges", true}}};
+      write("s.json", text.dump());
+      expect_success("svtruth " + mesh(name) + " --scene " + path("s.json") + " -o " + path("exact.exr"));
+      const Image exact = *read_exr(path("exact.exr"));
+      EXPECT_GT(std::ranges::count(exact.pixels, 1.0F, &vec4::a), 3000) << view;
+      for (const char* way : {"--device cpu", "--device cpu --raster splats", "--device gl"}) {
+        expect_success("svrender " + path("volume.svol") + " --scene " + path("s.json") + " --tolerance 0 -o " +
+                       path("picture.exr") + " " + way);
+        EXPECT_LT(compare_images(exact, *read_exr(path("picture.exr")))->rmse, 0.0025)
+            << view << ", " << way << ", opacity " << opacity;
+      }
+    }
+  }
+}
+
+TEST_F(Programs, SurfacesThatCannotBeReadAreRefused) {
+  write("mesh.vtu", small_mesh(small_data));
+  expect_success("svbuild " + path("mesh.vtu") + " -o " + path("v.svol"));
+  json text = small_scene;
+  text["surfaces"] = {{{"file", "gone.stl"}}};
+  write("s.json", text.dump());
+  expect_refused("svrender " + path("v.svol") + " --scene " + path("s.json") + " -o " + path("out.png"),
+                 path("gone.stl") + ": cannot open", "out");
+  expect_refused("svtruth " + path("mesh.vtu") + " --scene " + path("s.json") + " -o " + path("out.png"),
+                 path("gone.stl") + ": cannot open", "out");
+  write("gone.stl", "solid nothing\nendsolid\n");
+  expect_refused("svrender " + path("v.svol") + " --scene " + path("s.json") + " -o " + path("out.png"), "gone.stl",
+                 "out");
 }
 
 TEST_F(RealData, OctantKernelHasTheErrorOfThePaper) {

@@ -10,12 +10,14 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "base/file.h"
 #include "format/volume.h"
 #include "scene/image.h"
 #include "tests/support/test_volume.h"
+#include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {
@@ -75,6 +77,40 @@ TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
   EXPECT_EQ(a.height, 480);
   EXPECT_EQ(compare_images(a, *read_exr(path("b.exr")))->max, 0);       // the same replay
   EXPECT_GT(compare_images(a, *read_exr(path("c.exr")))->rmse, 0.005);  // the picture before it
+}
+
+// The plate hides what is behind it, while the picture moves too: the recording ends with a turn.
+TEST_F(Svview, ShowsTheSurfacesOfAScene) {
+  const std::string info = SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null";
+  ASSERT_EQ(std::system(info.c_str()), 0);
+  auto scene = nlohmann::json::parse(*read_text_file(path("s.json")));
+  write("plate.stl", test::stl_of(test::plate({-9, -9, 0.5}, {18, 0, 0}, {0, 18, 0})));
+  const auto screenshot = [&](const nlohmann::json& surfaces, const std::string& device) {
+    if (!surfaces.is_null()) scene["surfaces"] = surfaces;
+    write("s.json", scene.dump());
+    const Outcome outcome = run(path("v.svol") + " --scene " + path("s.json") + " --replay " + path("r.jsonl") +
+                                " --screenshot " + path("a.exr") + " --device " + device);
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return *read_exr(path("a.exr"));
+  };
+  for (const char* device : {"cpu", "gl"}) {
+    scene.erase("surfaces");
+    const Image without = screenshot(nullptr, device);
+    const Image off = screenshot({{{"file", "plate.stl"}, {"shown", false}}}, device);
+    // Besides the panel's list.
+    const vec4 middle_without = without.at(500, 240);
+    EXPECT_EQ(off.at(500, 240), middle_without);
+    const Image plate = screenshot({{{"file", "plate.stl"}, {"color", {0, 0, 9}}}}, device);
+    EXPECT_GT(plate.at(500, 240).b, middle_without.b + 0.2F) << device;
+    const Image glass = screenshot({{{"file", "plate.stl"}, {"color", {0, 0, 9}}, {"opacity", 0.02}}}, device);
+    EXPECT_GT(glass.at(500, 240).b, middle_without.b + 0.01F) << device;
+    EXPECT_LT(glass.at(500, 240).b, plate.at(500, 240).b) << device;
+  }
+  scene["surfaces"] = {{{"file", "gone.stl"}}};
+  write("s.json", scene.dump());
+  const Outcome refused = run(path("v.svol") + " --scene " + path("s.json") + " --screenshot " + path("b.png"));
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.text, HasSubstr("gone.stl: cannot open"));
 }
 
 TEST_F(Svview, DrawsACameraPath) {

@@ -215,4 +215,15 @@ Status get(Channel& channel, Piece& piece, std::size_t attributes) {
   return check_piece(piece, attributes);
 }
 
+Status put(Channel& channel, const TriangleMesh& mesh) { return put_all(channel, mesh.points, mesh.triangles); }
+
+Status get(Channel& channel, TriangleMesh& mesh) {
+  SPLATVOL_TRY(get_all(channel, mesh.points, mesh.triangles));
+  const bool fits = std::ranges::all_of(
+      mesh.triangles, [&](const auto& corners) { return std::ranges::max(corners) < mesh.points.size(); });
+  if (!fits || !std::ranges::all_of(mesh.points, is_usable_position))
+    return fail(ErrorCode::invalid_data, "the reader process sent a surface whose points do not fit");
+  return {};
+}
+
 }  // namespace splatvol

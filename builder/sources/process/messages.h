@@ -7,19 +7,22 @@
 #include <string>
 #include <vector>
 
+#include "base/triangle_mesh.h"
 #include "builder/sources/process/channel.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
 
-/// A request has this, the number of a source, and what each kind adds. The answer begins with an optional Error.
+/// A request has this, the number of a source (of no meaning for `surface`), and what each kind adds. The answer begins
+/// with an optional Error.
 enum class ReaderRequest : std::uint32_t {
-  open,    // inputs, SourceOptions. Answer: SourceState. The number is new
-  next,    // whether values are lent. Answer: SourceState, whether there is a piece, the piece
-  bounds,  // Answer: optional Box
-  parts,   // Answer: sizes of the parts
-  select,  // numbers of parts. Answer: nothing
-  close,   // No answer
+  open,     // inputs, SourceOptions. Answer: SourceState. The number is new
+  next,     // whether values are lent. Answer: SourceState, whether there is a piece, the piece
+  bounds,   // Answer: optional Box
+  parts,    // Answer: sizes of the parts
+  select,   // numbers of parts. Answer: nothing
+  close,    // No answer
+  surface,  // path. Answer: TriangleMesh
 };
 
 /// What a source tells besides its pieces. Its functions may return something else after each piece.
@@ -51,5 +54,10 @@ struct SourceState {
 
 /// Lent values are held. Fails if the arrays do not fit each other, or if an index is out of range.
 [[nodiscard]] Status get(Channel& channel, Piece& piece, std::size_t attributes);
+
+[[nodiscard]] Status put(Channel& channel, const TriangleMesh& mesh);
+
+/// Fails if an index or a coordinate is out of range.
+[[nodiscard]] Status get(Channel& channel, TriangleMesh& mesh);
 
 }  // namespace splatvol

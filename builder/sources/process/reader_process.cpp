@@ -262,15 +262,28 @@ class ProcessSource final : public Source {
 ReaderProcess::ReaderProcess(ReaderProcessOptions options) : options_(std::move(options)) {}
 ReaderProcess::~ReaderProcess() = default;
 
+Status ReaderProcess::start() {
+  if (process_ && !process_->has_ended()) return {};
+  SPLATVOL_TRY_ASSIGN(process, Process::start(options_));
+  process_ = std::move(process);
+  return {};
+}
+
 Result<std::unique_ptr<Source>> ReaderProcess::open(const std::vector<std::string>& inputs,
                                                     const SourceOptions& options) {
-  if (!process_ || process_->has_ended()) {
-    SPLATVOL_TRY_ASSIGN(process, Process::start(options_));
-    process_ = std::move(process);
-  }
+  SPLATVOL_TRY(start());
   auto source = std::make_unique<ProcessSource>(process_, sources_++, inputs.at(0));
   SPLATVOL_TRY(source->open(inputs, options));
   return source;
+}
+
+Result<TriangleMesh> ReaderProcess::read_surface(const std::string& path) {
+  SPLATVOL_TRY(start());
+  TriangleMesh mesh;
+  SPLATVOL_TRY(process_->ask(
+      path, ReaderRequest::surface, 0, [&](Channel& channel) { return channel.put(path); },
+      [&](Channel& channel) { return get(channel, mesh); }));
+  return mesh;
 }
 
 }  // namespace splatvol

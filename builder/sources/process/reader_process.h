@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/triangle_mesh.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -19,9 +20,9 @@ struct ReaderProcessOptions {
   int threads = 0;                     // most threads; 0: those of the machine
 };
 
-/// Opens sources in a process of its own, so that a damaged or hostile file does no harm: libraries of formats crash,
-/// loop for ever and take all memory there. The process starts with the first source. It ends with this object and the
-/// last source. Not thread-safe, and neither are two of its sources.
+/// Opens sources and reads surfaces in a process of its own, so that a damaged or hostile file does no harm: libraries
+/// of formats crash, loop for ever and take all memory there. The process starts with the first of them. It ends with
+/// this object and the last source. Not thread-safe, and neither are two of its sources.
 class ReaderProcess {
  public:
   explicit ReaderProcess(ReaderProcessOptions options);
@@ -34,7 +35,13 @@ class ReaderProcess {
   [[nodiscard]] Result<std::unique_ptr<Source>> open(const std::vector<std::string>& inputs,
                                                      const SourceOptions& options);
 
+  /// Reads the triangles of a file. Contract as read_surface_file (builder/sources/vtk/surface_file.h). Fails too if
+  /// the process crashes, needs more memory, or does not get on.
+  [[nodiscard]] Result<TriangleMesh> read_surface(const std::string& path);
+
  private:
+  [[nodiscard]] Status start();
+
   class Process;
   friend class ProcessSource;
 

@@ -25,8 +25,8 @@ auto caught(const Call& call) -> decltype(call()) {
 
 class Server {
  public:
-  Server(int socket, const ReaderLimits& limits, const OpenSource& open)
-      : channel_(socket, limits.memory), open_(open) {}
+  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadTriangles& read_triangles)
+      : channel_(socket, limits.memory), open_(open), read_triangles_(read_triangles) {}
 
   /// Answers one request. Fails when the other side is gone.
   Status answer() {
@@ -54,6 +54,9 @@ class Server {
       case ReaderRequest::close:
         sources_.erase(source);
         return {};
+      case ReaderRequest::surface:
+        SPLATVOL_TRY(surface());
+        break;
     }
     return channel_.flush();
   }
@@ -98,6 +101,15 @@ class Server {
     return selected ? channel_.put(false) : refuse(selected.error());
   }
 
+  Status surface() {
+    std::string path;
+    SPLATVOL_TRY(channel_.get(path));
+    const auto mesh = caught([&] { return read_triangles_(path); });
+    if (!mesh) return refuse(mesh.error());
+    SPLATVOL_TRY(channel_.put(false));
+    return put(channel_, *mesh);
+  }
+
   Status refuse(const Error& error) {
     SPLATVOL_TRY(channel_.put(true));
     return put(channel_, error);
@@ -105,13 +117,15 @@ class Server {
 
   Channel channel_;
   const OpenSource& open_;
+  const ReadTriangles& read_triangles_;
   std::map<std::uint64_t, std::unique_ptr<Source>> sources_;
 };
 
 }  // namespace
 
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open) {
-  Server server(socket, limits, open);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open,
+                   const ReadTriangles& read_triangles) {
+  Server server(socket, limits, open, read_triangles);
   while (server.answer()) {
   }
 }

@@ -1,8 +1,11 @@
-// The reader process's side: opens sources, and sends their pieces.
+// The reader process's side: opens sources and sends their pieces, and reads surfaces.
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <string>
 
+#include "base/triangle_mesh.h"
 #include "builder/sources/source.h"
 
 namespace splatvol {
@@ -17,7 +20,10 @@ struct ReaderLimits {
 /// side of the socket does.
 void confine_reader(int socket, const ReaderLimits& limits);
 
+/// Reads the triangles of a file. Errors begin with the path.
+using ReadTriangles = std::function<Result<TriangleMesh>(const std::string& path)>;
+
 /// Answers the requests that come from a socket until its other side closes it. Takes the descriptor.
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadTriangles& read_triangles);
 
 }  // namespace splatvol

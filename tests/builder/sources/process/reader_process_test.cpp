@@ -108,6 +108,19 @@ TEST_F(ReaderProcessTest, SourcesOutliveTheReaderAndItsOtherSources) {
   EXPECT_EQ(second->next().value(), nullptr);
 }
 
+TEST_F(ReaderProcessTest, SurfacesAndSourcesShareAProcess) {
+  const std::string surface = write("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
+  ReaderProcess reader(reader_options());
+  const auto source = reader.open({sound_mesh()}, {});
+  ASSERT_TRUE(source) << source.error().message;
+  const auto mesh = reader.read_surface(surface);
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  EXPECT_EQ(mesh->points.size(), 4u);
+  EXPECT_EQ(mesh->triangles.size(), 2u);
+  EXPECT_THAT(reader.read_surface(path("none.obj")).error().message, StartsWith(path("none.obj")));
+  EXPECT_EQ((*source)->next().value()->points.size(), 4u);
+}
+
 /// Both ends of a socket in one process. What is sent waits in the kernel.
 struct Ends {
   explicit Ends(std::uint64_t most_bytes) : sockets(make()), from(sockets[0], plenty), to(sockets[1], most_bytes) {}
@@ -166,6 +179,28 @@ TEST(ReaderMessages, KeepEveryPartOfAPiece) {
   EXPECT_EQ(received->material->moments[2].mass, 3);
   EXPECT_EQ(received->material->planes[3].offset, -1);
   EXPECT_EQ(received->cells->points, piece.cells->points);
+}
+
+TEST(ReaderMessages, SurfacesThatContradictThemselvesAreRefused) {
+  const auto sent_surface = [](const TriangleMesh& mesh) -> Result<TriangleMesh> {
+    Ends ends(plenty);
+    SPLATVOL_TRY(put(ends.from, mesh));
+    SPLATVOL_TRY(ends.from.flush());
+    TriangleMesh received;
+    SPLATVOL_TRY(get(ends.to, received));
+    return received;
+  };
+  const TriangleMesh sound{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}};
+  EXPECT_EQ(sent_surface(sound)->points, sound.points);
+  EXPECT_EQ(sent_surface(sound)->triangles, sound.triangles);
+  TriangleMesh beyond = sound;
+  beyond.triangles[0][1] = 3;
+  EXPECT_FALSE(sent_surface(beyond));
+  for (const double number : {std::nan(""), HUGE_VAL, 1e51}) {
+    TriangleMesh odd = sound;
+    odd.points[2].y = number;
+    EXPECT_FALSE(sent_surface(odd)) << number;
+  }
 }
 
 TEST(ReaderMessages, LentValuesKeepEveryDigit) {

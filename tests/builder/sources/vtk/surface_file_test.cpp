@@ -1,0 +1,138 @@
+// Files of surfaces, as programs read them: in the reader's process.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "builder/sources/process/reader_process.h"
+#include "tests/builder/sources/folder_test.h"
+#include "tests/builder/sources/read_input.h"
+#include "tests/surfaces/shapes.h"
+
+namespace splatvol {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+/// A square of side 2 at z = 3, as each format writes it.
+struct SurfaceText {
+  const char* name;
+  std::string text;
+};
+
+std::vector<SurfaceText> squares() {
+  return {
+      {"a.stl",
+       "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 3\nvertex 2 0 3\nvertex 2 2 3\nendloop\nendfacet\n"
+       "facet normal 0 0 1\nouter loop\nvertex 0 0 3\nvertex 2 2 3\nvertex 0 2 3\nendloop\nendfacet\nendsolid a\n"},
+      {"b.stl", test::stl_of(test::plate({0, 0, 3}, {2, 0, 0}, {0, 2, 0}))},
+      {"a.obj", "v 0 0 3\nv 2 0 3\nv 2 2 3\nv 0 2 3\nf 1 2 3 4\n"},
+      {"a.ply",
+       "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+       "property list uchar int vertex_indices\nend_header\n0 0 3\n2 0 3\n2 2 3\n0 2 3\n4 0 1 2 3\n"},
+      {"a.vtk",
+       "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 3 2 0 3 2 2 3 0 2 3\n"
+       "POLYGONS 1 5\n4 0 1 2 3\n"},
+      {"a.vtp",
+       "<VTKFile type=\"PolyData\" version=\"0.1\"><PolyData><Piece NumberOfPoints=\"4\" NumberOfVerts=\"0\" "
+       "NumberOfLines=\"0\" NumberOfStrips=\"1\" NumberOfPolys=\"0\"><Points><DataArray type=\"Float64\" "
+       "NumberOfComponents=\"3\" format=\"ascii\">0 0 3 2 0 3 0 2 3 2 2 3</DataArray></Points><Strips><DataArray "
+       "type=\"Int32\" Name=\"connectivity\" format=\"ascii\">0 1 2 3</DataArray><DataArray type=\"Int32\" "
+       "Name=\"offsets\" format=\"ascii\">4</DataArray></Strips></Piece></PolyData></VTKFile>"},
+      // Positions (0 0 0) (2 0 0) (2 2 0) (0 2 0) and indices 0 1 2 0 2 3; the node moves them by 3.
+      {"a.gltf",
+       R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"translation":[0,0,3]}],)"
+       R"("meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1,"mode":4}]}],"accessors":[{"bufferView":0,)"
+       R"("componentType":5126,"count":4,"type":"VEC3","min":[0,0,0],"max":[2,2,0]},{"bufferView":1,)"
+       R"("componentType":5123,"count":6,"type":"SCALAR"}],"bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":48},)"
+       R"({"buffer":0,"byteOffset":48,"byteLength":12}],"buffers":[{"byteLength":60,"uri":"data:application/)"
+       R"(octet-stream;base64,AAAAAAAAAAAAAAAAAAAAQAAAAAAAAAAAAAAAQAAAAEAAAAAAAAAAAAAAAEAAAAAAAAABAAIAAAACAAMA"}]})"}};
+}
+
+class SurfaceFiles : public test::FolderTest {
+ protected:
+  Result<TriangleMesh> read(const std::string& path) { return reader_.read_surface(path); }
+
+  std::string error_of(const std::string& path) {
+    const auto mesh = read(path);
+    if (mesh) return "(no error)";
+    EXPECT_EQ(mesh.error().message.find('\n'), std::string::npos) << mesh.error().message;
+    return mesh.error().message;
+  }
+
+  ReaderProcess reader_{test::reader_options()};
+};
+
+TEST_F(SurfaceFiles, OfEachFormatGiveTheSameTriangles) {
+  for (const auto& [name, text] : squares()) {
+    const auto mesh = read(write(name, text));
+    ASSERT_TRUE(mesh) << mesh.error().message;
+    ASSERT_EQ(mesh->triangles.size(), 2u) << name;
+    double area = 0;
+    Box box;
+    for (const auto& [a, b, c] : mesh->triangles) {
+      const auto& p = mesh->points;
+      area += glm::length(glm::cross(p[b] - p[a], p[c] - p[a])) / 2;
+      for (const std::uint32_t corner : {a, b, c}) box.include(Box{p[corner], p[corner]});
+    }
+    EXPECT_NEAR(area, 4, 1e-6) << name;
+    EXPECT_EQ(box.low, dvec3(0, 0, 3)) << name;
+    EXPECT_EQ(box.high, dvec3(2, 2, 3)) << name;
+  }
+}
+
+TEST_F(SurfaceFiles, TrianglesAtNumbersThatAreNoneAreLeftOut) {
+  TriangleMesh odd = test::plate({0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 2);  // 8 triangles
+  odd.points[0].y = std::nan("");                                      // a corner of 2
+  odd.points[2].x = 1e60;                                              // of 1
+  const auto mesh = read(write("a.stl", test::stl_of(odd)));
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  EXPECT_EQ(mesh->triangles.size(), 5u);
+}
+
+TEST_F(SurfaceFiles, WithoutASurfaceAreRefused) {
+  EXPECT_THAT(error_of(write("a.xyz", "0 0 0\n")), StartsWith(path("a.xyz") + ": no surface: take a .stl"));
+  EXPECT_THAT(error_of(path("none.stl")), StartsWith(path("none.stl") + ": cannot open"));
+  for (const char* name : {"e.stl", "e.obj", "e.ply", "e.gltf", "e.glb", "e.vtp", "e.vtk"}) {
+    EXPECT_THAT(error_of(write(name, "")), StartsWith(path(name) + ": "));
+    EXPECT_THAT(error_of(write(name, "no surface at all\n")), StartsWith(path(name) + ": "));
+  }
+  EXPECT_THAT(error_of(write("p.obj", "v 0 0 0\n")), HasSubstr("no triangles"));
+}
+
+// A cut or damaged file is refused, or gives some triangles. It never harms the program: the next file is read.
+TEST_F(SurfaceFiles, ThatAreDamagedDoNoHarm) {
+  for (const auto& [name, text] : squares()) {
+    const std::size_t step = std::max<std::size_t>(1, text.size() / 40);
+    for (std::size_t cut = 0; cut < text.size(); cut += step) {
+      (void)error_of(write(name, text.substr(0, cut)));
+      std::string flipped = text;
+      flipped[cut] = static_cast<char>(flipped[cut] ^ 0x55);
+      (void)error_of(write(name, flipped));
+    }
+    EXPECT_EQ(error_of(write(name, text)), "(no error)");
+  }
+}
+
+// Indices beyond the points, and counts beyond the file.
+TEST_F(SurfaceFiles, ThatLieAreRefused) {
+  for (const auto& [name, from, to] :
+       {std::tuple{"a.obj", "f 1 2 3 4", "f 1 2 3 400000000"}, std::tuple{"a.ply", "4 0 1 2 3", "4 0 1 2 300000000"},
+        std::tuple{"a.vtk", "4 0 1 2 3", "4 0 1 2 300000000"}, std::tuple{"a.vtp", "0 1 2 3", "0 1 2 300000000"},
+        std::tuple{"a.ply", "vertex 4", "vertex 2000000000"}, std::tuple{"a.vtk", "POINTS 4", "POINTS 2000000000"},
+        std::tuple{"a.gltf", "\"count\":4", "\"count\":2000000000"}}) {
+    const auto all = squares();
+    std::string text = std::ranges::find(all, std::string_view(name), &SurfaceText::name)->text;
+    ASSERT_NE(text.find(from), std::string::npos) << name;
+    text.replace(text.rfind(from), std::string_view(from).size(), to);
+    EXPECT_THAT(error_of(write(name, text)), StartsWith(path(name) + ": ")) << to;
+  }
+}
+
+}  // namespace
+}  // namespace splatvol
