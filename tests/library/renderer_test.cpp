@@ -105,6 +105,19 @@ TEST_F(DrawFile, SurfacesHideWhatIsBehind) {
   EXPECT_EQ(renderer.render()->pixels, all.pixels);
 }
 
+TEST_F(DrawFile, ScenesThatShowSurfacesAreRefused) {
+  Renderer renderer = open();
+  Scene scene = renderer.scene();
+  scene.surfaces = {{.file = "a.stl"}};
+  const Status refused = renderer.set_scene(scene);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
+  EXPECT_THAT(refused.error().message, HasSubstr("a.stl is read by the programs svrender"));
+  EXPECT_TRUE(renderer.scene().surfaces.empty());
+  scene.surfaces[0].shown = false;
+  EXPECT_TRUE(renderer.set_scene(scene));
+}
+
 TEST_F(DrawFile, CallsComeFromAnyThread) {
   Renderer renderer = open();
   std::vector<std::thread> threads;
