@@ -94,10 +94,10 @@ TEST_F(SeriesPrograms, ASeriesOfFilesPlaysLikeASeries) {
     EXPECT_EQ(read_text_file(path("one.vtu")).value(), read_text_file(path("step.vtu")).value());
   }
   expect_refusal("svexport f.svols --step 2 -o x.vtu", "no step 2; the last is 1");
-  expect_done("svview f.svols --size 320x240 --screenshot shot.exr");
-  expect_done("svview one.svol --size 320x240 --screenshot one.exr");
+  expect_done("svview f.svols --size 640x480 --screenshot shot.exr");
+  expect_done("svview one.svol --size 640x480 --screenshot one.exr");
   const Image shot = read_exr(path("shot.exr")).value(), one = read_exr(path("one.exr")).value();
-  EXPECT_EQ(shot.width, 320);
+  EXPECT_EQ(shot.width, 640);
   EXPECT_GT(compare_images(shot, one)->rmse, 0) << "no steps in the panel";
 
   std::filesystem::remove(path("f-0001.svol"));

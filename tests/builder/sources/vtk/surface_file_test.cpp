@@ -119,6 +119,16 @@ TEST_F(SurfaceFiles, ThatAreDamagedDoNoHarm) {
   }
 }
 
+// Lines of an .obj do not tell how many follow.
+TEST_F(SurfaceFiles, ThatAreCutOffAreRefused) {
+  for (const auto& [name, text] : squares()) {
+    if (std::string_view(name) == "a.obj") continue;
+    constexpr std::size_t last = 12;  // bytes that no triangle needs
+    for (std::size_t cut = 0; cut < text.size() - last; cut += 1 + text.size() / 40)
+      EXPECT_THAT(error_of(write(name, text.substr(0, cut))), StartsWith(path(name) + ": ")) << cut;
+  }
+}
+
 // Indices beyond the points, and counts beyond the file.
 TEST_F(SurfaceFiles, ThatLieAreRefused) {
   for (const auto& [name, from, to] :
