@@ -3,8 +3,11 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
+#include <string>
 #include <vector>
 
+#include "base/error.h"
 #include "base/math.h"
 
 namespace splatvol {
@@ -14,5 +17,8 @@ struct TriangleMesh {
   std::vector<dvec3> points;                            // world units
   std::vector<std::array<std::uint32_t, 3>> triangles;  // indices into points, in any orientation
 };
+
+/// Reads the triangles of a file. Errors begin with the path.
+using ReadSurface = std::function<Result<TriangleMesh>(const std::string& path)>;
 
 }  // namespace splatvol

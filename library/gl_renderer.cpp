@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "library/drawing.h"
+#include "library/renderer_core.h"
 #include "renderer/gl/gl_objects.h"
 #include "renderer/gl/host_picture.h"
 #include "renderer/gl/host_state.h"
@@ -10,20 +10,20 @@
 namespace splatvol {
 
 struct GlRenderer::Contents {
-  std::unique_ptr<Drawing> drawing;
+  std::unique_ptr<RendererCore> core;
   std::optional<HostPicture> picture;
 
   // Each call that may reach OpenGL.
   template <class Call>
   auto run(Call call) {
     const HostState state;
-    return call(drawing->player());
+    return call(core->player());
   }
 
   template <class Draw>
   Status draw(Draw draw) {
     return run([&](const Player& player) -> Status {
-      SPLATVOL_TRY(draw(*drawing));
+      SPLATVOL_TRY(draw(*core));
       return picture->show(player.rasterizer());
     });
   }
@@ -31,7 +31,7 @@ struct GlRenderer::Contents {
   ~Contents() {
     const HostState state;
     picture.reset();
-    drawing.reset();
+    core.reset();
   }
 };
 
@@ -45,19 +45,19 @@ Result<GlRenderer> GlRenderer::open(const std::string& path, const std::optional
   SPLATVOL_TRY(check_current_context());
   const HostState state;
   auto contents = std::make_unique<Contents>();
-  SPLATVOL_TRY_ASSIGN(drawing, Drawing::open(path, scene, options, true));
+  SPLATVOL_TRY_ASSIGN(core, RendererCore::open(path, scene, options, true));
   SPLATVOL_TRY_ASSIGN(picture, HostPicture::create());
-  contents->drawing = std::move(drawing);
+  contents->core = std::move(core);
   contents->picture.emplace(std::move(picture));
   return GlRenderer(std::move(contents));
 }
 
-const Scene& GlRenderer::scene() const { return contents_->drawing->player().scene(); }
-const std::vector<double>& GlRenderer::times() const { return contents_->drawing->player().steps().times(); }
-std::size_t GlRenderer::step() const { return contents_->drawing->player().step(); }
-const RenderStatistics& GlRenderer::statistics() const { return contents_->drawing->statistics(); }
-std::string GlRenderer::device() const { return contents_->drawing->player().rasterizer().description(); }
-void GlRenderer::cancel() { contents_->drawing->player().cancel(); }
+const Scene& GlRenderer::scene() const { return contents_->core->player().scene(); }
+const std::vector<double>& GlRenderer::times() const { return contents_->core->player().steps().times(); }
+std::size_t GlRenderer::step() const { return contents_->core->player().step(); }
+const RenderStatistics& GlRenderer::statistics() const { return contents_->core->statistics(); }
+std::string GlRenderer::device() const { return contents_->core->player().rasterizer().description(); }
+void GlRenderer::cancel() { contents_->core->player().cancel(); }
 unsigned GlRenderer::texture() const { return contents_->picture->texture(); }
 
 Status GlRenderer::set_scene(const Scene& scene) {
@@ -65,7 +65,7 @@ Status GlRenderer::set_scene(const Scene& scene) {
 }
 
 Result<Scene> GlRenderer::fitting_scene(const std::string& attribute, int width, int height) const {
-  return contents_->drawing->fitting_scene(attribute, width, height);
+  return contents_->core->fitting_scene(attribute, width, height);
 }
 
 Status GlRenderer::show_step(std::size_t step) {
@@ -82,15 +82,15 @@ Status GlRenderer::set_surface_depths(const std::optional<DepthTexture>& depths)
 }
 
 Status GlRenderer::draw(const Quality& quality) {
-  return contents_->draw([&](Drawing& drawing) { return drawing.draw(quality); });
+  return contents_->draw([&](RendererCore& core) { return core.draw(quality); });
 }
 
 Status GlRenderer::draw_within(double seconds) {
-  return contents_->draw([&](Drawing& drawing) { return drawing.draw_within(seconds); });
+  return contents_->draw([&](RendererCore& core) { return core.draw_within(seconds); });
 }
 
 Status GlRenderer::draw_now(double wait_seconds, const Quality& quality) {
-  return contents_->draw([&](Drawing& drawing) { return drawing.draw_now(wait_seconds, quality); });
+  return contents_->draw([&](RendererCore& core) { return core.draw_now(wait_seconds, quality); });
 }
 
 Status GlRenderer::draw_over() const {

@@ -2,29 +2,29 @@
 
 #include <utility>
 
-#include "library/drawing.h"
+#include "library/renderer_core.h"
 #include "library/worker.h"
 
 namespace splatvol {
 
 // All that draws lives on the worker's thread.
 struct Renderer::Contents {
-  std::unique_ptr<Drawing> drawing;
+  std::unique_ptr<RendererCore> core;
   Worker worker;
 
   ~Contents() {
-    worker.run([&] { drawing.reset(); });
+    worker.run([&] { core.reset(); });
   }
 
   template <class Draw>
   Result<Image> render(Draw draw) {
     return worker.run([&]() -> Result<Image> {
-      SPLATVOL_TRY(draw(*drawing));
-      return drawing->player().image();
+      SPLATVOL_TRY(draw(*core));
+      return core->player().image();
     });
   }
 
-  [[nodiscard]] const Player& player() const { return drawing->player(); }
+  [[nodiscard]] const Player& player() const { return core->player(); }
 };
 
 Renderer::Renderer(std::unique_ptr<Contents> contents) : contents_(std::move(contents)) {}
@@ -36,8 +36,8 @@ Result<Renderer> Renderer::open(const std::string& path, const std::optional<Sce
                                 const RendererOptions& options) {
   auto contents = std::make_unique<Contents>();
   SPLATVOL_TRY(contents->worker.run([&]() -> Status {
-    SPLATVOL_TRY_ASSIGN(drawing, Drawing::open(path, scene, options, false));
-    contents->drawing = std::move(drawing);
+    SPLATVOL_TRY_ASSIGN(core, RendererCore::open(path, scene, options, false));
+    contents->core = std::move(core);
     return {};
   }));
   return Renderer(std::move(contents));
@@ -46,38 +46,38 @@ Result<Renderer> Renderer::open(const std::string& path, const std::optional<Sce
 const Scene& Renderer::scene() const { return contents_->player().scene(); }
 const std::vector<double>& Renderer::times() const { return contents_->player().steps().times(); }
 std::size_t Renderer::step() const { return contents_->player().step(); }
-const RenderStatistics& Renderer::statistics() const { return contents_->drawing->statistics(); }
+const RenderStatistics& Renderer::statistics() const { return contents_->core->statistics(); }
 std::string Renderer::device() const { return contents_->player().rasterizer().description(); }
-void Renderer::cancel() { contents_->drawing->player().cancel(); }
+void Renderer::cancel() { contents_->core->player().cancel(); }
 
 Status Renderer::set_scene(const Scene& scene) {
-  return contents_->worker.run([&] { return contents_->drawing->player().set_scene(scene); });
+  return contents_->worker.run([&] { return contents_->core->player().set_scene(scene); });
 }
 
 Result<Scene> Renderer::fitting_scene(const std::string& attribute, int width, int height) const {
-  return contents_->worker.run([&] { return contents_->drawing->fitting_scene(attribute, width, height); });
+  return contents_->worker.run([&] { return contents_->core->fitting_scene(attribute, width, height); });
 }
 
 Status Renderer::set_surface_depths(std::optional<SurfaceDepths> depths) {
   std::shared_ptr<const SurfaceDepths> shared;
   if (depths) shared = std::make_shared<SurfaceDepths>(std::move(*depths));
-  return contents_->worker.run([&] { return contents_->drawing->player().set_surface_depths(shared); });
+  return contents_->worker.run([&] { return contents_->core->player().set_surface_depths(shared); });
 }
 
 Status Renderer::show_step(std::size_t step) {
-  return contents_->worker.run([&] { return contents_->drawing->player().show_step(step); });
+  return contents_->worker.run([&] { return contents_->core->player().show_step(step); });
 }
 
 Result<Image> Renderer::render(const Quality& quality) {
-  return contents_->render([&](Drawing& drawing) { return drawing.draw(quality); });
+  return contents_->render([&](RendererCore& core) { return core.draw(quality); });
 }
 
 Result<Image> Renderer::render_within(double seconds) {
-  return contents_->render([&](Drawing& drawing) { return drawing.draw_within(seconds); });
+  return contents_->render([&](RendererCore& core) { return core.draw_within(seconds); });
 }
 
 Result<Image> Renderer::render_now(double wait_seconds, const Quality& quality) {
-  return contents_->render([&](Drawing& drawing) { return drawing.draw_now(wait_seconds, quality); });
+  return contents_->render([&](RendererCore& core) { return core.draw_now(wait_seconds, quality); });
 }
 
 }  // namespace splatvol

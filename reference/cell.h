@@ -5,15 +5,9 @@
 #include <optional>
 
 #include "scene/scene.h"
+#include "scene/tile_grid.h"
 
 namespace splatvol {
-
-/// A range of pixels, both ends included; columns from the left, rows from the bottom.
-struct PixelRectangle {
-  int x0, x1, y0, y1;
-
-  [[nodiscard]] bool is_empty() const { return x0 > x1 || y0 > y1; }
-};
 
 /// A tetrahedron's vertices; in view coordinates unless a comment says otherwise.
 using CellCorners = std::array<dvec3, 4>;

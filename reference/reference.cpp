@@ -48,12 +48,15 @@ Status check_mesh(const TetMesh& mesh) {
 class CellProjection {
  public:
   CellProjection(const TetMesh& mesh, const View& view, const Scene& scene, const SurfaceDepths* surfaces)
-      : mesh_(mesh), view_(view), surfaces_(surfaces), transfer_(scene.transfer_function), lighting_(scene.lighting) {
+      : mesh_(mesh),
+        view_(view),
+        surfaces_(surfaces),
+        transfer_(scene.transfer_function),
+        lighting_(scene.lighting),
+        tiles_(tile_side, view.width, view.height) {
     image_.width = view.width;
     image_.height = view.height;
     image_.pixels.resize(static_cast<std::size_t>(view.width) * view.height, vec4(0));
-    tiles_across_ = (view.width + tile_side - 1) / tile_side;
-    tiles_ = static_cast<std::size_t>(tiles_across_) * ((view.height + tile_side - 1) / tile_side);
   }
 
   ReferencePicture render(const std::function<void(double)>& progress) {
@@ -84,8 +87,6 @@ class CellProjection {
   [[nodiscard]] dvec3 direction(const PixelRay& ray) const;
 
   void fill_tiles();
-  template <class Visit>
-  void visit_tiles(const PixelRectangle& bounds, const Visit& visit) const;
 
   void draw_tiles(const std::function<void(double)>& progress);
   void draw_area(std::span<const std::uint32_t> cells, const PixelRectangle& area, Scratch& scratch);
@@ -100,8 +101,7 @@ class CellProjection {
   PiecewiseTransfer transfer_;
   std::optional<Lighting> lighting_;
   Image image_;
-  int tiles_across_ = 0;
-  std::size_t tiles_ = 0;
+  TileGrid tiles_;
   std::vector<dvec3> points_;               // view coordinates
   std::vector<PixelRectangle> bounds_;      // of each cell
   std::vector<std::uint64_t> tile_starts_;  // into tile_cells_; one more than tiles
@@ -155,41 +155,31 @@ void CellProjection::bound_cells() {
   });
 }
 
-template <class Visit>
-void CellProjection::visit_tiles(const PixelRectangle& bounds, const Visit& visit) const {
-  if (bounds.is_empty()) return;
-  for (int y = bounds.y0 / tile_side; y <= bounds.y1 / tile_side; ++y)
-    for (int x = bounds.x0 / tile_side; x <= bounds.x1 / tile_side; ++x)
-      visit(static_cast<std::size_t>(y) * tiles_across_ + x);
-}
-
 void CellProjection::fill_tiles() {
-  tile_starts_.assign(tiles_ + 1, 0);
-  for (const PixelRectangle& bounds : bounds_) visit_tiles(bounds, [&](std::size_t tile) { ++tile_starts_[tile + 1]; });
-  for (std::size_t tile = 0; tile < tiles_; ++tile) tile_starts_[tile + 1] += tile_starts_[tile];
+  tile_starts_.assign(tiles_.count() + 1, 0);
+  for (const PixelRectangle& bounds : bounds_)
+    tiles_.visit_tiles(bounds, [&](std::size_t tile) { ++tile_starts_[tile + 1]; });
+  for (std::size_t tile = 0; tile < tiles_.count(); ++tile) tile_starts_[tile + 1] += tile_starts_[tile];
 
   tile_cells_.resize(tile_starts_.back());
   std::vector<std::uint64_t> next(tile_starts_.begin(), tile_starts_.end() - 1);
   for (std::size_t cell = 0; cell < bounds_.size(); ++cell)
-    visit_tiles(bounds_[cell], [&](std::size_t tile) { tile_cells_[next[tile]++] = static_cast<std::uint32_t>(cell); });
+    tiles_.visit_tiles(bounds_[cell],
+                       [&](std::size_t tile) { tile_cells_[next[tile]++] = static_cast<std::uint32_t>(cell); });
 }
 
 void CellProjection::draw_tiles(const std::function<void(double)>& progress) {
   tbb::enumerable_thread_specific<Scratch> scratches;
   std::mutex progress_mutex;
   std::size_t done = 0;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tiles_, 1), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tiles_.count(), 1), [&](const auto& range) {
     for (std::size_t tile = range.begin(); tile < range.end(); ++tile) {
-      const int x = static_cast<int>(tile % tiles_across_) * tile_side;
-      const int y = static_cast<int>(tile / tiles_across_) * tile_side;
-      const PixelRectangle area{x, std::min(x + tile_side, view_.width) - 1, y,
-                                std::min(y + tile_side, view_.height) - 1};
       const auto cells =
           std::span(tile_cells_).subspan(tile_starts_[tile], tile_starts_[tile + 1] - tile_starts_[tile]);
-      draw_area(cells, area, scratches.local());
+      draw_area(cells, tiles_.tile(tile), scratches.local());
       if (!progress) continue;
       const std::scoped_lock lock(progress_mutex);
-      progress(static_cast<double>(++done) / static_cast<double>(tiles_));
+      progress(static_cast<double>(++done) / static_cast<double>(tiles_.count()));
     }
   });
 }

@@ -10,6 +10,8 @@
 #include <cstdint>
 #include <limits>
 
+#include "scene/tile_grid.h"
+
 namespace splatvol {
 namespace {
 
@@ -26,13 +28,6 @@ constexpr float least_light = 1.0F / 4096;
 
 // Colour of an edge, as a share of the surface's.
 constexpr double edge_brightness = 0.15;
-
-// Pixels, both ends included; rows from the lower edge.
-struct PixelBounds {
-  int x0 = 0, x1 = -1, y0 = 0, y1 = -1;
-
-  [[nodiscard]] bool is_empty() const { return x0 > x1 || y0 > y1; }
-};
 
 // The place where a ray meets a triangle. Triangles of all surfaces are numbered; the number decides between places of
 // the same depth, so that the order does not depend on threads.
@@ -131,9 +126,8 @@ struct ViewedSurface {
 // Draws triangles tile by tile.
 class SurfaceDrawing {
  public:
-  SurfaceDrawing(std::span<const Surface> surfaces, const View& view) : view_(view) {
-    tiles_across_ = (view.width + tile_side - 1) / tile_side;
-    tiles_ = static_cast<std::size_t>(tiles_across_) * ((view.height + tile_side - 1) / tile_side);
+  SurfaceDrawing(std::span<const Surface> surfaces, const View& view)
+      : view_(view), tiles_(tile_side, view.width, view.height) {
     std::uint64_t first = 0;
     for (const Surface& surface : surfaces) {
       if (!surface.is_visible()) continue;
@@ -152,14 +146,12 @@ class SurfaceDrawing {
   [[nodiscard]] std::size_t pixels() const { return static_cast<std::size_t>(view_.width) * view_.height; }
   [[nodiscard]] std::vector<Hit> nearest_opaque() const;
   [[nodiscard]] std::vector<Hit> next_translucent(const std::vector<Hit>& opaque, const std::vector<Hit>& before) const;
-  [[nodiscard]] PixelBounds bounds_of(const std::array<dvec3, 3>& corners) const;
+  [[nodiscard]] PixelRectangle bounds_of(const std::array<dvec3, 3>& corners) const;
   template <class Visit>
   void visit_hits(const ViewedSurface& surface, const Visit& visit) const;
   template <class Visit>
-  void visit_tiles(const PixelBounds& bounds, const Visit& visit) const;
-  template <class Visit>
   void visit_tile(const ViewedSurface& surface, std::size_t first, std::span<const std::uint32_t> triangles,
-                  std::span<const PixelBounds> bounds, const PixelBounds& tile, const Visit& visit) const;
+                  std::span<const PixelRectangle> bounds, const PixelRectangle& tile, const Visit& visit) const;
   [[nodiscard]] bool is_clipped(double a, double b, double depth) const;
   [[nodiscard]] SurfaceLayer layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   void join(SurfaceLayer& layer, const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
@@ -173,9 +165,8 @@ class SurfaceDrawing {
   }
 
   const View& view_;
+  TileGrid tiles_;
   std::vector<ViewedSurface> surfaces_;
-  int tiles_across_ = 0;
-  std::size_t tiles_ = 0;
 };
 
 bool SurfaceDrawing::has_translucent() const {
@@ -183,7 +174,7 @@ bool SurfaceDrawing::has_translucent() const {
 }
 
 // Returns the pixels whose centres may show a triangle; never too few.
-PixelBounds SurfaceDrawing::bounds_of(const std::array<dvec3, 3>& corners) const {
+PixelRectangle SurfaceDrawing::bounds_of(const std::array<dvec3, 3>& corners) const {
   constexpr double margin = 1e-6;  // of a pixel
   dvec2 low(infinity), high(-infinity);
   for (std::size_t k = 0; k < 3; ++k) {
@@ -221,20 +212,12 @@ bool SurfaceDrawing::is_clipped(double a, double b, double depth) const {
 }
 
 template <class Visit>
-void SurfaceDrawing::visit_tiles(const PixelBounds& bounds, const Visit& visit) const {
-  if (bounds.is_empty()) return;
-  for (int y = bounds.y0 / tile_side; y <= bounds.y1 / tile_side; ++y)
-    for (int x = bounds.x0 / tile_side; x <= bounds.x1 / tile_side; ++x)
-      visit(static_cast<std::size_t>(y) * tiles_across_ + x);
-}
-
-template <class Visit>
 void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
-                                std::span<const std::uint32_t> triangles, std::span<const PixelBounds> bounds,
-                                const PixelBounds& tile, const Visit& visit) const {
+                                std::span<const std::uint32_t> triangles, std::span<const PixelRectangle> bounds,
+                                const PixelRectangle& tile, const Visit& visit) const {
   for (const std::uint32_t i : triangles) {
     TriangleOnRays triangle(surface.corners(first + i), view_.orthographic);
-    const PixelBounds& all = bounds[i];
+    const PixelRectangle& all = bounds[i];
     for (int y = std::max(all.y0, tile.y0); y <= std::min(all.y1, tile.y1); ++y) {
       triangle.select_row(b_of(y));
       for (int x = std::max(all.x0, tile.x0); x <= std::min(all.x1, tile.x1); ++x) {
@@ -250,28 +233,26 @@ void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
 template <class Visit>
 void SurfaceDrawing::visit_hits(const ViewedSurface& surface, const Visit& visit) const {
   const std::size_t triangles = surface.surface->mesh->triangles.size();
-  std::vector<PixelBounds> bounds;
+  std::vector<PixelRectangle> bounds;
   std::vector<std::uint32_t> starts, entries, next;
   for (std::size_t first = 0; first < triangles; first += block_triangles) {
     bounds.resize(std::min(block_triangles, triangles - first));
     tbb::parallel_for(std::size_t{0}, bounds.size(),
                       [&](std::size_t i) { bounds[i] = bounds_of(surface.corners(first + i)); });
     for (std::size_t begin = 0, end = 0; begin < bounds.size(); begin = end) {
-      starts.assign(tiles_ + 1, 0);
+      starts.assign(tiles_.count() + 1, 0);
       std::size_t count = 0;
       for (end = begin; end < bounds.size() && count < most_entries; ++end)
-        visit_tiles(bounds[end], [&](std::size_t tile) { ++starts[tile + 1], ++count; });
-      for (std::size_t tile = 0; tile < tiles_; ++tile) starts[tile + 1] += starts[tile];
+        tiles_.visit_tiles(bounds[end], [&](std::size_t tile) { ++starts[tile + 1], ++count; });
+      for (std::size_t tile = 0; tile < tiles_.count(); ++tile) starts[tile + 1] += starts[tile];
       entries.resize(count);
       next.assign(starts.begin(), starts.end() - 1);
       for (std::size_t i = begin; i < end; ++i)
-        visit_tiles(bounds[i], [&](std::size_t tile) { entries[next[tile]++] = static_cast<std::uint32_t>(i); });
-      tbb::parallel_for(std::size_t{0}, tiles_, [&](std::size_t tile) {
+        tiles_.visit_tiles(bounds[i], [&](std::size_t tile) { entries[next[tile]++] = static_cast<std::uint32_t>(i); });
+      tbb::parallel_for(std::size_t{0}, tiles_.count(), [&](std::size_t tile) {
         if (starts[tile] == starts[tile + 1]) return;
-        const int x = static_cast<int>(tile % tiles_across_) * tile_side;
-        const int y = static_cast<int>(tile / tiles_across_) * tile_side;
         visit_tile(surface, first, std::span(entries).subspan(starts[tile], starts[tile + 1] - starts[tile]), bounds,
-                   {x, x + tile_side - 1, y, y + tile_side - 1}, visit);
+                   tiles_.tile(tile), visit);
       });
     }
   }

@@ -1,7 +1,6 @@
 // Surfaces of a scene, with their triangles.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -21,11 +20,9 @@ struct Surface {
   [[nodiscard]] bool is_visible() const { return style.shown && style.opacity > 0 && mesh; }
 };
 
-/// Reads the triangles of a file. Errors begin with the path.
-using ReadSurface = std::function<Result<TriangleMesh>(const std::string& path)>;
-
-/// Returns the surfaces of a scene. Reads the files of those that are shown, but for files that `before` has or that
-/// two surfaces share. Fails if a file cannot be read, or if `read` is empty and there is a file to read.
+/// Returns the surfaces of a scene, and reads the files of those that are shown. A file that `before` has is not read
+/// again, and a file of two surfaces is read once. Fails if a file cannot be read, or if `read` is empty and there is a
+/// file to read.
 [[nodiscard]] Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles, const ReadSurface& read,
                                                          std::span<const Surface> before = {});
 

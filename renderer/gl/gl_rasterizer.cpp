@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 
+#include "renderer/gl/flip_rows.h"
 #include "renderer/transfer_table.h"
 
 namespace splatvol {
@@ -541,10 +542,7 @@ Result<Image> GlRasterizer::read_image() const {
                     rows.data());
   SPLATVOL_TRY(check_gl("reading the picture"));
 
-  // OpenGL's row 0 is the lowest.
-  for (int y = 0; y < height / 2; ++y)
-    std::swap_ranges(rows.begin() + std::ptrdiff_t{y} * width, rows.begin() + std::ptrdiff_t{y + 1} * width,
-                     rows.begin() + std::ptrdiff_t{height - 1 - y} * width);
+  flip_rows(rows, width);
   return Image{width, height, std::move(rows)};
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "renderer/gl/flip_rows.h"
 #include "renderer/gl/gl_rasterizer.h"
 
 namespace splatvol {
@@ -62,10 +63,7 @@ Result<SurfaceDepths> read_depths(const DepthTexture& texture, bool is_perspecti
   };
   for (float& depth : depths.depths)
     depth = depth == background ? std::numeric_limits<float>::infinity() : static_cast<float>(distance(depth));
-  for (int low = 0, high = height - 1; low < high; ++low, --high)
-    std::swap_ranges(&depths.depths[static_cast<std::size_t>(low) * width],
-                     &depths.depths[static_cast<std::size_t>(low) * width] + width,
-                     &depths.depths[static_cast<std::size_t>(high) * width]);
+  flip_rows(depths.depths, width);
   return depths;
 }
 
@@ -86,8 +84,7 @@ Status HostPicture::show(const Rasterizer& rasterizer) {
     return {};
   }
   SPLATVOL_TRY_ASSIGN(image, rasterizer.read_image());
-  for (int low = 0, high = image.height - 1; low < high; ++low, --high)
-    std::swap_ranges(&image.at(0, low), &image.at(0, low) + image.width, &image.at(0, high));
+  flip_rows(image.pixels, image.width);
   SPLATVOL_TRY(uploaded_.upload(image));
   texture_ = uploaded_.name();
   return {};

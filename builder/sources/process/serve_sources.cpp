@@ -25,8 +25,8 @@ auto caught(const Call& call) -> decltype(call()) {
 
 class Server {
  public:
-  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadTriangles& read_triangles)
-      : channel_(socket, limits.memory), open_(open), read_triangles_(read_triangles) {}
+  Server(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface)
+      : channel_(socket, limits.memory), open_(open), read_surface_(read_surface) {}
 
   /// Answers one request. Fails when the other side is gone.
   Status answer() {
@@ -104,7 +104,7 @@ class Server {
   Status surface() {
     std::string path;
     SPLATVOL_TRY(channel_.get(path));
-    const auto mesh = caught([&] { return read_triangles_(path); });
+    const auto mesh = caught([&] { return read_surface_(path); });
     if (!mesh) return refuse(mesh.error());
     SPLATVOL_TRY(channel_.put(false));
     return put(channel_, *mesh);
@@ -117,15 +117,14 @@ class Server {
 
   Channel channel_;
   const OpenSource& open_;
-  const ReadTriangles& read_triangles_;
+  const ReadSurface& read_surface_;
   std::map<std::uint64_t, std::unique_ptr<Source>> sources_;
 };
 
 }  // namespace
 
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open,
-                   const ReadTriangles& read_triangles) {
-  Server server(socket, limits, open, read_triangles);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface) {
+  Server server(socket, limits, open, read_surface);
   while (server.answer()) {
   }
 }

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
-#include <string>
 
 #include "base/triangle_mesh.h"
 #include "builder/sources/source.h"
@@ -20,10 +18,7 @@ struct ReaderLimits {
 /// side of the socket does.
 void confine_reader(int socket, const ReaderLimits& limits);
 
-/// Reads the triangles of a file. Errors begin with the path.
-using ReadTriangles = std::function<Result<TriangleMesh>(const std::string& path)>;
-
 /// Answers the requests that come from a socket until its other side closes it. Takes the descriptor.
-void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadTriangles& read_triangles);
+void serve_sources(int socket, const ReaderLimits& limits, const OpenSource& open, const ReadSurface& read_surface);
 
 }  // namespace splatvol

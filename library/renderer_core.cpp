@@ -1,4 +1,4 @@
-#include "library/drawing.h"
+#include "library/renderer_core.h"
 
 #include <algorithm>
 #include <chrono>
@@ -45,18 +45,18 @@ DetailOptions detail_of(const Quality& quality, std::uint64_t points) {
 
 }  // namespace
 
-Result<std::unique_ptr<Drawing>> Drawing::open(const std::string& path, const std::optional<Scene>& scene,
-                                               const RendererOptions& options, bool in_current_context) {
+Result<std::unique_ptr<RendererCore>> RendererCore::open(const std::string& path, const std::optional<Scene>& scene,
+                                                         const RendererOptions& options, bool in_current_context) {
   SPLATVOL_TRY_ASSIGN(player, Player::open(path, scene,
                                            {.memory = options.memory,
                                             .gpu_memory = options.gpu_memory,
                                             .device = options.device,
                                             .in_current_context = in_current_context,
                                             .on_data = options.on_data}));
-  return std::unique_ptr<Drawing>(new Drawing(std::move(player)));
+  return std::unique_ptr<RendererCore>(new RendererCore(std::move(player)));
 }
 
-Status Drawing::take_statistics(double start, const Status& drawn, std::optional<double> error) {
+Status RendererCore::take_statistics(double start, const Status& drawn, std::optional<double> error) {
   if (!drawn) return drawn;
   const FrameSplats& frame = *player_->frame();
   const StreamerStatistics read = player_->streamer().statistics();
@@ -72,7 +72,7 @@ Status Drawing::take_statistics(double start, const Status& drawn, std::optional
   return {};
 }
 
-Status Drawing::draw(const Quality& quality) {
+Status RendererCore::draw(const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
@@ -82,19 +82,19 @@ Status Drawing::draw(const Quality& quality) {
   return take_statistics(start, {}, search.estimate.error);
 }
 
-Status Drawing::draw_within(double seconds) {
+Status RendererCore::draw_within(double seconds) {
   const double start = seconds_now();
   return take_statistics(start, player_->draw_within(seconds));
 }
 
-Status Drawing::draw_now(double wait_seconds, const Quality& quality) {
+Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
   const double start = seconds_now();
   SPLATVOL_TRY(check(quality));
   const DetailOptions detail = detail_of(quality, player_->info().point_count());
   return take_statistics(start, player_->draw_frame({.detail = detail, .wait_seconds = std::max(wait_seconds, 0.0)}));
 }
 
-Result<Scene> Drawing::fitting_scene(const std::string& attribute, int width, int height) const {
+Result<Scene> RendererCore::fitting_scene(const std::string& attribute, int width, int height) const {
   return player_->fitting_scene(attribute, {.width = width, .height = height});
 }
 

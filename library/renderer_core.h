@@ -11,10 +11,12 @@
 namespace splatvol {
 
 /// A player behind the calls of the public face. Its calls come from the thread that the player belongs to.
-class Drawing {
+class RendererCore {
  public:
-  [[nodiscard]] static Result<std::unique_ptr<Drawing>> open(const std::string& path, const std::optional<Scene>& scene,
-                                                             const RendererOptions& options, bool in_current_context);
+  [[nodiscard]] static Result<std::unique_ptr<RendererCore>> open(const std::string& path,
+                                                                  const std::optional<Scene>& scene,
+                                                                  const RendererOptions& options,
+                                                                  bool in_current_context);
 
   // As in Renderer.
   [[nodiscard]] Status draw(const Quality& quality);
@@ -27,7 +29,7 @@ class Drawing {
   [[nodiscard]] const Player& player() const { return *player_; }
 
  private:
-  explicit Drawing(std::unique_ptr<Player> player) : player_(std::move(player)) {}
+  explicit RendererCore(std::unique_ptr<Player> player) : player_(std::move(player)) {}
   [[nodiscard]] Status take_statistics(double start, const Status& drawn, std::optional<double> error = std::nullopt);
 
   std::unique_ptr<Player> player_;
