@@ -9,6 +9,7 @@
 #include "base/interruption.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
+#include "streamer/domain.h"
 
 namespace splatvol {
 namespace {
@@ -36,26 +37,6 @@ DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t reso
   else
     detail.goal = request.goal;
   return detail;
-}
-
-// Half of the edges of the box round a splat, and its centre, relative to its block.
-struct SplatExtent {
-  dvec3 center, half;
-};
-
-SplatExtent extent_of(const RecordRow& row, std::uint32_t record) {
-  if (std::holds_alternative<std::vector<OctantShape>>(row.shapes->records())) {
-    const OctantSplat splat = unpack_octant(row, record);
-    return {dvec3(splat.position), dvec3(0.5 * static_cast<double>(splat.size))};
-  }
-  const Material splat = unpack(row, record);
-  const dmat3 axes = glm::mat3_cast(splat.orientation);
-  SplatExtent extent{splat.center, dvec3(0)};
-  for (int k = 0; k < 3; ++k) {
-    const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
-    extent.half[k] = std::sqrt(3.0) * glm::length(across * splat.deviations);
-  }
-  return extent;
 }
 
 }  // namespace
@@ -98,15 +79,36 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& path, const std:
 
 Result<std::unique_ptr<Player>> Player::open(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
                                              const PlayerOptions& options) {
-  std::unique_ptr<Player> player(new Player(std::move(steps), step));
-  if (scene) {
-    SPLATVOL_TRY(player->use(*scene, options));
-    return player;
-  }
-  SPLATVOL_TRY_ASSIGN(volume, player->steps_.volume(step));
-  SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, ""));
-  SPLATVOL_TRY(player->use(fitting, options));
+  SPLATVOL_TRY_ASSIGN(file, read(std::move(steps), step, scene, options));
+  return open(std::move(file));
+}
+
+Result<std::unique_ptr<Player>> Player::open(PlayerFile file) {
+  std::unique_ptr<Player> player(new Player(file.steps, file.step));
+  SPLATVOL_TRY(player->replace(std::move(file)));
   return player;
+}
+
+Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
+                                const PlayerOptions& options, std::span<const Surface> before) {
+  if (scene) SPLATVOL_TRY(make_view(*scene));
+  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(),
+                                              options.read_surface, before));
+  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
+  PlayerFile file{std::move(steps), step, {}, options, nullptr, std::move(surfaces)};
+  if (scene) {
+    file.scene = *scene;
+  } else {
+    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, ""));
+    file.scene = std::move(fitting);
+  }
+  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
+                                                                   .attribute = file.scene.attribute,
+                                                                   .kernel = options.kernel,
+                                                                   .gradients = file.scene.lighting.has_value(),
+                                                                   .on_data = options.on_data}));
+  file.streamer = std::move(streamer);
+  return file;
 }
 
 Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPicture& picture) const {
@@ -127,61 +129,76 @@ Status Player::set_kernel(KernelKind kernel) {
   return use(scene_, options);
 }
 
-// Takes over a scene and options. The streamer is opened anew only if it would have other parts of the file.
-Status Player::use(const Scene& scene, const PlayerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
-  const bool other_surfaces = scene.surfaces != scene_.surfaces;
-  std::vector<Surface> surfaces;
-  if (other_surfaces) {
-    if (surface_depths_ && std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
-    SPLATVOL_TRY_ASSIGN(read, read_surfaces(scene.surfaces, options.read_surface, surfaces_));
-    surfaces = std::move(read);
-  }
-  const bool other_parts = !streamer_ || options.memory != options_.memory || options.kernel != options_.kernel ||
+Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options) const {
+  const bool other_parts = options.memory != options_.memory || options.kernel != options_.kernel ||
                            scene.attribute != scene_.attribute ||
                            (scene.lighting && !scene_.lighting && options.kernel == KernelKind::octant);
   if (other_parts)
-    SPLATVOL_TRY(open_streamer(scene, options));
-  else if (scene.transfer_function != scene_.transfer_function)
-    SPLATVOL_TRY(set_function(*rasterizer_, scene, *streamer_));
-  rasterizer_->set_lighting(scene.lighting);
-  if (other_surfaces) {
-    surfaces_ = std::move(surfaces);
+    return [=, steps = steps_, step = step_, before = surfaces_] { return read(steps, step, scene, options, before); };
+  if (scene.surfaces == scene_.surfaces) return {};
+  return [=, steps = steps_, step = step_, before = surfaces_]() -> Result<PlayerFile> {
+    SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene.surfaces, options.read_surface, before));
+    return PlayerFile{steps, step, scene, options, nullptr, std::move(surfaces)};
+  };
+}
+
+// Depths of another program, and surfaces of the scene: only one of them.
+Status Player::check_surfaces(const Scene& scene) const {
+  if (surface_depths_ && std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
+  return {};
+}
+
+Status Player::use(const Scene& scene, const PlayerOptions& options) {
+  SPLATVOL_TRY(make_view(scene));
+  SPLATVOL_TRY(check_surfaces(scene));
+  const Reader reader = this->reader(scene, options);
+  if (!reader) return replace({steps_, step_, scene, options, nullptr, surfaces_});
+  SPLATVOL_TRY_ASSIGN(file, reader());
+  return replace(std::move(file));
+}
+
+Status Player::replace(PlayerFile file) {
+  SPLATVOL_TRY_ASSIGN(view, make_view(file.scene));
+  SPLATVOL_TRY(check_surfaces(file.scene));
+  std::unique_ptr<Rasterizer> other;
+  if (!rasterizer_ || file.options.kernel != options_.kernel) {
+    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(file.options.device,
+                                              {.kernel = file.options.kernel,
+                                               .gpu_bytes = file.options.gpu_memory,
+                                               .in_current_context = file.options.in_current_context}));
+    other = std::move(made);
+    SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
+  }
+  Rasterizer& rasterizer = other ? *other : *rasterizer_;
+  if (file.streamer || file.scene.transfer_function != scene_.transfer_function)
+    SPLATVOL_TRY(set_function(rasterizer, file.scene, file.streamer ? *file.streamer : *streamer_));
+  rasterizer.set_lighting(file.scene.lighting);
+  if (file.streamer) {
+    frame_ = nullptr;
+    is_lost_ = false;
+    streamer_ = std::move(file.streamer);
+    step_ = file.step;
+  }
+  if (other) {
+    rasterizer_ = std::move(other);
+    can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
+    room_ = std::numeric_limits<std::uint64_t>::max();
+  }
+  if (file.scene.surfaces != scene_.surfaces) {
+    surfaces_ = std::move(file.surfaces);
     surfaces_view_.reset();
   }
-  scene_ = scene;
-  options_ = options;
+  scene_ = std::move(file.scene);
+  options_ = std::move(file.options);
   view_ = view;
   is_nudged_ = false;
   return {};
 }
 
-// Replaces the streamer, and the rasterizer if it is of another kernel. If it fails, both stay.
-Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(volume, steps_.volume(step_));
-  SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,
-                                                                   .attribute = scene.attribute,
-                                                                   .kernel = options.kernel,
-                                                                   .gradients = scene.lighting.has_value(),
-                                                                   .on_data = options.on_data}));
-  std::unique_ptr<Rasterizer> other;
-  if (!rasterizer_ || options.kernel != options_.kernel) {
-    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(options.device, {.kernel = options.kernel,
-                                                               .gpu_bytes = options.gpu_memory,
-                                                               .in_current_context = options.in_current_context}));
-    other = std::move(made);
-  }
-  Rasterizer& rasterizer = other ? *other : *rasterizer_;
-  SPLATVOL_TRY(set_function(rasterizer, scene, *streamer));
-  if (other) SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
-  frame_ = nullptr;
-  is_lost_ = false;
-  streamer_ = std::move(streamer);
-  if (!other) return {};
-  rasterizer_ = std::move(other);
-  can_mix_ = rasterizer_->set_compositing(Compositing::slabs).has_value();
-  room_ = std::numeric_limits<std::uint64_t>::max();
-  return {};
+// Opens a step as if none were open.
+Status Player::open_again(std::size_t step) {
+  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, surfaces_));
+  return replace(std::move(file));
 }
 
 bool Player::shows_surfaces() const { return std::ranges::any_of(surfaces_, &Surface::is_visible); }
@@ -197,15 +214,10 @@ Status Player::show_step(std::size_t step) {
   if (steps_.times().empty() || step >= steps_.times().size())
     return fail(ErrorCode::invalid_argument, "{}: no step {}", steps_.name(), step);
   frame_ = nullptr;
-  if (is_lost_) {
-    const std::size_t before = std::exchange(step_, step);
-    Status opened = open_streamer(scene_, options_);
-    if (!opened) step_ = before;
-    return opened;
-  }
+  if (is_lost_) return open_again(step);
   Status changed = change_step(step);
   if (!changed) {
-    if (is_lost_) static_cast<void>(open_streamer(scene_, options_));
+    if (is_lost_) static_cast<void>(open_again(step_));
     return changed;
   }
   step_ = step;
@@ -409,33 +421,11 @@ Status Player::draw_again(const DrawOptions& options) {
   return draw_frame(FrameRequest(request_), options);
 }
 
-// sqrt(3) deviations each way are exact for a splat that is a uniform box.
 Result<Box> Player::find_domain() {
   const Call call(*this);
-  const Cube& cube = info().cube;
-  Camera camera = scene_.camera;
-  camera.position = cube.origin + 4 * cube.edge;
-  camera.focal_point = cube.origin + 0.5 * cube.edge;
-  camera.up = {0, 1, 0};
-  SPLATVOL_TRY_ASSIGN(view, make_view(camera, 64, 64));
-  TransferFunction all;
-  all.colors = {{0, dvec3(1)}};
-  all.densities = {{0, 1}};
-  DetailOptions detail;
-  detail.resolution = 0;
   frame_ = nullptr;
-  auto coarsest = streamer_->request(view, all, detail);
+  auto domain = splatvol::find_domain(*streamer_);
   SPLATVOL_TRY(call.check());
-  if (!coarsest) return tl::unexpected(coarsest.error());
-  Box domain;
-  const double length = streamer_->units().length;
-  for (const DrawRange& range : (*coarsest)->list.ranges) {
-    const dvec3& origin = range.row.shapes->blocks()[range.block].origin;
-    for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
-      const auto [center, half] = extent_of(range.row, i);
-      domain.include({origin + length * (center - half), origin + length * (center + half)});
-    }
-  }
   return domain;
 }
 

@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -82,6 +83,16 @@ struct ErrorSearch {
   double learned = 1;
 };
 
+/// What a player has read of a file before a device draws it. Made on any thread (Player::read).
+struct PlayerFile {
+  format::Steps steps;
+  std::size_t step;
+  Scene scene;
+  PlayerOptions options;
+  std::unique_ptr<Streamer> streamer;  // of `step`; null: that of the player stays
+  std::vector<Surface> surfaces;       // of `scene`
+};
+
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
 /// `cancel`; with a device of OpenGL, its context is current in that thread.
 class Player {
@@ -96,6 +107,12 @@ class Player {
   [[nodiscard]] static Result<std::unique_ptr<Player>> open(format::Steps steps, std::size_t step,
                                                             const std::optional<Scene>& scene,
                                                             const PlayerOptions& options);
+
+  /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing. `before`: surfaces
+  /// that need not be read again.
+  [[nodiscard]] static Result<PlayerFile> read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
+                                               const PlayerOptions& options, std::span<const Surface> before = {});
+  [[nodiscard]] static Result<std::unique_ptr<Player>> open(PlayerFile file);
   Player(const Player&) = delete;
   Player& operator=(const Player&) = delete;
   ~Player();
@@ -103,6 +120,14 @@ class Player {
   /// Changes what is drawn. Another camera or size costs nothing, another function or lighting little; another
   /// attribute opens the file anew. Surfaces that are new are read. If it fails, all stays as it was.
   [[nodiscard]] Status set_scene(const Scene& scene);
+
+  /// Returns what reads all that another scene and options need and that is not there; empty if all is there. It may
+  /// run on another thread, and needs no player.
+  using Reader = std::function<Result<PlayerFile>()>;
+  [[nodiscard]] Reader reader(const Scene& scene, const PlayerOptions& options) const;
+
+  /// Takes over what a `reader` of this player has read. If it fails, all stays as it was.
+  [[nodiscard]] Status replace(PlayerFile file);
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] const View& view() const { return view_; }
 
@@ -156,7 +181,7 @@ class Player {
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again(const DrawOptions& options = {});
 
-  /// Returns a box round the material of the coarsest splats, in world units. Chooses splats anew.
+  /// As the function of this name (streamer/domain.h). Chooses splats anew.
   [[nodiscard]] Result<Box> find_domain();
 
   /// Ends the call that is in progress in another thread: it fails with ErrorCode::cancelled, within a tenth of a
@@ -197,7 +222,8 @@ class Player {
 
   Player(format::Steps steps, std::size_t step);
   [[nodiscard]] Status use(const Scene& scene, const PlayerOptions& options);
-  [[nodiscard]] Status open_streamer(const Scene& scene, const PlayerOptions& options);
+  [[nodiscard]] Status check_surfaces(const Scene& scene) const;
+  [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] View view_now() const;
   [[nodiscard]] Status set_draw_list();

@@ -45,7 +45,7 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  ViewerOptions setup{options.volume, options.scene, {}};
+  ViewerOptions setup{options.volume, options.scene, {}, {}};
   setup.settings.memory = memory;
   setup.settings.gpu_memory = gpu_memory;
   setup.settings.device = device;
@@ -73,6 +73,7 @@ Status check_recording(const std::string& path) {
 Status look(const Options& options) {
   SPLATVOL_TRY_ASSIGN(size, window_size(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  setup.recent_files = usual_recent_files_path();
   if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
@@ -200,6 +201,7 @@ Status replay(const Options& options) {
   const double start = seconds_now();
   SPLATVOL_TRY_ASSIGN(inputs, load_inputs(options));
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
+  setup.settings.reads_aside = false;  // the next event may need it
   SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   ReplayTimes times;

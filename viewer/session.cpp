@@ -10,10 +10,51 @@
 #include "base/interruption.h"
 #include "renderer/cpu/tile_rasterizer.h"
 #include "renderer/gl/gl_rasterizer.h"
+#include "scene/contrast.h"
+#include "streamer/default_scene.h"
+#include "streamer/domain.h"
 #include "streamer/explain.h"
 
 namespace splatvol {
 namespace {
+
+PlayerOptions player_options(const ViewSettings& settings) {
+  return {.memory = settings.memory,
+          .gpu_memory = settings.gpu_memory,
+          .device = settings.device,
+          .in_current_context = settings.in_current_context,
+          .kernel = settings.kernel,
+          .read_surface = settings.read_surface};
+}
+
+Result<std::array<std::uint64_t, 64>> histogram_of(const format::Volume& volume, const std::string& attribute) {
+  SPLATVOL_TRY_ASSIGN(histograms, volume.read_histograms());
+  const auto index = static_cast<std::size_t>(volume.info().find_attribute(attribute));
+  return histograms.empty() ? std::array<std::uint64_t, 64>{} : histograms[index];
+}
+
+// Adds what a session shows besides splats. Reads the coarsest splats, too.
+Result<SessionFile> with_data(SessionFile read) {
+  Streamer& streamer = *read.file.streamer;
+  const Scene& scene = read.file.scene;
+  SPLATVOL_TRY_ASSIGN(histogram, histogram_of(streamer.volume(), scene.attribute));
+  SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
+  read.histogram = histogram;
+  read.bounds = bounds;
+  if (read.fits) {
+    read.fitting = scene;
+  } else {
+    SPLATVOL_TRY_ASSIGN(fitting, default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background}));
+    read.fitting = std::move(fitting);
+  }
+  return read;
+}
+
+// Whether two changes need the same parts of the file.
+bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
+  return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
+         a.attribute == b.attribute && a.surfaces == b.surfaces && a.lighting.has_value() == b.lighting.has_value();
+}
 
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
@@ -39,39 +80,49 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
                                                const ViewSettings& settings) {
-  std::unique_ptr<Session> session(new Session);
-  session->path_ = path;
-  session->settings = session->used_settings_ = settings;
+  SPLATVOL_TRY_ASSIGN(file, read(path, scene_path, settings));
+  return open(std::move(file));
+}
+
+Result<SessionFile> Session::read(const std::string& path, const std::string& scene_path, const ViewSettings& settings,
+                                  const format::OpenFile& open_file) {
   std::optional<Scene> scene;
-  if (scene_path.empty()) {
-    session->fits_ = true;
-  } else {
+  if (!scene_path.empty()) {
     SPLATVOL_TRY_ASSIGN(loaded, load_scene(scene_path));
     scene = std::move(loaded);
   }
-  SPLATVOL_TRY_ASSIGN(player, Player::open(path, scene,
-                                           {.memory = settings.memory,
-                                            .gpu_memory = settings.gpu_memory,
-                                            .device = settings.device,
-                                            .in_current_context = settings.in_current_context,
-                                            .kernel = settings.kernel,
-                                            .read_surface = settings.read_surface}));
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file));
+  const std::size_t last = steps.last();
+  SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), last, scene, player_options(settings)));
+  SPLATVOL_TRY_ASSIGN(read, with_data({.path = path, .fits = !scene, .settings = settings, .file = std::move(file)}));
+  return read;
+}
+
+Result<std::unique_ptr<Session>> Session::open(SessionFile file) {
+  std::unique_ptr<Session> session(new Session);
+  session->path_ = std::move(file.path);
+  session->fits_ = file.fits;
+  session->settings = session->used_settings_ = std::move(file.settings);
+  session->scene = session->first_scene_ = session->used_scene_ = file.file.scene;
+  session->histogram_ = file.histogram;
+  session->bounds_ = file.bounds;
+  session->fitting_ = std::move(file.fitting);
+  SPLATVOL_TRY_ASSIGN(player, Player::open(std::move(file.file)));
   session->player_ = std::move(player);
-  session->scene = session->first_scene_ = session->used_scene_ = session->player_->scene();
-  SPLATVOL_TRY(session->read_histogram());
-  SPLATVOL_TRY(session->find_bounds());
   return session;
 }
 
-Status Session::read_histogram() {
-  SPLATVOL_TRY_ASSIGN(histograms, player_->streamer().volume().read_histograms());
-  const auto index = static_cast<std::size_t>(info().find_attribute(player_->scene().attribute));
-  histogram_ = histograms.empty() ? decltype(histogram_){} : histograms[index];
-  return {};
+Session::~Session() {
+  stop_drawing();
+  end_reading();
 }
 
-Status Session::find_bounds() {
-  SPLATVOL_TRY_ASSIGN(bounds, player_->find_domain());
+// Takes over histogram, domain and fit of the step that is shown.
+Status Session::use_step() {
+  SPLATVOL_TRY_ASSIGN(histogram, histogram_of(player_->streamer().volume(), used_scene_.attribute));
+  histogram_ = histogram;
+  if (!player_->steps().are_files()) return {};
+  SPLATVOL_TRY_ASSIGN(bounds, player_->find_domain());  // a file may have another mesh
   bounds_ = bounds;
   return {};
 }
@@ -85,49 +136,123 @@ Result<Camera> Session::fitting_camera() const {
   return fitting.camera;
 }
 
-Status Session::show_attribute(const std::string& name) {
-  SPLATVOL_TRY_ASSIGN(fitting, fitting_scene(name));
+TransferFunction Session::fitting_function() const {
+  Scene adapted = fitting_;
+  if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
+  return adapted.transfer_function;
+}
+
+void Session::show_attribute(const std::string& name) {
   scene.attribute = name;
-  scene.transfer_function = fitting.transfer_function;
-  return {};
+  fits_function_ = true;
 }
 
 Status Session::show_step(std::size_t step) {
   stop_drawing();
+  cancel_reading();
   settled_ = false;
   sharpening_.reset();
   SPLATVOL_TRY(player_->show_step(step));
   still_seconds_ = awaited_seconds_ = 0;
   awaits_step_ = true;
-  SPLATVOL_TRY(read_histogram());
-  return player_->steps().are_files() ? find_bounds() : Status{};  // a file may have another mesh
+  return use_step();
 }
 
-// Passes changes on to the player; what it refuses stays as it was. A change of the picture starts again from a coarse
-// one.
+// Returns the scene as it can be drawn until what a change needs has been read.
+Scene Session::scene_without_change() const {
+  if (!reading_) return scene;
+  Scene drawn = scene;
+  drawn.attribute = used_scene_.attribute;
+  drawn.transfer_function = used_scene_.transfer_function;
+  drawn.lighting = used_scene_.lighting;
+  drawn.surfaces = used_scene_.surfaces;
+  return drawn;
+}
+
+void Session::cancel_reading() {
+  if (!reading_) return;
+  scene = scene_without_change();
+  settings.memory = used_settings_.memory;
+  settings.kernel = used_settings_.kernel;
+  end_reading();
+}
+
+// Waits for the thread.
+void Session::end_reading() {
+  if (reading_) reading_->stop.request_stop();
+  reading_.reset();
+}
+
+// Sees to it that what the scene and the settings need is read.
+Status Session::read_change() {
+  const Player::Reader reader = player_->reader(scene, player_options(settings));
+  if (!reader || (reading_ && !need_the_same(reading_->scene, reading_->settings, scene, settings))) end_reading();
+  if (!reader) {
+    fits_function_ = false;
+    return {};
+  }
+  const bool is_aside = settings.reads_aside && settings.hurries;
+  if (!reading_) {
+    reading_.emplace(Reading{scene, settings, {}, {}});
+    const auto read = [reader, scene = scene, path = path_, stop = reading_->stop.get_token()]() -> Result<SessionFile> {
+      const Interruptible interruptible(stop);
+      SPLATVOL_TRY_ASSIGN(file, reader());
+      SessionFile change{.path = path, .file = std::move(file)};
+      if (change.file.streamer) return with_data(std::move(change));
+      return change;
+    };
+    reading_->file = std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, read);
+  }
+  if (is_aside && reading_->file.wait_for(std::chrono::seconds(0)) == std::future_status::timeout) return {};
+  Result<SessionFile> change = reading_->file.get();
+  reading_.reset();
+  return take_change(std::move(change));
+}
+
+// What cannot be read, or does not fit, stays as it was.
+Status Session::take_change(Result<SessionFile> change) {
+  Status taken;
+  if (change) {
+    PlayerFile& file = change->file;
+    const bool is_whole = file.streamer != nullptr;
+    if (fits_function_ && is_whole) scene.transfer_function = change->fitting.transfer_function;
+    file.scene = scene;
+    taken = player_->replace(std::move(file));
+    if (taken && is_whole) {
+      histogram_ = change->histogram;
+      fitting_ = std::move(change->fitting);
+    }
+  } else {
+    taken = tl::unexpected(change.error());
+  }
+  fits_function_ = false;
+  if (taken) return {};
+  troubles_.push_back(taken.error().message);
+  settings = used_settings_;
+  scene = used_scene_;
+  return {};
+}
+
+// Passes changes on to the player. A change of the picture starts again from a coarse one.
 Status Session::apply() {
-  Status applied;
-  if (settings.memory != used_settings_.memory) applied = player_->set_memory(settings.memory);
-  if (applied && settings.kernel != used_settings_.kernel) applied = player_->set_kernel(settings.kernel);
-  if (applied) applied = player_->set_scene(scene);
-  if (!applied) {
-    troubles_.push_back(applied.error().message);
-    settings = used_settings_;
-    settings.kernel = player_->options().kernel;
-    settings.memory = player_->options().memory;
-    scene = used_scene_;
+  SPLATVOL_TRY(read_change());
+  Scene drawn = scene_without_change();
+  if (const Status set = player_->set_scene(drawn); !set) {
+    troubles_.push_back(set.error().message);
+    drawn = scene = used_scene_;
     SPLATVOL_TRY(player_->set_scene(scene));
   }
-  if (scene.attribute != used_scene_.attribute) SPLATVOL_TRY(read_histogram());
-  const bool same = settings.memory == used_settings_.memory && settings.kernel == used_settings_.kernel &&
+  Scene before = used_scene_;
+  before.background = drawn.background;  // both are shown behind the picture
+  before.outline = drawn.outline;
+  const bool same = player_->options().memory == used_settings_.memory &&
+                    player_->options().kernel == used_settings_.kernel &&
                     settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&
-                    settings.mixes == used_settings_.mixes && scene.attribute == used_scene_.attribute &&
-                    scene.camera == used_scene_.camera && scene.transfer_function == used_scene_.transfer_function &&
-                    scene.lighting == used_scene_.lighting && scene.clip_box == used_scene_.clip_box &&
-                    scene.surfaces == used_scene_.surfaces && scene.width == used_scene_.width &&
-                    scene.height == used_scene_.height;
-  used_scene_ = scene;
+                    settings.mixes == used_settings_.mixes && drawn == before;
+  used_scene_ = std::move(drawn);
   used_settings_ = settings;
+  used_settings_.memory = player_->options().memory;
+  used_settings_.kernel = player_->options().kernel;
   if (same) return {};
   still_seconds_ = 0;
   settled_ = false;
@@ -159,7 +284,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
-    if (scene != used_scene_) stop_.request_stop();
+    if (scene_without_change() != used_scene_) stop_.request_stop();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};  // the picture stays
   }

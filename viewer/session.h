@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/http_source.h"
 #include "format/steps.h"
 #include "format/volume.h"
 #include "player/player.h"
@@ -39,6 +40,21 @@ struct ViewSettings {
   SortMode sort = SortMode::exact;
   bool mixes = true;              // at rest, in slabs, where the device can
   ReadSurface read_surface = {};  // as in PlayerOptions
+
+  // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
+  // the change. Else it is read by the next draw.
+  bool reads_aside = true;
+};
+
+/// What a session reads of a file. Made on any thread (Session::read).
+struct SessionFile {
+  std::string path;
+  bool fits = false;  // the scene is one that fits the data
+  ViewSettings settings = {};
+  PlayerFile file;
+  Box bounds = {};                            // of the material
+  std::array<std::uint64_t, 64> histogram{};  // of the scene's attribute
+  Scene fitting = {};                         // fits the scene's attribute, on the scene's background
 };
 
 /// Draws one file. Draws only after a change. Needs the context that was current at `open`, if
@@ -47,12 +63,19 @@ class Session {
  public:
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
-  ~Session() { stop_drawing(); }
+  ~Session();
 
   /// Opens a volume with a scene; `scene_path` empty: with a scene that fits the data. Errors name the file or the
   /// scene.
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(const std::string& path, const std::string& scene_path,
                                                              const ViewSettings& settings);
+
+  /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing, and nor does the
+  /// first picture.
+  [[nodiscard]] static Result<SessionFile> read(const std::string& path, const std::string& scene_path,
+                                                const ViewSettings& settings,
+                                                const format::OpenFile& open_file = open_file_or_url);
+  [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file);
 
   /// Updates the picture for `scene` and `settings`, as well as one frame has time for: coarse while they change, finer
   /// from call to call at rest. `seconds`: since the last call. A picture that cannot be drawn is tried again after a
@@ -64,19 +87,24 @@ class Session {
   /// and `page` must not be called; the picture before stays.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
 
-  /// Returns whether another call without a change would draw the same.
-  [[nodiscard]] bool is_settled() const { return settled_; }
+  /// Whether a thread reads what a change needs: another attribute, kernel or memory, or surfaces. Until it is there,
+  /// pictures are drawn without the change.
+  [[nodiscard]] bool is_reading() const { return reading_.has_value(); }
 
-  /// Returns a scene that fits an attribute, on the background of `scene`.
-  [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute) const {
-    return player_->fitting_scene(attribute, {512, 512, scene.background});
-  }
+  /// Takes back the change that is_reading() tells of.
+  void cancel_reading();
+
+  /// Returns whether another call without a change would draw the same.
+  [[nodiscard]] bool is_settled() const { return settled_ && !reading_; }
+
+  /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
+  [[nodiscard]] TransferFunction fitting_function() const;
 
   /// Returns a camera that sees all that the file shows, in the size of the last picture.
   [[nodiscard]] Result<Camera> fitting_camera() const;
 
-  /// Shows another attribute, with a transfer function of its own. The camera stays.
-  [[nodiscard]] Status show_attribute(const std::string& name);
+  /// Shows another attribute of the file, with a transfer function that fits it. The camera stays.
+  void show_attribute(const std::string& name);
 
   /// Returns the times of the steps of a time series, in one file or in several; none for another file.
   [[nodiscard]] const std::vector<double>& times() const { return player_->steps().times(); }
@@ -111,6 +139,9 @@ class Session {
   [[nodiscard]] const std::string& path() const { return path_; }
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
+
+  /// Returns the scene of the last draw. It lacks what is being read.
+  [[nodiscard]] const Scene& drawn_scene() const { return used_scene_; }
 
   /// Returns a box round the material of the coarsest splats.
   [[nodiscard]] const Box& bounds() const { return bounds_; }
@@ -149,9 +180,12 @@ class Session {
  private:
   Session() = default;
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
-  [[nodiscard]] Status read_histogram();
-  [[nodiscard]] Status find_bounds();
+  [[nodiscard]] Status use_step();
   [[nodiscard]] Status apply();
+  [[nodiscard]] Status read_change();
+  void end_reading();
+  [[nodiscard]] Status take_change(Result<SessionFile> change);
+  [[nodiscard]] Scene scene_without_change() const;
   [[nodiscard]] Status fit_camera();
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
@@ -171,10 +205,21 @@ class Session {
   bool texture_is_old_ = true;
   std::array<std::uint64_t, 64> histogram_{};
   Box bounds_;
+  Scene fitting_;  // fits the attribute that is drawn
 
   // The settings and scene of the last draw.
   ViewSettings used_settings_;
   Scene used_scene_;
+
+  // A change of scene and settings whose parts of the file are read.
+  struct Reading {
+    Scene scene;
+    ViewSettings settings;
+    std::stop_source stop;
+    std::future<Result<SessionFile>> file;
+  };
+  std::optional<Reading> reading_;
+  bool fits_function_ = false;  // the scene's attribute is to get the function that fits it
 
   bool settled_ = false;
   Status failure_;            // of the last draw

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <functional>
 
+#include "base/byte_text.h"
 #include "base/file.h"
 #include "scene/color_map_file.h"
 #include "scene/contrast.h"
@@ -23,6 +24,9 @@ constexpr double turn_speed = 1.2;       // radians a second
 // Turns of the wheel, and moves by keys, are one step of the history if they follow each other so soon.
 constexpr double burst_seconds = 0.3;
 
+// The first frame waits so long for a file, so that most windows appear with their picture.
+constexpr std::chrono::milliseconds longest_first_wait{150};
+
 void put(std::array<char, 512>& field, const std::string& text) {
   const std::size_t length = std::min(text.size(), field.size() - 1);
   std::memcpy(field.data(), text.data(), length);
@@ -36,17 +40,48 @@ double extent_of(const Session& session) {
 }  // namespace
 
 Viewer::Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options)
-    : gui_(std::move(gui)), screen_(std::move(screen)), settings_(options.settings) {}
+    : gui_(std::move(gui)),
+      screen_(std::move(screen)),
+      settings_(options.settings),
+      recent_files_(options.recent_files) {}
 
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
   SPLATVOL_TRY_ASSIGN(gui, Gui::create());
   SPLATVOL_TRY_ASSIGN(screen, Screen::create());
   std::unique_ptr<Viewer> viewer(new Viewer(std::move(gui), std::move(screen), options));
   if (!options.volume.empty()) {
-    SPLATVOL_TRY_ASSIGN(session, Session::open(options.volume, options.scene, options.settings));
-    viewer->show(std::move(session));
+    viewer->begin_opening(options.volume, options.scene);
+    SPLATVOL_TRY(viewer->take_opened(longest_first_wait));
   }
   return viewer;
+}
+
+void Viewer::begin_opening(const std::string& path, const std::string& scene_path) {
+  const ViewSettings& settings = session_ ? session_->settings : settings_;
+  opening_seconds_ = 0;
+  opening_ = std::make_unique<Opening>(path, scene_path, settings);
+}
+
+// Shows the file that is being opened if it is there in time.
+Status Viewer::take_opened(std::chrono::milliseconds wait) {
+  if (!opening_ || (settings_.reads_aside && !opening_->wait(wait))) return {};
+  const std::unique_ptr<Opening> opening = std::move(opening_);
+  SPLATVOL_TRY_ASSIGN(file, opening->take());
+  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file)));
+  recent_files_.add(opening->path());
+  show(std::move(session));
+  return {};
+}
+
+void Viewer::close() {
+  opening_.reset();
+  session_.reset();
+  history_.reset();
+  question_.reset();
+  saving_.reset();
+  playing_.reset();
+  step_seconds_.reset();
+  message_.clear();
 }
 
 void Viewer::show(std::unique_ptr<Session> session) {
@@ -54,7 +89,6 @@ void Viewer::show(std::unique_ptr<Session> session) {
   picture_ = {};
   question_.reset();
   saving_.reset();
-  fitting_ = session_->first_scene();
   up_ = session_->info().up >= 0 ? session_->info().up : 1;
   history_.reset();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
@@ -76,11 +110,7 @@ void Viewer::open(const std::string& path) {
       message_ = opened.error().message;
     return;
   }
-  auto session = Session::open(path, "", session_ ? session_->settings : settings_);
-  if (session)
-    show(std::move(*session));
-  else
-    message_ = session.error().message;
+  begin_opening(path, "");
 }
 
 Status Viewer::open_scene(const std::string& path) {
@@ -117,6 +147,7 @@ bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
   if (is_minimised()) return true;
   if (moved_seconds_ < burst_seconds || saving_) return false;
+  if (opening_) return false;
   return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
          (!session_ || session_->is_settled());
 }
@@ -169,7 +200,11 @@ void Viewer::handle_key(int code) {
   const auto toggle = [](bool& shown) { shown = !shown; };
   if (code == key::f1) toggle(help_);
   if (code == key::escape) help_ = false;
+  if (code == key::escape && opening_) opening_.reset();
+  if (code == key::escape && session_) session_->cancel_reading();
   if (code == 'Q' && has_control()) closing_ = true;
+  if (code == 'O' && has_control()) dialog_.open(session_ ? session_->path() : "");
+  if (code == 'W' && has_control()) close();
   if (code == key::tab) toggle(panel());
   if (!session_) return;
   if (has_control()) {
@@ -267,7 +302,8 @@ void Viewer::move_camera(const FrameInput& input) {
 
 // Whether the scene is in the middle of a change.
 bool Viewer::is_held() const {
-  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_;
+  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_ ||
+         (session_ && session_->is_reading());
 }
 
 // Adds the scene to the history, if it has changed.
@@ -299,19 +335,6 @@ void Viewer::restore(const Scene& scene) {
   session_->scene.width = width;
   session_->scene.height = height;
   moved_seconds_ = burst_seconds;
-}
-
-// Returns the transfer function that fits the attribute on the scene's background.
-TransferFunction Viewer::fitting_function() {
-  const Scene& scene = session_->scene;
-  if (fitting_.attribute != scene.attribute) {
-    auto fitting = session_->fitting_scene(scene.attribute);
-    if (!fitting) message_ = fitting.error().message;
-    fitting_ = fitting ? *fitting : scene;
-  }
-  Scene adapted = fitting_;
-  if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
-  return adapted.transfer_function;
 }
 
 void Viewer::play(double seconds) {
@@ -366,6 +389,8 @@ Status Viewer::frame(const FrameInput& given) {
   pending_frames_ = std::max(0, pending_frames_ - 1);
   frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * input.seconds;
   for (const Event& event : input.events) handle(event);
+  opening_seconds_ += input.seconds;
+  if (const Status opened = take_opened(std::chrono::milliseconds(0)); !opened) message_ = opened.error().message;
   move_camera(input);
   play(input.seconds);
   play_steps(input.seconds);
@@ -376,6 +401,8 @@ Status Viewer::frame(const FrameInput& given) {
     draw_panel_button();
   if (help_) draw_help();
   draw_question();
+  draw_opening();
+  if (const auto chosen = dialog_.draw(window_, recent_files_.paths())) open(*chosen);
   SPLATVOL_TRY(draw_picture(input.seconds));
   save_drawn_picture();
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
@@ -413,7 +440,7 @@ Status Viewer::draw_picture(double seconds) {
 }
 
 void Viewer::draw_overlays() {
-  if (!session_) return draw_message("Drop a .svol file here, or: svview FILE.svol", picture_area());
+  if (!session_) return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", picture_area());
   if (saving_) return draw_message(fmt::format("{} is being drawn", saving_->path), picture_area());
   const View& view = session_->view();
   if (cut_ && session_->frame())
@@ -422,7 +449,7 @@ void Viewer::draw_overlays() {
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_)
-    draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), ink_on(session_->scene.background),
+    draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(), ink_on(session_->scene.background),
                     picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
@@ -430,16 +457,45 @@ void Viewer::draw_overlays() {
   if (probe_ && !drag_ && !gui_->has_pointer() && !is_busy()) draw_probe();
 }
 
+// Tells of what is being read, and lets the user cancel it.
+void Viewer::draw_opening() {
+  const bool reads = session_ && session_->is_reading();
+  if (!opening_ && !reads) return;
+  constexpr double patience = 0.3;  // seconds: what is there sooner needs no words
+  if (opening_ && opening_seconds_ < patience && session_) return;
+  const PictureArea area = picture_area();
+  const float scale = static_cast<float>(window_.content_scale);
+  ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(area.height / 2)},
+                          ImGuiCond_Always, {0.5f, 0.5f});
+  ImGui::SetNextWindowSizeConstraints({0, 0}, {std::max(160 * scale, static_cast<float>(area.width) - 16 * scale), 1e6f});
+  ImGui::Begin("opening", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
+  if (opening_) {
+    ImGui::TextUnformatted(fmt::format("opening {}", opening_->path()).c_str());
+    ImGui::TextUnformatted(fmt::format("{} read in {:.0f} s", byte_text(static_cast<double>(opening_->bytes_read())),
+                                       opening_seconds_)
+                               .c_str());
+  } else {
+    ImGui::TextUnformatted("reading what the change needs");
+  }
+  if (ImGui::SmallButton("cancel (Esc)")) {
+    if (opening_)
+      opening_.reset();
+    else
+      session_->cancel_reading();
+  }
+  ImGui::End();
+}
+
 // Shows the probe beside the pointer, for the splats of the last frame.
 void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
   if (!frame || pointer_in_picture().x < 0) return;
   const auto found =
-      probe(frame->list, session_->scene.transfer_function, session_->units(), session_->view(),
+      probe(frame->list, session_->drawn_scene().transfer_function, session_->units(), session_->view(),
             pointer_in_picture().x / picture_area().unit_x, pointer_in_picture().y / picture_area().unit_y);
   if (!found) return;
   const std::string& unit = session_->attribute().unit;
-  ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->scene.attribute.c_str(), found->value,
+  ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->drawn_scene().attribute.c_str(), found->value,
                     unit.c_str(), found->position.x, found->position.y, found->position.z, 100 * found->opacity);
 }
 

@@ -1,6 +1,7 @@
 // The viewer without its window: events in, frames out.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -10,10 +11,13 @@
 #include "viewer/camera_control.h"
 #include "viewer/camera_path.h"
 #include "viewer/events.h"
+#include "viewer/file_dialog.h"
 #include "viewer/gui.h"
 #include "viewer/history.h"
+#include "viewer/opening.h"
 #include "viewer/overlay.h"
 #include "viewer/probe.h"
+#include "viewer/recent_files.h"
 #include "viewer/screen.h"
 #include "viewer/session.h"
 #include "viewer/transfer_editor.h"
@@ -24,12 +28,14 @@ struct ViewerOptions {
   std::string volume;  // empty: none yet
   std::string scene;   // empty: one that fits the data
   ViewSettings settings;
+  std::string recent_files = "";  // where the list of recent files is kept; empty: nowhere
 };
 
 /// Shows a volume and its controls. Needs the OpenGL 4.5 context that was current at `create`.
 class Viewer {
  public:
-  /// Fails if the volume or the scene of `options` cannot be opened. Errors of later files appear in the window.
+  /// Begins to open the volume of `options`. Fails if it, or the scene, soon turns out to be unreadable. Later errors
+  /// appear in the window.
   [[nodiscard]] static Result<std::unique_ptr<Viewer>> create(const ViewerOptions& options);
 
   /// Draws a frame into the framebuffer that is bound, of the size of the last WindowResized. The first input must have
@@ -55,6 +61,10 @@ class Viewer {
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
+  void begin_opening(const std::string& path, const std::string& scene_path);
+  [[nodiscard]] Status take_opened(std::chrono::milliseconds wait);
+  void draw_opening();
+  void close();
   [[nodiscard]] Status open_scene(const std::string& path);
   [[nodiscard]] Status open_color_maps(const std::string& path);
   void handle(const Event& event);
@@ -67,7 +77,6 @@ class Viewer {
   void undo();
   void redo();
   void restore(const Scene& scene);
-  [[nodiscard]] TransferFunction fitting_function();
   void play(double seconds);
   void play_steps(double seconds);
   void toggle_steps();
@@ -118,8 +127,11 @@ class Viewer {
   Screen screen_;
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
+  std::unique_ptr<Opening> opening_;  // of the file that is to replace the session's
+  double opening_seconds_ = 0;
+  FileDialog dialog_;
+  RecentFiles recent_files_;
   TransferEditor editor_;
-  Scene fitting_;                              // fits the attribute that is shown
   std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held
 

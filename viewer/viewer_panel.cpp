@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "base/byte_text.h"
 #include "base/file.h"
 #include "base/replaceable.h"
 #include "scene/contrast.h"
@@ -15,13 +16,6 @@ namespace {
 
 constexpr double usual_tolerance = 1;  // per cent
 constexpr int largest_picture = 16384;
-
-std::string bytes_text(double bytes) {
-  const char* units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
-  int unit = 0;
-  for (; bytes >= 1024 && unit < 4; ++unit) bytes /= 1024;
-  return fmt::format("{:.3g} {}", bytes, units[unit]);
-}
 
 Status write_json(const std::string& path, const std::string& text) {
   if (!has_extension(path, ".json")) return fail(ErrorCode::invalid_argument, "{}: does not end in .json", path);
@@ -72,9 +66,8 @@ void Viewer::draw_attribute_menu() {
   if (!ImGui::BeginCombo("attribute", scene.attribute.c_str())) return;
   for (const auto& attribute : session_->info().attributes)
     if (ImGui::Selectable(attribute.name.c_str(), attribute.name == scene.attribute) &&
-        attribute.name != scene.attribute) {
-      if (const Status status = session_->show_attribute(attribute.name); !status) message_ = status.error().message;
-    }
+        attribute.name != scene.attribute)
+      session_->show_attribute(attribute.name);
   ImGui::EndCombo();
 }
 
@@ -104,6 +97,9 @@ void Viewer::draw_panel() {
   ImGui::Begin("panel", nullptr,
                (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
   ImGui::PushItemWidth(220 * scale);
+  if (ImGui::SmallButton("open")) dialog_.open(session_ ? session_->path() : "");
+  hint("A file, an address, or one of the recent files (control O)");
+  ImGui::SameLine();
   if (session_) draw_history_buttons();
   if (ImGui::SmallButton("keys (F1)")) help_ = !help_;
   ImGui::SameLine();
@@ -111,14 +107,19 @@ void Viewer::draw_panel() {
   if (session_) {
     draw_attribute_menu();
     draw_step_controls();
-    if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
-      editor_.draw(session_->scene.transfer_function, fitting_function(), session_->attribute(), session_->histogram(),
-                   session_->range_of_all_steps());
+    if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen)) {
+      // The attribute's values are not known while they are read.
+      ImGui::BeginDisabled(session_->is_reading());
+      TransferFunction drawn = session_->drawn_scene().transfer_function;
+      editor_.draw(session_->is_reading() ? drawn : session_->scene.transfer_function, session_->fitting_function(),
+                   session_->attribute(), session_->histogram(), session_->range_of_all_steps());
+      ImGui::EndDisabled();
+    }
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
     if (ImGui::CollapsingHeader("save")) draw_file_section();
   } else {
-    ImGui::TextWrapped("Drop a .svol file on this window.");
+    ImGui::TextWrapped("Drop a .svol file on this window, or open one.");
   }
   if (!message_.empty()) ImGui::TextWrapped("%s", message_.c_str());
   if (session_ && !session_->troubles().empty()) {
@@ -381,7 +382,7 @@ void Viewer::draw_hud() {
     if (frame->splats_by_resolution[r] > 0)
       resolutions += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame->splats_by_resolution[r],
                                  frame->nodes_by_resolution[r]);
-  const auto bytes = [](std::uint64_t count) { return bytes_text(static_cast<double>(count)); };
+  const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
   const FrameProgress& progress = frame->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds_ > 0 ? 1 / frame_seconds_ : 0,
                                  1000 * session_->draw_seconds());
@@ -435,6 +436,8 @@ void Viewer::draw_help() {
       {"B C H", "bounding box, octree cut, numbers"},
       {"Tab", "panel"},
       {"control Z", "undo; with shift, or control Y: redo"},
+      {"control O, W", "open a file, close it"},
+      {"Esc", "cancel what is being read"},
       {"F1", "this list"},
       {"control Q", "quit"},
   };

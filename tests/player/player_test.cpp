@@ -18,33 +18,13 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/support/require.h"
+#include "tests/support/stalled_source.h"
 #include "tests/surfaces/shapes.h"
 
 namespace splatvol {
 namespace {
 
 using ::testing::HasSubstr;
-
-// A file whose reads wait, as from a server that has stalled: until they are let go, or interrupted.
-class StalledSource final : public ByteSource {
- public:
-  StalledSource(std::unique_ptr<ByteSource> content, std::atomic<bool>& stalls, std::atomic<int>& waiting)
-      : content_(std::move(content)), stalls_(stalls), waiting_(waiting) {}
-  std::uint64_t size() const override { return content_->size(); }
-  const std::string& name() const override { return content_->name(); }
-  Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    ++waiting_;
-    while (stalls_ && !is_interrupted()) sleep_interruptibly(std::chrono::milliseconds(10));
-    --waiting_;
-    if (is_interrupted()) return fail(ErrorCode::io, "{}: interrupted", name());
-    return content_->read(offset, out);
-  }
-
- private:
-  std::unique_ptr<ByteSource> content_;
-  std::atomic<bool>& stalls_;
-  std::atomic<int>& waiting_;
-};
 
 class PlayerOfALattice : public testing::Test {
  protected:
@@ -290,7 +270,7 @@ TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
   std::atomic<int> waiting = 0;
   const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(content, open_file(file));
-    return std::make_unique<StalledSource>(std::move(content), stalls, waiting);
+    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
   };
   auto steps = format::Steps::open(path(), open_stalled);
   ASSERT_TRUE(steps);

@@ -1,0 +1,219 @@
+// Files that open slowly: the window goes on.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "renderer/gl/context.h"
+#include "renderer/gl/target.h"
+#include "tests/support/scripted_server.h"
+#include "tests/support/stalled_source.h"
+#include "tests/support/test_volume.h"
+#include "viewer/viewer.h"
+
+namespace splatvol {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Reply;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+constexpr int width = 800, height = 600;
+
+class SlowFiles : public testing::Test {
+ protected:
+  void SetUp() override {
+    fs::create_directories(folder);
+    const auto points = test::random_points(3000, 1);
+    std::vector<double> heat, wind;
+    for (const dvec3& p : points) heat.push_back(p.x), wind.push_back(glm::length(p - 0.5));
+    ASSERT_TRUE(test::write_test_volume(test::make_test_volume(points, {heat, wind}), path("v.svol")));
+  }
+  void TearDown() override { fs::remove_all(folder); }
+
+  std::string path(const std::string& name) const { return (folder / name).string(); }
+
+  fs::path folder = fs::temp_directory_path() / fmt::format("splatvol_slow_files_{}", ::getpid());
+};
+
+class SlowFilesInAWindow : public SlowFiles {
+ protected:
+  void SetUp() override {
+    SlowFiles::SetUp();
+    static const auto context = HeadlessContext::create();
+    ASSERT_TRUE(context);
+    ASSERT_TRUE(target_.resize(width, height));
+    ViewerOptions options;
+    options.recent_files = path("state/recent.json");
+    viewer = Viewer::create(options).value();
+    frame({WindowResized{width, height, width, height, 1}});
+  }
+  void TearDown() override {
+    viewer.reset();
+    SlowFiles::TearDown();
+  }
+
+  void frame(std::vector<Event> events) {
+    target_.use();
+    const Status drawn = viewer->frame({1, std::move(events)});
+    ASSERT_TRUE(drawn) << drawn.error().message;
+  }
+  void settle() {
+    do frame({});
+    while (!viewer->is_settled());  // ends by the test's time limit
+  }
+  Image screen() {
+    target_.use();
+    return read_framebuffer(width, height).value();
+  }
+  std::string opened() const { return viewer->session() ? viewer->session()->path() : ""; }
+
+  std::unique_ptr<Viewer> viewer;
+
+ private:
+  Target target_;
+};
+
+TEST_F(SlowFilesInAWindow, AServerThatStallsIsGivenUpByAKey) {
+  const test::ScriptedServer server({Reply{"", Reply::Then::stall}});
+  frame({FilesDropped{{path("v.svol")}}});
+  settle();
+  EXPECT_EQ(opened(), path("v.svol"));
+  const Image before = screen();
+
+  frame({FilesDropped{{server.url("far.svol")}}});
+  while (server.requests().empty()) std::this_thread::yield();
+  for (int i = 0; i < 5; ++i) frame({});
+  EXPECT_FALSE(viewer->is_settled());
+  EXPECT_EQ(opened(), path("v.svol")) << "the file before stays";
+  EXPECT_GT(compare_images(screen(), before)->rmse, 0.001) << "words tell of it";
+
+  frame({KeyChanged{key::escape, true}});
+  frame({KeyChanged{key::escape, false}});
+  settle();
+  EXPECT_EQ(opened(), path("v.svol"));
+  EXPECT_EQ(compare_images(screen(), before)->max, 0);
+}
+
+TEST_F(SlowFilesInAWindow, ClosingDoesNotWaitForAServer) {
+  const test::ScriptedServer server({Reply{"", Reply::Then::stall}});
+  frame({FilesDropped{{server.url("far.svol")}}});
+  while (server.requests().empty()) std::this_thread::yield();
+  const auto start = std::chrono::steady_clock::now();
+  viewer.reset();
+  // The stall would be ended after half a minute.
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(15));
+}
+
+TEST_F(SlowFilesInAWindow, WhatCannotBeOpenedLeavesTheFileBefore) {
+  frame({FilesDropped{{path("v.svol")}}});
+  settle();
+  frame({FilesDropped{{path("no-such.svol")}}});
+  settle();
+  EXPECT_EQ(opened(), path("v.svol"));
+}
+
+TEST_F(SlowFilesInAWindow, TheDialogOpensAFileByItsPathAndByAClick) {
+  const auto press_with_control = [&](int code) {
+    frame({KeyChanged{key::left_control, true}, KeyChanged{code, true}});
+    frame({KeyChanged{code, false}, KeyChanged{key::left_control, false}});
+    frame({});
+  };
+  press_with_control('O');
+  for (const char c : path("v.svol")) frame({TextTyped{static_cast<std::uint32_t>(c)}});
+  frame({KeyChanged{key::enter, true}});
+  frame({KeyChanged{key::enter, false}});
+  settle();
+  EXPECT_EQ(opened(), path("v.svol"));
+
+  press_with_control('W');
+  EXPECT_EQ(viewer->session(), nullptr);
+
+  // The dialog begins in the folder of the time before. Its second entry is the file; the first is the folder "state".
+  press_with_control('O');
+  const double x = width / 2, y = height / 2 - 210 + 131;
+  frame({PointerMoved{x, y}});
+  frame({});
+  frame({ButtonChanged{0, true}});
+  frame({ButtonChanged{0, false}});
+  settle();
+  EXPECT_EQ(opened(), path("v.svol"));
+}
+
+TEST_F(SlowFiles, RecentFilesAreKept) {
+  const std::string list = path("state/recent.json");
+  {
+    RecentFiles recent(list);
+    EXPECT_TRUE(recent.paths().empty());
+    recent.add("/data/a.svol");
+    recent.add("https://host/b.svol");
+    recent.add("https://user:secret@host/c.svol");
+    recent.add("https://host/d.svol?key=secret");
+    recent.add("/data/a.svol");
+  }
+  EXPECT_THAT(RecentFiles(list).paths(), ElementsAre("/data/a.svol", "https://host/b.svol"));
+  RecentFiles recent(list);
+  for (int i = 0; i < 100; ++i) recent.add(fmt::format("/data/{}.svol", i));
+  EXPECT_EQ(RecentFiles(list).paths().size(), 12U);
+  EXPECT_EQ(RecentFiles(list).paths().front(), "/data/99.svol");
+  for (const char* damaged : {"", "{}", "[1, 2", "[[[[]]]]", "[3]"}) {
+    std::ofstream(list) << damaged;
+    EXPECT_TRUE(RecentFiles(list).paths().empty()) << damaged;
+  }
+}
+
+// While values of another attribute are read, the picture of the first turns.
+TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
+  std::atomic<bool> stalls = false;
+  std::atomic<int> waiting = 0;
+  const auto open_stalled = [&](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
+    SPLATVOL_TRY_ASSIGN(content, open_file(file));
+    return std::make_unique<test::StalledSource>(std::move(content), stalls, waiting);
+  };
+  ViewSettings settings;
+  settings.device = Device::cpu;
+  settings.in_current_context = false;
+  auto read = Session::read(path("v.svol"), "", settings, open_stalled);
+  ASSERT_TRUE(read) << read.error().message;
+  const auto session = Session::open(std::move(*read)).value();
+  const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };
+  const auto settled = [&] {
+    do draw();
+    while (!session->is_settled());
+    return session->image().value();
+  };
+  const Image first = settled();
+
+  stalls = true;
+  session->show_attribute("a1");
+  draw();
+  while (waiting == 0) std::this_thread::yield();
+  EXPECT_TRUE(session->is_reading());
+  session->scene.camera.position += 0.2 * (session->scene.camera.focal_point - session->scene.camera.position);
+  for (int i = 0; i < 20; ++i) draw();
+  EXPECT_TRUE(session->is_reading());
+  EXPECT_FALSE(session->is_settled());
+  EXPECT_EQ(session->attribute().name, "a0");
+  EXPECT_GT(compare_images(session->image().value(), first)->rmse, 0.001) << "the camera moves";
+
+  session->cancel_reading();
+  EXPECT_EQ(session->scene.attribute, "a0");
+  const Image nearer = settled();
+  EXPECT_TRUE(session->troubles().empty());
+
+  session->show_attribute("a1");
+  draw();
+  EXPECT_TRUE(session->is_reading());
+  stalls = false;
+  EXPECT_GT(compare_images(settled(), nearer)->rmse, 0.01);
+  EXPECT_EQ(session->attribute().name, "a1");
+  EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
+}
+
+}  // namespace
+}  // namespace splatvol

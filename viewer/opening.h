@@ -1,0 +1,47 @@
+// A file that is being opened for the window, on a thread of its own.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <future>
+#include <memory>
+#include <stop_token>
+#include <string>
+
+#include "base/error.h"
+#include "viewer/session.h"
+
+namespace splatvol {
+
+class Opening {
+ public:
+  /// Begins to open a volume with a scene, as `Session::read`. Where no thread starts, `take` opens it.
+  Opening(std::string path, std::string scene_path, const ViewSettings& settings);
+  Opening(const Opening&) = delete;
+  Opening& operator=(const Opening&) = delete;
+
+  /// Cancels it. A read from a server in progress ends within a tenth of a second.
+  ~Opening() { stop_.request_stop(); }
+
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+  /// Returns the bytes that have been read so far.
+  [[nodiscard]] std::uint64_t bytes_read() const { return *bytes_read_; }
+
+  /// Waits for the end up to a time. Returns whether it has ended.
+  [[nodiscard]] bool wait(std::chrono::milliseconds time) const {
+    return file_.wait_for(time) != std::future_status::timeout;
+  }
+
+  /// Waits for the end. Called once.
+  [[nodiscard]] Result<SessionFile> take() { return file_.get(); }
+
+ private:
+  std::string path_;
+  std::shared_ptr<std::atomic<std::uint64_t>> bytes_read_ = std::make_shared<std::atomic<std::uint64_t>>(0);
+  std::stop_source stop_;
+  std::future<Result<SessionFile>> file_;
+};
+
+}  // namespace splatvol
