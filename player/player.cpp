@@ -92,8 +92,8 @@ Result<std::unique_ptr<Player>> Player::open(PlayerFile file) {
 Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std::optional<Scene>& scene,
                                 const PlayerOptions& options, std::span<const Surface> before) {
   if (scene) SPLATVOL_TRY(make_view(*scene));
-  SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(),
-                                              options.read_surface, before));
+  SPLATVOL_TRY_ASSIGN(
+      surfaces, read_surfaces(scene ? scene->surfaces : std::vector<SceneSurface>(), options.read_surface, before));
   SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
   PlayerFile file{std::move(steps), step, {}, options, nullptr, std::move(surfaces)};
   if (scene) {
@@ -162,10 +162,10 @@ Status Player::replace(PlayerFile file) {
   SPLATVOL_TRY(check_surfaces(file.scene));
   std::unique_ptr<Rasterizer> other;
   if (!rasterizer_ || file.options.kernel != options_.kernel) {
-    SPLATVOL_TRY_ASSIGN(made, make_rasterizer(file.options.device,
-                                              {.kernel = file.options.kernel,
-                                               .gpu_bytes = file.options.gpu_memory,
-                                               .in_current_context = file.options.in_current_context}));
+    SPLATVOL_TRY_ASSIGN(made,
+                        make_rasterizer(file.options.device, {.kernel = file.options.kernel,
+                                                              .gpu_bytes = file.options.gpu_memory,
+                                                              .in_current_context = file.options.in_current_context}));
     other = std::move(made);
     SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
   }

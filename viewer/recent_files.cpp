@@ -57,8 +57,7 @@ void RecentFiles::add(const std::string& file) {
   if (path_.empty()) return;
   fs::create_directories(fs::path(path_).parent_path(), error);
   const nlohmann::json list = paths_;
-  static_cast<void>(
-      write_text_file(path_, list.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"));
+  static_cast<void>(write_text_file(path_, list.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"));
 }
 
 }  // namespace splatvol

@@ -33,20 +33,22 @@ Result<std::array<std::uint64_t, 64>> histogram_of(const format::Volume& volume,
   return histograms.empty() ? std::array<std::uint64_t, 64>{} : histograms[index];
 }
 
-// Adds what a session shows besides splats. Reads the coarsest splats, too.
-Result<SessionFile> with_data(SessionFile read) {
+// Adds what a session shows besides splats. Reads the coarsest splats, too. Unless it `must_fit`, the scene takes the
+// place of one that fits a file which is damaged.
+Result<SessionFile> with_data(SessionFile read, bool must_fit) {
   Streamer& streamer = *read.file.streamer;
   const Scene& scene = read.file.scene;
   SPLATVOL_TRY_ASSIGN(histogram, histogram_of(streamer.volume(), scene.attribute));
   SPLATVOL_TRY_ASSIGN(bounds, find_domain(streamer));
   read.histogram = histogram;
   read.bounds = bounds;
-  if (read.fits) {
-    read.fitting = scene;
-  } else {
-    SPLATVOL_TRY_ASSIGN(fitting, default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background}));
-    read.fitting = std::move(fitting);
-  }
+  read.fitting = scene;
+  if (read.fits) return read;
+  auto fitting = default_scene(streamer.volume(), scene.attribute, {512, 512, scene.background});
+  if (fitting)
+    read.fitting = std::move(*fitting);
+  else if (must_fit)
+    return tl::unexpected(fitting.error());
   return read;
 }
 
@@ -94,7 +96,8 @@ Result<SessionFile> Session::read(const std::string& path, const std::string& sc
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file));
   const std::size_t last = steps.last();
   SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), last, scene, player_options(settings)));
-  SPLATVOL_TRY_ASSIGN(read, with_data({.path = path, .fits = !scene, .settings = settings, .file = std::move(file)}));
+  SPLATVOL_TRY_ASSIGN(read,
+                      with_data({.path = path, .fits = !scene, .settings = settings, .file = std::move(file)}, false));
   return read;
 }
 
@@ -194,11 +197,12 @@ Status Session::read_change() {
   const bool is_aside = settings.reads_aside && settings.hurries;
   if (!reading_) {
     reading_.emplace(Reading{scene, settings, {}, {}});
-    const auto read = [reader, scene = scene, path = path_, stop = reading_->stop.get_token()]() -> Result<SessionFile> {
+    const auto read = [reader, path = path_, fits = fits_function_,
+                       stop = reading_->stop.get_token()]() -> Result<SessionFile> {
       const Interruptible interruptible(stop);
       SPLATVOL_TRY_ASSIGN(file, reader());
       SessionFile change{.path = path, .file = std::move(file)};
-      if (change.file.streamer) return with_data(std::move(change));
+      if (change.file.streamer) return with_data(std::move(change), fits);
       return change;
     };
     reading_->file = std::async(is_aside ? std::launch::async | std::launch::deferred : std::launch::deferred, read);

@@ -117,6 +117,7 @@ Status Viewer::open_scene(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(path));
   if (session_->info().find_attribute(scene.attribute) < 0)
     return fail(ErrorCode::invalid_argument, "{}: this file has no attribute '{}'", path, scene.attribute);
+  session_->cancel_reading();
   session_->scene = std::move(scene);
   return {};
 }
@@ -440,7 +441,8 @@ Status Viewer::draw_picture(double seconds) {
 }
 
 void Viewer::draw_overlays() {
-  if (!session_) return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", picture_area());
+  if (!session_)
+    return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", picture_area());
   if (saving_) return draw_message(fmt::format("{} is being drawn", saving_->path), picture_area());
   const View& view = session_->view();
   if (cut_ && session_->frame())
@@ -449,8 +451,8 @@ void Viewer::draw_overlays() {
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_)
-    draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(), ink_on(session_->scene.background),
-                    picture_area());
+    draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(),
+                    ink_on(session_->scene.background), picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
   // It looks at all splats: only where the pointer rests.
@@ -467,13 +469,14 @@ void Viewer::draw_opening() {
   const float scale = static_cast<float>(window_.content_scale);
   ImGui::SetNextWindowPos({static_cast<float>(area.left + area.width / 2), static_cast<float>(area.height / 2)},
                           ImGuiCond_Always, {0.5f, 0.5f});
-  ImGui::SetNextWindowSizeConstraints({0, 0}, {std::max(160 * scale, static_cast<float>(area.width) - 16 * scale), 1e6f});
+  ImGui::SetNextWindowSizeConstraints({0, 0},
+                                      {std::max(160 * scale, static_cast<float>(area.width) - 16 * scale), 1e6f});
   ImGui::Begin("opening", nullptr, ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize);
   if (opening_) {
     ImGui::TextUnformatted(fmt::format("opening {}", opening_->path()).c_str());
-    ImGui::TextUnformatted(fmt::format("{} read in {:.0f} s", byte_text(static_cast<double>(opening_->bytes_read())),
-                                       opening_seconds_)
-                               .c_str());
+    ImGui::TextUnformatted(
+        fmt::format("{} read in {:.0f} s", byte_text(static_cast<double>(opening_->bytes_read())), opening_seconds_)
+            .c_str());
   } else {
     ImGui::TextUnformatted("reading what the change needs");
   }
@@ -495,8 +498,9 @@ void Viewer::draw_probe() {
             pointer_in_picture().x / picture_area().unit_x, pointer_in_picture().y / picture_area().unit_y);
   if (!found) return;
   const std::string& unit = session_->attribute().unit;
-  ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->drawn_scene().attribute.c_str(), found->value,
-                    unit.c_str(), found->position.x, found->position.y, found->position.z, 100 * found->opacity);
+  ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->drawn_scene().attribute.c_str(),
+                    found->value, unit.c_str(), found->position.x, found->position.y, found->position.z,
+                    100 * found->opacity);
 }
 
 }  // namespace splatvol
