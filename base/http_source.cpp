@@ -31,8 +31,6 @@ constexpr long max_redirects = 8;
 constexpr const char* protocols = "http,https";
 constexpr const char* library_name = "libcurl.so.4";  // of all versions since 2006
 
-bool is_url(std::string_view text) { return text.starts_with("http://") || text.starts_with("https://"); }
-
 // Returns the address without user, password, query and fragment.
 std::string without_secrets(const std::string& url) {
   const std::size_t host = url.find("://") + 3;

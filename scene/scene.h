@@ -1,6 +1,7 @@
 // Cameras of scenes (splatvol/scene.h), and their axes.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -15,6 +16,29 @@ namespace splatvol {
 /// Reads or writes the object `camera` of a scene file. parse_camera fails if make_view would.
 [[nodiscard]] Result<Camera> parse_camera(const std::string& json);
 [[nodiscard]] std::string camera_to_json(const Camera& camera);
+
+/// What a scene file may tell besides the scene: of which file it is, and how finely it is drawn. The names are those
+/// of the programs' options.
+struct SceneUse {
+  std::string file = {};                 // path or address of the volume; empty: not told
+  std::optional<std::size_t> step = {};  // of a time series
+  std::optional<double> max_error = {};  // at most one of both
+  std::optional<double> tolerance = {};  // percent
+  std::string kernel = {};               // "moments" or "octant"; empty: not told
+
+  [[nodiscard]] bool operator==(const SceneUse&) const = default;
+};
+
+struct UsedScene {
+  Scene scene;
+  SceneUse use;
+};
+
+/// As parse_scene, load_scene and scene_to_json. A path is absolute after loading, as those of surfaces are.
+/// load_used_scene also takes the text of a scene file in place of its path. `indent` -1: the text is one line.
+[[nodiscard]] Result<UsedScene> parse_used_scene(const std::string& json);
+[[nodiscard]] Result<UsedScene> load_used_scene(const std::string& path_or_json);
+[[nodiscard]] std::string to_json(const UsedScene& used, int indent = 1);
 
 /// The camera as axes. View coordinates are x to the right, y up, z forwards, in world units, the eye at the origin.
 ///

@@ -314,8 +314,8 @@ Result<std::vector<SceneSurface>> read_surfaces(const Field& field) {
 Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
-  SPLATVOL_TRY(field.check_names({"camera", "image", "background", "attribute", "transfer_function", "clip_box",
-                                  "lighting", "outline", "surfaces"}));
+  SPLATVOL_TRY(field.check_names({"file", "step", "max_error", "tolerance", "kernel", "camera", "image", "background",
+                                  "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -356,6 +356,55 @@ Result<Scene> read_scene(const json& document) {
   return scene;
 }
 
+Result<double> positive_at(const Field& parent, const char* name) {
+  SPLATVOL_TRY_ASSIGN(field, parent.member(name));
+  SPLATVOL_TRY_ASSIGN(number, field.number());
+  if (!(number > 0)) return field.wrong("not above 0");
+  return number;
+}
+
+Result<SceneUse> read_use(const Field& field) {
+  SceneUse use;
+  if (field.has("file")) {
+    SPLATVOL_TRY_ASSIGN(file_field, field.member("file"));
+    SPLATVOL_TRY_ASSIGN(file, file_field.text());
+    if (file.empty()) return file_field.wrong("empty");
+    use.file = file;
+  }
+  if (field.has("step")) {
+    constexpr double most_steps = 1e15;  // a double holds whole numbers beyond
+    SPLATVOL_TRY_ASSIGN(step_field, field.member("step"));
+    SPLATVOL_TRY_ASSIGN(step, step_field.number());
+    if (step != std::floor(step) || step < 0 || step > most_steps) return step_field.wrong("not a whole number from 0");
+    use.step = static_cast<std::size_t>(step);
+  }
+  if (field.has("max_error")) {
+    SPLATVOL_TRY_ASSIGN(max_error, positive_at(field, "max_error"));
+    use.max_error = max_error;
+  }
+  if (field.has("tolerance")) {
+    SPLATVOL_TRY_ASSIGN(tolerance_field, field.member("tolerance"));
+    SPLATVOL_TRY_ASSIGN(tolerance, tolerance_field.number());
+    if (tolerance < 0 || tolerance > 100) return tolerance_field.wrong("{} is outside [0, 100]", tolerance);
+    if (use.max_error) return tolerance_field.wrong("give max_error or tolerance, not both");
+    use.tolerance = tolerance;
+  }
+  if (field.has("kernel")) {
+    SPLATVOL_TRY_ASSIGN(kernel_field, field.member("kernel"));
+    SPLATVOL_TRY_ASSIGN(kernel, kernel_field.text());
+    if (kernel != "moments" && kernel != "octant")
+      return kernel_field.wrong("'{}' is neither moments nor octant", kernel);
+    use.kernel = kernel;
+  }
+  return use;
+}
+
+Result<UsedScene> read_used_scene(const json& document) {
+  SPLATVOL_TRY_ASSIGN(scene, read_scene(document));
+  SPLATVOL_TRY_ASSIGN(use, read_use(Field(document, "")));
+  return UsedScene{std::move(scene), std::move(use)};
+}
+
 nlohmann::ordered_json json_of(const dvec3& v) { return {v.x, v.y, v.z}; }
 
 nlohmann::ordered_json json_of(const Camera& camera) {
@@ -370,8 +419,8 @@ nlohmann::ordered_json json_of(const Camera& camera) {
   return document;
 }
 
-std::string text_of(const nlohmann::ordered_json& document) {
-  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+std::string text_of(const nlohmann::ordered_json& document, int indent = 1) {
+  return document.dump(indent, ' ', false, json::error_handler_t::replace) + (indent < 0 ? "" : "\n");
 }
 
 // Parses JSON text and calls `read` with the document. Turns exceptions into errors.
@@ -386,7 +435,13 @@ auto parse(const std::string& text, const Read& read) -> decltype(read(json())) 
 
 }  // namespace
 
-Result<Scene> parse_scene(const std::string& text) { return parse(text, &read_scene); }
+// Both read all fields: a field that one of them refuses would be lost by the other.
+Result<UsedScene> parse_used_scene(const std::string& text) { return parse(text, &read_used_scene); }
+
+Result<Scene> parse_scene(const std::string& text) {
+  SPLATVOL_TRY_ASSIGN(used, parse_used_scene(text));
+  return std::move(used.scene);
+}
 
 Result<Camera> parse_camera(const std::string& text) {
   return parse(text, [](const json& document) -> Result<Camera> {
@@ -398,8 +453,16 @@ Result<Camera> parse_camera(const std::string& text) {
 
 std::string camera_to_json(const Camera& camera) { return text_of(json_of(camera)); }
 
-std::string scene_to_json(const Scene& scene) {
+std::string scene_to_json(const Scene& scene) { return to_json({scene, {}}); }
+
+std::string to_json(const UsedScene& used, int indent) {
+  const auto& [scene, use] = used;
   nlohmann::ordered_json document;
+  if (!use.file.empty()) document["file"] = use.file;
+  if (use.step) document["step"] = *use.step;
+  if (use.max_error) document["max_error"] = *use.max_error;
+  if (use.tolerance) document["tolerance"] = *use.tolerance;
+  if (!use.kernel.empty()) document["kernel"] = use.kernel;
   document["camera"] = json_of(scene.camera);
   document["image"] = {{"width", scene.width}, {"height", scene.height}};
   document["background"] = json_of(scene.background);
@@ -424,17 +487,30 @@ std::string scene_to_json(const Scene& scene) {
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
                                     {"edges", surface.edges}});
-  return text_of(document);
+  return text_of(document, indent);
+}
+
+Result<UsedScene> load_used_scene(const std::string& path_or_json) {
+  const bool is_text = path_or_json.starts_with('{');
+  std::string text = path_or_json;
+  if (!is_text) {
+    SPLATVOL_TRY_ASSIGN(read, read_text_file(path_or_json));
+    text = std::move(read);
+  }
+  auto used = parse_used_scene(text);
+  if (!used) return fail_in(is_text ? "the scene" : path_or_json, used.error());
+  std::error_code error;
+  const std::filesystem::path folder =
+      is_text ? std::filesystem::current_path(error) : std::filesystem::absolute(path_or_json, error).parent_path();
+  const auto make_absolute = [&](std::string& path) { path = (folder / path).lexically_normal().string(); };
+  for (SceneSurface& surface : used->scene.surfaces) make_absolute(surface.file);
+  if (!used->use.file.empty() && !is_url(used->use.file)) make_absolute(used->use.file);
+  return used;
 }
 
 Result<Scene> load_scene(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(text, read_text_file(path));
-  auto scene = parse_scene(text);
-  if (!scene) return fail_in(path, scene.error());
-  std::error_code error;
-  const std::filesystem::path folder = std::filesystem::absolute(path, error).parent_path();
-  for (SceneSurface& surface : scene->surfaces) surface.file = (folder / surface.file).lexically_normal().string();
-  return scene;
+  SPLATVOL_TRY_ASSIGN(used, load_used_scene(path));
+  return std::move(used.scene);
 }
 
 }  // namespace splatvol

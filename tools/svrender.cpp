@@ -56,8 +56,26 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
   return {};
 }
 
-Status render(const RenderOptions& options) {
+// Takes over what the scene tells of its use, unless an option tells it.
+Status use_scene(RenderOptions& options) {
+  if (options.scene.empty()) return {};
+  SPLATVOL_TRY_ASSIGN(used, load_used_scene(options.scene));
+  const SceneUse& use = used.use;
+  if (!options.kernel && !use.kernel.empty()) options.kernel = use.kernel;
+  if (!options.step.step && !options.step.time && options.steps.empty()) options.step.step = use.step;
+  if (options.tells_detail) return {};
+  if (use.max_error) options.max_error = use.max_error;
+  if (use.tolerance) {
+    options.max_error.reset();
+    options.grows = false;
+    options.detail.tolerance_percent = *use.tolerance;
+  }
+  return {};
+}
+
+Status render(RenderOptions options) {
   const double start = seconds_now();
+  SPLATVOL_TRY(use_scene(options));
   SPLATVOL_TRY(check_outputs({options.output, options.stats, options.movie}, {options.volume, options.scene}));
   SPLATVOL_TRY_ASSIGN(composition, compose(options));
   const Scene& scene = composition.scene;

@@ -6,8 +6,8 @@
 #include <limits>
 
 #include "player/camera_motion.h"
+#include "player/movie.h"
 #include "player/statistics.h"
-#include "tools/movie.h"
 #include "tools/reading.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -237,7 +237,7 @@ Provenance provenance_of(const RenderOptions& options, const Drawing& drawing) {
                            {"file", volume.name()},
                            {"scene", options.scene.empty() ? "one that fits the data" : options.scene},
                            {"attribute", player.scene().attribute},
-                           {"kernel", options.kernel},
+                           {"kernel", options.kernel.value_or("moments")},
                            {"sort", options.sort},
                            {"raster", std::string(name_of(player.compositing()))},
                            {"sample_spacing", fmt::format("{}", player.sample_spacing())},

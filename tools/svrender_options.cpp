@@ -2,9 +2,9 @@
 
 #include <cstdlib>
 
+#include "player/movie.h"
 #include "renderer/rasterizer.h"
 #include "streamer/error_control.h"
-#include "tools/movie.h"
 #include "tools/scene_options.h"
 #include "tools/svrender_page.h"
 #include "tools/tool.h"
@@ -90,7 +90,7 @@ void add_drawing_options(CLI::App& app, RenderOptions& options) {
                  "Shape of a splat: moments: an ellipsoid that matches the material; octant: round, as in the paper of "
                  "2001")
       ->check(CLI::IsMember({"moments", "octant"}))
-      ->capture_default_str();
+      ->default_str("moments");
   app.add_option("--sort", options.sort,
                  "Order of drawing, back to front: none: by node; axis: along the axis nearest to the line of sight, "
                  "sorted once for all views; exact: for each view")
@@ -143,7 +143,10 @@ void check_frames(const RenderOptions& options) {
 // before an error can be measured.
 void set_default_error(const CLI::App& app, RenderOptions& options) {
   for (const char* other : {"--tolerance", "--resolution", "--max-error", "--splats", "--milliseconds"})
-    if (app.count(other) > 0) return;
+    if (app.count(other) > 0) {
+      options.tells_detail = true;
+      return;
+    }
   if (!options.progress_frames.empty() && !options.moves() && !options.plays()) return;
   options.max_error = default_max_error;
   options.grows = !options.moves() && !options.plays();

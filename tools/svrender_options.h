@@ -37,11 +37,12 @@ struct RenderOptions {
   std::string device = "auto";
   std::string sort = "exact";
   std::string raster = "auto";
-  std::string kernel = "moments";
+  std::optional<std::string> kernel;
   std::string sampling = "auto";
   DetailOptions detail;
   std::optional<double> max_error;
-  bool grows = false;  // to max_error in finer and finer pictures, instead of looking for the fewest splats
+  bool tells_detail = false;  // else the scene may tell it
+  bool grows = false;         // to max_error in finer and finer pictures, instead of looking for the fewest splats
   std::optional<std::uint64_t> splats;
   std::optional<double> milliseconds;
   int repeat = 1;

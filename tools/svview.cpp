@@ -26,9 +26,9 @@ struct Options {
   std::string memory = default_memory(512);
   std::string gpu_memory = "1G";
   std::string device = "auto";
-  std::string kernel = "moments";
-  double max_error = default_max_error;
-  std::optional<double> tolerance;
+  std::optional<std::size_t> step;
+  std::optional<std::string> kernel;
+  std::optional<double> max_error, tolerance;
   std::string record;      // file; empty: none
   std::string replay;      // file
   std::string screenshot;  // file
@@ -45,13 +45,15 @@ Result<ViewerOptions> viewer_options(const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, parse_bytes(options.memory));
   SPLATVOL_TRY_ASSIGN(gpu_memory, parse_bytes(options.gpu_memory));
   SPLATVOL_TRY_ASSIGN(device, parse_device(options.device));
-  ViewerOptions setup{options.volume, options.scene, {}, {}};
+  ViewerOptions setup{.volume = options.volume, .scene = options.scene, .settings = {}};
   setup.settings.memory = memory;
   setup.settings.gpu_memory = gpu_memory;
   setup.settings.device = device;
-  setup.settings.kernel = options.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
-  setup.settings.max_error = options.max_error;
-  setup.settings.tolerance = options.tolerance;
+  setup.use = {.file = options.volume,
+               .step = options.step,
+               .max_error = options.max_error,
+               .tolerance = options.tolerance,
+               .kernel = options.kernel.value_or("")};
   SPLATVOL_TRY_ASSIGN(read_surface, usual_surface_reader());
   setup.settings.read_surface = std::move(read_surface);
   return setup;
@@ -76,6 +78,7 @@ Status look(const Options& options) {
   setup.recent_files = usual_recent_files_path();
   if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
+  setup.clipboard = window->clipboard();
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   window->set_title(viewer->title());
   std::string title = viewer->title();
@@ -229,7 +232,8 @@ Status play(const Options& options) {
   if (!std::filesystem::is_directory(options.frames)) return fail(ErrorCode::io, "{}: no such folder", options.frames);
   setup.settings.in_current_context = false;
   setup.settings.hurries = false;
-  SPLATVOL_TRY_ASSIGN(session, Session::open(setup.volume, setup.scene, setup.settings));
+  SPLATVOL_TRY_ASSIGN(file, Session::read(setup.use, setup.scene, setup.settings));
+  SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file)));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
   ProgressBar bar("draw");
   for (int i = 0; i < count; ++i) {
@@ -238,15 +242,16 @@ Status play(const Options& options) {
     while (!session->is_settled());
     SPLATVOL_TRY_ASSIGN(image, session->page({}));
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
-                             {{"software", "svview " SPLATVOL_VERSION}, {"file", options.volume}}));
+                             {{"software", "svview " SPLATVOL_VERSION}, {"file", session->path()}}));
     bar.update((i + 1.0) / count);
   }
   return failure_of(session->troubles());
 }
 
-Status run(const Options& options) {
+Status run(Options options) {
+  if (options.scene.empty() && options.volume.ends_with(".json")) options.scene = std::exchange(options.volume, "");
   SPLATVOL_TRY(check_outputs({options.record, options.screenshot, options.stats},
-                             {options.volume, options.scene, options.replay}));
+                             {options.volume, options.scene.starts_with('{') ? "" : options.scene, options.replay}));
   if (!options.play.empty()) return play(options);
   if (!options.replay.empty() || !options.screenshot.empty()) return replay(options);
   return look(options);
@@ -254,11 +259,14 @@ Status run(const Options& options) {
 
 void add_view_options(CLI::App& app, Options& options) {
   app.add_option("volume", options.volume,
-                 "The .svol file, the index of a series of files (.svols), or its address (https://...)")
-      ->type_name("FILE.svol|URL");
-  app.add_option("--scene", options.scene, "Scene to begin with (docs/scene.md); default: one that fits the data")
-      ->type_name("S.json")
-      ->needs("volume");
+                 "The .svol file, the index of a series of files (.svols), or its address (https://...); or a scene "
+                 "that names one")
+      ->type_name("FILE.svol|URL|S.json");
+  app.add_option("--scene", options.scene,
+                 "Scene to begin with (docs/scene.md), as a file or as its text; default: one that fits the data")
+      ->type_name("S.json|TEXT");
+  app.add_option("--step", options.step, "Number of the time step to begin with; default: the scene's, or the last")
+      ->type_name("N");
   app.add_option("--size", options.size, "Size of the window")
       ->type_name("WxH")
       ->capture_default_str()
@@ -273,7 +281,7 @@ void add_view_options(CLI::App& app, Options& options) {
                      "it; all points of a file with up to 524,288")
           ->type_name("RMSE")
           ->check(check_positive)
-          ->capture_default_str();
+          ->default_str(fmt::format("{}", default_max_error));
   app.add_option("--tolerance", options.tolerance,
                  "Percent of the picture that a splat may cover, at rest, instead of an error; 0: all points")
       ->type_name("PERCENT")
@@ -282,7 +290,7 @@ void add_view_options(CLI::App& app, Options& options) {
   add_device_option(app, options.device);
   app.add_option("--kernel", options.kernel, "Shape of a splat, as in svrender")
       ->check(CLI::IsMember({"moments", "octant"}))
-      ->capture_default_str();
+      ->default_str("moments");
 }
 
 void add_recording_options(CLI::App& app, Options& options) {

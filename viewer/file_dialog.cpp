@@ -18,8 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_address(const std::string& path) { return path.starts_with("http://") || path.starts_with("https://"); }
-
 // What the viewer opens: volumes, indices of series, scenes and colour maps.
 bool is_ours(const std::string& name) {
   return name.ends_with(".svol") || name.ends_with(".svols") || name.ends_with(".json");
@@ -30,7 +28,7 @@ bool is_ours(const std::string& name) {
 void FileDialog::open(const std::string& file) {
   std::error_code error;
   std::string folder = folder_.empty() ? "." : folder_;
-  if (!file.empty() && !is_address(file)) folder = folder_of(file);
+  if (!file.empty() && !is_url(file)) folder = folder_of(file);
   is_open_ = is_new_ = true;
   typed_[0] = 0;
   const fs::path absolute = fs::absolute(folder, error).lexically_normal();
@@ -61,13 +59,13 @@ void FileDialog::enter(const std::string& folder) {
 std::optional<std::string> FileDialog::choose(const std::string& path) {
   if (path.empty()) return {};
   std::error_code error;
-  const std::string whole = is_address(path) ? path : (fs::path(folder_) / path).lexically_normal().string();
-  if (!is_address(path) && fs::is_directory(whole, error)) {
+  const std::string whole = is_url(path) ? path : (fs::path(folder_) / path).lexically_normal().string();
+  if (!is_url(path) && fs::is_directory(whole, error)) {
     enter(whole);
     typed_[0] = 0;
     return {};
   }
-  if (!is_address(path)) folder_ = folder_of(whole);
+  if (!is_url(path)) folder_ = folder_of(whole);
   is_open_ = false;
   return whole;
 }

@@ -90,13 +90,25 @@ void feed(ImGuiIO&, const FilesDropped&) {}
 
 }  // namespace
 
-Result<std::unique_ptr<Gui>> Gui::create() {
+Result<std::unique_ptr<Gui>> Gui::create(Clipboard clipboard) {
   std::unique_ptr<Gui> gui(new Gui);
+  gui->clipboard_ = std::move(clipboard);
   gui->context_ = ImGui::CreateContext();
   ImGuiIO& io = ImGui::GetIO();
   io.IniFilename = nullptr;
   io.BackendFlags |= ImGuiBackendFlags_RendererHasVtxOffset;
   name_keys(io);
+  io.ClipboardUserData = gui.get();
+  io.SetClipboardTextFn = [](void* user, const char* text) {
+    Gui& of = *static_cast<Gui*>(user);
+    of.copied_ = text;
+    if (of.clipboard_.copy) of.clipboard_.copy(of.copied_);
+  };
+  io.GetClipboardTextFn = [](void* user) {
+    Gui& of = *static_cast<Gui*>(user);
+    if (of.clipboard_.paste) of.copied_ = of.clipboard_.paste();
+    return of.copied_.c_str();
+  };
   SPLATVOL_TRY_ASSIGN(program, build_program("interface", {{GL_VERTEX_SHADER, {vertex_source}},
                                                            {GL_FRAGMENT_SHADER, {fragment_source}}}));
   gui->program_ = std::move(program);

@@ -1,7 +1,9 @@
 // Dear ImGui on OpenGL 4.5, fed with recorded or live events.
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <string>
 
 #include "base/error.h"
 #include "renderer/gl/gl_objects.h"
@@ -12,10 +14,16 @@ struct ImGuiContext;
 
 namespace splatvol {
 
+/// The desktop's clipboard. Without one, the interface has one of its own.
+struct Clipboard {
+  std::function<void(const std::string&)> copy = {};
+  std::function<std::string()> paste = {};
+};
+
 /// Holds the interface's state and draws it. One at a time; needs the context that was current at `create`.
 class Gui {
  public:
-  [[nodiscard]] static Result<std::unique_ptr<Gui>> create();
+  [[nodiscard]] static Result<std::unique_ptr<Gui>> create(Clipboard clipboard = {});
   Gui(const Gui&) = delete;
   Gui& operator=(const Gui&) = delete;
   ~Gui();
@@ -42,6 +50,8 @@ class Gui {
   void set_state(const ImDrawData& data, int width, int height) const;
 
   ImGuiContext* context_ = nullptr;
+  Clipboard clipboard_;
+  std::string copied_;  // without a desktop's clipboard, or what it holds
   Program program_;
   VertexArray vertex_array_;
   Buffer vertices_{"vertices of the interface"};

@@ -32,14 +32,15 @@ class CountedSource final : public ByteSource {
 
 }  // namespace
 
-Opening::Opening(std::string path, std::string scene_path, const ViewSettings& settings) : path_(std::move(path)) {
+Opening::Opening(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings)
+    : path_(asked.file.empty() ? scene_path : asked.file) {
   const auto open_counted = [count = bytes_read_](const std::string& file) -> Result<std::unique_ptr<ByteSource>> {
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
     return std::make_unique<CountedSource>(std::move(source), count);
   };
-  const auto read = [=, path = path_, stop = stop_.get_token()] {
+  const auto read = [=, stop = stop_.get_token()] {
     const Interruptible interruptible(stop);
-    return Session::read(path, scene_path, settings, open_counted);
+    return Session::read(asked, scene_path, settings, open_counted);
   };
   file_ = std::async(std::launch::async | std::launch::deferred, read);
 }

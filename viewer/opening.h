@@ -17,13 +17,14 @@ namespace splatvol {
 class Opening {
  public:
   /// Begins to open a volume with a scene, as `Session::read`. Where no thread starts, `take` opens it.
-  Opening(std::string path, std::string scene_path, const ViewSettings& settings);
+  Opening(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings);
   Opening(const Opening&) = delete;
   Opening& operator=(const Opening&) = delete;
 
   /// Cancels it. A read from a server in progress ends within a tenth of a second.
   ~Opening() { stop_.request_stop(); }
 
+  /// Returns the path of the volume, or of the scene that names it.
   [[nodiscard]] const std::string& path() const { return path_; }
 
   /// Returns the bytes that have been read so far.

@@ -1,122 +1,308 @@
 #include "viewer/probe.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
-#include <span>
+#include <utility>
 #include <variant>
-#include <vector>
+
+#include "base/splat_kernel.h"
+#include "renderer/transfer_table.h"
 
 namespace splatvol {
 namespace {
 
-constexpr double reach = 4;  // deviations; a splat farther from the ray is left out
+constexpr std::uint32_t chunk_splats = 256;
+constexpr std::size_t sample_count = 256;
+constexpr double low_pass = 0.1;          // variance that rasterizers add, squared pixels
+constexpr double thinnest = 1e-6;         // share of the largest deviation: a ray still meets a flat splat
+constexpr double invisible = 1e-3;        // opacity
+constexpr double most_opaque = 1 - 1e-6;  // a picture rounds its opacity
+constexpr double gaussian_reach = 4;      // deviations of a splat of the kernel octant
+constexpr double octant_deviation = 0.4;  // of its size
+constexpr std::size_t table_columns = 512, table_rows = 64;
 
-struct Ray {
-  dvec3 origin, direction;  // of length 1
+// Nodes and weights of Gauss and Legendre on [-1, 1].
+constexpr std::array<std::pair<double, double>, 6> chord_nodes = {{{-0.9324695142031521, 0.1713244923791704},
+                                                                   {-0.6612093864662645, 0.3607615730481386},
+                                                                   {-0.2386191860831969, 0.4679139345726910},
+                                                                   {0.2386191860831969, 0.4679139345726910},
+                                                                   {0.6612093864662645, 0.3607615730481386},
+                                                                   {0.9324695142031521, 0.1713244923791704}}};
+
+// Mean extinction of normally distributed values.
+class Extinctions {
+ public:
+  explicit Extinctions(const TransferFunction& function)
+      : function_(function), table_(make_transfer_table(function, table_columns, table_rows)) {}
+
+  // `t`: in units of the domain.
+  [[nodiscard]] double of(const AxisMoments& t) const {
+    constexpr double growth = 513;  // TransferTable
+    const double row =
+        static_cast<double>(table_.rows - 1) * std::log1p(64 * std::max(t.deviation, 0.0)) / std::log(growth);
+    const double inner = static_cast<double>(table_.columns - 1 - 2 * TransferTable::margin);
+    const double last_row = static_cast<double>(table_.rows - 1);
+    const std::size_t r = static_cast<std::size_t>(std::clamp(row, 0.0, last_row - 1));
+    const double f = std::clamp(row - static_cast<double>(r), 0.0, 1.0);
+    const auto at = [&](std::size_t j) {
+      const double column =
+          static_cast<double>(TransferTable::margin) + inner * ((t.mean - 0.5) / (1 + 8 * table_.spread(j)) + 0.5);
+      const double last = static_cast<double>(table_.columns - 1);
+      const double place = std::clamp(column, 0.0, last);
+      const std::size_t i = static_cast<std::size_t>(std::min(place, last - 1));
+      const double g = place - static_cast<double>(i);
+      const vec4* entries = table_.entries.data() + j * table_.columns + i;
+      return (1 - g) * static_cast<double>(entries[0].a) + g * static_cast<double>(entries[1].a);
+    };
+    return (1 - f) * at(r) + f * at(r + 1);
+  }
+
+  [[nodiscard]] double of(double value, double deviation) const { return of(function_.moments_of(value, deviation)); }
+
+ private:
+  const TransferFunction& function_;
+  TransferTable table_;
 };
 
-Ray ray_through(const View& view, double x, double y) {
-  const dvec3 aside = (x - 0.5 * view.width) / view.focal * view.right + (0.5 * view.height - y) / view.focal * view.up;
-  if (view.orthographic) return {view.eye + aside, view.forward};
-  return {view.eye, glm::normalize(view.forward + aside)};
+// A splat's part of a ray. Along it, from -1 to 1 in u, density and value are known.
+struct Chord {
+  double begin, end;         // distances along the ray
+  double middle, half;       // of the whole chord, before the boundary plane and the eye cut it
+  double density;            // per world unit, at u = 0, times the visible share
+  bool is_gaussian = false;  // `half` is a deviation; else density falls as (1 - u^2)^(3/2)
+  double value, slope;       // at u = 0, and per u
+  double deviation;          // of the values about this
+  double optical_depth = 0;
+
+  [[nodiscard]] double density_at(double distance) const {
+    const double u = (distance - middle) / half;
+    if (is_gaussian) return density * std::exp(-u * u / 2);
+    const double rest = 1 - u * u;
+    return rest > 0 ? density * rest * std::sqrt(rest) : 0;
+  }
+  [[nodiscard]] double value_at(double distance) const { return value + slope * (distance - middle) / half; }
+};
+
+void add_depth(Chord& chord, const Extinctions& extinctions) {
+  const double middle = 0.5 * (chord.begin + chord.end), half = 0.5 * (chord.end - chord.begin);
+  for (const auto& [node, weight] : chord_nodes) {
+    const double distance = middle + node * half;
+    chord.optical_depth +=
+        weight * half * chord.density_at(distance) * extinctions.of(chord.value_at(distance), chord.deviation);
+  }
 }
 
-// The optical depth of one Gaussian on a ray, at the distance along the ray where it is densest.
-struct Crossing {
-  double distance;
-  double optical_depth;
-  double value;
-};
+// The material is half of an ellipsoid if it ends at a plane: spec/svol-1.md, section 8.
+std::optional<Chord> chord_of(const Material& splat, const dvec3& origin, const DrawingUnits& units, float weight,
+                              const Looking& looking) {
+  if (!(splat.mass > 0) || !(splat.deviations.x > 0) || std::isnan(splat.value)) return {};
+  const dmat3 axes = glm::mat3_cast(splat.orientation);
+  const dvec3 center = origin + units.length * splat.center;
+  const double distance = std::max(glm::dot(center - looking.ray.origin, looking.ray.direction), 0.0);
+  const double pixel = looking.pixel * (looking.orthographic ? 1 : distance);
+  dvec3 deviations = units.length * splat.deviations;
+  deviations = glm::max(deviations, dvec3(thinnest * deviations.x));
+  const dvec3 widened = glm::sqrt(deviations * deviations + dvec3(low_pass * pixel * pixel));
 
-struct Gaussian {
-  dvec3 center;
-  dmat3 axes;        // columns
-  dvec3 deviations;  // along them
-  double mass, value;
-};
+  // In units of the widened deviations. Widening does not move the boundary plane.
+  const dvec3 kept = deviations / widened, across = splat.boundary / kept;
+  const double square_of_foot = glm::dot(splat.boundary, splat.boundary);
+  const dvec3 foot = square_of_foot > 0 ? across * (square_of_foot / glm::dot(across, across)) : dvec3(0);
+  const double foot_length = glm::length(foot), stretch = std::sqrt(1 + foot_length * foot_length);
+  const dvec3 normal = foot_length > 0 ? foot / foot_length : dvec3(0);
+  const auto to_ball = [&](const dvec3& v) {
+    return (v + (1 / stretch - 1) * glm::dot(normal, v) * normal) / moments_half_width;
+  };
+  const dvec3 local_origin = (looking.ray.origin - center) * axes / widened;
+  const dvec3 local_direction = looking.ray.direction * axes / widened;
+  const dvec3 from = to_ball(local_origin - foot), along = to_ball(local_direction);
+  const double square = glm::dot(along, along), nearest = -glm::dot(from, along) / square;
+  const dvec3 miss = from + nearest * along;
+  const double rest = 1 - glm::dot(miss, miss);
+  if (!(rest > 0)) return {};
+  Chord chord{};
+  chord.middle = nearest;
+  chord.half = std::sqrt(rest / square);
+  chord.begin = std::max(nearest - chord.half, 0.0);
+  chord.end = nearest + chord.half;
+  if (foot_length > 0) {
+    const double slope = glm::dot(local_direction, normal);
+    const double meeting = (foot_length - glm::dot(local_origin, normal)) / slope;
+    if (slope > 0) chord.end = std::min(chord.end, meeting);
+    if (slope < 0) chord.begin = std::max(chord.begin, meeting);
+    if (slope == 0 && glm::dot(local_origin, normal) > foot_length) return {};
+  }
+  if (!(chord.begin < chord.end)) return {};
+  const double half_axes = std::pow(moments_half_width, 3) * widened.x * widened.y * widened.z * stretch;
+  const double mass = units.volume(splat.mass) * static_cast<double>(weight) * (foot_length > 0 ? 2 : 1);
+  chord.density = mass * moments_peak / half_axes * rest * std::sqrt(rest);
 
-constexpr double thinnest = 1e-4;  // share of the largest deviation: a ray still meets a flat splat
-
-Gaussian gaussian_of(const Material& splat, const dvec3& origin, const DrawingUnits& units) {
-  const dvec3 deviations = units.length * splat.deviations;
-  return {origin + units.length * splat.center, glm::mat3_cast(splat.orientation),
-          glm::max(deviations, dvec3(thinnest * deviations.x)), units.volume(splat.mass), units.value(splat.value)};
+  const double deviation = units.value_scale * splat.value_deviation;
+  const dvec3 gradient = deviation * splat.correlations * kept;  // per widened deviation
+  const dvec3 at_middle = local_origin + nearest * local_direction;
+  chord.value = units.value(splat.value) + glm::dot(gradient, at_middle);
+  chord.slope = glm::dot(gradient, local_direction) * chord.half;
+  const dvec3 squares = splat.correlations * splat.correlations;
+  const double unexplained = std::max(1 - squares.x - squares.y - squares.z, 0.0);
+  const double smoothed = glm::dot(squares, dvec3(1) - kept * kept);
+  chord.deviation = deviation * std::sqrt(unexplained + smoothed);
+  return chord;
 }
 
 // A ball whose centre is as opaque as the splat's.
-Gaussian gaussian_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units) {
-  const double size = units.length * static_cast<double>(splat.size), deviation = 0.4 * size;
-  return {origin + units.length * dvec3(splat.position), dmat3(1), dvec3(deviation),
-          size * 2 * std::numbers::pi * deviation * deviation, units.value(static_cast<double>(splat.value))};
+std::optional<Chord> chord_of(const OctantSplat& splat, const dvec3& origin, const DrawingUnits& units, float weight,
+                              const Looking& looking) {
+  const double size = units.length * static_cast<double>(splat.size), deviation = octant_deviation * size;
+  if (!(size > 0) || std::isnan(splat.value)) return {};
+  const dvec3 from = looking.ray.origin - origin - units.length * dvec3(splat.position);
+  const double nearest = -glm::dot(from, looking.ray.direction);
+  const dvec3 miss = from + nearest * looking.ray.direction;
+  const double far = glm::dot(miss, miss) / (deviation * deviation);
+  if (far > gaussian_reach * gaussian_reach) return {};
+  Chord chord{};
+  chord.is_gaussian = true;
+  chord.middle = nearest;
+  chord.half = deviation;
+  chord.begin = std::max(nearest - gaussian_reach * deviation, 0.0);
+  chord.end = nearest + gaussian_reach * deviation;
+  if (!(chord.begin < chord.end)) return {};
+  chord.density =
+      static_cast<double>(weight) * size / (deviation * std::sqrt(2 * std::numbers::pi)) * std::exp(-far / 2);
+  chord.value = units.value(static_cast<double>(splat.value));
+  return chord;
 }
 
-std::optional<Crossing> cross(const Ray& ray, const Gaussian& g, const TransferFunction& function) {
-  if (!(g.mass > 0) || !(g.deviations.x > 0) || std::isnan(g.value)) return {};
-  // In units of the deviations the Gaussian is round.
-  const dvec3 from = (ray.origin - g.center) * g.axes / g.deviations;
-  const dvec3 along = ray.direction * g.axes / g.deviations;
-  const double square = glm::dot(along, along), nearest = -glm::dot(from, along) / square;
-  if (!(nearest > 0)) return {};
-  const dvec3 miss = from + nearest * along;
-  const double far = glm::dot(miss, miss);
-  if (far > reach * reach) return {};
-  const double volume = std::pow(2 * std::numbers::pi, 1.5) * g.deviations.x * g.deviations.y * g.deviations.z;
-  const double depth =
-      function.extinction(g.value) * g.mass / volume * std::exp(-far / 2) * std::sqrt(2 * std::numbers::pi / square);
-  if (!(depth > 0)) return {};
-  return Crossing{nearest, depth, g.value};
+dvec3 position_of(const RecordBlock& block, const PackedPosition& position, const DrawingUnits& units) {
+  return block.origin + units.length * block.step * dvec3(position.offset());
 }
 
-// Finds the crossings of a range. `deviation`: about the largest of a splat, drawing units; splats that are too far
-// from the ray by it are not unpacked, which would take most of the time.
-template <class Shape, class Deviation, class Unpack>
-void find_crossings(const DrawRange& range, std::span<const Shape> shapes, const Deviation& deviation,
-                    const Unpack& unpack_one, const TransferFunction& function, const DrawingUnits& units,
-                    const Ray& ray, std::vector<Crossing>& found) {
-  const RecordBlock& block = range.row.shapes->blocks()[range.block];
-  for (std::uint32_t i = range.begin; i < range.begin + range.count; ++i) {
-    const dvec3 from = block.origin + units.length * block.step * dvec3(shapes[i].position.offset()) - ray.origin;
-    const dvec3 miss = from - glm::dot(from, ray.direction) * ray.direction;
-    const double near = 1.01 * reach * units.length * deviation(shapes[i]);
-    if (glm::dot(miss, miss) > near * near) continue;
-    if (const auto crossing = cross(ray, gaussian_of(unpack_one(range.row, i), block.origin, units), function))
-      found.push_back(*crossing);
+bool is_missed(const Ray& ray, const dvec3& center, double radius) {
+  const dvec3 from = center - ray.origin;
+  const double along = glm::dot(from, ray.direction);
+  const dvec3 miss = from - along * ray.direction;
+  return along < -radius || glm::dot(miss, miss) > radius * radius;
+}
+
+// The sum of all chords' densities and values at equal distances, and the opacity so far.
+std::vector<Probe::Sample> samples_of(const std::vector<Chord>& chords, const Extinctions& extinctions) {
+  double begin = std::numeric_limits<double>::infinity(), end = 0;
+  for (const Chord& chord : chords) begin = std::min(begin, chord.begin), end = std::max(end, chord.end);
+  const double step = (end - begin) / static_cast<double>(sample_count - 1);
+  std::vector<double> density(sample_count), value(sample_count), depth(sample_count);
+  for (const Chord& chord : chords) {
+    const auto first = static_cast<std::size_t>(std::max(std::ceil((chord.begin - begin) / step), 0.0));
+    for (std::size_t i = first; i < sample_count; ++i) {
+      const double distance = begin + static_cast<double>(i) * step;
+      if (distance > chord.end) break;
+      const double d = chord.density_at(distance), v = chord.value_at(distance);
+      density[i] += d;
+      value[i] += d * v;
+      depth[i] += d * extinctions.of(v, chord.deviation);
+    }
   }
-}
-
-void find_crossings(const DrawRange& range, const TransferFunction& function, const DrawingUnits& units, const Ray& ray,
-                    std::vector<Crossing>& found) {
-  const ShapeRow::Records& records = range.row.shapes->records();
-  if (const auto* octants = std::get_if<std::vector<OctantShape>>(&records)) {
-    const auto deviation = [](const OctantShape& shape) { return 0.4 * static_cast<double>(shape.size); };
-    find_crossings(range, std::span(*octants), deviation, unpack_octant, function, units, ray, found);
-  } else {
-    const double scale = range.row.shapes->deviation_scale();
-    const auto deviation = [&](const MomentsShape& shape) { return log_number(shape.deviations[0], scale); };
-    find_crossings(range, std::span(std::get<std::vector<MomentsShape>>(records)), deviation, unpack, function, units,
-                   ray, found);
+  double total = 0, sampled = 0;
+  for (const Chord& chord : chords) total += chord.optical_depth;
+  for (const double d : depth) sampled += d;
+  const double scale = sampled > 0 ? total / sampled : 0;  // thin splats lie between samples
+  std::vector<Probe::Sample> samples;
+  double passed = 0;
+  for (std::size_t i = 0; i < sample_count; ++i) {
+    passed += depth[i] * scale;
+    samples.push_back({begin + static_cast<double>(i) * step,
+                       density[i] > 0 ? value[i] / density[i] : std::numeric_limits<double>::quiet_NaN(),
+                       -std::expm1(-passed)});
   }
+  return samples;
 }
 
 }  // namespace
 
-std::optional<Probe> probe(const DrawList& list, const TransferFunction& function, const DrawingUnits& units,
-                           const View& view, double x, double y) {
-  const Ray ray = ray_through(view, x, y);
-  std::vector<Crossing> crossings;
-  for (const DrawRange& range : list.ranges) find_crossings(range, function, units, ray, crossings);
-  std::ranges::sort(crossings, {}, &Crossing::distance);
+Looking looking_through(const View& view, double x, double y) {
+  const dvec3 aside = (x - 0.5 * view.width) / view.focal * view.right + (0.5 * view.height - y) / view.focal * view.up;
+  if (view.orthographic) return {{view.eye + aside, view.forward}, 1 / view.focal, true};
+  return {{view.eye, glm::normalize(view.forward + aside)}, 1 / view.focal, false};
+}
+
+ProbedFrame::ProbedFrame(DrawList list, const DrawingUnits& units) : list_(std::move(list)), units_(units) {
+  for (std::uint32_t number = 0; number < list_.ranges.size(); ++number) {
+    const ShapeRow& row = *list_.ranges[number].row.shapes;
+    if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records())) {
+      add_chunks(number, *octants, [](const OctantShape& shape) {
+        return gaussian_reach * octant_deviation * static_cast<double>(shape.size);
+      });
+    } else {
+      const double scale = row.deviation_scale();
+      add_chunks(number, std::get<std::vector<MomentsShape>>(row.records()), [&](const MomentsShape& shape) {
+        constexpr double farthest_foot = 4;  // deviations along each axis, as records hold them
+        const double stretch = shape.boundary == 0 ? 1 : 1 + 1.1 * std::sqrt(3.0) * farthest_foot;
+        return stretch * moments_half_width * log_number(shape.deviations[0], scale);
+      });
+    }
+  }
+}
+
+template <class Shape, class Reach>
+void ProbedFrame::add_chunks(std::uint32_t number, const std::vector<Shape>& shapes, const Reach& reach) {
+  const DrawRange& range = list_.ranges[number];
+  const RecordBlock& block = range.row.shapes->blocks()[range.block];
+  for (std::uint32_t begin = range.begin; begin < range.begin + range.count; begin += chunk_splats) {
+    const std::uint32_t end = std::min(begin + chunk_splats, range.begin + range.count);
+    Box box;
+    double radius = 0;
+    for (std::uint32_t i = begin; i < end; ++i) {
+      box.include(position_of(block, shapes[i].position, units_));
+      radius = std::max(radius, units_.length * reach(shapes[i]));
+    }
+    chunks_.push_back(
+        {0.5 * (box.low + box.high), 0.5 * glm::length(box.high - box.low) + radius, number, begin, end - begin});
+  }
+}
+
+std::optional<Probe> ProbedFrame::probe(const TransferFunction& function, const Looking& looking,
+                                        std::optional<double> picture_opacity) const {
+  const Extinctions extinctions(function);
+  const auto& [ray, pixel, orthographic] = looking;
+  std::vector<Chord> chords;
+  for (const Chunk& chunk : chunks_) {
+    const double wider = 2 * pixel * (orthographic ? 1 : glm::length(chunk.center - ray.origin) + chunk.radius);
+    if (is_missed(ray, chunk.center, chunk.radius + wider)) continue;
+    const DrawRange& range = list_.ranges[chunk.range];
+    const RecordBlock& block = range.row.shapes->blocks()[range.block];
+    const bool is_octant = std::holds_alternative<std::vector<OctantShape>>(range.row.shapes->records());
+    for (std::uint32_t i = chunk.begin; i < chunk.begin + chunk.count; ++i) {
+      auto chord = is_octant ? chord_of(unpack_octant(range.row, i), block.origin, units_, range.weight, looking)
+                             : chord_of(unpack(range.row, i), block.origin, units_, range.weight, looking);
+      if (!chord) continue;
+      add_depth(*chord, extinctions);
+      chords.push_back(*chord);
+    }
+  }
+  std::ranges::sort(chords, {}, [](const Chord& chord) { return chord.begin + chord.end; });
   double depth = 0;
-  for (const Crossing& crossing : crossings) depth += crossing.optical_depth;
+  for (const Chord& chord : chords) depth += chord.optical_depth;
+  if (picture_opacity && depth > 0) {
+    const double scale = -std::log1p(-std::min(*picture_opacity, most_opaque)) / depth;
+    for (Chord& chord : chords) chord.optical_depth *= scale;
+    depth *= scale;
+  }
   const double opacity = -std::expm1(-depth);
-  constexpr double invisible = 1e-3;
-  if (opacity < invisible) return {};
+  if (!(opacity >= invisible)) return {};
   double passed = 0;
-  for (const Crossing& crossing : crossings) {
-    passed += crossing.optical_depth;
-    if (-std::expm1(-passed) >= opacity / 2)
-      return Probe{crossing.value, ray.origin + crossing.distance * ray.direction, opacity};
+  for (const Chord& chord : chords) {
+    passed += chord.optical_depth;
+    if (-std::expm1(-passed) < opacity / 2) continue;
+    const double distance = std::clamp(chord.middle, chord.begin, chord.end);
+    double density = 0, value = 0;
+    for (const Chord& other : chords) {
+      if (distance < other.begin || distance > other.end) continue;
+      density += other.density_at(distance);
+      value += other.density_at(distance) * other.value_at(distance);
+    }
+    return Probe{density > 0 ? value / density : chord.value_at(distance), ray.origin + distance * ray.direction,
+                 opacity, samples_of(chords, extinctions)};
   }
   return {};
 }

@@ -1,7 +1,9 @@
-// The value, position and opacity under the pointer.
+// The values along a ray through the splats of a frame.
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "base/math.h"
 #include "scene/scene.h"
@@ -9,16 +11,65 @@
 
 namespace splatvol {
 
-struct Probe {
-  double value;    // mean value at `position`
-  dvec3 position;  // the ray has lost half of the light there that it loses in all
-  double opacity;  // of the whole ray, [0, 1]
+struct Ray {
+  dvec3 origin, direction;  // world units; of length 1
+
+  [[nodiscard]] bool operator==(const Ray&) const = default;
 };
 
-/// Follows the ray through (x, y), pixels from the upper left corner, through a frame's splats. Each splat is an
-/// ellipsoidal Gaussian (octant: a round one) with the extinction of its mean value. None if the ray meets nothing
-/// visible. `units`: of the splats.
-[[nodiscard]] std::optional<Probe> probe(const DrawList& list, const TransferFunction& function,
-                                         const DrawingUnits& units, const View& view, double x, double y);
+/// A ray, and how wide a pixel is along it.
+struct Looking {
+  Ray ray;
+  double pixel = 0;  // width at distance 1, or everywhere if the view is `orthographic`; world units
+  bool orthographic = false;
+
+  [[nodiscard]] bool operator==(const Looking&) const = default;
+};
+
+/// Returns the line of sight through (x, y), pixels from the upper left corner.
+[[nodiscard]] Looking looking_through(const View& view, double x, double y);
+
+/// What a ray meets.
+struct Probe {
+  double value;    // at `position`: the mean of the splats there, weighted by their densities
+  dvec3 position;  // the ray has lost half of the light there that it loses in all
+  double opacity;  // of the whole ray, [0, 1]
+
+  /// Equally far from each other, from the first splat to the last.
+  struct Sample {
+    double distance;  // from the ray's origin, world units
+    double value;     // NaN: no material
+    double opacity;   // of the ray up to here
+  };
+  std::vector<Sample> samples;
+};
+
+/// Splats of a frame that rays can be followed through. Holds the frame's rows: they stay in memory.
+class ProbedFrame {
+ public:
+  /// Looks at all splats once, for balls round some hundred neighbours each. `units`: of the splats.
+  ProbedFrame(DrawList list, const DrawingUnits& units);
+
+  /// Follows a ray. Splats, boundary planes, weights and the spread of values count as in the picture, besides what the
+  /// rasterizers round; a splat of the kernel octant is a round Gaussian. Splats count one by one: where slabs mix
+  /// them, or octants are flat, the `opacity` of the picture tells how much all optical depths are to be scaled. None
+  /// if the ray meets nothing visible.
+  [[nodiscard]] std::optional<Probe> probe(const TransferFunction& function, const Looking& looking,
+                                           std::optional<double> opacity = {}) const;
+
+ private:
+  // Consecutive splats of a range, and a ball that holds their material.
+  struct Chunk {
+    dvec3 center;
+    double radius;  // world units
+    std::uint32_t range, begin, count;
+  };
+  template <class Shape, class Reach>
+  void add_chunks(std::uint32_t number, const std::vector<Shape>& shapes, const Reach& reach);
+
+  DrawList list_;
+  DrawingUnits units_;
+  std::vector<Chunk> chunks_;
+};
 
 }  // namespace splatvol

@@ -16,8 +16,6 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t most_files = 12;
 
-bool is_address(const std::string& file) { return file.starts_with("http://") || file.starts_with("https://"); }
-
 std::vector<std::string> read_list(const std::string& path) {
   const auto text = read_text_file(path);
   if (!text || is_nested_deeper(*text, 1)) return {};
@@ -45,8 +43,8 @@ RecentFiles::RecentFiles(std::string path) : path_(std::move(path)) {
 
 void RecentFiles::add(const std::string& file) {
   std::error_code error;
-  if (is_address(file) && file.find_first_of("@?") != std::string::npos) return;
-  const std::string name = is_address(file) ? file : fs::absolute(file, error).lexically_normal().string();
+  if (is_url(file) && file.find_first_of("@?") != std::string::npos) return;
+  const std::string name = is_url(file) ? file : fs::absolute(file, error).lexically_normal().string();
   if (name.empty()) return;
   // Another window may have added files meanwhile.
   if (!path_.empty())

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <system_error>
 
 #include "base/interruption.h"
@@ -52,6 +53,31 @@ Result<SessionFile> with_data(SessionFile read, bool must_fit) {
   return read;
 }
 
+// Returns what `first` tells, and of the rest what `second` tells.
+SceneUse joined(const SceneUse& first, const SceneUse& second) {
+  SceneUse use = first;
+  if (use.file.empty()) use.file = second.file;
+  if (!use.step) use.step = second.step;
+  if (!use.max_error && !use.tolerance) {
+    use.max_error = second.max_error;
+    use.tolerance = second.tolerance;
+  }
+  if (use.kernel.empty()) use.kernel = second.kernel;
+  return use;
+}
+
+ViewSettings with_use(ViewSettings settings, const SceneUse& use) {
+  if (use.max_error) settings.max_error = *use.max_error;
+  if (use.max_error || use.tolerance) settings.tolerance = use.tolerance;
+  if (!use.kernel.empty()) settings.kernel = use.kernel == "octant" ? KernelKind::octant : KernelKind::moments;
+  return settings;
+}
+
+tl::unexpected<Error> fail_no_step(const format::Steps& steps, std::size_t step) {
+  return fail(ErrorCode::invalid_argument, "{}: no step {}; {}", steps.name(), step,
+              steps.times().empty() ? "the file is no time series" : fmt::format("the last one is {}", steps.last()));
+}
+
 // Whether two changes need the same parts of the file.
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
   return a_settings.memory == b_settings.memory && a_settings.kernel == b_settings.kernel &&
@@ -82,23 +108,27 @@ int moving_sample_spacing(const View& view, std::uint64_t splats) {
 
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
                                                const ViewSettings& settings) {
-  SPLATVOL_TRY_ASSIGN(file, read(path, scene_path, settings));
+  SPLATVOL_TRY_ASSIGN(file, read(SceneUse{.file = path}, scene_path, settings));
   return open(std::move(file));
 }
 
-Result<SessionFile> Session::read(const std::string& path, const std::string& scene_path, const ViewSettings& settings,
+Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scene_path, const ViewSettings& settings,
                                   const format::OpenFile& open_file) {
   std::optional<Scene> scene;
+  SceneUse use = asked;
   if (!scene_path.empty()) {
-    SPLATVOL_TRY_ASSIGN(loaded, load_scene(scene_path));
-    scene = std::move(loaded);
+    SPLATVOL_TRY_ASSIGN(loaded, load_used_scene(scene_path));
+    scene = std::move(loaded.scene);
+    use = joined(asked, loaded.use);
+    if (use.file.empty())
+      return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file, and then this scene", scene_path);
   }
-  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(path, open_file));
-  const std::size_t last = steps.last();
-  SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), last, scene, player_options(settings)));
-  SPLATVOL_TRY_ASSIGN(read,
-                      with_data({.path = path, .fits = !scene, .settings = settings, .file = std::move(file)}, false));
-  return read;
+  SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(use.file, open_file));
+  const std::size_t step = use.step.value_or(steps.last());
+  if (step > steps.last()) return fail_no_step(steps, step);
+  const ViewSettings used = with_use(settings, use);
+  SPLATVOL_TRY_ASSIGN(file, Player::read(std::move(steps), step, scene, player_options(used)));
+  return with_data({.path = use.file, .fits = !scene, .settings = used, .file = std::move(file)}, false);
 }
 
 Result<std::unique_ptr<Session>> Session::open(SessionFile file) {
@@ -143,6 +173,25 @@ TransferFunction Session::fitting_function() const {
   Scene adapted = fitting_;
   if (adapted.background != scene.background) adapt_to_background(adapted, scene.background);
   return adapted.transfer_function;
+}
+
+UsedScene Session::used_scene() const {
+  UsedScene used{scene, {.file = path_}};
+  std::error_code error;
+  if (!is_url(path_)) used.use.file = std::filesystem::absolute(path_, error).lexically_normal().string();
+  if (times().size() > 1) used.use.step = step();
+  if (settings.tolerance)
+    used.use.tolerance = settings.tolerance;
+  else
+    used.use.max_error = settings.max_error;
+  used.use.kernel = settings.kernel == KernelKind::octant ? "octant" : "moments";
+  return used;
+}
+
+Status Session::use(const SceneUse& use) {
+  if (use.step && *use.step > player_->steps().last()) return fail_no_step(player_->steps(), *use.step);
+  settings = with_use(settings, use);
+  return use.step && *use.step != step() ? show_step(*use.step) : Status{};
 }
 
 void Session::show_attribute(const std::string& name) {
@@ -402,6 +451,22 @@ Result<ShownPicture> Session::shown_picture() {
     texture_is_old_ = false;
   }
   return ShownPicture{texture_.name(), true};
+}
+
+std::optional<double> Session::opacity_at(int x, int y) const {
+  if (player_->has_drawn_surfaces() || !frame()) return {};
+  if (const auto* tiles = dynamic_cast<const TileRasterizer*>(&player_->rasterizer())) {
+    const Image& picture = tiles->image();
+    if (x < 0 || y < 0 || x >= picture.width || y >= picture.height) return {};
+    return static_cast<double>(picture.at(x, y).a);
+  }
+  const auto* gl = dynamic_cast<const GlRasterizer*>(&player_->rasterizer());
+  if (!gl || x < 0 || y < 0 || x >= view().width || y >= view().height) return {};
+  std::array<float, 4> pixel{};
+  glGetTextureSubImage(gl->texture(), 0, x, view().height - 1 - y, 0, 1, 1, 1, GL_RGBA, GL_FLOAT, sizeof(pixel),
+                       pixel.data());
+  if (!check_gl("reading a pixel")) return {};
+  return static_cast<double>(pixel[3]);
 }
 
 Result<Image> Session::page(const PageText& text, bool transparent) const {

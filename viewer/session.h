@@ -72,7 +72,9 @@ class Session {
 
   /// The same in two parts, for a thread that reads while another one draws: `open` reads nothing, and nor does the
   /// first picture.
-  [[nodiscard]] static Result<SessionFile> read(const std::string& path, const std::string& scene_path,
+  /// `asked` goes before what the scene tells of its use, and this before `settings`. A scene that tells its file needs
+  /// no other.
+  [[nodiscard]] static Result<SessionFile> read(const SceneUse& asked, const std::string& scene_path,
                                                 const ViewSettings& settings,
                                                 const format::OpenFile& open_file = open_file_or_url);
   [[nodiscard]] static Result<std::unique_ptr<Session>> open(SessionFile file);
@@ -140,6 +142,12 @@ class Session {
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }
   [[nodiscard]] const Scene& first_scene() const { return first_scene_; }
 
+  /// Returns the scene with what is needed to show the same elsewhere: file, step, detail and kernel.
+  [[nodiscard]] UsedScene used_scene() const;
+
+  /// Takes over what a scene tells of its use, besides its file.
+  [[nodiscard]] Status use(const SceneUse& use);
+
   /// Returns the scene of the last draw. It lacks what is being read.
   [[nodiscard]] const Scene& drawn_scene() const { return used_scene_; }
 
@@ -153,6 +161,11 @@ class Session {
 
   /// Returns the picture of the last draw for Screen::show. Needs a current context of OpenGL.
   [[nodiscard]] Result<ShownPicture> shown_picture();
+
+  /// Returns the opacity of a pixel of the last picture, counted from the upper left corner. None if the pixel is
+  /// outside, or surfaces are in the picture. Needs a current context of OpenGL, and must not be called while
+  /// `is_drawing`.
+  [[nodiscard]] std::optional<double> opacity_at(int x, int y) const;
 
   /// Returns the device that draws, in words.
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }

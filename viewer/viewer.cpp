@@ -46,20 +46,22 @@ Viewer::Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& opt
       recent_files_(options.recent_files) {}
 
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
-  SPLATVOL_TRY_ASSIGN(gui, Gui::create());
+  SPLATVOL_TRY_ASSIGN(gui, Gui::create(options.clipboard));
   SPLATVOL_TRY_ASSIGN(screen, Screen::create());
   std::unique_ptr<Viewer> viewer(new Viewer(std::move(gui), std::move(screen), options));
-  if (!options.volume.empty()) {
-    viewer->begin_opening(options.volume, options.scene);
+  if (!options.volume.empty() || !options.scene.empty()) {
+    SceneUse use = options.use;
+    use.file = options.volume;
+    viewer->begin_opening(use, options.scene);
     SPLATVOL_TRY(viewer->take_opened(longest_first_wait));
   }
   return viewer;
 }
 
-void Viewer::begin_opening(const std::string& path, const std::string& scene_path) {
+void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
   const ViewSettings& settings = session_ ? session_->settings : settings_;
   opening_seconds_ = 0;
-  opening_ = std::make_unique<Opening>(path, scene_path, settings);
+  opening_ = std::make_unique<Opening>(use, scene_path, settings);
 }
 
 // Shows the file that is being opened if it is there in time.
@@ -68,14 +70,17 @@ Status Viewer::take_opened(std::chrono::milliseconds wait) {
   const std::unique_ptr<Opening> opening = std::move(opening_);
   SPLATVOL_TRY_ASSIGN(file, opening->take());
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file)));
-  recent_files_.add(opening->path());
+  recent_files_.add(session->path());
   show(std::move(session));
   return {};
 }
 
 void Viewer::close() {
+  end_film();
   opening_.reset();
   session_.reset();
+  pin_.reset();
+  prober_.forget();
   history_.reset();
   question_.reset();
   saving_.reset();
@@ -85,16 +90,20 @@ void Viewer::close() {
 }
 
 void Viewer::show(std::unique_ptr<Session> session) {
+  end_film();
   session_ = std::move(session);
   picture_ = {};
   question_.reset();
   saving_.reset();
   up_ = session_->info().up >= 0 ? session_->info().up : 1;
   history_.reset();
+  pin_.reset();
+  prober_.forget();
   const std::string stem = std::filesystem::path(session_->path()).stem().string();
   put(scene_name_, stem + ".json");
   put(picture_name_, stem + ".png");
   put(path_name_, stem + "-path.json");
+  put(movie_name_, stem + ".mp4");
   path_ = {};
   playing_.reset();
   step_seconds_.reset();
@@ -110,16 +119,21 @@ void Viewer::open(const std::string& path) {
       message_ = opened.error().message;
     return;
   }
-  begin_opening(path, "");
+  const bool is_scene = path.ends_with(".json");
+  begin_opening({.file = is_scene ? "" : path}, is_scene ? path : "");
 }
 
 Status Viewer::open_scene(const std::string& path) {
-  SPLATVOL_TRY_ASSIGN(scene, load_scene(path));
-  if (session_->info().find_attribute(scene.attribute) < 0)
-    return fail(ErrorCode::invalid_argument, "{}: this file has no attribute '{}'", path, scene.attribute);
+  SPLATVOL_TRY_ASSIGN(used, load_used_scene(path));
+  if (!used.use.file.empty() && used.use.file != session_->used_scene().use.file) {
+    begin_opening({}, path);
+    return {};
+  }
+  if (session_->info().find_attribute(used.scene.attribute) < 0)
+    return fail(ErrorCode::invalid_argument, "{}: this file has no attribute '{}'", path, used.scene.attribute);
   session_->cancel_reading();
-  session_->scene = std::move(scene);
-  return {};
+  session_->scene = std::move(used.scene);
+  return session_->use(used.use);
 }
 
 // The first of the maps colours the volume. All of them stand among the presets.
@@ -147,8 +161,8 @@ std::string Viewer::title() const { return session_ ? session_->path() + " - svv
 bool Viewer::is_settled() const {
   const bool flies = flying_ && std::ranges::any_of(keys_, [](bool down) { return down; });
   if (is_minimised()) return true;
-  if (moved_seconds_ < burst_seconds || saving_) return false;
-  if (opening_) return false;
+  if (moved_seconds_ < burst_seconds || saving_ || filming_) return false;
+  if (opening_ || prober_.is_busy()) return false;
   return events_.is_empty() && !is_busy() && pending_frames_ == 0 && !playing_ && !step_seconds_ && !flies &&
          (!session_ || session_->is_settled());
 }
@@ -165,8 +179,14 @@ void Viewer::handle(const Event& event) {
   if (const auto* button = std::get_if<ButtonChanged>(&event); button && button->button >= 0 && button->button < 3) {
     if (button->down && !is_held()) remember();
     buttons_[static_cast<std::size_t>(button->button)] = button->down;
-    if (button->down && !drag_ && !gui_->has_pointer()) drag_ = button->button;
-    if (!button->down && drag_ == button->button) drag_.reset();
+    if (button->down && !drag_ && !gui_->has_pointer()) {
+      drag_ = button->button;
+      pressed_at_ = pointer_;
+    }
+    if (!button->down && drag_ == button->button) {
+      drag_.reset();
+      if (button->button == 0 && glm::length(pointer_ - pressed_at_) < 3 * window_.content_scale) pin(pointer_);
+    }
   }
   if (const auto* moved = std::get_if<PointerMoved>(&event)) {
     const dvec2 position(moved->x, moved->y), drag = position - pointer_;
@@ -203,6 +223,10 @@ void Viewer::handle_key(int code) {
   if (code == key::escape) help_ = false;
   if (code == key::escape && opening_) opening_.reset();
   if (code == key::escape && session_) session_->cancel_reading();
+  if (code == key::escape) {
+    pin_.reset();
+    if (filming_ && !filming_->joined.valid()) end_film();
+  }
   if (code == 'Q' && has_control()) closing_ = true;
   if (code == 'O' && has_control()) dialog_.open(session_ ? session_->path() : "");
   if (code == 'W' && has_control()) close();
@@ -213,6 +237,8 @@ void Viewer::handle_key(int code) {
       redo();
     else if (code == 'Z')
       undo();
+    else if (code == 'C')
+      copy_command();
     return;
   }
   if (code == 'F') toggle(flying_);
@@ -303,7 +329,7 @@ void Viewer::move_camera(const FrameInput& input) {
 
 // Whether the scene is in the middle of a change.
 bool Viewer::is_held() const {
-  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_ ||
+  return std::ranges::any_of(buttons_, std::identity()) || gui_->has_active_control() || playing_ || filming_ ||
          (session_ && session_->is_reading());
 }
 
@@ -390,6 +416,7 @@ Status Viewer::frame(const FrameInput& given) {
   pending_frames_ = std::max(0, pending_frames_ - 1);
   frame_seconds_ = 0.9 * frame_seconds_ + 0.1 * input.seconds;
   for (const Event& event : input.events) handle(event);
+  if (prober_.take_answer()) pending_frames_ = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
   if (const Status opened = take_opened(std::chrono::milliseconds(0)); !opened) message_ = opened.error().message;
   move_camera(input);
@@ -406,6 +433,7 @@ Status Viewer::frame(const FrameInput& given) {
   if (const auto chosen = dialog_.draw(window_, recent_files_.paths())) open(*chosen);
   SPLATVOL_TRY(draw_picture(input.seconds));
   save_drawn_picture();
+  film();
   if (session_ && !session_->is_settled()) pending_frames_ = 2;
   if (!is_held() && moved_seconds_ >= burst_seconds) remember();
   draw_overlays();
@@ -421,8 +449,12 @@ Status Viewer::draw_picture(double seconds) {
   dvec3 background(0.02);
   if (session_) {
     // A picture that is saved in another size fills the window until it is there.
-    drawn_ = saving_ ? session_->draw(saving_->width, saving_->height, seconds)
-                     : session_->draw(width, window_.pixel_height, seconds, is_busy());
+    if (saving_)
+      drawn_ = session_->draw(saving_->width, saving_->height, seconds);
+    else if (filming_)
+      drawn_ = session_->draw(filming_->width, filming_->height, pause_seconds);
+    else
+      drawn_ = session_->draw(width, window_.pixel_height, seconds, is_busy());
     if (drawn_) {
       if (!session_->is_drawing()) {
         SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
@@ -443,7 +475,7 @@ Status Viewer::draw_picture(double seconds) {
 void Viewer::draw_overlays() {
   if (!session_)
     return opening_ ? void() : draw_message("Drop a .svol file here, or open one (control O)", picture_area());
-  if (saving_) return draw_message(fmt::format("{} is being drawn", saving_->path), picture_area());
+  if (saving_ || filming_) return draw_work();
   const View& view = session_->view();
   if (cut_ && session_->frame())
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());
@@ -455,8 +487,7 @@ void Viewer::draw_overlays() {
                     ink_on(session_->scene.background), picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
-  // It looks at all splats: only where the pointer rests.
-  if (probe_ && !drag_ && !gui_->has_pointer() && !is_busy()) draw_probe();
+  if (probe_) draw_probes();
 }
 
 // Tells of what is being read, and lets the user cancel it.
@@ -487,20 +518,6 @@ void Viewer::draw_opening() {
       session_->cancel_reading();
   }
   ImGui::End();
-}
-
-// Shows the probe beside the pointer, for the splats of the last frame.
-void Viewer::draw_probe() {
-  const FrameSplats* frame = session_->frame();
-  if (!frame || pointer_in_picture().x < 0) return;
-  const auto found =
-      probe(frame->list, session_->drawn_scene().transfer_function, session_->units(), session_->view(),
-            pointer_in_picture().x / picture_area().unit_x, pointer_in_picture().y / picture_area().unit_y);
-  if (!found) return;
-  const std::string& unit = session_->attribute().unit;
-  ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->drawn_scene().attribute.c_str(),
-                    found->value, unit.c_str(), found->position.x, found->position.y, found->position.z,
-                    100 * found->opacity);
 }
 
 }  // namespace splatvol

@@ -3,11 +3,13 @@
 
 #include <chrono>
 #include <functional>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "base/error.h"
+#include "player/movie.h"
 #include "viewer/camera_control.h"
 #include "viewer/camera_path.h"
 #include "viewer/events.h"
@@ -16,7 +18,7 @@
 #include "viewer/history.h"
 #include "viewer/opening.h"
 #include "viewer/overlay.h"
-#include "viewer/probe.h"
+#include "viewer/prober.h"
 #include "viewer/recent_files.h"
 #include "viewer/screen.h"
 #include "viewer/session.h"
@@ -25,10 +27,12 @@
 namespace splatvol {
 
 struct ViewerOptions {
-  std::string volume;  // empty: none yet
-  std::string scene;   // empty: one that fits the data
+  std::string volume;  // empty: none yet, or the one that the scene names
+  std::string scene;   // path or text; empty: one that fits the data
   ViewSettings settings;
+  SceneUse use = {};              // goes before what the scene tells; its file is `volume`
   std::string recent_files = "";  // where the list of recent files is kept; empty: nowhere
+  Clipboard clipboard = {};
 };
 
 /// Shows a volume and its controls. Needs the OpenGL 4.5 context that was current at `create`.
@@ -61,7 +65,7 @@ class Viewer {
   Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& options);
   void show(std::unique_ptr<Session> session);
   void open(const std::string& path);
-  void begin_opening(const std::string& path, const std::string& scene_path);
+  void begin_opening(const SceneUse& use, const std::string& scene_path);
   [[nodiscard]] Status take_opened(std::chrono::milliseconds wait);
   void draw_opening();
   void close();
@@ -96,17 +100,29 @@ class Viewer {
   void draw_surface_controls();
   void draw_path_section();
   void draw_file_section();
+  void copy_command();
   void draw_picture_controls();
   void save(const std::string& path, std::function<void()> write);
   void save_text(const std::string& path, const std::string& text);
   void save_picture();
   void save_drawn_picture();
+  void draw_movie_controls();
+  void save_movie();
+  void film();
+  void end_film();
+  [[nodiscard]] std::optional<std::array<int, 2>> saved_size();
   [[nodiscard]] Status write_picture(const std::string& path) const;
   void draw_question();
   void draw_hud();
   void draw_help();
   void draw_overlays();
-  void draw_probe();
+  void draw_work();
+  void draw_probes();
+  [[nodiscard]] dvec2 pixel_at(const dvec2& position) const;
+  [[nodiscard]] Prober::Question question_about(const Looking& looking) const;
+  void pin(const dvec2& position);
+  void draw_hovered();
+  void draw_pinned();
   void report(const std::string& path, const Status& saved);
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
@@ -144,6 +160,7 @@ class Viewer {
   std::array<bool, 3> buttons_{};
   std::array<bool, key::count> keys_{};
   std::optional<int> drag_;  // button of a drag that began over the picture
+  dvec2 pressed_at_{0};      // where it began
 
   // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, scalar_bar_ = true, cut_ = false, probe_ = true;
@@ -170,6 +187,15 @@ class Viewer {
   bool saves_bar_ = false, saves_transparent_ = false, saves_as_shown_ = true;
   std::array<int, 2> saved_size_ = {1920, 1080};
 
+  // A line of sight that was clicked on.
+  struct Pin {
+    Looking looking;
+    std::optional<Prober::Question> asked = {};  // the question that `probe` answers
+    std::optional<Probe> probe = {};
+  };
+  Prober prober_;
+  std::optional<Pin> pin_;
+
   // A file that is there, while the user is asked.
   struct Question {
     std::string path;
@@ -183,6 +209,21 @@ class Viewer {
     int width, height;
   };
   std::optional<Saving> saving_;
+
+  // A movie whose frames are drawn, and then joined on a thread.
+  struct Filming {
+    Movie movie;
+    std::string path;
+    int width, height;
+    int frames, drawn;
+    bool turns;
+    Camera first;
+    std::future<Status> joined = {};
+  };
+  std::optional<Filming> filming_;
+  std::array<char, 512> movie_name_{};
+  bool films_path_ = false;
+  double frames_per_second_ = 30;
 };
 
 }  // namespace splatvol

@@ -22,6 +22,23 @@ Status write_json(const std::string& path, const std::string& text) {
   return write_text_file(path, text);
 }
 
+// Returns a word for a shell.
+std::string quoted(const std::string& text) {
+  std::string word = "'";
+  for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return word + "'";
+}
+
+// The file of a scene is named from the scene's folder on, if it lies there: both can be moved.
+std::string scene_text(const std::string& path, const Session& session) {
+  UsedScene used = session.used_scene();
+  std::error_code error;
+  const auto folder = std::filesystem::absolute(path, error).parent_path().lexically_normal();
+  const auto relative = std::filesystem::path(used.use.file).lexically_relative(folder);
+  if (!is_url(used.use.file) && !relative.empty() && *relative.begin() != "..") used.use.file = relative.string();
+  return to_json(used);
+}
+
 // Tells how fine the picture is, and why it is not finer.
 std::string detail_text(const Session& session) {
   const FrameSplats& frame = *session.frame();
@@ -266,7 +283,7 @@ void Viewer::draw_path_section() {
   const double shortest = 0.1, longest = 600;
   ImGui::SliderScalar("seconds", ImGuiDataType_Double, &path_.seconds, &shortest, &longest, "%.3g",
                       ImGuiSliderFlags_Logarithmic);
-  hint("Of the whole path.\nControl click: type a number.");
+  hint("Of the whole path, or of a turn in a movie.\nControl click: type a number.");
   ImGui::Text("%zu views", path_.cameras.size());
   ImGui::InputText("file##path", path_name_.data(), path_name_.size());
   if (ImGui::SmallButton("save path") && !path_.cameras.empty()) save_text(path_name_.data(), path_to_json(path_));
@@ -278,14 +295,24 @@ void Viewer::draw_path_section() {
     else
       message_ = path.error().message;
   }
+  draw_movie_controls();
 }
 
 void Viewer::draw_file_section() {
   ImGui::InputText("scene", scene_name_.data(), scene_name_.size());
-  if (ImGui::SmallButton("save scene")) save_text(scene_name_.data(), scene_to_json(session_->scene));
+  if (ImGui::SmallButton("save scene")) save_text(scene_name_.data(), scene_text(scene_name_.data(), *session_));
   ImGui::SameLine();
   if (ImGui::SmallButton("load scene or colours")) open(scene_name_.data());
+  if (ImGui::SmallButton("copy command")) copy_command();
+  hint("Copies a command that shows the same: file, scene, step, detail and kernel (control C)");
   draw_picture_controls();
+}
+
+void Viewer::copy_command() {
+  UsedScene used = session_->used_scene();
+  const std::string file = std::exchange(used.use.file, "");
+  ImGui::SetClipboardText(fmt::format("svview {} --scene {}", quoted(file), quoted(to_json(used, -1))).c_str());
+  message_ = "copied";
 }
 
 // The same page as svrender's.
@@ -318,18 +345,24 @@ void Viewer::save_text(const std::string& path, const std::string& text) {
 
 void Viewer::save_picture() {
   const std::string path = picture_name_.data();
-  const Scene& scene = session_->scene;
-  const auto [width, height] = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
-  if (!is_image_path(path))
+  if (!is_image_path(path)) {
     message_ = path + ": neither .png nor .exr";
-  else if (std::min(width, height) < 1 || std::max(width, height) > largest_picture)
-    message_ = fmt::format("{} x {}: sides of pictures have 1 to {} pixels", width, height, largest_picture);
-  else
+  } else if (const auto size = saved_size()) {
     save(path, [=, this] {
       playing_.reset();
       step_seconds_.reset();
-      saving_ = Saving{path, width, height};
+      saving_ = Saving{path, (*size)[0], (*size)[1]};
     });
+  }
+}
+
+// Returns the size of pictures and movies. None if it is impossible, which the message tells.
+std::optional<std::array<int, 2>> Viewer::saved_size() {
+  const Scene& scene = session_->scene;
+  const std::array<int, 2> size = saves_as_shown_ ? std::array{scene.width, scene.height} : saved_size_;
+  if (std::ranges::min(size) >= 1 && std::ranges::max(size) <= largest_picture) return size;
+  message_ = fmt::format("{} x {}: sides of pictures have 1 to {} pixels", size[0], size[1], largest_picture);
+  return {};
 }
 
 // Writes the picture once it is as fine as it gets.
@@ -370,6 +403,7 @@ Status Viewer::write_picture(const std::string& path) const {
 }
 
 void Viewer::report(const std::string& path, const Status& saved) {
+  pending_frames_ = 3;  // the panel, which shows it, has been drawn
   message_ = saved ? "saved " + path : saved.error().message;
 }
 
@@ -437,6 +471,7 @@ void Viewer::draw_help() {
       {"Tab", "panel"},
       {"control Z", "undo; with shift, or control Y: redo"},
       {"control O, W", "open a file, close it"},
+      {"control C", "copy a command that shows the same"},
       {"Esc", "cancel what is being read"},
       {"F1", "this list"},
       {"control Q", "quit"},

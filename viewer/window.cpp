@@ -94,6 +94,14 @@ FrameInput Window::take_input(double seconds) {
 
 void Window::swap() { ::glfwSwapBuffers(window_); }
 
+Clipboard Window::clipboard() const {
+  return {[window = window_](const std::string& text) { ::glfwSetClipboardString(window, text.c_str()); },
+          [window = window_]() -> std::string {
+            const char* text = ::glfwGetClipboardString(window);
+            return text ? text : "";
+          }};
+}
+
 void Window::set_title(const std::string& title) { ::glfwSetWindowTitle(window_, title.c_str()); }
 
 bool Window::should_close() const { return ::glfwWindowShouldClose(window_); }

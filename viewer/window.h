@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "viewer/events.h"
+#include "viewer/gui.h"
 
 struct GLFWwindow;
 
@@ -25,6 +26,9 @@ class Window {
   [[nodiscard]] FrameInput take_input(double seconds);
 
   void swap();
+  /// The desktop's clipboard, as long as the window lives.
+  [[nodiscard]] Clipboard clipboard() const;
+
   void set_title(const std::string& title);
   [[nodiscard]] bool should_close() const;
 

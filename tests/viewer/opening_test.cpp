@@ -178,7 +178,7 @@ TEST_F(SlowFiles, AnotherAttributeIsReadAside) {
   ViewSettings settings;
   settings.device = Device::cpu;
   settings.in_current_context = false;
-  auto read = Session::read(path("v.svol"), "", settings, open_stalled);
+  auto read = Session::read({.file = path("v.svol")}, "", settings, open_stalled);
   ASSERT_TRUE(read) << read.error().message;
   const auto session = Session::open(std::move(*read)).value();
   const auto draw = [&] { ASSERT_TRUE(session->draw(200, 150, 1)); };

@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
+#include "base/splat_kernel.h"
 #include "viewer/probe.h"
 
 namespace splatvol {
@@ -33,6 +35,11 @@ View view_along_z(bool orthographic) {
   return make_view(camera, 200, 100).value();
 }
 
+std::optional<Probe> probe(const DrawList& list, const TransferFunction& function, const DrawingUnits& units,
+                           const View& view, double x, double y) {
+  return ProbedFrame(list, units).probe(function, looking_through(view, x, y));
+}
+
 template <class Splat>
 DrawList list_of(const std::vector<Splat>& splats) {
   DrawList list;
@@ -58,9 +65,10 @@ TEST(Probe, OpacityIsTheIntegralAlongTheRay) {
   const std::vector<Material> splats = {ball({0, 0, 0}, deviation, mass, 1), ball({0, 0, -5}, 0.1, 0, 1)};
   const auto found = probe(list_of(splats), constant(extinction), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(found);
-  // A ray through the middle meets the mass over the Gaussian's area.
-  const double depth = extinction * mass / (2 * 3.14159265358979 * deviation * deviation);
-  EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-6);
+  // Density falls as (1 - u^2)^(3/2) along the chord, whose integral is 3 pi / 8.
+  const double half_axis = moments_half_width * deviation;
+  const double depth = extinction * mass * moments_peak * 3 * std::numbers::pi / 8 / (half_axis * half_axis);
+  EXPECT_NEAR(found->opacity, 1 - std::exp(-depth), 1e-4);
 }
 
 TEST(Probe, MeetsNothingBesideOrBehind) {
@@ -69,6 +77,59 @@ TEST(Probe, MeetsNothingBesideOrBehind) {
   EXPECT_FALSE(at(100));
   ASSERT_TRUE(at(100 + 1.5 * 25));
   EXPECT_FALSE(probe(list_of(splats), constant(0), {}, view_along_z(true), 137.5, 50));
+}
+
+// The density along the ray is the splat's, and the value follows its gradient.
+TEST(Probe, FollowsTheRay) {
+  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, -6}, 0.5, 1, 8)};
+  splats[0].value_deviation = 0.2;
+  splats[0].correlations = {0, 0, 0.5};
+  const auto found = probe(list_of(splats), constant(0.1), {}, view_along_z(true), 100, 50);
+  ASSERT_TRUE(found);
+  ASSERT_FALSE(found->samples.empty());
+  const double reach = moments_half_width * 0.5;
+  EXPECT_NEAR(found->samples.front().distance, 10 - reach, 0.02);
+  EXPECT_NEAR(found->samples.back().distance, 16 + reach, 0.02);
+  EXPECT_NEAR(found->samples.back().opacity, found->opacity, 1e-9);
+  double before = 0;
+  bool has_gap = false;
+  for (const Probe::Sample& sample : found->samples) {
+    EXPECT_GE(sample.opacity, before);
+    before = sample.opacity;
+    const double z = 10 - sample.distance;  // of the camera's axis
+    if (std::abs(z) < reach) {
+      EXPECT_NEAR(sample.value, 3 + 0.2 * 0.5 * z / 0.5, 0.01) << z;
+    }
+    if (z < -reach && z > -6 + reach) has_gap |= std::isnan(sample.value);
+    if (std::abs(z + 6) < reach - 0.02) {
+      EXPECT_NEAR(sample.value, 8, 0.05) << z;
+    }
+  }
+  EXPECT_TRUE(has_gap);
+}
+
+TEST(Probe, AHalfEndsAtItsBoundary) {
+  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 3), ball({0, 0, 0}, 0.5, 0, 3)};
+  splats[0].boundary = {0, 0, 0.75};  // a plane at z = 0.375
+  const auto found = probe(list_of(splats), constant(0.1), {}, view_along_z(true), 100, 50);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->samples.front().distance, 10 - 0.375, 0.01);
+}
+
+// Values that spread over a narrow peak: the mean of the extinction counts, not that of the mean value.
+TEST(Probe, SpreadsOverNarrowPeaks) {
+  TransferFunction peak;
+  peak.lo = 0, peak.hi = 1;
+  peak.colors = {{0, dvec3(1)}};
+  peak.densities = {{0.49, 0}, {0.5, 100}, {0.51, 0}};
+  std::vector<Material> splats = {ball({0, 0, 0}, 0.5, 1, 0.3), ball({0, 0, 0}, 0.5, 0, 3)};
+  splats[0].value_deviation = 0.1;
+  const auto found = probe(list_of(splats), peak, {}, view_along_z(true), 100, 50);
+  ASSERT_TRUE(found) << "the mean value is not in the peak, but other values are";
+  const double density = std::exp(-2.0) / (0.1 * std::sqrt(2 * std::numbers::pi));  // of values in the peak's middle
+  const double half_axis = moments_half_width * 0.5;
+  const double depth = 100 * 0.01 * density * moments_peak * 3 * std::numbers::pi / 8 / (half_axis * half_axis);
+  EXPECT_NEAR(-std::log1p(-found->opacity), depth, 0.03 * depth);
 }
 
 TEST(Probe, SeesFlatSplatsAndOctants) {

@@ -1,5 +1,6 @@
 // The picture of a file at rest, and how it gets finer.
 #include "viewer/session.h"
+#include "viewer/probe.h"
 
 #include <gtest/gtest.h>
 
@@ -186,6 +187,35 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
     // A moved camera comes to rest, too.
     (*session)->scene.camera.position += dvec3(0.1);
     settled(**session);
+  }
+}
+
+// The opacity that the probe tells is the picture's: all over the picture, also for a peak of values and for octants.
+TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
+  for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
+    ViewSettings settings = on_processor();
+    settings.mixes = false;
+    settings.kernel = kernel;
+    const auto session = open(settings);
+    static_cast<void>(settled(*session));
+    TransferFunction peak = session->scene.transfer_function;
+    peak.densities = {{0.55, 0}, {0.6, 10 * peak.densities.back().extinction}, {0.65, 0}};
+    for (const TransferFunction& function : {session->scene.transfer_function, peak}) {
+      session->scene.transfer_function = function;
+      const Image picture = settled(*session);
+      const ProbedFrame frame(session->frame()->list, session->units());
+      const View& view = session->view();
+      double squares = 0;
+      int count = 0;
+      for (int y = 5; y < picture.height; y += 10)
+        for (int x = 5; x < picture.width; x += 10, ++count) {
+          const auto probe = frame.probe(function, looking_through(view, x + 0.5, y + 0.5));
+          const double difference = (probe ? probe->opacity : 0) - static_cast<double>(picture.at(x, y).a);
+          squares += difference * difference;
+        }
+      const double bound = kernel == KernelKind::moments ? 0.01 : 0.05;  // an octant is a Gaussian to the probe
+      EXPECT_LT(std::sqrt(squares / count), bound) << static_cast<int>(kernel);
+    }
   }
 }
 

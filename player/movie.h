@@ -26,6 +26,9 @@ class Movie {
   /// nothing without a movie.
   [[nodiscard]] Status finish(int first, int count) const;
 
+  /// Removes `count` frames, beginning with the frame `first`, and a folder that was made for them: no movie is wanted.
+  void discard(int first, int count) const;
+
  private:
   Movie(std::string movie, std::string folder, double frames_per_second, bool own_folder);
   std::string movie_, folder_;

@@ -1,4 +1,4 @@
-#include "tools/movie.h"
+#include "player/movie.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -102,9 +102,14 @@ Status Movie::finish(int first, int count) const {
   fs::rename(part, movie_, error);
   if (error) return fail(ErrorCode::io, "{}: {}", movie_, error.message());
   fs::remove(log, error);
-  for (int i = 0; own_folder_ && i < count; ++i) fs::remove(frame_path(first + i), error);
-  if (own_folder_) fs::remove(folder_, error);
+  if (own_folder_) discard(first, count);
   return {};
+}
+
+void Movie::discard(int first, int count) const {
+  std::error_code error;
+  for (int i = 0; i < count; ++i) fs::remove(frame_path(first + i), error);
+  if (own_folder_) fs::remove(folder_, error);
 }
 
 }  // namespace splatvol

@@ -1,0 +1,44 @@
+#include "viewer/prober.h"
+
+#include <chrono>
+#include <utility>
+
+namespace splatvol {
+
+bool Prober::take_answer() {
+  if (!answer_.valid() || answer_.wait_for(std::chrono::seconds(0)) == std::future_status::timeout) return false;
+  Answer answer = answer_.get();
+  answered_ = std::move(asked_);
+  asked_.reset();
+  serial_ = answered_->serial;
+  frame_ = std::move(answer.frame);
+  probe_ = std::move(answer.probe);
+  return true;
+}
+
+void Prober::ask(const Question& question, const FrameSplats& frame, const DrawingUnits& units) {
+  if (is_busy() || answered_ == question) return;
+  asked_ = question;
+  const bool is_known = frame_ && serial_ == question.serial;
+  const auto answer = [question, units, known = is_known ? frame_ : nullptr,
+                       list = is_known ? DrawList() : frame.list]() mutable -> Answer {
+    if (!known) known = std::make_shared<const ProbedFrame>(std::move(list), units);
+    auto probe = known->probe(question.function, question.looking, question.opacity);
+    return {std::move(known), std::move(probe)};
+  };
+  frame_.reset();
+  answer_ = std::async(std::launch::async | std::launch::deferred, answer);
+}
+
+const std::optional<Probe>* Prober::answer_to(const Question& question) {
+  return answered_ == question ? &probe_ : nullptr;
+}
+
+void Prober::forget() {
+  if (is_busy()) return;
+  frame_.reset();
+  answered_.reset();
+  probe_.reset();
+}
+
+}  // namespace splatvol

@@ -1,0 +1,172 @@
+// The viewer's probes: beside the pointer, and pinned with a plot.
+#include <fmt/format.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "viewer/gui_units.h"
+#include "viewer/viewer.h"
+
+namespace splatvol {
+namespace {
+
+std::string with_unit(double value, const std::string& unit) {
+  return fmt::format("{:.5g}{}{}", value, unit.empty() ? "" : " ", unit);
+}
+
+std::string words_of(const Probe& probe, const format::Attribute& attribute) {
+  return fmt::format("{} {}\nat {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", attribute.name,
+                     with_unit(probe.value, attribute.unit), probe.position.x, probe.position.y, probe.position.z,
+                     100 * probe.opacity);
+}
+
+std::string table_of(const Probe& probe, const format::Attribute& attribute) {
+  std::string text = fmt::format("distance,{},opacity\n", attribute.name);
+  for (const Probe::Sample& sample : probe.samples)
+    text += fmt::format("{:.9g},{},{:.6g}\n", sample.distance,
+                        std::isnan(sample.value) ? "" : fmt::format("{:.9g}", sample.value), sample.opacity);
+  return text;
+}
+
+// Draws the values along a ray as a line, and its opacity so far as an area that ends at the upper edge for 1.
+void draw_plot(const Probe& probe, const format::Attribute& attribute) {
+  const float unit = gui_unit();
+  const ImVec2 size(300 * unit, 110 * unit);
+  const ImVec2 corner = ImGui::GetCursorScreenPos();
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const Probe::Sample& sample : probe.samples)
+    if (!std::isnan(sample.value)) low = std::min(low, sample.value), high = std::max(high, sample.value);
+  const double span = high > low ? high - low : 1;
+  const auto x_of = [&](std::size_t i) {
+    return corner.x + size.x * static_cast<float>(i) / static_cast<float>(probe.samples.size() - 1);
+  };
+  const auto y_of = [&](double share) { return corner.y + size.y * (1 - static_cast<float>(share)); };
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  list.AddRectFilled(corner, {corner.x + size.x, corner.y + size.y}, ImGui::GetColorU32(ImGuiCol_FrameBg));
+  for (std::size_t i = 1; i < probe.samples.size(); ++i) {
+    const Probe::Sample &from = probe.samples[i - 1], &to = probe.samples[i];
+    const ImVec2 area[] = {
+        {x_of(i - 1), y_of(0)}, {x_of(i - 1), y_of(from.opacity)}, {x_of(i), y_of(to.opacity)}, {x_of(i), y_of(0)}};
+    list.AddConvexPolyFilled(area, 4, ImGui::GetColorU32(ImGuiCol_PlotHistogram, 0.25f));
+    if (std::isnan(from.value) || std::isnan(to.value)) continue;
+    list.AddLine({x_of(i - 1), y_of((from.value - low) / span)}, {x_of(i), y_of((to.value - low) / span)},
+                 ImGui::GetColorU32(ImGuiCol_Text), 1.5f * unit);
+  }
+  ImGui::Dummy(size);
+  if (ImGui::IsItemHovered()) {
+    const double share = static_cast<double>((ImGui::GetMousePos().x - corner.x) / size.x);
+    const double last = static_cast<double>(probe.samples.size() - 1);
+    const Probe::Sample& sample =
+        probe.samples[static_cast<std::size_t>(std::clamp(std::round(share * last), 0.0, last))];
+    ImGui::SetTooltip("distance %.5g\n%s %s\nopacity up to here %.0f %%", sample.distance, attribute.name.c_str(),
+                      std::isnan(sample.value) ? "none" : with_unit(sample.value, attribute.unit).c_str(),
+                      100 * sample.opacity);
+  }
+  const std::string range = fmt::format("{:.4g} to {}", low, with_unit(high, attribute.unit));
+  const std::string distances =
+      fmt::format("distance {:.4g} to {:.4g}", probe.samples.front().distance, probe.samples.back().distance);
+  ImGui::TextUnformatted((low <= high ? range : "no values").c_str());
+  ImGui::SameLine(
+      std::max(ImGui::CalcTextSize(range.c_str()).x + 16 * unit, size.x - ImGui::CalcTextSize(distances.c_str()).x));
+  ImGui::TextUnformatted(distances.c_str());
+}
+
+}  // namespace
+
+// Returns the place of a position in the window, in pixels of the picture.
+dvec2 Viewer::pixel_at(const dvec2& position) const {
+  const PictureArea area = picture_area();
+  return {(position.x - area.left) / area.unit_x, position.y / area.unit_y};
+}
+
+// The picture tells the opacity of lines of sight from its eye.
+Prober::Question Viewer::question_about(const Looking& looking) const {
+  Prober::Question question{session_->frame()->serial, session_->drawn_scene().transfer_function, looking, {}};
+  const View& view = session_->view();
+  const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
+  const dvec3 from = view.to_view(looking.ray.origin);
+  const bool is_of_view = view.orthographic ? looking.orthographic && view.forward == looking.ray.direction
+                                            : !looking.orthographic && view.eye == looking.ray.origin && at.z > 0;
+  if (!is_of_view) return question;
+  const dvec3 in_picture = view.orthographic ? view.focal * from : view.focal / at.z * at;
+  question.opacity = session_->opacity_at(static_cast<int>(std::floor(in_picture.x + 0.5 * view.width)),
+                                          static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
+  return question;
+}
+
+// Pins the line of sight at a position in the window.
+void Viewer::pin(const dvec2& position) {
+  if (!probe_ || !session_ || !session_->frame()) return;
+  const dvec2 pixel = glm::floor(pixel_at(position)) + 0.5;
+  pin_ = Pin{looking_through(session_->view(), pixel.x, pixel.y)};
+}
+
+// Answers come from a thread, and only at rest: while the picture changes, its splats are not held for a probe.
+void Viewer::draw_probes() {
+  const FrameSplats* frame = session_->frame();
+  if (!frame || session_->is_drawing()) return draw_pinned();
+  const bool is_at_rest = !drag_ && !is_busy() && frame->progress.fading == 0 && !session_->is_reading();
+  if (!is_at_rest) prober_.forget();
+  if (pin_ && is_at_rest) {
+    const Prober::Question question = question_about(pin_->looking);
+    if (const auto* answer = prober_.answer_to(question)) {
+      pin_->asked = question;
+      pin_->probe = *answer;
+      if (!pin_->probe) pin_.reset();  // nothing is there
+    } else if (pin_->asked != question) {
+      prober_.ask(question, *frame, session_->units());
+    }
+  }
+  draw_pinned();
+  if (is_at_rest && !gui_->has_pointer()) draw_hovered();
+}
+
+// Shows the probe beside the pointer.
+void Viewer::draw_hovered() {
+  if (pointer_in_picture().x < 0) return;
+  const dvec2 pixel = glm::floor(pixel_at(pointer_)) + 0.5;
+  const Prober::Question question = question_about(looking_through(session_->view(), pixel.x, pixel.y));
+  const auto* answer = prober_.answer_to(question);
+  if (!answer) return prober_.ask(question, *session_->frame(), session_->units());
+  if (*answer) ImGui::SetTooltip("%s", words_of(**answer, session_->attribute()).c_str());
+}
+
+// Shows the pinned probe: a ring where its value is, and a window.
+void Viewer::draw_pinned() {
+  if (!pin_ || !pin_->probe) return;
+  const Probe& probe = *pin_->probe;
+  const PictureArea area = picture_area();
+  const View& view = session_->view();
+  const float scale = static_cast<float>(window_.content_scale);
+  const dvec3 at = view.to_view(probe.position);
+  if (view.orthographic || at.z > 0) {
+    const double by = view.focal / (view.orthographic ? 1 : at.z);
+    const ImVec2 center(static_cast<float>(area.left + area.unit_x * (by * at.x + 0.5 * view.width)),
+                        static_cast<float>(area.unit_y * (0.5 * view.height - by * at.y)));
+    ImDrawList& list = *ImGui::GetBackgroundDrawList();
+    list.PushClipRect({static_cast<float>(area.left), 0}, {static_cast<float>(area.left + area.width), 1e6f});
+    list.AddCircle(center, 6 * scale, IM_COL32(0, 0, 0, 255), 24, 3 * scale);
+    list.AddCircle(center, 6 * scale, IM_COL32(255, 255, 255, 255), 24, 1.5f * scale);
+    list.PopClipRect();
+  }
+  ImGui::SetNextWindowPos({static_cast<float>(area.left) + 8 * scale, static_cast<float>(area.height) - 8 * scale},
+                          ImGuiCond_Appearing, {0, 1});
+  bool stays = true;
+  ImGui::Begin("pinned", &stays, ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse);
+  ImGui::TextUnformatted(words_of(probe, session_->attribute()).c_str());
+  if (!probe.samples.empty()) draw_plot(probe, session_->attribute());
+  if (ImGui::SmallButton("copy"))
+    ImGui::SetClipboardText(fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.6g}\n", probe.position.x, probe.position.y,
+                                        probe.position.z, probe.value, probe.opacity)
+                                .c_str());
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("Copies x, y, z, the value and the opacity.");
+  ImGui::SameLine();
+  if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(probe, session_->attribute()).c_str());
+  if (ImGui::IsItemHovered()) ImGui::SetTooltip("Copies the table of distance, value and opacity.");
+  ImGui::End();
+  if (!stays) pin_.reset();
+}
+
+}  // namespace splatvol
