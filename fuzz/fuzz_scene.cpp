@@ -72,7 +72,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_color_maps(text);
   if (const auto alone = parse_camera(text))
     require(parse_camera(camera_to_json(*alone)) == *alone, "a camera file comes back");
+  const auto used = parse_used_scene(text);
   const auto scene = parse_scene(text);
+  require(used.has_value() == scene.has_value(), "a scene's use is part of it");
   if (!scene) {
     require(scene.error().message.find('\n') == std::string::npos, "an error is one line");
     return 0;
@@ -80,6 +82,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto again = parse_scene(scene_to_json(*scene));
   require_ok(again, "a written scene can be read");
   require(is_same(*scene, *again), "a scene comes back");
+  const auto used_again = parse_used_scene(to_json(*used, -1));
+  require_ok(used_again, "a written use can be read");
+  require(used_again->use == used->use && is_same(used_again->scene, *scene), "a scene's use comes back");
   const auto camera = parse_camera(camera_to_json(scene->camera));
   require(camera && *camera == scene->camera, "a camera comes back");
 

@@ -1,44 +1,19 @@
 #include "player/movie.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <spawn.h>
-#include <sys/wait.h>
 
-#include <cerrno>
 #include <filesystem>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 #include "base/file.h"
-
-extern char** environ;
+#include "base/program.h"
 
 namespace splatvol {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Runs a program that PATH finds, without a shell. Its words go to `log`. Returns its exit code, 127 if there is none.
-int run_program(const std::vector<std::string>& words, const std::string& log) {
-  std::vector<char*> arguments;
-  for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
-  arguments.push_back(nullptr);
-  posix_spawn_file_actions_t files;
-  ::posix_spawn_file_actions_init(&files);
-  ::posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
-  ::posix_spawn_file_actions_addopen(&files, 1, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
-  ::posix_spawn_file_actions_adddup2(&files, 1, 2);
-  pid_t child = 0;
-  const int error = ::posix_spawnp(&child, arguments[0], &files, nullptr, arguments.data(), environ);
-  ::posix_spawn_file_actions_destroy(&files);
-  if (error != 0) return 127;
-  int status = 0;
-  while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 126;
-}
 
 std::string last_line(const std::string& path) {
   const auto text = read_text_file(path);
@@ -86,13 +61,13 @@ Status Movie::finish(int first, int count) const {
       run_program({"ffmpeg", "-y", "-loglevel", "error", "-framerate", rate, "-start_number", fmt::format("{}", first),
                    "-i", frames, "-frames:v", fmt::format("{}", count), "-vf",
                    "pad=ceil(iw/2)*2:ceil(ih/2)*2,format=yuv420p", "-movflags", "+faststart", "-f", "mp4", part},
-                  log);
+                  {.log = log});
   std::error_code error;
   if (code != 0) {
     const std::string words = last_line(log);
     fs::remove(part, error);
     fs::remove(log, error);
-    if (code == 127)
+    if (code == no_program)
       return fail(ErrorCode::io,
                   "{}: no ffmpeg in PATH: the {} frames are in {}; install it, then: ffmpeg -framerate {} "
                   "-start_number {} -i {} {}",

@@ -166,7 +166,10 @@ void Gui::set_style(double scale, bool light) {
 
 Status Gui::begin(const FrameInput& input, const WindowResized& window, bool light) {
   SPLATVOL_TRY(make_font(window.content_scale));
-  set_style(window.content_scale, light);
+  if (styled_ != std::pair(window.content_scale, light)) {
+    styled_ = {window.content_scale, light};
+    set_style(window.content_scale, light);
+  }
   ImGuiIO& io = ImGui::GetIO();
   io.DisplaySize = ImVec2(static_cast<float>(window.width), static_cast<float>(window.height));
   if (window.width > 0 && window.height > 0)

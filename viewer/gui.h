@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "base/error.h"
 #include "renderer/gl/gl_objects.h"
@@ -57,7 +58,8 @@ class Gui {
   Buffer vertices_{"vertices of the interface"};
   Buffer indices_{"indices of the interface"};
   Texture font_;
-  double scale_ = 0;
+  double scale_ = 0;                          // of the font
+  std::pair<double, bool> styled_{0, false};  // scale and theme of the style
 };
 
 }  // namespace splatvol

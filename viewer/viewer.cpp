@@ -17,6 +17,7 @@ namespace splatvol {
 namespace {
 
 constexpr double zoom_per_notch = 0.87;  // of the wheel
+constexpr double pan_per_notch = 40;     // window units at scale 1
 constexpr double least_distance = 1e-7;  // of the data's extent
 constexpr double fly_speed = 0.35;       // extents a second
 constexpr double turn_speed = 1.2;       // radians a second
@@ -144,14 +145,14 @@ Status Viewer::open_color_maps(const std::string& path) {
   return {};
 }
 
-// Right of the panel, and at least one pixel wide.
+// Beside the panel, and at least one pixel wide.
 PictureArea Viewer::picture_area() const {
   PictureArea area;
-  const double left = panel_ && !is_narrow() ? panel_width * window_.content_scale : 0;
+  const double panel = panel_ && !is_narrow() ? panel_width * window_.content_scale : 0;
   area.unit_x = static_cast<double>(window_.width) / std::max(1, window_.pixel_width);
   area.unit_y = static_cast<double>(window_.height) / std::max(1, window_.pixel_height);
-  area.left = std::max(0.0, std::min(left, window_.width - area.unit_x));
-  area.width = std::max(area.unit_x, window_.width - area.left);
+  area.width = std::max(area.unit_x, window_.width - panel);
+  area.left = panel_right_ ? 0 : std::max(0.0, window_.width - area.width);
   area.height = std::max(area.unit_y, static_cast<double>(window_.height));
   return area;
 }
@@ -194,12 +195,20 @@ void Viewer::handle(const Event& event) {
     if (session_ && drag_) drag_camera(drag);
   }
   const auto* scrolled = std::get_if<Scrolled>(&event);
-  if (scrolled && session_ && !gui_->has_pointer()) {
-    zoom(session_->scene.camera, viewport(), pointer_in_picture(), std::pow(zoom_per_notch, scrolled->y),
+  if (scrolled && session_ && !gui_->has_pointer()) scroll(dvec2(scrolled->x, scrolled->y));
+}
+
+// The wheel, or two fingers: up and down zooms, sideways moves, and with shift both move.
+void Viewer::scroll(const dvec2& notches) {
+  Camera& camera = session_->scene.camera;
+  const bool moves = has_shift() && !has_control();
+  const dvec2 move(notches.x, moves ? notches.y : 0);
+  if (move != dvec2(0)) pan(camera, viewport(), pan_per_notch * window_.content_scale * move);
+  if (!moves)
+    zoom(camera, viewport(), pointer_in_picture(), std::pow(zoom_per_notch, notches.y),
          least_distance * extent_of(*session_));
-    playing_.reset();
-    moved_seconds_ = 0;
-  }
+  playing_.reset();
+  moved_seconds_ = 0;
 }
 
 void Viewer::drag_camera(const dvec2& drag) {
@@ -444,7 +453,7 @@ Status Viewer::draw_picture(double seconds) {
   GLint target = 0;
   glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &target);
   const int left = static_cast<int>(picture_area().left / picture_area().unit_x);
-  const int width = std::max(1, window_.pixel_width - left);
+  const int width = std::max(1, static_cast<int>(picture_area().width / picture_area().unit_x));
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {

@@ -75,6 +75,7 @@ class Viewer {
   void handle_key(int code);
   void handle_scene_key(int code);
   void drag_camera(const dvec2& drag);
+  void scroll(const dvec2& notches);
   void move_camera(const FrameInput& input);
   [[nodiscard]] bool is_held() const;
   void remember();
@@ -105,6 +106,7 @@ class Viewer {
   void save(const std::string& path, std::function<void()> write);
   void save_text(const std::string& path, const std::string& text);
   void save_picture();
+  void copy_picture();
   void save_drawn_picture();
   void draw_movie_controls();
   void save_movie();
@@ -165,8 +167,9 @@ class Viewer {
   // Shown besides the picture.
   bool panel_ = true, help_ = false, hud_ = true, axes_ = true, scalar_bar_ = true, cut_ = false, probe_ = true;
   bool covering_panel_ = false;
-  bool light_ = false;  // the interface's theme
-  int up_ = 1;          // the axis that views along an axis have upwards
+  bool light_ = false;        // the interface's theme
+  bool panel_right_ = false;  // the panel's side
+  int up_ = 1;                // the axis that views along an axis have upwards
   bool flying_ = false;
   bool closing_ = false;
   int pending_frames_ = 0;  // the interface settles a frame after a change
@@ -207,6 +210,7 @@ class Viewer {
   struct Saving {
     std::string path;
     int width, height;
+    bool is_copied = false;  // to the clipboard, and then removed
   };
   std::optional<Saving> saving_;
 

@@ -2,11 +2,15 @@
 #include <fmt/format.h>
 #include <imgui.h>
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 
 #include "base/byte_text.h"
 #include "base/file.h"
+#include "base/program.h"
 #include "base/replaceable.h"
 #include "scene/contrast.h"
 #include "viewer/viewer.h"
@@ -37,6 +41,16 @@ std::string scene_text(const std::string& path, const Session& session) {
   const auto relative = std::filesystem::path(used.use.file).lexically_relative(folder);
   if (!is_url(used.use.file) && !relative.empty() && *relative.begin() != "..") used.use.file = relative.string();
   return to_json(used);
+}
+
+// Puts a .png into the desktop's clipboard. GLFW holds text only, so a program has to.
+Status copy_png(const std::string& path) {
+  const bool is_wayland = std::getenv("WAYLAND_DISPLAY") != nullptr;
+  const int code = is_wayland ? run_program({"wl-copy", "--type", "image/png"}, {.input = path})
+                              : run_program({"xclip", "-selection", "clipboard", "-t", "image/png", "-i", path});
+  const char* program = is_wayland ? "wl-copy (package wl-clipboard)" : "xclip";
+  if (code == no_program) return fail(ErrorCode::io, "no {} in PATH: install it, or save the picture", program);
+  return code == 0 ? Status{} : fail(ErrorCode::io, "{} failed: save the picture", program);
 }
 
 // Tells how fine the picture is, and why it is not finer.
@@ -108,9 +122,9 @@ void Viewer::draw_step_controls() {
 
 void Viewer::draw_panel() {
   const float scale = static_cast<float>(window_.content_scale);
-  ImGui::SetNextWindowPos({0, 0});
-  ImGui::SetNextWindowSize({std::min(static_cast<float>(panel_width) * scale, static_cast<float>(window_.width)),
-                            static_cast<float>(window_.height)});
+  const float width = std::min(static_cast<float>(panel_width) * scale, static_cast<float>(window_.width));
+  ImGui::SetNextWindowPos({panel_right_ ? static_cast<float>(window_.width) - width : 0, 0});
+  ImGui::SetNextWindowSize({width, static_cast<float>(window_.height)});
   ImGui::Begin("panel", nullptr,
                (ImGuiWindowFlags_NoDecoration & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_HorizontalScrollbar);
   ImGui::PushItemWidth(220 * scale);
@@ -267,6 +281,8 @@ void Viewer::draw_view_section() {
   ImGui::SameLine();
   ImGui::Checkbox("probe", &probe_);
   ImGui::Checkbox("light theme", &light_);
+  ImGui::SameLine();
+  ImGui::Checkbox("panel at the right", &panel_right_);
 }
 
 void Viewer::draw_path_section() {
@@ -328,6 +344,9 @@ void Viewer::draw_picture_controls() {
   ImGui::Checkbox("size as shown", &saves_as_shown_);
   if (!saves_as_shown_) ImGui::InputInt2("size", saved_size_.data());
   if (ImGui::SmallButton("save picture (.png, .exr)")) save_picture();
+  ImGui::SameLine();
+  if (ImGui::SmallButton("copy picture")) copy_picture();
+  hint("To the clipboard, by xclip or wl-copy");
 }
 
 // Asks before it replaces a file.
@@ -368,8 +387,28 @@ std::optional<std::array<int, 2>> Viewer::saved_size() {
 // Writes the picture once it is as fine as it gets.
 void Viewer::save_drawn_picture() {
   if (!saving_ || (drawn_ && !session_->is_settled())) return;
-  report(saving_->path, drawn_ ? write_picture(saving_->path) : drawn_);
+  const Status written = drawn_ ? write_picture(saving_->path) : drawn_;
+  if (saving_->is_copied) {
+    const Status copied = written ? copy_png(saving_->path) : written;
+    message_ = copied ? "copied" : copied.error().message;
+    pending_frames_ = 3;
+    std::error_code error;
+    std::filesystem::remove(saving_->path, error);
+  } else {
+    report(saving_->path, written);
+  }
   saving_.reset();
+}
+
+void Viewer::copy_picture() {
+  const auto size = saved_size();
+  if (!size) return;
+  std::error_code error;
+  const std::string folder = std::filesystem::temp_directory_path(error).string();
+  const std::string path = fmt::format("{}/svview-{}.png", error ? "/tmp" : folder, ::getpid());
+  playing_.reset();
+  step_seconds_.reset();
+  saving_ = Saving{path, (*size)[0], (*size)[1], true};
 }
 
 void Viewer::draw_question() {
@@ -441,7 +480,8 @@ void Viewer::draw_hud() {
   const float room = static_cast<float>(picture_area().width) - (is_narrow() ? 120 : 32) * scale;
   if (panel() && is_narrow()) return;
   if (size.x > room || size.y > static_cast<float>(picture_area().height) / 2) return;
-  ImGui::SetNextWindowPos({static_cast<float>(window_.width) - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
+  const float right = static_cast<float>(picture_area().left + picture_area().width);
+  ImGui::SetNextWindowPos({right - 8 * scale, 8 * scale}, ImGuiCond_Always, {1, 0});
   ImGui::SetNextWindowBgAlpha(0.75f);
   ImGui::Begin("HUD", nullptr,
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
@@ -459,7 +499,8 @@ void Viewer::draw_help() {
       {"left drag", "turn"},
       {"right drag, shift", "move"},
       {"control drag", "roll"},
-      {"wheel", "zoom to the pointer"},
+      {"wheel", "zoom to the pointer; with shift, or sideways: move"},
+      {"click", "pin the value and its plot along the line of sight"},
       {"R", "see all again"},
       {"1 2 3", "from +x, +y, +z; with shift from the other side"},
       {"P", "perspective or orthographic"},

@@ -125,6 +125,38 @@ TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
   EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());
 }
 
+TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
+  json document = valid_scene();
+  EXPECT_EQ(parse_used_scene(document.dump())->use, SceneUse());
+  document.update({{"file", "a.svol"}, {"step", 3}, {"tolerance", 0.5}, {"kernel", "octant"}});
+  const auto used = parse_used_scene(document.dump());
+  ASSERT_TRUE(used) << used.error().message;
+  EXPECT_EQ(used->use, (SceneUse{.file = "a.svol", .step = 3, .tolerance = 0.5, .kernel = "octant"}));
+  EXPECT_EQ(used->scene, *parse_scene(valid_scene().dump()));
+  for (const int indent : {1, -1}) {
+    const auto again = parse_used_scene(to_json(*used, indent));
+    EXPECT_EQ(again->use, used->use);
+    EXPECT_EQ(again->scene, used->scene);
+  }
+  EXPECT_EQ(to_json(*used, -1).find('\n'), std::string::npos);
+  EXPECT_EQ(load_used_scene(document.dump())->use.file, (std::filesystem::current_path() / "a.svol").string());
+  document["file"] = "https://host/a.svol";
+  EXPECT_EQ(load_used_scene(document.dump())->use.file, "https://host/a.svol");
+}
+
+TEST(ParseScene, RefusesWrongUse) {
+  EXPECT_THAT(error_of(changed("/file", "")), StartsWith("file: empty"));
+  EXPECT_THAT(error_of(changed("/step", -1)), StartsWith("step: not a whole number"));
+  EXPECT_THAT(error_of(changed("/step", 1.5)), StartsWith("step: not a whole number"));
+  EXPECT_THAT(error_of(changed("/step", 1e99)), StartsWith("step: not a whole number"));
+  EXPECT_THAT(error_of(changed("/max_error", 0)), StartsWith("max_error: not above 0"));
+  EXPECT_THAT(error_of(changed("/tolerance", 101)), StartsWith("tolerance: 101 is outside [0, 100]"));
+  EXPECT_THAT(error_of(changed("/kernel", "round")), StartsWith("kernel: 'round' is neither moments nor octant"));
+  json both = valid_scene();
+  both.update({{"tolerance", 1}, {"max_error", 0.1}});
+  EXPECT_THAT(error_of(both.dump()), StartsWith("tolerance: give max_error or tolerance, not both"));
+}
+
 TEST(ParseScene, RefusesWrongSurfaces) {
   const auto error = [](const json& surface) { return error_of(changed("/surfaces", json::array({surface}))); };
   EXPECT_THAT(error({{"color", {1, 1, 1}}}), StartsWith("surfaces[0].file: missing"));

@@ -210,6 +210,26 @@ TEST_F(Svrender, AFullTurnDoesNotRepeatItsFirstFrame) {
   }
 }
 
+// Detail and kernel come from the scene, unless an option tells them.
+TEST_F(Svrender, ASceneTellsItsUse) {
+  const auto statistics_of = [&](const std::string& options) {
+    const Outcome outcome = run("v.svol --scene s.json -o out.png --stats stats.json " + options);
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return nlohmann::json::parse(*read_text_file(path("stats.json")));
+  };
+  scene_["tolerance"] = 4;
+  scene_["kernel"] = "octant";
+  write_scene();
+  EXPECT_EQ(statistics_of("")["kernel"], "octant");
+  EXPECT_EQ(statistics_of("")["tolerance"], 4);
+  EXPECT_EQ(statistics_of("--kernel moments --tolerance 2")["kernel"], "moments");
+  EXPECT_EQ(statistics_of("--kernel moments --tolerance 2")["tolerance"], 2);
+  scene_["step"] = 1;
+  write_scene();
+  std::filesystem::remove(path("out.png"));
+  expect_refusal("v.svol --scene s.json -o out.png", "time series");
+}
+
 TEST_F(Svrender, FfmpegJoinsTheFramesOfAMovie) {
   const std::string movie = "v.svol --turntable 3 --size 65x48 --movie turn.mp4";
   // A program that says what it was given, and copies the last frame.

@@ -16,6 +16,7 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "scene/image.h"
+#include "scene/scene.h"
 #include "tests/support/test_volume.h"
 #include "tests/surfaces/shapes.h"
 
@@ -80,6 +81,30 @@ TEST_F(Svview, ReplaysARecordingWithoutAWindow) {
 }
 
 // The plate hides what is behind it, while the picture moves too: the recording ends with a turn.
+// A scene that names its file opens it, and shows what was seen when it was saved.
+TEST_F(Svview, ASceneNamesItsFile) {
+  const auto picture = [&](const std::string& arguments) {
+    const Outcome outcome = run(arguments + " --size 640x480 --screenshot " + path("a.exr"));
+    EXPECT_EQ(outcome.code, 0) << outcome.text;
+    return read_exr(path("a.exr")).value();
+  };
+  ASSERT_EQ(
+      std::system((SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null").c_str()),
+      0);
+  UsedScene used = load_used_scene(path("s.json")).value();
+  const Image expected = picture(path("v.svol") + " --scene " + path("s.json") + " --tolerance 9");
+  used.use = {.file = "v.svol", .tolerance = 9};
+  write("named.json", to_json(used));
+  EXPECT_LT(compare_images(picture(path("named.json")), expected)->rmse, 0.02) << "but for numbers of times";
+  EXPECT_LT(compare_images(picture("--scene " + path("named.json")), expected)->rmse, 0.02);
+  used.use.file = path("v.svol");
+  EXPECT_LT(compare_images(picture("--scene '" + to_json(used, -1) + "'"), expected)->rmse, 0.02);
+
+  const Outcome nameless = run(path("s.json") + " --screenshot " + path("b.png"));
+  EXPECT_EQ(nameless.code, 1);
+  EXPECT_THAT(nameless.text, HasSubstr("names no file"));
+}
+
 TEST_F(Svview, ShowsTheSurfacesOfAScene) {
   const std::string info = SPLATVOL_BIN "/svinfo " + path("v.svol") + " --scene " + path("s.json") + " > /dev/null";
   ASSERT_EQ(std::system(info.c_str()), 0);

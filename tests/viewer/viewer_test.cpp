@@ -27,6 +27,16 @@ const HeadlessContext* shared_context() {
   return context ? context->get() : nullptr;
 }
 
+// Lets programs of a folder take the place of others.
+class ProgramsFrom {
+ public:
+  explicit ProgramsFrom(const std::string& folder) { ::setenv("PATH", (folder + ":" + before_).c_str(), 1); }
+  ~ProgramsFrom() { ::setenv("PATH", before_.c_str(), 1); }
+
+ private:
+  std::string before_ = std::getenv("PATH");
+};
+
 class ViewerTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -416,6 +426,111 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
 }
 
 // There the panel covers the picture, and comes with its key or its button.
+// A turn: each frame is there, and the camera comes back. A movie that is stopped leaves nothing.
+TEST_F(ViewerTest, FilmsATurn) {
+  const fs::path present = fs::current_path();
+  fs::current_path(folder);
+  fs::create_directories("bin");
+  // Says what it was given, and takes the last frame for the movie.
+  std::ofstream("bin/ffmpeg") << "#!/bin/sh\nls v.mp4.frames/*.png | wc -l > count\nfor last; do :; done\n"
+                                 "cp v.mp4.frames/frame-0149.png \"$last\"\n";
+  fs::permissions("bin/ffmpeg", fs::perms::owner_all);
+  const ProgramsFrom programs(path("bin"));
+  constexpr int tall = 1000;
+  ASSERT_TRUE(target.resize(width, tall));
+  frame({WindowResized{width, tall, width, tall, 1}});
+  settle();
+  const Camera before = scene().camera;
+  click(100, 697);  // the section "camera path"
+  settle();
+  const auto save_movie = [&] { click(70, 901); };
+
+  save_movie();
+  for (int i = 0; i < 10; ++i) frame({});
+  EXPECT_TRUE(fs::exists("v.mp4.frames/frame-0000.png"));
+  EXPECT_NE(scene().camera, before);
+  press(key::escape);
+  settle();
+  EXPECT_EQ(scene().camera, before);
+  EXPECT_FALSE(fs::exists("v.mp4.frames"));
+  EXPECT_FALSE(fs::exists("v.mp4"));
+
+  save_movie();
+  settle();
+  ASSERT_TRUE(fs::exists("v.mp4"));
+  EXPECT_EQ(std::stoi(*read_text_file("count")), 150) << "5 seconds of 30 frames";
+  EXPECT_FALSE(fs::exists("v.mp4.frames"));
+  EXPECT_EQ(scene().camera, before);
+  EXPECT_EQ(scene().width, width - 336) << "the window's picture comes back";
+  fs::current_path(present);
+}
+
+TEST_F(ViewerTest, CopiesThePicture) {
+  fs::create_directories(path("bin"));
+  std::ofstream(path("bin/xclip")) << "#!/bin/sh\nfor last; do :; done\ncp \"$last\" '" << path("copied.png") << "'\n";
+  fs::permissions(path("bin/xclip"), fs::perms::owner_all);
+  ::unsetenv("WAYLAND_DISPLAY");
+  const ProgramsFrom programs(path("bin"));
+  constexpr int tall = 1000;
+  ASSERT_TRUE(target.resize(width, tall));
+  frame({WindowResized{width, tall, width, tall, 1}});
+  settle();
+  click(100, 722);  // the section "save"
+  settle();
+  click(230, 932);
+  settle();
+  const auto copied = read_text_file(path("copied.png"));
+  ASSERT_TRUE(copied);
+  EXPECT_EQ(copied->substr(1, 3), "PNG");
+  EXPECT_FALSE(fs::exists(fs::temp_directory_path() / fmt::format("svview-{}.png", ::getpid())));
+}
+
+TEST_F(ViewerTest, ThePanelMayBeAtTheRight) {
+  constexpr int tall = 1000, panel = 336;
+  ASSERT_TRUE(target.resize(width, tall));
+  frame({WindowResized{width, tall, width, tall, 1}});
+  const auto shown = [&] {
+    frame({PointerMoved{-1, -1}});
+    settle();
+    target.use();
+    return read_framebuffer(width, tall).value();
+  };
+  const Image left = shown();
+  click(122, 671);  // the check box "panel at the right"
+  const Image right = shown();
+  double difference = 0;
+  for (int y = 300; y < 700; ++y)  // the picture, without numbers and axes
+    for (int x = 0; x < width - panel; ++x)
+      difference = std::max(difference, static_cast<double>(glm::length(left.at(x + panel, y) - right.at(x, y))));
+  EXPECT_LT(difference, 0.02);
+  click(width - panel + 17, 521);  // "lighting"
+  settle();
+  EXPECT_TRUE(scene().lighting);
+  const Camera before = scene().camera;
+  frame({PointerMoved{100, 300}, ButtonChanged{0, true}});
+  frame({PointerMoved{150, 300}});
+  frame({ButtonChanged{0, false}});
+  EXPECT_NE(scene().camera, before);
+}
+
+TEST_F(ViewerTest, TwoFingersMove) {
+  settle();
+  const Camera before = scene().camera;
+  const auto distance = [](const Camera& camera) { return glm::length(camera.position - camera.focal_point); };
+  frame({PointerMoved{500, 300}});
+  frame({Scrolled{1, 0}});
+  const Camera aside = scene().camera;
+  EXPECT_NE(aside.focal_point, before.focal_point);
+  EXPECT_NEAR(distance(aside), distance(before), 1e-9);
+  frame({KeyChanged{key::right_shift, true}});
+  frame({Scrolled{0, 1}});
+  frame({KeyChanged{key::right_shift, false}});
+  EXPECT_NE(scene().camera.focal_point, aside.focal_point);
+  EXPECT_NEAR(distance(scene().camera), distance(before), 1e-9);
+  frame({Scrolled{0, 1}});
+  EXPECT_LT(distance(scene().camera), 0.9 * distance(before));
+}
+
 TEST_F(ViewerTest, ANarrowWindowIsForThePicture) {
   ASSERT_TRUE(target.resize(300, 200));
   frame({WindowResized{300, 200, 300, 200, 1}});
