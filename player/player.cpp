@@ -174,6 +174,7 @@ Status Player::replace(PlayerFile file) {
     SPLATVOL_TRY(set_function(rasterizer, file.scene, file.streamer ? *file.streamer : *streamer_));
   rasterizer.set_lighting(file.scene.lighting);
   if (file.streamer) {
+    if (streamer_) file.streamer->share_shapes(*streamer_);
     frame_ = nullptr;
     is_lost_ = false;
     streamer_ = std::move(file.streamer);

@@ -1,7 +1,9 @@
 #include "streamer/cache.h"
 
 #include <iterator>
+#include <ranges>
 #include <utility>
+#include <vector>
 
 namespace splatvol {
 
@@ -40,6 +42,18 @@ bool Cache::extend(Reservation& reservation, std::uint64_t bytes) {
 void Cache::clear() {
   while (drop_oldest()) {
   }
+}
+
+void Cache::add_shapes_of(const Cache& other) {
+  std::vector<std::pair<CacheKey, Reservation>> taken;
+  for (const CacheKey& key : other.uses_) {
+    if (key.kind != CacheKey::Kind::shapes || slots_.contains(key)) continue;
+    auto room = reserve_spare(other.slots_.at(key).entry->reservation.bytes());
+    if (!room) break;
+    taken.emplace_back(key, std::move(*room));
+  }
+  // The last one that is added counts as used last.
+  for (auto& [key, room] : std::views::reverse(taken)) insert(key, other.slots_.at(key).entry->data, std::move(room));
 }
 
 bool Cache::drop_oldest() {

@@ -58,6 +58,10 @@ class Cache {
   /// Drops all parts that nobody holds.
   void clear();
 
+  /// Adds the shapes of rows that another cache of the same file holds, those used last first, while there is room: the
+  /// other cache keeps them, too.
+  void add_shapes_of(const Cache& other);
+
  private:
   struct Entry {
     CacheData data;

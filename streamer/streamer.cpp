@@ -67,6 +67,10 @@ void Streamer::take_prefetched(StepPrefetch::Result result) {
   for (PartLoad& part : result.parts) cache_.insert(part.key, std::move(*part.data), std::move(part.decoded));
 }
 
+void Streamer::share_shapes(const Streamer& other) {
+  if (other.kernel_ == kernel_ && volume_->is_same_file(*other.volume_)) cache_.add_shapes_of(other.cache_);
+}
+
 // The parts of rows of the step that the frame consists of, in the order of their keys.
 std::vector<PartLoad> Streamer::step_rows_of_frame() {
   std::vector<PartLoad> rows;

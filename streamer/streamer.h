@@ -150,6 +150,10 @@ class Streamer {
   /// The same for a step that is open. If it is in another file, nothing of the file before stays in memory.
   [[nodiscard]] Status set_step(std::shared_ptr<const format::Volume> volume);
 
+  /// Takes over the shapes that a streamer of the same file, step and kernel holds, for another attribute, while there
+  /// is room. They need not be read again, nor sent to a device. Does nothing if the file is another.
+  void share_shapes(const Streamer& other);
+
   /// Begins to read what the last frame shows of another step of the same series, on a thread of its own, while memory
   /// is free: nothing gives way to it. `set_step` then finds it in memory. Does nothing without a frame, for a file
   /// that is no series, and if there is no such step.

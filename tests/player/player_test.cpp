@@ -291,6 +291,43 @@ TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
   EXPECT_EQ(drawn(*player).pixels.size(), 120U * 90U) << "later calls are not cancelled";
 }
 
+// Another attribute needs its values only: the shapes of the same splats stay.
+TEST_F(PlayerOfALattice, AnotherAttributeKeepsTheShapes) {
+  const test::Mesh mesh = test::lattice(24, [](dvec3 p) { return p; });
+  Piece piece = test::mesh_piece(mesh, [](dvec3 p) { return std::sin(9 * p.x) * std::cos(7 * p.y); });
+  piece.values.push_back(test::mesh_piece(mesh, [](dvec3 p) { return p.z; }).values[0]);
+  class TwoAttributes : public test::PieceSource {
+   public:
+    using PieceSource::PieceSource;
+    const std::vector<std::string>& attributes() const override { return names_; }
+
+   private:
+    std::vector<std::string> names_ = {"waves", "height"};
+  };
+  TwoAttributes source({std::move(piece)});
+  const std::string two = folder + "/two.svol";
+  ASSERT_TRUE(build_volume(source, two, {}, [](const char*, double) {}));
+  const auto open_with = [&](const std::string& attribute) {
+    auto player = Player::open(two, std::nullopt, on_processor()).value();
+    Scene scene = player->fitting_scene(attribute).value();
+    scene.width = 120;
+    scene.height = 90;
+    EXPECT_TRUE(player->set_scene(scene));
+    return player;
+  };
+  const auto bytes_of = [](const Player& player) { return player.streamer().statistics().bytes_read; };
+  const auto fresh = open_with("height");
+  const Image expected = drawn(*fresh);
+
+  const std::string first = fresh->info().attributes.front().name;
+  const auto player = open_with(first);
+  static_cast<void>(drawn(*player));
+  const std::uint64_t before = bytes_of(*player);
+  ASSERT_TRUE(player->set_scene(fresh->scene()));
+  EXPECT_EQ(compare_images(drawn(*player), expected)->max, 0);
+  EXPECT_LT(bytes_of(*player) - before, before / 2) << "values, and pages of the index";
+}
+
 TEST_F(PlayerOfALattice, StatisticsNameTheFrame) {
   const auto player = open();
   static_cast<void>(drawn(*player));
