@@ -131,7 +131,7 @@ std::optional<std::string> FileDialog::draw(const WindowResized& window, std::sp
   ImGui::SameLine();
   if (ImGui::Button("cancel") || ImGui::IsKeyPressed(ImGui::GetKeyIndex(ImGuiKey_Escape))) is_open_ = false;
   is_new_ = false;
-  const std::optional<std::string> file = chosen ? choose(*chosen) : std::nullopt;
+  std::optional<std::string> file = chosen ? choose(*chosen) : std::nullopt;
   if (!is_open_) ImGui::CloseCurrentPopup();
   ImGui::EndPopup();
   return file;
