@@ -13,7 +13,6 @@ namespace {
 
 constexpr double text_share = 0.032;  // height of a line, of the shorter side of the page
 constexpr double least_text = 9, most_text = 200;
-constexpr int most_ticks = 5;
 
 // Lengths round a colour bar, in lines of text.
 constexpr double bar_width = 0.9, tick_length = 0.3, gap = 0.45, bar_lines = 14;
@@ -29,13 +28,13 @@ struct BarText {
   double width = 0;
 };
 
-BarText bar_text(const Font& font, const TransferFunction& function, const std::string& label) {
-  BarText text{ticks_of(function, most_ticks), label};
+BarText bar_text(const Font& font, const TransferFunction& function, const PageText& page) {
+  BarText text{ticks_of(function, page.ticks), *page.bar};
   double widest = 0;
   for (const Tick& tick : text.ticks.list) widest = std::max(widest, font.width(tick.label));
   const double line = font.height();
   text.width = std::max((bar_width + tick_length + gap) * line + widest,
-                        std::max(font.width(label), font.width(text.ticks.factor))) +
+                        std::max(font.width(text.label), font.width(text.ticks.factor))) +
                2 * gap * line;
   return text;
 }
@@ -44,7 +43,7 @@ BarText bar_text(const Font& font, const TransferFunction& function, const std::
 Result<std::array<int, 2>> margins(const PageText& text, const TransferFunction& function, double text_height) {
   SPLATVOL_TRY_ASSIGN(font, Font::create(text_height));
   std::array<int, 2> result{0, 0};
-  if (text.bar) result[0] = static_cast<int>(std::ceil(bar_text(font, function, *text.bar).width));
+  if (text.bar) result[0] = static_cast<int>(std::ceil(bar_text(font, function, text).width));
   if (!text.title.empty()) result[1] = static_cast<int>(std::ceil(1.8 * text_height));
   return result;
 }
@@ -216,7 +215,7 @@ Result<Image> compose_page(const Page& page, Image picture, const PageText& text
   if (!text.title.empty())
     font.write(words, std::max(0.0, 0.5 * (page.picture_width - font.width(text.title))), 1.25 * page.text_height,
                text.title, ink);
-  if (text.bar) draw_bar(words, page, font, bar_text(font, function, *text.bar), function, ink);
+  if (text.bar) draw_bar(words, page, font, bar_text(font, function, text), function, ink);
   if (halo) add_halo(words, page.text_height / 8, dvec3(1) - ink);
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) {

@@ -14,6 +14,7 @@ namespace splatvol {
 struct PageText {
   std::string title;               // empty: none
   std::optional<std::string> bar;  // the words over a colour bar: name and unit; empty optional: no bar
+  int ticks = ScalarBar().ticks;   // of the bar, as in ScalarBar
 };
 
 /// The sizes of a page in pixels. The title is over the picture, and the colour bar right of it, so that nothing covers

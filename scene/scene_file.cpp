@@ -311,11 +311,33 @@ Result<std::vector<SceneSurface>> read_surfaces(const Field& field) {
   return surfaces;
 }
 
+constexpr int fewest_ticks = 2, most_ticks = 20;
+
+Result<ScalarBar> read_scalar_bar(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"ticks", "unit"}));
+  if (!field.is_object()) return field.wrong("not an object");
+  ScalarBar bar;
+  if (field.has("ticks")) {
+    SPLATVOL_TRY_ASSIGN(ticks_field, field.member("ticks"));
+    SPLATVOL_TRY_ASSIGN(ticks, ticks_field.number());
+    if (ticks != std::floor(ticks) || ticks < fewest_ticks || ticks > most_ticks)
+      return ticks_field.wrong("not a whole number from {} to {}", fewest_ticks, most_ticks);
+    bar.ticks = static_cast<int>(ticks);
+  }
+  if (field.has("unit")) {
+    SPLATVOL_TRY_ASSIGN(unit_field, field.member("unit"));
+    SPLATVOL_TRY_ASSIGN(unit, unit_field.text());
+    bar.unit = unit;
+  }
+  return bar;
+}
+
 Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
   SPLATVOL_TRY(field.check_names({"file", "step", "max_error", "tolerance", "kernel", "camera", "image", "background",
-                                  "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces"}));
+                                  "attribute", "transfer_function", "clip_box", "lighting", "outline", "surfaces",
+                                  "scalar_bar"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -348,6 +370,11 @@ Result<Scene> read_scene(const json& document) {
     scene.lighting = lighting;
   }
   SPLATVOL_TRY(read_truth(field, "outline", scene.outline));
+  if (field.has("scalar_bar")) {
+    SPLATVOL_TRY_ASSIGN(bar_field, field.member("scalar_bar"));
+    SPLATVOL_TRY_ASSIGN(bar, read_scalar_bar(bar_field));
+    scene.scalar_bar = std::move(bar);
+  }
   if (field.has("surfaces")) {
     SPLATVOL_TRY_ASSIGN(surfaces_field, field.member("surfaces"));
     SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(surfaces_field));
@@ -479,6 +506,8 @@ std::string to_json(const UsedScene& used, int indent) {
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};
   if (scene.outline) document["outline"] = true;
+  if (scene.scalar_bar != ScalarBar())
+    document["scalar_bar"] = {{"ticks", scene.scalar_bar.ticks}, {"unit", scene.scalar_bar.unit}};
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   for (const SceneSurface& surface : scene.surfaces)

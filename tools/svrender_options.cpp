@@ -43,6 +43,10 @@ void add_page_options(CLI::App& app, RenderOptions& options) {
       ->check([](const std::string& text) { return parse_color(text) ? "" : parse_color(text).error().message; });
   app.add_flag("--colour-bar,--color-bar", options.color_bar,
                "Show the attribute's name, unit, colours and values right of the picture (.png)");
+  app.add_option("--ticks", options.ticks,
+                 "At most about so many ticks beside the colour bar; default: the scene's, or 5")
+      ->check(CLI::Range(2, 20));
+  app.add_option("--unit", options.unit, "Unit over the colour bar, in place of the attribute's")->type_name("WORDS");
   app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("WORDS");
   app.add_flag(
       "--transparent", options.transparent,

@@ -30,6 +30,8 @@ struct RenderOptions {
   std::string background;  // see parse_color; empty: the scene's
   std::string title;
   bool color_bar = false;
+  std::optional<int> ticks;         // of the colour bar
+  std::optional<std::string> unit;  // in place of the attribute's
   bool transparent = false;
   int fade = 1;  // frames that a change of resolution takes
   std::string memory = default_memory(512);

@@ -13,26 +13,44 @@ namespace {
 
 constexpr std::array<int, 2> usual_size = {512, 512};
 
+void set_bar(const RenderOptions& options, Scene& scene) {
+  if (options.ticks) scene.scalar_bar.ticks = *options.ticks;
+  if (options.unit) scene.scalar_bar.unit = *options.unit;
+}
+
 Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
   FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
   if (!options.background.empty()) {
     SPLATVOL_TRY_ASSIGN(background, parse_color(options.background));
     picture.background = background;
   }
-  return default_scene(volume, options.attribute, picture);
+  SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute, picture));
+  set_bar(options, scene);
+  return scene;
 }
 
 Result<Scene> read_scene(const RenderOptions& options) {
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
+  set_bar(options, scene);
   if (options.background.empty()) return scene;
   SPLATVOL_TRY_ASSIGN(background, parse_color(options.background));
   adapt_to_background(scene, background);
   return scene;
 }
 
-Result<std::string> label_of(const format::Volume& volume, const std::string& name) {
+Result<std::string> label_of(const format::Volume& volume, const std::string& name, const std::string& unit) {
   SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), name, volume.name()));
-  return format::label_of(volume.info().attributes[static_cast<std::size_t>(index)]);
+  format::Attribute shown = volume.info().attributes[static_cast<std::size_t>(index)];
+  if (!unit.empty()) shown.unit = unit;
+  return format::label_of(shown);
+}
+
+Status add_bar(const format::Volume& volume, Composition& composition) {
+  const ScalarBar& bar = composition.scene.scalar_bar;
+  SPLATVOL_TRY_ASSIGN(label, label_of(volume, composition.scene.attribute, bar.unit));
+  composition.text.bar = label;
+  composition.text.ticks = bar.ticks;
+  return {};
 }
 
 // Lays out the page, and gives the scene the size that is left.
@@ -54,8 +72,7 @@ Status fit_scene(const RenderOptions& options, const format::Volume& volume, Com
   SPLATVOL_TRY_ASSIGN(scene, make_scene(options, volume, size));
   composition.scene = std::move(scene);
   if (options.color_bar) {
-    SPLATVOL_TRY_ASSIGN(label, label_of(volume, composition.scene.attribute));
-    composition.text.bar = label;
+    SPLATVOL_TRY(add_bar(volume, composition));
   }
   SPLATVOL_TRY(lay_out(composition, size));
   if (composition.page.picture_width == size[0] && composition.page.picture_height == size[1]) return {};
@@ -107,8 +124,7 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
     if (options.color_bar) {
-      SPLATVOL_TRY_ASSIGN(label, label_of(*volume, composition.scene.attribute));
-      composition.text.bar = label;
+      SPLATVOL_TRY(add_bar(*volume, composition));
     }
     SPLATVOL_TRY(lay_out(composition, {composition.scene.width, composition.scene.height}));
   }

@@ -92,8 +92,8 @@ void draw_axes(const View& view, const PictureArea& area) {
   }
 }
 
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const dvec3& ink,
-                     const PictureArea& area) {
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, int ticks_wanted,
+                     const dvec3& ink, const PictureArea& area) {
   const float u = gui_unit();
   const float above = 30 * u, below = 26 * u, width = 14 * u;
   const float height = std::min(180 * u, static_cast<float>(area.height) - above - below);
@@ -112,7 +112,7 @@ void draw_scalar_bar(const TransferFunction& function, const format::Attribute& 
       canvas().AddText({at.x + shift.x, at.y + shift.y}, halo, text.c_str());
     canvas().AddText(at, color, text.c_str());
   };
-  const Ticks ticks = ticks_of(function, height < 100 * u ? 3 : 5);
+  const Ticks ticks = ticks_of(function, height < 100 * u ? std::min(ticks_wanted, 3) : ticks_wanted);
   const float half_line = ImGui::GetFontSize() / 2;
   for (const Tick& tick : ticks.list) {
     const double t = function.t_of(tick.value);

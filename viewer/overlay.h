@@ -28,7 +28,7 @@ void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t re
 void draw_axes(const View& view, const PictureArea& area);
 
 /// Draws colours and values of a transfer function, at the right edge; words in `ink`.
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, const dvec3& ink,
+void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, int ticks, const dvec3& ink,
                      const PictureArea& area);
 
 /// Draws a text in the middle of the picture.

@@ -160,8 +160,10 @@ Status Session::use_step() {
   return {};
 }
 
-const format::Attribute& Session::attribute() const {
-  return info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
+format::Attribute Session::attribute() const {
+  format::Attribute shown = info().attributes[static_cast<std::size_t>(info().find_attribute(used_scene_.attribute))];
+  if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
+  return shown;
 }
 
 Result<Camera> Session::fitting_camera() const {
@@ -296,8 +298,9 @@ Status Session::apply() {
     SPLATVOL_TRY(player_->set_scene(scene));
   }
   Scene before = used_scene_;
-  before.background = drawn.background;  // both are shown behind the picture
+  before.background = drawn.background;  // these are shown round the picture
   before.outline = drawn.outline;
+  before.scalar_bar = drawn.scalar_bar;
   const bool same = player_->options().memory == used_settings_.memory &&
                     player_->options().kernel == used_settings_.kernel &&
                     settings.tolerance == used_settings_.tolerance && settings.max_error == used_settings_.max_error &&

@@ -136,7 +136,8 @@ class Session {
   [[nodiscard]] std::string explain() const;
 
   [[nodiscard]] const format::VolumeInfo& info() const { return player_->info(); }
-  [[nodiscard]] const format::Attribute& attribute() const;
+  /// Returns the attribute that is drawn, with the unit that the scene tells.
+  [[nodiscard]] format::Attribute attribute() const;
   [[nodiscard]] const std::array<std::uint64_t, 64>& histogram() const { return histogram_; }
   [[nodiscard]] const std::string& path() const { return path_; }
   [[nodiscard]] std::uint64_t file_bytes() const { return player_->streamer().volume().file_bytes(); }

@@ -492,7 +492,7 @@ void Viewer::draw_overlays() {
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_)
-    draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(),
+    draw_scalar_bar(session_->drawn_scene().transfer_function, session_->attribute(), session_->scene.scalar_bar.ticks,
                     ink_on(session_->scene.background), picture_area());
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();

@@ -103,6 +103,7 @@ class Viewer {
   void draw_file_section();
   void copy_command();
   void draw_picture_controls();
+  void draw_scalar_bar_controls();
   void save(const std::string& path, std::function<void()> write);
   void save_text(const std::string& path, const std::string& text);
   void save_picture();

@@ -340,6 +340,7 @@ void Viewer::draw_picture_controls() {
   ImGui::Checkbox("colour bar in the file", &saves_bar_);
   ImGui::SameLine();
   ImGui::Checkbox("transparent", &saves_transparent_);
+  draw_scalar_bar_controls();
   ImGui::InputText("picture", picture_name_.data(), picture_name_.size());
   ImGui::Checkbox("size as shown", &saves_as_shown_);
   if (!saves_as_shown_) ImGui::InputInt2("size", saved_size_.data());
@@ -347,6 +348,20 @@ void Viewer::draw_picture_controls() {
   ImGui::SameLine();
   if (ImGui::SmallButton("copy picture")) copy_picture();
   hint("To the clipboard, by xclip or wl-copy");
+}
+
+// In one line: the unit, and the number of ticks.
+void Viewer::draw_scalar_bar_controls() {
+  ScalarBar& bar = session_->scene.scalar_bar;
+  const float scale = static_cast<float>(window_.content_scale);
+  std::array<char, 64> unit{};
+  bar.unit.copy(unit.data(), unit.size() - 1);
+  ImGui::SetNextItemWidth(90 * scale);
+  if (ImGui::InputText("unit", unit.data(), unit.size())) bar.unit = unit.data();
+  hint("In place of the attribute's");
+  ImGui::SameLine();
+  ImGui::SetNextItemWidth(86 * scale);
+  ImGui::SliderInt("ticks", &bar.ticks, 2, 20, "%d", ImGuiSliderFlags_AlwaysClamp);
 }
 
 // Asks before it replaces a file.
@@ -434,6 +449,7 @@ Status Viewer::write_picture(const std::string& path) const {
   PageText text;
   text.title = title_.data();
   if (saves_bar_) text.bar = label_of(session_->attribute());
+  text.ticks = scene.scalar_bar.ticks;
   const bool data = path.ends_with(".exr");
   SPLATVOL_TRY_ASSIGN(image, data ? session_->image() : session_->page(text, saves_transparent_));
   return write_image(path, image, scene.background,

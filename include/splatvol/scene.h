@@ -52,6 +52,14 @@ struct SceneSurface {
   [[nodiscard]] bool operator==(const SceneSurface&) const = default;
 };
 
+/// How a scalar bar is labelled.
+struct ScalarBar {
+  int ticks = 5;     // at most about so many, 2 to 20
+  std::string unit;  // in place of the attribute's; empty: the attribute's
+
+  [[nodiscard]] bool operator==(const ScalarBar&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -65,6 +73,7 @@ struct Scene {
   std::optional<Box> clip_box;  // only the inside is drawn
   bool outline = false;         // the edges of the domain's box are drawn over and behind the volume
   std::vector<SceneSurface> surfaces = {};
+  ScalarBar scalar_bar = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

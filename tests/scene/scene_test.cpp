@@ -144,6 +144,17 @@ TEST(ParseScene, ItsUseIsReadAndWrittenBack) {
   EXPECT_EQ(load_used_scene(document.dump())->use.file, "https://host/a.svol");
 }
 
+TEST(ParseScene, TheScalarBarIsReadAndWrittenBack) {
+  const auto scene = parse_scene(changed("/scalar_bar", {{"ticks", 9}, {"unit", "kPa"}}));
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->scalar_bar, (ScalarBar{9, "kPa"}));
+  EXPECT_EQ(parse_scene(scene_to_json(*scene))->scalar_bar, scene->scalar_bar);
+  EXPECT_EQ(parse_scene(valid_scene().dump())->scalar_bar, ScalarBar());
+  EXPECT_THAT(error_of(changed("/scalar_bar", {{"ticks", 1}})), StartsWith("scalar_bar.ticks: not a whole number"));
+  EXPECT_THAT(error_of(changed("/scalar_bar", 3)), StartsWith("scalar_bar: not an object"));
+  EXPECT_THAT(error_of(changed("/scalar_bar", {{"tick", 3}})), StartsWith("scalar_bar.tick: no such field"));
+}
+
 TEST(ParseScene, RefusesWrongUse) {
   EXPECT_THAT(error_of(changed("/file", "")), StartsWith("file: empty"));
   EXPECT_THAT(error_of(changed("/step", -1)), StartsWith("step: not a whole number"));

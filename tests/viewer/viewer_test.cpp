@@ -380,7 +380,7 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   click_and_settle(100, 722);  // the section "save"
 
   // The picture as it is shown, then another view of it.
-  const auto save_picture = [&] { click_and_settle(60, 932); };
+  const auto save_picture = [&] { click_and_settle(60, 957); };
   save_picture();
   const std::string first = *read_text_file("v.png");
   const auto size_of = [](const std::string& png) {
@@ -401,8 +401,8 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
 
   // Another size. The window's picture comes back.
   fs::remove("v.png");
-  click_and_settle(18, 909);
-  click_and_settle(60, 957);
+  click_and_settle(18, 934);
+  click_and_settle(60, 982);
   EXPECT_EQ(size_of(*read_text_file("v.png")), std::pair(1920, 1080));
   EXPECT_EQ(scene().width, shown);
 
@@ -477,7 +477,7 @@ TEST_F(ViewerTest, CopiesThePicture) {
   settle();
   click(100, 722);  // the section "save"
   settle();
-  click(230, 932);
+  click(230, 957);
   settle();
   const auto copied = read_text_file(path("copied.png"));
   ASSERT_TRUE(copied);
