@@ -84,6 +84,21 @@ bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& 
          a.attribute == b.attribute && a.surfaces == b.surfaces && a.lighting.has_value() == b.lighting.has_value();
 }
 
+// Lists of splats are large, and hold rows.
+FrameSplats without_list(const FrameSplats& frame) {
+  return {{},
+          frame.serial,
+          frame.nodes,
+          frame.splats,
+          frame.nodes_by_resolution,
+          frame.splats_by_resolution,
+          frame.detail,
+          frame.expected_error,
+          frame.goal_error,
+          frame.finest,
+          frame.progress};
+}
+
 // Duration of a change of resolution.
 constexpr double fade_seconds = 0.2;
 
@@ -340,7 +355,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   still_seconds_ += seconds;
   undrawn_seconds_ += seconds;
   if (is_drawing()) {
-    if (scene_without_change() != used_scene_) stop_.request_stop();
+    if (scene_without_change() != used_scene_) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};  // the picture stays
   }
@@ -357,25 +372,28 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
     request.detail.goal = ErrorGoal{0, std::min(pacer_.splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
-  SPLATVOL_TRY(player_->choose(request));
-  const FrameSplats& chosen = *player_->frame();
-  for (const Error& error : chosen.progress.errors) troubles_.push_back(error.message);
-  awaited_seconds_ += seconds;
-  awaits_step_ = awaits_step_ && !chosen.progress.settled && awaited_seconds_ < longest_wait_seconds;
-  if (awaits_step_) return {};  // the picture stays
-
   // Slabs take several times as long: a hand that turns the data gets more splats instead.
   const bool mixes = settings.mixes && !moves;
-  const DrawOptions options{.sort = settings.sort,
-                            .raster = mixes ? Raster::automatic : Raster::splats,
-                            .sample_spacing = moves ? moving_sample_spacing(view(), chosen.splats) : 0};
+  DrawOptions options{.sort = settings.sort, .raster = mixes ? Raster::automatic : Raster::splats};
+  if (!moves && !awaits_step_ && can_draw_aside()) return draw_aside(request, options);
+
+  SPLATVOL_TRY(player_->choose(request));
+  note_frame();
+  awaited_seconds_ += seconds;
+  awaits_step_ = awaits_step_ && !frame()->progress.settled && awaited_seconds_ < longest_wait_seconds;
+  if (awaits_step_) return {};  // the picture stays
   undrawn_seconds_ = 0;
-  if (!moves && can_draw_aside()) return draw_aside(options);
+  if (moves) options.sample_spacing = moving_sample_spacing(view(), frame()->splats);
   SPLATVOL_TRY(player_->draw(options));
   note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
   if (moves) pacer_.add(request.detail.goal->max_splats, player_->times().frame);
   return moves || !frame()->progress.settled ? Status{} : finish_picture();
+}
+
+// Keeps the errors of parts of the frame that was chosen.
+void Session::note_frame() {
+  for (const Error& error : player_->frame()->progress.errors) troubles_.push_back(error.message);
 }
 
 void Session::note_drawn() {
@@ -389,10 +407,14 @@ bool Session::can_draw_aside() const {
   return settings.hurries && dynamic_cast<const TileRasterizer*>(&player_->rasterizer());
 }
 
-Status Session::draw_aside(const DrawOptions& options) {
+Status Session::draw_aside(const FrameRequest& request, const DrawOptions& options) {
+  before_ = {{}, player_->streamer().drawn_nodes(), player_->streamer().statistics(), player_->is_reading_ahead()};
+  if (const FrameSplats* frame = player_->frame()) before_.frame = without_list(*frame);
+  undrawn_seconds_ = 0;
   stop_ = std::stop_source();
-  const auto draw = [this, options, stop = stop_.get_token()] {
+  const auto draw = [this, request, options, stop = stop_.get_token()]() -> Status {
     const Interruptible interruptible(stop);
+    SPLATVOL_TRY(player_->choose(request));
     return player_->draw(options);
   };
   try {
@@ -411,6 +433,7 @@ Status Session::end_drawing(bool is_busy) {
   const Status drawn = drawing_.get();
   if (!drawn && drawn.error().code == ErrorCode::cancelled) return {};
   SPLATVOL_TRY(drawn);
+  note_frame();
   note_drawn();
   return frame()->progress.settled ? finish_picture() : Status{};
 }
@@ -418,8 +441,13 @@ Status Session::end_drawing(bool is_busy) {
 // Ends a picture that nobody will see.
 void Session::stop_drawing() {
   if (!is_drawing()) return;
-  stop_.request_stop();
+  interrupt_drawing();
   static_cast<void>(drawing_.get());
+}
+
+void Session::interrupt_drawing() {
+  stop_.request_stop();
+  player_->cancel();  // of choosing the splats
 }
 
 // Begins with a picture like the last one of the movement. Rounds its splats, which depend on the machine's load.

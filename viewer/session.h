@@ -85,8 +85,8 @@ class Session {
   /// finer picture: none is drawn.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
-  /// Whether a thread draws a picture at rest: calls of `draw` do not wait for it long. Then `shown_picture`, `image`
-  /// and `page` must not be called; the picture before stays.
+  /// Whether a thread chooses splats and draws a picture at rest: calls of `draw` do not wait for it long. Then
+  /// `shown_picture`, `image` and `page` must not be called; the picture before stays.
   [[nodiscard]] bool is_drawing() const { return drawing_.valid(); }
 
   /// Whether a thread reads what a change needs: another attribute, kernel or memory, or surfaces. Until it is there,
@@ -122,10 +122,14 @@ class Session {
   [[nodiscard]] bool is_step_shown() const { return !awaits_step_; }
 
   /// Begins to read another step of a series. Does nothing if there is no such step.
-  void read_ahead(std::size_t step) { player_->read_ahead(step); }
+  void read_ahead(std::size_t step) {
+    if (!is_drawing()) player_->read_ahead(step);
+  }
 
   /// Whether `show_step` would wait for what `read_ahead` reads.
-  [[nodiscard]] bool is_reading_ahead() const { return player_->is_reading_ahead(); }
+  [[nodiscard]] bool is_reading_ahead() const {
+    return is_drawing() ? before_.is_reading_ahead : player_->is_reading_ahead();
+  }
 
   /// Returns the range of the shown attribute's values over all steps.
   [[nodiscard]] format::StepRange range_of_all_steps() const {
@@ -155,9 +159,15 @@ class Session {
   /// Returns a box round the material of the coarsest splats.
   [[nodiscard]] const Box& bounds() const { return bounds_; }
 
-  /// Returns the splats of the last draw. Null before the first.
-  [[nodiscard]] const FrameSplats* frame() const { return player_->frame(); }
-  [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const { return player_->streamer().drawn_nodes(); }
+  /// Returns the splats of the last draw; while `is_drawing`, those of the draw before, without their list. Null before
+  /// the first.
+  [[nodiscard]] const FrameSplats* frame() const {
+    if (!is_drawing()) return player_->frame();
+    return before_.frame ? &*before_.frame : nullptr;
+  }
+  [[nodiscard]] std::vector<DrawnNode> drawn_nodes() const {
+    return is_drawing() ? before_.nodes : player_->streamer().drawn_nodes();
+  }
   [[nodiscard]] const View& view() const { return player_->view(); }
 
   /// Returns the picture of the last draw for Screen::show. Needs a current context of OpenGL.
@@ -181,7 +191,9 @@ class Session {
   /// Returns how the picture sharpens. None while something moves.
   [[nodiscard]] const std::optional<Sharpening>& sharpening() const { return sharpening_; }
 
-  [[nodiscard]] StreamerStatistics statistics() const { return player_->streamer().statistics(); }
+  [[nodiscard]] StreamerStatistics statistics() const {
+    return is_drawing() ? before_.statistics : player_->streamer().statistics();
+  }
   [[nodiscard]] std::uint64_t device_bytes() const { return device_bytes_; }
   [[nodiscard]] DrawingUnits units() const { return player_->streamer().units(); }
 
@@ -203,8 +215,10 @@ class Session {
   [[nodiscard]] Status fit_camera();
   void begin_rest();
   [[nodiscard]] bool can_draw_aside() const;
-  [[nodiscard]] Status draw_aside(const DrawOptions& options);
+  [[nodiscard]] Status draw_aside(const FrameRequest& request, const DrawOptions& options);
   [[nodiscard]] Status end_drawing(bool is_busy);
+  void interrupt_drawing();
+  void note_frame();
   void stop_drawing();
   void note_drawn();
   [[nodiscard]] Status finish_picture();
@@ -250,6 +264,15 @@ class Session {
   double undrawn_seconds_ = 0;  // since the last picture began
   std::stop_source stop_;
   std::future<Status> drawing_;
+
+  // What is told meanwhile.
+  struct Before {
+    std::optional<FrameSplats> frame;
+    std::vector<DrawnNode> nodes;
+    StreamerStatistics statistics;
+    bool is_reading_ahead = false;
+  };
+  Before before_;
 };
 
 }  // namespace splatvol
