@@ -99,7 +99,7 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   if (scene) {
     file.scene = *scene;
   } else {
-    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, ""));
+    SPLATVOL_TRY_ASSIGN(fitting, default_scene(*volume, "", options.first_picture));
     file.scene = std::move(fitting);
   }
   SPLATVOL_TRY_ASSIGN(streamer, Streamer::open(std::move(volume), {.memory_bytes = options.memory,

@@ -39,6 +39,9 @@ struct PlayerOptions {
   /// the player, and must not call it: to wake the thread that draws.
   std::function<void()> on_data = {};
 
+  /// Of a file that is opened without a scene: what its scene is to fit.
+  FirstPicture first_picture = {};
+
   /// Reads the files of a scene's surfaces. Empty: scenes that show surfaces are refused.
   ReadSurface read_surface = {};
 };

@@ -79,6 +79,7 @@ Status look(const Options& options) {
   if (!options.record.empty()) SPLATVOL_TRY(check_recording(options.record));
   SPLATVOL_TRY_ASSIGN(window, Window::open(size.width, size.height, "svview"));
   setup.clipboard = window->clipboard();
+  setup.window = window->size();
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   window->set_title(viewer->title());
   std::string title = viewer->title();
@@ -206,6 +207,7 @@ Status replay(const Options& options) {
   SPLATVOL_TRY_ASSIGN(setup, viewer_options(options));
   setup.settings.reads_aside = false;  // the next event may need it
   SPLATVOL_TRY_ASSIGN(stage, Stage::create(options.in_window, *last_size(inputs.front())));
+  setup.window = *last_size(inputs.front());
   SPLATVOL_TRY_ASSIGN(viewer, Viewer::create(setup));
   ReplayTimes times;
   SPLATVOL_TRY_ASSIGN(size, draw_inputs(inputs, start, *stage, *viewer, times));

@@ -25,6 +25,7 @@ PlayerOptions player_options(const ViewSettings& settings) {
           .device = settings.device,
           .in_current_context = settings.in_current_context,
           .kernel = settings.kernel,
+          .first_picture = settings.first_picture,
           .read_surface = settings.read_surface};
 }
 
@@ -136,7 +137,8 @@ Result<SessionFile> Session::read(const SceneUse& asked, const std::string& scen
     scene = std::move(loaded.scene);
     use = joined(asked, loaded.use);
     if (use.file.empty())
-      return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file, and then this scene", scene_path);
+      return fail(ErrorCode::invalid_argument, "{}: names no file: open a .svol file, and then this scene",
+                  scene_path.starts_with('{') ? "the scene" : scene_path);
   }
   SPLATVOL_TRY_ASSIGN(steps, format::Steps::open(use.file, open_file));
   const std::size_t step = use.step.value_or(steps.last());
@@ -165,7 +167,7 @@ Session::~Session() {
   end_reading();
 }
 
-// Takes over histogram, domain and fit of the step that is shown.
+// Takes over histogram and domain of the step that is shown.
 Status Session::use_step() {
   SPLATVOL_TRY_ASSIGN(histogram, histogram_of(player_->streamer().volume(), used_scene_.attribute));
   histogram_ = histogram;
@@ -331,11 +333,12 @@ Status Session::apply() {
   return {};
 }
 
-// Fits the first scene's camera to the first picture, whose size was not known when the file was opened.
+// Fits the first scene's camera to the first picture, if its size was not known when the file was opened.
 Status Session::fit_camera() {
   if (!fits_) return {};
   fits_ = false;
-  if (scene.camera != first_scene_.camera) return {};
+  const bool fits_size = scene.width == first_scene_.width && scene.height == first_scene_.height;
+  if (fits_size || scene.camera != first_scene_.camera) return {};
   SPLATVOL_TRY_ASSIGN(fitted, fitting_camera());
   scene.camera = first_scene_.camera = fitted;
   return {};

@@ -38,8 +38,9 @@ struct ViewSettings {
   std::optional<double> tolerance = std::nullopt;  // percent, at rest, instead of an error
   bool hurries = true;                             // coarser pictures while something moves; false: nobody waits
   SortMode sort = SortMode::exact;
-  bool mixes = true;              // at rest, in slabs, where the device can
-  ReadSurface read_surface = {};  // as in PlayerOptions
+  bool mixes = true;                // at rest, in slabs, where the device can
+  ReadSurface read_surface = {};    // as in PlayerOptions
+  FirstPicture first_picture = {};  // as in PlayerOptions; its size may turn out to be another
 
   // Whether a thread reads what another attribute, kernel or memory, or surfaces need, while pictures are drawn without
   // the change. Else it is read by the next draw.
@@ -225,7 +226,7 @@ class Session {
 
   std::string path_;
   Scene first_scene_;
-  bool fits_ = false;  // the first scene is one that fits the data, and its camera the first picture's size
+  bool fits_ = false;  // the first scene is one that fits the data, and its camera shall fit the first picture's size
   std::unique_ptr<Player> player_;
   bool awaits_step_ = false;    // no picture of the step yet
   double awaited_seconds_ = 0;  // since the step was asked for

@@ -44,7 +44,8 @@ Viewer::Viewer(std::unique_ptr<Gui> gui, Screen screen, const ViewerOptions& opt
     : gui_(std::move(gui)),
       screen_(std::move(screen)),
       settings_(options.settings),
-      recent_files_(options.recent_files) {}
+      recent_files_(options.recent_files),
+      window_(options.window) {}
 
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
   SPLATVOL_TRY_ASSIGN(gui, Gui::create(options.clipboard));
@@ -60,7 +61,9 @@ Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
 }
 
 void Viewer::begin_opening(const SceneUse& use, const std::string& scene_path) {
-  const ViewSettings& settings = session_ ? session_->settings : settings_;
+  ViewSettings settings = session_ ? session_->settings : settings_;
+  const auto [width, height] = picture_size();
+  if (!is_minimised()) settings.first_picture = {.width = width, .height = height};
   opening_seconds_ = 0;
   opening_ = std::make_unique<Opening>(use, scene_path, settings);
 }
@@ -155,6 +158,11 @@ PictureArea Viewer::picture_area() const {
   area.left = panel_right_ ? 0 : std::max(0.0, window_.width - area.width);
   area.height = std::max(area.unit_y, static_cast<double>(window_.height));
   return area;
+}
+
+// Returns the size of the window's picture, in pixels.
+std::array<int, 2> Viewer::picture_size() const {
+  return {std::max(1, static_cast<int>(picture_area().width / picture_area().unit_x)), window_.pixel_height};
 }
 
 std::string Viewer::title() const { return session_ ? session_->path() + " - svview" : "svview"; }
@@ -453,7 +461,7 @@ Status Viewer::draw_picture(double seconds) {
   GLint target = 0;
   glGetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &target);
   const int left = static_cast<int>(picture_area().left / picture_area().unit_x);
-  const int width = std::max(1, static_cast<int>(picture_area().width / picture_area().unit_x));
+  const auto [width, height] = picture_size();
   ShownPicture picture;
   dvec3 background(0.02);
   if (session_) {
@@ -463,7 +471,7 @@ Status Viewer::draw_picture(double seconds) {
     else if (filming_)
       drawn_ = session_->draw(filming_->width, filming_->height, pause_seconds);
     else
-      drawn_ = session_->draw(width, window_.pixel_height, seconds, is_busy());
+      drawn_ = session_->draw(width, height, seconds, is_busy());
     if (drawn_) {
       if (!session_->is_drawing()) {
         SPLATVOL_TRY_ASSIGN(shown, session_->shown_picture());
@@ -478,7 +486,7 @@ Status Viewer::draw_picture(double seconds) {
   glBindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(target));
   glClearColor(0.1f, 0.1f, 0.11f, 1);
   glClear(GL_COLOR_BUFFER_BIT);
-  return screen_.show(picture, background, left, width, window_.pixel_height);
+  return screen_.show(picture, background, left, width, height);
 }
 
 void Viewer::draw_overlays() {

@@ -33,6 +33,7 @@ struct ViewerOptions {
   SceneUse use = {};              // goes before what the scene tells; its file is `volume`
   std::string recent_files = "";  // where the list of recent files is kept; empty: nowhere
   Clipboard clipboard = {};
+  WindowResized window = {0, 0, 0, 0, 1};  // of the first frame, if it is known: a file is opened for this size
 };
 
 /// Shows a volume and its controls. Needs the OpenGL 4.5 context that was current at `create`.
@@ -130,6 +131,7 @@ class Viewer {
   [[nodiscard]] Viewport viewport() const { return {picture_area().width, picture_area().height}; }
   [[nodiscard]] dvec2 pointer_in_picture() const { return pointer_ - dvec2(picture_area().left, 0); }
   [[nodiscard]] PictureArea picture_area() const;
+  [[nodiscard]] std::array<int, 2> picture_size() const;
   void show_all();
   void look_from(const dvec3& direction);
   void set_up_axis(int axis);

@@ -94,6 +94,8 @@ FrameInput Window::take_input(double seconds) {
 
 void Window::swap() { ::glfwSwapBuffers(window_); }
 
+WindowResized Window::size() const { return size_of(window_); }
+
 Clipboard Window::clipboard() const {
   return {[window = window_](const std::string& text) { ::glfwSetClipboardString(window, text.c_str()); },
           [window = window_]() -> std::string {

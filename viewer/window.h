@@ -26,6 +26,8 @@ class Window {
   [[nodiscard]] FrameInput take_input(double seconds);
 
   void swap();
+  [[nodiscard]] WindowResized size() const;
+
   /// The desktop's clipboard, as long as the window lives.
   [[nodiscard]] Clipboard clipboard() const;
 
