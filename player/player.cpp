@@ -7,6 +7,7 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
+#include "player/slice_values.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
 
@@ -26,7 +27,8 @@ Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& 
 }
 
 tl::unexpected<Error> fail_two_surfaces() {
-  return fail(ErrorCode::invalid_argument, "depths of surfaces, and a scene that shows surfaces: give one of them");
+  return fail(ErrorCode::invalid_argument,
+              "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
 DetailOptions detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
@@ -130,6 +132,7 @@ Status Player::set_kernel(KernelKind kernel) {
 // Takes over a scene and options. The streamer is opened anew only if it would have other parts of the file.
 Status Player::use(const Scene& scene, const PlayerOptions& options) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
+  if (surface_depths_ && !view.slices.empty()) return fail_two_surfaces();
   const bool other_surfaces = scene.surfaces != scene_.surfaces;
   std::vector<Surface> surfaces;
   if (other_surfaces) {
@@ -184,7 +187,9 @@ Status Player::open_streamer(const Scene& scene, const PlayerOptions& options) {
   return {};
 }
 
-bool Player::shows_surfaces() const { return std::ranges::any_of(surfaces_, &Surface::is_visible); }
+bool Player::shows_surfaces() const {
+  return !view_.slices.empty() || std::ranges::any_of(surfaces_, &Surface::is_visible);
+}
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
   if (depths && shows_surfaces()) return fail_two_surfaces();
@@ -316,8 +321,11 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
 
 // Draws the volume in front of each layer of surfaces, and joins all.
 Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
-  if (surfaces_view_ != view) {
-    surface_layers_ = draw_surfaces(surfaces_, view);
+  if (!view.slices.empty()) {
+    surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
+    surfaces_view_.reset();
+  } else if (surfaces_view_ != view) {
+    surface_layers_ = draw_surfaces(surfaces_, {}, view);
     surfaces_view_ = view;
   }
   if (surface_layers_.layers.empty()) return draw_volume(view);
@@ -341,6 +349,17 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   if (!drawn) return tl::unexpected(drawn.error());
   picture_ = composite.finish();
   return sum;
+}
+
+// The values on the slices, as the chosen splats have them.
+std::vector<SlicePicture> Player::draw_slices(const View& view) const {
+  std::vector<SlicePicture> pictures;
+  for (const Slice& slice : view.slices) {
+    std::vector<double> depths = slice_depths(view, slice.plane);
+    const auto values = slice_values(frame_->sliced, streamer_->units(), view, slice.plane, depths);
+    pictures.push_back(color_slice(view, slice, std::move(depths), values, scene_.transfer_function));
+  }
+  return pictures;
 }
 
 Result<Image> Player::image() const {

@@ -275,6 +275,15 @@ Status read_truth(const Field& parent, const char* name, bool& truth) {
   return {};
 }
 
+Status read_opacity(const Field& parent, double& opacity) {
+  if (!parent.has("opacity")) return {};
+  SPLATVOL_TRY_ASSIGN(field, parent.member("opacity"));
+  SPLATVOL_TRY_ASSIGN(number, field.number());
+  if (number < 0 || number > 1) return field.wrong("{} is outside [0, 1]", number);
+  opacity = number;
+  return {};
+}
+
 Result<SceneSurface> read_surface(const Field& field) {
   SPLATVOL_TRY(field.check_names({"file", "color", "opacity", "shown", "edges"}));
   SceneSurface surface;
@@ -286,15 +295,53 @@ Result<SceneSurface> read_surface(const Field& field) {
     SPLATVOL_TRY_ASSIGN(color, color_at(field, "color"));
     surface.color = color;
   }
-  if (field.has("opacity")) {
-    SPLATVOL_TRY_ASSIGN(opacity_field, field.member("opacity"));
-    SPLATVOL_TRY_ASSIGN(opacity, opacity_field.number());
-    if (opacity < 0 || opacity > 1) return opacity_field.wrong("{} is outside [0, 1]", opacity);
-    surface.opacity = opacity;
-  }
+  SPLATVOL_TRY(read_opacity(field, surface.opacity));
   SPLATVOL_TRY(read_truth(field, "shown", surface.shown));
   SPLATVOL_TRY(read_truth(field, "edges", surface.edges));
   return surface;
+}
+
+Status read_plane(const Field& field, dvec3& point, dvec3& normal) {
+  SPLATVOL_TRY_ASSIGN(at, vector_at(field, "point"));
+  SPLATVOL_TRY_ASSIGN(direction, vector_at(field, "normal"));
+  if (direction == dvec3(0)) return field.wrong("the normal has no direction; give one that is not [0, 0, 0]");
+  point = at, normal = direction;
+  return {};
+}
+
+Result<SceneSlice> read_slice(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"point", "normal", "opacity", "shown"}));
+  SceneSlice slice;
+  SPLATVOL_TRY(read_plane(field, slice.point, slice.normal));
+  SPLATVOL_TRY(read_opacity(field, slice.opacity));
+  SPLATVOL_TRY(read_truth(field, "shown", slice.shown));
+  return slice;
+}
+
+Result<SceneClipPlane> read_clip_plane(const Field& field) {
+  SPLATVOL_TRY(field.check_names({"point", "normal", "active"}));
+  SceneClipPlane plane;
+  SPLATVOL_TRY(read_plane(field, plane.point, plane.normal));
+  SPLATVOL_TRY(read_truth(field, "active", plane.active));
+  return plane;
+}
+
+// Each costs time in every pixel.
+constexpr std::size_t most_planes = 64;
+
+template <class Element>
+Result<std::vector<Element>> read_planes(const Field& scene, const char* name,
+                                         Result<Element> (*read)(const Field& field)) {
+  std::vector<Element> planes;
+  if (!scene.has(name)) return planes;
+  SPLATVOL_TRY_ASSIGN(field, scene.member(name));
+  if (!field.is_list()) return field.wrong("not a list");
+  if (field.size() > most_planes) return field.wrong("{} planes; at most {} are drawn", field.size(), most_planes);
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    SPLATVOL_TRY_ASSIGN(plane, read(field.element(i)));
+    planes.push_back(plane);
+  }
+  return planes;
 }
 
 constexpr std::size_t most_surfaces = 4096;
@@ -315,7 +362,7 @@ Result<Scene> read_scene(const json& document) {
   if (!document.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
   const Field field(document, "");
   SPLATVOL_TRY(field.check_names({"camera", "image", "background", "attribute", "transfer_function", "clip_box",
-                                  "lighting", "outline", "surfaces"}));
+                                  "lighting", "outline", "surfaces", "slices", "clip_planes"}));
   Scene scene;
   SPLATVOL_TRY_ASSIGN(camera_field, field.member("camera"));
   SPLATVOL_TRY_ASSIGN(camera, read_camera(camera_field));
@@ -353,6 +400,10 @@ Result<Scene> read_scene(const json& document) {
     SPLATVOL_TRY_ASSIGN(surfaces, read_surfaces(surfaces_field));
     scene.surfaces = std::move(surfaces);
   }
+  SPLATVOL_TRY_ASSIGN(slices, read_planes(field, "slices", &read_slice));
+  scene.slices = std::move(slices);
+  SPLATVOL_TRY_ASSIGN(clip_planes, read_planes(field, "clip_planes", &read_clip_plane));
+  scene.clip_planes = std::move(clip_planes);
   return scene;
 }
 
@@ -424,6 +475,14 @@ std::string scene_to_json(const Scene& scene) {
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
                                     {"edges", surface.edges}});
+  for (const SceneSlice& slice : scene.slices)
+    document["slices"].push_back({{"point", json_of(slice.point)},
+                                  {"normal", json_of(slice.normal)},
+                                  {"opacity", slice.opacity},
+                                  {"shown", slice.shown}});
+  for (const SceneClipPlane& plane : scene.clip_planes)
+    document["clip_planes"].push_back(
+        {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}});
   return text_of(document);
 }
 

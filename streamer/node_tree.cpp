@@ -12,9 +12,11 @@ using format::IndexPage;
 // Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
-bool is_clipped(const Cube& cube, const std::optional<Box>& box) {
-  return box && !(glm::all(glm::greaterThanEqual(cube.origin, box->low)) &&
-                  glm::all(glm::lessThanEqual(cube.origin + cube.edge, box->high)));
+bool is_clipped(const Cube& cube, const ClipRegion& clip) {
+  if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
+                    glm::all(glm::lessThanEqual(cube.origin + cube.edge, clip.box->high))))
+    return true;
+  return !std::ranges::all_of(clip.planes, [&](const Plane& plane) { return lies_inside(cube, plane); });
 }
 
 // Returns the cube, larger by `by` on each side.
@@ -147,17 +149,28 @@ Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t pag
         SPLATVOL_TRY(hide_behind(finding, *child, page, is_filled));
     return {};
   }
-  if (is_filled && least > 0 && !is_clipped(node.cube, view_.clip_box)) occlusion_.add(node.cube, least);
+  if (is_filled && least > 0 && !is_clipped(node.cube, view_.clip)) occlusion_.add(node.cube, least);
   return {};
 }
 
 bool NodeTree::is_visible(const Node& node) const {
   const format::ValueSummary& summary = node.summary();
-  if (!visibility_.shows(summary.min, summary.max, summary.occupancy) || occlusion_.hides(node.cube)) return false;
+  const bool shows = visibility_.shows(summary.min, summary.max, summary.occupancy) || is_sliced(node);
+  if (!shows || occlusion_.hides(node.cube)) return false;
   if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;
   return false;
+}
+
+// Coarser splats reach no less than finer ones.
+double NodeTree::slice_weight(const Node& node) const {
+  double sum = 0;
+  if (view_.slices.empty() || !(node.summary().min <= node.summary().max)) return sum;
+  const double reach = slice_reach(kernel_) * splat_bound(node, node.first_resolution());
+  for (const Slice& slice : view_.slices)
+    if (meets(node.cube, reach, slice.plane)) sum += slice.opacity * slice.opacity;
+  return sum;
 }
 
 bool NodeTree::is_within_reach(const Node& node, std::size_t resolution) const {

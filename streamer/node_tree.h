@@ -92,6 +92,12 @@ class NodeTree {
   /// Whether something of the node may be visible.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
+  /// Whether splats of the node may show on a slice.
+  [[nodiscard]] bool is_sliced(const Node& node) const { return slice_weight(node) > 0; }
+
+  /// Returns the sum of the squared opacities of these slices.
+  [[nodiscard]] double slice_weight(const Node& node) const;
+
   /// Whether the node's cube may reach into the picture, or its splats at a resolution.
   [[nodiscard]] bool is_within_reach(const Node& node) const { return frustum_.touches(node.cube, 0); }
   [[nodiscard]] bool is_within_reach(const Node& node, std::size_t resolution) const;

@@ -124,7 +124,8 @@ Status Session::apply() {
                     settings.mixes == used_settings_.mixes && scene.attribute == used_scene_.attribute &&
                     scene.camera == used_scene_.camera && scene.transfer_function == used_scene_.transfer_function &&
                     scene.lighting == used_scene_.lighting && scene.clip_box == used_scene_.clip_box &&
-                    scene.surfaces == used_scene_.surfaces && scene.width == used_scene_.width &&
+                    scene.surfaces == used_scene_.surfaces && scene.slices == used_scene_.slices &&
+                    scene.clip_planes == used_scene_.clip_planes && scene.width == used_scene_.width &&
                     scene.height == used_scene_.height;
   used_scene_ = scene;
   used_settings_ = settings;

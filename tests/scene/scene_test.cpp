@@ -54,7 +54,7 @@ TEST(ParseScene, ReadsWhatItWrites) {
   ASSERT_TRUE(again) << again.error().message;
   EXPECT_EQ(again->clip_box, scene.clip_box);
   EXPECT_EQ(scene_to_json(*again), scene_to_json(scene));
-  EXPECT_EQ(make_view(*again)->clip_box, scene.clip_box);
+  EXPECT_EQ(make_view(*again)->clip.box, scene.clip_box);
   const auto camera = parse_camera(camera_to_json(scene.camera));
   ASSERT_TRUE(camera);
   EXPECT_EQ(camera->position, scene.camera.position);

@@ -40,7 +40,7 @@ Box half_space(int axis, double from, double to) {
 }
 
 Material clipped(Material splat, const dvec3& origin, const Box& box) {
-  clip(splat, {box.low - origin, box.high - origin});
+  clip(splat, {Box{box.low - origin, box.high - origin}, {}});
   return splat;
 }
 
@@ -90,7 +90,7 @@ TEST(Clip, LeavesWhatIsInsideAndNothingOfWhatIsOutside) {
   for (int i = 0; i < 100; ++i) {
     const Material splat = random_splat(random);
     Material inside = splat;
-    EXPECT_FALSE(clip(inside, {dvec3(-5), dvec3(5)}));
+    EXPECT_FALSE(clip(inside, {Box{dvec3(-5), dvec3(5)}, {}}));
     EXPECT_EQ(inside.center, splat.center);
     EXPECT_EQ(inside.mass, splat.mass);
     EXPECT_EQ(clipped(splat, dvec3(5), {dvec3(20), dvec3(30)}).mass, 0);
@@ -113,8 +113,8 @@ TEST(Clip, TakesThinAndEmptySplats) {
 
 TEST(Clip, OctantsGoByTheirPoint) {
   OctantSplat inside{{0, 0, 0}, 1, 1, 0}, outside{{2, 0, 0}, 1, 1, 0};
-  EXPECT_FALSE(clip(inside, {dvec3(-1), dvec3(1)}));
-  EXPECT_TRUE(clip(outside, {dvec3(-1), dvec3(1)}));
+  EXPECT_FALSE(clip(inside, {Box{dvec3(-1), dvec3(1)}, {}}));
+  EXPECT_TRUE(clip(outside, {Box{dvec3(-1), dvec3(1)}, {}}));
   EXPECT_EQ(inside.value, 1);
   EXPECT_TRUE(std::isnan(outside.value));
 }
@@ -129,7 +129,9 @@ TEST(Clip, RangesAreDrawnWholeOrNotAtAllOrAsClippedRows) {
   DrawList list;
   append(list, pack_row(splats, origin, length), 0, 100, 0.25f);
   ASSERT_EQ(list.ranges.size(), 1u);
-  const auto box = [&](double low, double high) { return Box{origin + length * low, origin + length * high}; };
+  const auto box = [&](double low, double high) { {
+    return ClipRegion{Box{origin + length * low, origin + length * high}, {}};
+  };
   using Part = ClippedRange::Part;
   EXPECT_EQ(clip(list.ranges[0], box(-9, 9), length).part, Part::all);
   EXPECT_EQ(clip(list.ranges[0], box(9, 11), length).part, Part::none);

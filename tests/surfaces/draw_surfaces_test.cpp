@@ -31,7 +31,7 @@ Surface surface_of(TriangleMesh mesh, double opacity = 1, dvec3 color = dvec3(1)
 
 SurfaceLayers draw(const std::vector<Surface>& surfaces, const View& view,
                    std::size_t most_layers = most_surface_layers) {
-  return draw_surfaces(surfaces, view, most_layers);
+  return draw_surfaces(surfaces, {}, view, most_layers);
 }
 
 // A pixel's ray in world coordinates; `direction` has length 1 along the view's axis.
@@ -154,7 +154,7 @@ TEST(DrawSurfaces, NothingIsBehindTheEyeOrHidden) {
 
 TEST(DrawSurfaces, AClipBoxCutsThem) {
   View view = view_from({0, 0, 4}, dvec3(0), false);
-  view.clip_box = Box{{0, -5, -5}, {5, 5, 0}};
+  view.clip.box = Box{{0, -5, -5}, {5, 5, 0}};
   const TriangleMesh mesh = test::plate({-1, -1, 0}, {2, 0, 0}, {0, 2, 0});  // in a face of the box
   const auto drawn = draw({surface_of(mesh)}, view);
   ASSERT_EQ(drawn.layers.size(), 1u);
