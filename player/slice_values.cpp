@@ -22,11 +22,9 @@ constexpr std::uint64_t batch_records = std::uint64_t{1} << 18;  // whose splats
 // A splat that is thinner across than this share of its length counts as so thick: the plane still meets it.
 constexpr double thinnest = 1e-6;
 
-double experiment(const char* name, double usual) {
-  const char* text = std::getenv(name);
-  return text ? std::atof(text) : usual;
-}
-const double widening = experiment("WIDEN", 1), least_density = experiment("LEAST", 0.5), power = experiment("POWER",1.5);
+// Densities in material, which is 1 there on average: all splats as if boundary planes cut nothing off, and what the
+// planes leave. The latter may be less if the planes leave most of what is there.
+constexpr double least_whole = 0.3, least_left = 0.3, least_share = 0.5;
 
 // A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
 // coordinates.
@@ -98,7 +96,7 @@ class SliceDrawing {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
     for (std::size_t i = 0; i < depths.size(); ++i) {
       const double weight = sums_.weight[i], whole = sums_.whole[i];
-      if (depths[i] < infinity && whole >= least_density && weight >= 0.5 * whole)
+      if (depths[i] < infinity && whole >= least_whole && weight >= std::min(least_left, least_share * whole))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
     }
     return values;
@@ -107,7 +105,7 @@ class SliceDrawing {
  private:
   void find_splats(const DrawRange& range, std::vector<SplatOnPlane>& found) const;
   void add_splat(const Material& splat, const dvec3& origin, float weight, std::vector<SplatOnPlane>& found) const;
-  [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& centre, double longest, SplatOnPlane& found) const;
+  [[nodiscard]] bool find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const;
   void draw_rows(const SplatOnPlane& splat, int first, int last);
 
   const DrawingUnits& units_;
@@ -121,12 +119,12 @@ class SliceDrawing {
 // Bound on how far a splat reaches from its centre, drawing units.
 double reach_of(const MomentsShape& shape, double deviation_scale) {
   const double longest = log_number(shape.deviations[0], deviation_scale);
-  if (shape.boundary == 0) return widening * moments_half_width * longest;
+  if (shape.boundary == 0) return moments_half_width * longest;
   dvec3 foot;
   for (int k = 0; k < 3; ++k)
     foot[k] = static_cast<double>(static_cast<std::int32_t>(shape.boundary << (22 - 10 * k)) >> 22) / 128;
   const double far = glm::length(foot);
-  return longest * (widening * moments_half_width * std::sqrt(1 + far * far) + far);
+  return longest * (moments_half_width * std::sqrt(1 + far * far) + far);
 }
 
 // A ball with the octant splat's reach.
@@ -152,7 +150,7 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
     }
   };
   if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records()))
-    visit(*octants, [](const OctantShape& shape) { return widening * octant_reach * static_cast<double>(shape.size); },
+    visit(*octants, [](const OctantShape& shape) { return octant_reach * static_cast<double>(shape.size); },
           [](const RecordRow& of, std::uint32_t i) { return material_of(unpack_octant(of, i)); });
   else
     visit(std::get<std::vector<MomentsShape>>(row.records()),
@@ -170,28 +168,27 @@ void SliceDrawing::add_splat(const Material& m, const dvec3& origin, float weigh
   const double far = glm::length(m.boundary), stretch = std::sqrt(1 + far * far);
   const dvec3 outwards = far > 0 ? m.boundary / far : dvec3(0);
   const auto stretched = [&](const dvec3& v, double by) { return v + (by - 1) * glm::dot(outwards, v) * outwards; };
-  const double half_width = widening * moments_half_width;
 
   SplatOnPlane splat;
   const dvec3 centre = origin + units_.length * (m.center + axes * (deviations * m.boundary));
   dmat3 to_ball;  // from world directions
   for (int k = 0; k < 3; ++k) {
     const dvec3 across(axes[0][k], axes[1][k], axes[2][k]);
-    to_ball[k] = stretched(across / (units_.length * deviations), 1 / stretch) / half_width;
+    to_ball[k] = stretched(across / (units_.length * deviations), 1 / stretch) / moments_half_width;
   }
-  if (!find_rows(to_ball, centre, units_.length * half_width * stretch * deviations.x, splat)) return;
+  if (!find_rows(to_ball, centre, splat)) return;
   const dmat3 from_view = to_ball * dmat3(view_.right, view_.up, view_.forward);
   splat.g = from_view * (rays_.k - glm::outerProduct(view_.to_view(centre), rays_.w));
   splat.value = m.value + m.value_deviation * glm::dot(m.correlations, m.boundary);
-  splat.gradient = half_width * m.value_deviation * stretched(m.correlations, stretch);
+  splat.gradient = moments_half_width * m.value_deviation * stretched(m.correlations, stretch);
   splat.outwards = outwards;
-  const double volume = half_width * half_width * half_width * stretch * deviations.x * deviations.y * deviations.z;
+  const double volume = std::pow(moments_half_width, 3) * stretch * deviations.x * deviations.y * deviations.z;
   splat.density = (far > 0 ? 2 : 1) * moments_peak * weight * m.mass / volume;
   found.push_back(splat);
 }
 
 // Finds the rows of pixels that may show the ellipse in which the plane cuts a splat. Returns false if there is none.
-bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, double longest, SplatOnPlane& found) const {
+bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const {
   // |k0 + k1 s + k2 t| < 1, from the foot of the perpendicular on the plane.
   const double distance = plane_.distance(centre);
   const dvec3 foot = centre - distance * plane_.normal;
@@ -219,7 +216,6 @@ bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, double l
     const double y = view_.orthographic ? p.y : p.y / p.z;
     low = std::min(low, y), high = std::max(high, y);
   }
-  static_cast<void>(longest);
   constexpr double margin = 1e-6;  // pixels
   found.first = static_cast<int>(
       std::clamp(std::ceil(view_.focal * low + 0.5 * view_.height - 0.5 - margin), 0.0, double(view_.height)));
@@ -251,7 +247,7 @@ void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
       const double a = left + step * x;
       const dvec3 u = (p + q * a) / (s + t * a);
       const double inside = std::max(1 - glm::dot(u, u), 0.0);
-      const double weight = splat.density * (power == 1.5 ? inside * std::sqrt(inside) : std::pow(inside, power));
+      const double weight = splat.density * inside * std::sqrt(inside);
       const bool counts = !(glm::dot(splat.outwards, u) > 0);
       sums_.whole[row + x] += static_cast<float>(weight);
       if (!counts) continue;
