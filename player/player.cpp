@@ -7,9 +7,9 @@
 
 #include "base/http_source.h"
 #include "base/interruption.h"
-#include "player/slice_values.h"
 #include "player/step_ahead.h"
 #include "renderer/sampling.h"
+#include "renderer/slice_values.h"
 
 namespace splatvol {
 namespace {

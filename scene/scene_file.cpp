@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "base/file.h"
+#include "scene/isovalue.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -240,9 +241,26 @@ Status read_axis(const Field& field, const Field& domain, TransferFunction& func
   return {};
 }
 
+/// Reads the peak that takes the density's place. The domain and the axis have been read.
+Result<Isovalue> read_isovalue(const Field& function_field, const TransferFunction& function) {
+  SPLATVOL_TRY_ASSIGN(field, function_field.member("isovalue"));
+  SPLATVOL_TRY(field.check_names({"value", "width", "density"}));
+  SPLATVOL_TRY_ASSIGN(value_field, field.member("value"));
+  SPLATVOL_TRY_ASSIGN(value, value_field.number());
+  if (value < function.lo || value > function.hi)
+    return value_field.wrong("{} is outside of the domain [{}, {}]; widen the domain", value, function.lo, function.hi);
+  SPLATVOL_TRY_ASSIGN(width_field, field.member("width"));
+  SPLATVOL_TRY_ASSIGN(width, width_field.number());
+  if (!(width > 0)) return width_field.wrong("not above 0");
+  SPLATVOL_TRY_ASSIGN(density_field, field.member("density"));
+  SPLATVOL_TRY_ASSIGN(density, density_field.number());
+  if (density < 0) return density_field.wrong("{} is negative", density);
+  return Isovalue{value, width, density};
+}
+
 Result<TransferFunction> read_transfer_function(const Field& scene) {
   SPLATVOL_TRY_ASSIGN(field, scene.member("transfer_function"));
-  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density"}));
+  SPLATVOL_TRY(field.check_names({"domain", "axis", "linear_width", "colors", "density", "isovalue"}));
   SPLATVOL_TRY_ASSIGN(domain_field, field.member("domain"));
   SPLATVOL_TRY_ASSIGN(domain, domain_field.numbers(2));
   if (!(domain[0] < domain[1])) return domain_field.wrong("[{}, {}] is not an interval", domain[0], domain[1]);
@@ -252,8 +270,15 @@ Result<TransferFunction> read_transfer_function(const Field& scene) {
   function.hi = domain[1];
   SPLATVOL_TRY(read_axis(field, domain_field, function));
   SPLATVOL_TRY_ASSIGN(colors, read_curve(field, "colors", 3));
-  SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : colors) function.colors.push_back({row[0], {row[1], row[2], row[3]}});
+  if (field.has("isovalue")) {
+    if (field.has("density"))
+      return fail(ErrorCode::invalid_data, "transfer_function: both density and isovalue; leave one of them out");
+    SPLATVOL_TRY_ASSIGN(isovalue, read_isovalue(field, function));
+    function.densities = densities_of(function, isovalue);
+    return function;
+  }
+  SPLATVOL_TRY_ASSIGN(densities, read_curve(field, "density", 1));
   for (const auto& row : densities) function.densities.push_back({row[0], row[1]});
   return function;
 }
@@ -462,7 +487,13 @@ std::string scene_to_json(const Scene& scene) {
         std::ranges::find(axes, scene.transfer_function.axis, [](auto& axis) { return axis.second; })->first;
   if (scene.transfer_function.axis == ValueAxis::asinh) function["linear_width"] = scene.transfer_function.linear_width;
   for (const auto& [t, rgb] : scene.transfer_function.colors) function["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
-  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
+  // By its name only if it comes back to the last bit.
+  const auto isovalue = isovalue_of(scene.transfer_function);
+  if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
+    function["isovalue"] = {
+        {"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
+  else
+    for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};

@@ -43,7 +43,6 @@ class ErrorModel {
     double area_;             // pixels that a section of the cube covers
     double pixels_per_edge_;  // of the cube
     ValueContrast::Node values_;
-    double slice_weight_;
     ValueContrast::Node slice_values_;
   };
 

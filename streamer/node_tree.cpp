@@ -154,29 +154,45 @@ Status NodeTree::hide_behind(Finding& finding, const Node& node, std::size_t pag
 }
 
 bool NodeTree::is_visible(const Node& node) const {
-  const format::ValueSummary& summary = node.summary();
-  const bool shows = visibility_.shows(summary.min, summary.max, summary.occupancy) || is_sliced(node);
-  if (!shows || occlusion_.hides(node.cube)) return false;
+  if ((view_.slices.empty() && !shows(node)) || occlusion_.hides(node.cube)) return false;
   if (is_within_reach(node)) return true;
   for (std::size_t r = node.first_resolution(); r <= finest(); ++r)
     if (is_within_reach(node, r)) return true;
   return false;
 }
 
-// Coarser splats reach no less than finer ones.
-double NodeTree::slice_weight(const Node& node) const {
+bool NodeTree::shows(const Node& node) const {
+  const format::ValueSummary& summary = node.summary();
+  return visibility_.shows(summary.min, summary.max, summary.occupancy);
+}
+
+double NodeTree::weight_within(const Node& node, double reach) const {
   double sum = 0;
-  if (view_.slices.empty() || !(node.summary().min <= node.summary().max)) return sum;
-  const double reach = slice_reach(kernel_) * splat_bound(node, node.first_resolution());
+  if (!(node.summary().min <= node.summary().max)) return sum;
   for (const Slice& slice : view_.slices)
     if (meets(node.cube, reach, slice.plane)) sum += slice.opacity * slice.opacity;
   return sum;
 }
 
+double NodeTree::reach_of(const Node& node, std::size_t resolution) const {
+  const double reach = kernel_ == KernelKind::octant ? octant_reach : moments_reach;
+  return (reach + position_slack) * splat_bound(node, resolution);
+}
+
+double NodeTree::slice_weight(const Node& node, std::size_t resolution) const {
+  return view_.slices.empty() ? 0 : weight_within(node, reach_of(node, resolution));
+}
+
+bool NodeTree::is_within_reach(const Node& node) const {
+  if (!frustum_.touches(node.cube, 0)) return false;
+  return view_.slices.empty() || shows(node) || weight_within(node, 0) > 0;
+}
+
 bool NodeTree::is_within_reach(const Node& node, std::size_t resolution) const {
-  const double size = splat_bound(node, resolution);
-  if (kernel_ == KernelKind::octant) return frustum_.touches(node.cube, (octant_reach + position_slack) * size);
-  return frustum_.touches(grown(node.cube, (moments_reach + position_slack) * size), 0);
+  const double reach = reach_of(node, resolution);
+  const bool touches = kernel_ == KernelKind::octant ? frustum_.touches(node.cube, reach)
+                                                     : frustum_.touches(grown(node.cube, reach), 0);
+  return touches && (view_.slices.empty() || shows(node) || weight_within(node, reach) > 0);
 }
 
 }  // namespace splatvol

@@ -55,9 +55,5 @@ inline constexpr double octant_smallest_reach_pixels = 1.5;
 inline constexpr double moments_reach = 2;
 inline constexpr double moments_smallest_reach_pixels = 1.5;
 
-/// How far from its node a splat may show on a slice, in units of its size: its centre may be outside of the node.
-[[nodiscard]] constexpr double slice_reach(KernelKind kernel) {
-  return kernel == KernelKind::octant ? octant_reach : 2 * moments_reach;
-}
 
 }  // namespace splatvol

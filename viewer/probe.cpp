@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <span>
 #include <variant>
 #include <vector>
+
+#include "renderer/slice_values.h"
 
 namespace splatvol {
 namespace {
@@ -119,6 +122,32 @@ std::optional<Probe> probe(const DrawList& list, const TransferFunction& functio
       return Probe{crossing.value, ray.origin + crossing.distance * ray.direction, opacity};
   }
   return {};
+}
+
+std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view, double x,
+                                  double y) {
+  // A picture of one pixel, whose ray is this one.
+  const Ray ray = ray_through(view, x, y);
+  View pixel = view;
+  pixel.width = pixel.height = 1;
+  pixel.eye = ray.origin;
+  pixel.forward = ray.direction;
+  const dvec3 right = view.right - glm::dot(view.right, ray.direction) * ray.direction;
+  if (!(glm::length(right) > 0)) return {};
+  pixel.right = glm::normalize(right);
+  pixel.up = glm::cross(pixel.right, pixel.forward);
+  std::optional<Probe> nearest;
+  double least = std::numeric_limits<double>::infinity();
+  for (const Slice& slice : view.slices) {
+    const double depth = -slice.plane.distance(ray.origin) / glm::dot(slice.plane.normal, ray.direction);
+    const dvec3 position = ray.origin + depth * ray.direction;
+    if (!(depth > 0 && depth < least) || !view.clip.contains(position, 1e-6 * depth)) continue;
+    const double value = slice_values(sliced, units, pixel, slice.plane, std::span(&depth, 1)).front();
+    if (std::isnan(value)) continue;
+    least = depth;
+    nearest = Probe{value, position, slice.opacity};
+  }
+  return nearest;
 }
 
 }  // namespace splatvol

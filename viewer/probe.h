@@ -21,4 +21,9 @@ struct Probe {
 [[nodiscard]] std::optional<Probe> probe(const DrawList& list, const TransferFunction& function,
                                          const DrawingUnits& units, const View& view, double x, double y);
 
+/// Returns the value under (x, y) on the nearest slice of the view that has one there; none without such a slice.
+/// `sliced`: FrameSplats::sliced.
+[[nodiscard]] std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view,
+                                                double x, double y);
+
 }  // namespace splatvol

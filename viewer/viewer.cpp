@@ -62,6 +62,7 @@ void Viewer::show(std::unique_ptr<Session> session) {
   put(picture_name_, stem + ".png");
   put(path_name_, stem + "-path.json");
   path_ = {};
+  planes_.reset();
   playing_.reset();
   step_seconds_.reset();
 }
@@ -133,13 +134,17 @@ void Viewer::handle(const Event& event) {
   if (const auto* button = std::get_if<ButtonChanged>(&event); button && button->button >= 0 && button->button < 3) {
     if (button->down && !is_held()) remember();
     buttons_[static_cast<std::size_t>(button->button)] = button->down;
-    if (button->down && !drag_ && !gui_->has_pointer()) drag_ = button->button;
+    if (button->down && !drag_ && !gui_->has_pointer() && !grab_plane(button->button)) drag_ = button->button;
     if (!button->down && drag_ == button->button) drag_.reset();
+    if (!button->down && button->button == 0) planes_.release();
   }
   if (const auto* moved = std::get_if<PointerMoved>(&event)) {
     const dvec2 position(moved->x, moved->y), drag = position - pointer_;
     pointer_ = position;
-    if (session_ && drag_) drag_camera(drag);
+    if (session_ && planes_.is_held())
+      planes_.drag(session_->scene, session_->view(), picture_area(), drag);
+    else if (session_ && drag_)
+      drag_camera(drag);
   }
   const auto* scrolled = std::get_if<Scrolled>(&event);
   if (scrolled && session_ && !gui_->has_pointer()) {
@@ -148,6 +153,12 @@ void Viewer::handle(const Event& event) {
     playing_.reset();
     moved_seconds_ = 0;
   }
+}
+
+// Takes a handle of a slice or a clip plane, where the pointer is over one.
+bool Viewer::grab_plane(int button) {
+  return button == 0 && session_ && session_->frame() &&
+         planes_.grab(session_->scene, session_->view(), picture_area(), pointer_);
 }
 
 void Viewer::drag_camera(const dvec2& drag) {
@@ -204,6 +215,9 @@ void Viewer::handle_scene_key(int code) {
       break;
     case 'L':
       scene.lighting = scene.lighting ? std::nullopt : std::optional(Lighting());
+      break;
+    case 'X':
+      planes_.add_slice(scene, session_->view(), session_->bounds());
       break;
     case '1':
       look_from({-sign, 0, 0});
@@ -420,6 +434,7 @@ void Viewer::draw_overlays() {
     draw_cut(view, session_->drawn_nodes(), session_->info().resolutions(), picture_area());
   if (session_->scene.outline) draw_box(view, session_->bounds(), {150, 150, 150}, picture_area());
   if (session_->scene.clip_box) draw_box(view, *session_->scene.clip_box, {255, 210, 80}, picture_area());
+  planes_.draw_handles(session_->scene, view, session_->bounds(), picture_area(), pointer_);
   if (axes_) draw_axes(view, picture_area());
   if (scalar_bar_)
     draw_scalar_bar(session_->scene.transfer_function, session_->attribute(), ink_on(session_->scene.background),
@@ -427,16 +442,20 @@ void Viewer::draw_overlays() {
   if (const std::string reason = session_->explain(); !reason.empty()) draw_message(reason, picture_area());
   if (hud_) draw_hud();
   // It looks at all splats: only where the pointer rests.
-  if (probe_ && !drag_ && !gui_->has_pointer() && !is_busy()) draw_probe();
+  if (probe_ && !drag_ && !planes_.is_held() && !gui_->has_pointer() && !is_busy()) draw_probe();
 }
 
 // Shows the probe beside the pointer, for the splats of the last frame.
 void Viewer::draw_probe() {
   const FrameSplats* frame = session_->frame();
   if (!frame || pointer_in_picture().x < 0) return;
-  const auto found =
-      probe(frame->list, session_->scene.transfer_function, session_->units(), session_->view(),
-            pointer_in_picture().x / picture_area().unit_x, pointer_in_picture().y / picture_area().unit_y);
+  const View& view = session_->view();
+  const double x = pointer_in_picture().x / picture_area().unit_x;
+  const double y = pointer_in_picture().y / picture_area().unit_y;
+  auto found = probe(frame->list, session_->scene.transfer_function, session_->units(), view, x, y);
+  if (const auto on_slice = probe_slices(frame->sliced, session_->units(), view, x, y);
+      on_slice && (!found || glm::length(on_slice->position - view.eye) < glm::length(found->position - view.eye)))
+    found = on_slice;
   if (!found) return;
   const std::string& unit = session_->attribute().unit;
   ImGui::SetTooltip("%s %.5g %s\nat %.5g, %.5g, %.5g\nopacity %.0f %%", session_->scene.attribute.c_str(), found->value,

@@ -16,6 +16,7 @@
 #include "viewer/probe.h"
 #include "viewer/screen.h"
 #include "viewer/session.h"
+#include "viewer/slice_controls.h"
 #include "viewer/transfer_editor.h"
 
 namespace splatvol {
@@ -60,6 +61,7 @@ class Viewer {
   void handle(const Event& event);
   void handle_key(int code);
   void handle_scene_key(int code);
+  [[nodiscard]] bool grab_plane(int button);
   void drag_camera(const dvec2& drag);
   void move_camera(const FrameInput& input);
   [[nodiscard]] bool is_held() const;
@@ -119,6 +121,7 @@ class Viewer {
   ViewSettings settings_;
   std::unique_ptr<Session> session_;
   TransferEditor editor_;
+  SliceControls planes_;
   Scene fitting_;                              // fits the attribute that is shown
   std::optional<History<Scene>> history_;      // of the session's scene, without its size; none before a picture
   std::optional<std::uint64_t> memory_shown_;  // MiB, while the slider is held

@@ -1,4 +1,4 @@
-#include "player/slice_values.h"
+#include "renderer/slice_values.h"
 
 #include <tbb/parallel_for.h>
 
@@ -25,6 +25,7 @@ constexpr double thinnest = 1e-6;
 // Densities in material, which is 1 there on average: all splats as if boundary planes cut nothing off, and what the
 // planes leave. The latter may be less if the planes leave most of what is there.
 constexpr double least_whole = 0.3, least_left = 0.3, least_share = 0.5;
+constexpr double least_of_octants = 0.05;  // their sizes fit the material less
 
 // A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
 // coordinates.
@@ -70,6 +71,9 @@ std::array<dvec3, 2> along(const dvec3& normal) {
   return {first, glm::cross(normal, first)};
 }
 
+// Returns a number of pixels, within [0, count]. Damaged splats may give NaN.
+int pixel_in(double number, int count) { return number > 0 ? static_cast<int>(std::min(number, 1.0 * count)) : 0; }
+
 // Draws the splats of some ranges.
 class SliceDrawing {
  public:
@@ -92,12 +96,13 @@ class SliceDrawing {
     });
   }
 
-  [[nodiscard]] std::vector<double> values(std::span<const double> depths) const {
+  [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
     for (std::size_t i = 0; i < depths.size(); ++i) {
       const double weight = sums_.weight[i], whole = sums_.whole[i];
-      if (depths[i] < infinity && whole >= least_whole && weight >= std::min(least_left, least_share * whole))
+      if (depths[i] < infinity && whole >= least && weight >= std::min(least_left, least_share * whole))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
+      if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
     }
     return values;
   }
@@ -217,10 +222,8 @@ bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnP
     low = std::min(low, y), high = std::max(high, y);
   }
   constexpr double margin = 1e-6;  // pixels
-  found.first = static_cast<int>(
-      std::clamp(std::ceil(view_.focal * low + 0.5 * view_.height - 0.5 - margin), 0.0, double(view_.height)));
-  found.last = static_cast<int>(
-      std::clamp(std::floor(view_.focal * high + 0.5 * view_.height - 0.5 + margin), -1.0, view_.height - 1.0));
+  found.first = pixel_in(std::ceil(view_.focal * low + 0.5 * view_.height - 0.5 - margin), view_.height);
+  found.last = pixel_in(std::floor(view_.focal * high + 0.5 * view_.height + 0.5 + margin), view_.height) - 1;
   return found.first <= found.last;
 }
 
@@ -239,8 +242,8 @@ void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
       const double discriminant = half * half - square * rest;
       if (!(discriminant > 0)) continue;
       const double root = std::sqrt(discriminant);
-      begin = static_cast<int>(std::clamp(std::ceil(((-half - root) / square - left) / step), 0.0, 1.0 * view_.width));
-      end = static_cast<int>(std::clamp(std::floor(((-half + root) / square - left) / step) + 1, 0.0, 1.0 * view_.width));
+      begin = pixel_in(std::ceil(((-half - root) / square - left) / step), view_.width);
+      end = pixel_in(std::floor(((-half + root) / square - left) / step) + 1, view_.width);
     }
     const std::size_t row = static_cast<std::size_t>(view_.height - 1 - y) * view_.width;
     for (int x = begin; x < end; ++x) {
@@ -267,7 +270,9 @@ std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units
     for (; end < list.ranges.size() && records < batch_records; ++end) records += list.ranges[end].count;
     drawing.add(std::span(list.ranges).subspan(begin, end - begin));
   }
-  return drawing.values(depths);
+  const bool octants = !list.ranges.empty() &&
+                       std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
+  return drawing.values(depths, octants ? least_of_octants : least_whole);
 }
 
 }  // namespace splatvol
