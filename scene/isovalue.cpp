@@ -9,7 +9,7 @@
 namespace splatvol {
 namespace {
 
-constexpr double usual_width = 0.02;  // of the domain
+constexpr double usual_width = 0.05;  // of the domain; a narrower peak shows the splats
 
 // Optical depth of a shell in which the value changes as fast as its domain over the data's size.
 constexpr double usual_depth = 5;

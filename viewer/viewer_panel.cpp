@@ -114,12 +114,13 @@ void Viewer::draw_panel() {
     if (ImGui::CollapsingHeader("transfer function", ImGuiTreeNodeFlags_DefaultOpen))
       editor_.draw(session_->scene.transfer_function, fitting_function(), session_->attribute(), session_->histogram(),
                    session_->range_of_all_steps());
-    planes_.draw_isovalue(session_->scene, fitting_function(), session_->bounds());
-    if (ImGui::CollapsingHeader("slices and clip planes"))
-      planes_.draw_panel(session_->scene, session_->view(), session_->bounds());
     if (ImGui::CollapsingHeader("view", ImGuiTreeNodeFlags_DefaultOpen)) draw_view_section();
     if (ImGui::CollapsingHeader("camera path")) draw_path_section();
     if (ImGui::CollapsingHeader("save")) draw_file_section();
+    if (ImGui::CollapsingHeader("slices, clip planes, isovalue")) {
+      planes_.draw_panel(session_->scene, session_->view(), session_->bounds());
+      planes_.draw_isovalue(session_->scene, fitting_function(), session_->bounds());
+    }
   } else {
     ImGui::TextWrapped("Drop a .svol file on this window.");
   }

@@ -142,7 +142,7 @@ TEST_F(Slices, ALinearFieldIsExactUpToTheCubesFaces) {
               wrong += std::isnan(place.value) ? 0 : 1;
             }
           }
-          EXPECT_GT(inside, 300);
+          EXPECT_GT(inside, 150);
           EXPECT_EQ(wrong, 0);
         }
   }
@@ -204,9 +204,10 @@ TEST_F(Slices, GoalsSpendSplatsOnSlices) {
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
   double last = 1e9;
-  for (const std::uint64_t splats : {300, 3000, 30000}) {
+  for (const std::uint64_t splats : {300, 600,1000,2000,3000,5000,8000,12000,20000, 30000}) {
     draw(*player, scene, {.goal = ErrorGoal{0, splats}});
-    EXPECT_LT(error_of(*player), last);
+    printf("%zu: %zu of %zu nodes %zu expected %g goal %g\n", splats, player->frame()->splats, player->info().resolution_counts[1], player->frame()->nodes, player->frame()->expected_error, player->frame()->goal_error);
+    EXPECT_LT(error_of(*player), last) << splats << " splats: " << player->frame()->splats;
     last = error_of(*player);
   }
   const auto search = player->draw_to_error(0.01);
