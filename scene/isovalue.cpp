@@ -67,8 +67,11 @@ Status show_isovalue(Scene& scene, double value, std::optional<double> width, do
   TransferFunction& function = scene.transfer_function;
   if (function.axis == ValueAxis::log && !(value > 0))
     return fail(ErrorCode::invalid_argument, "isovalue: {} is not above 0, which the axis log needs", value);
-  function.lo = std::min(function.lo, value);
-  function.hi = std::max(function.hi, value);
+  const double span = std::max(function.hi, value) - std::min(function.lo, value);
+  const double half = 0.5 * width.value_or(usual_width * span);
+  if (value > function.hi) function.hi = value + half;
+  if (value < function.lo)
+    function.lo = function.axis == ValueAxis::log ? std::max(value - half, 0.5 * value) : value - half;
   function.densities = densities_of(function, fitting_isovalue(function, value, width, size));
   if (!scene.lighting) scene.lighting = Lighting();
   return {};

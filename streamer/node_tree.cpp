@@ -12,6 +12,9 @@ using format::IndexPage;
 // Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
+// The share of a node's section that splats cover on a plane beside the node.
+constexpr double share_beside_slices = 0.1;
+
 bool is_clipped(const Cube& cube, const ClipRegion& clip) {
   if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
                     glm::all(glm::lessThanEqual(cube.origin + cube.edge, clip.box->high))))
@@ -166,11 +169,16 @@ bool NodeTree::shows(const Node& node) const {
   return visibility_.shows(summary.min, summary.max, summary.occupancy);
 }
 
+// The sections of a node's children add up to its own, on average over all positions of the plane.
 double NodeTree::weight_within(const Node& node, double reach) const {
   double sum = 0;
   if (!(node.summary().min <= node.summary().max)) return sum;
-  for (const Slice& slice : view_.slices)
-    if (meets(node.cube, reach, slice.plane)) sum += slice.opacity * slice.opacity;
+  for (const Slice& slice : view_.slices) {
+    if (!meets(node.cube, reach, slice.plane)) continue;
+    const double section = 1 / glm::dot(glm::abs(slice.plane.normal), dvec3(1));
+    const double share = meets(node.cube, 0, slice.plane) ? 1 : share_beside_slices;
+    sum += share * section * slice.opacity * slice.opacity;
+  }
   return sum;
 }
 

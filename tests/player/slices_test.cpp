@@ -204,9 +204,8 @@ TEST_F(Slices, GoalsSpendSplatsOnSlices) {
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
   double last = 1e9;
-  for (const std::uint64_t splats : {300, 600,1000,2000,3000,5000,8000,12000,20000, 30000}) {
+  for (const std::uint64_t splats : {300, 6000, 30000}) {
     draw(*player, scene, {.goal = ErrorGoal{0, splats}});
-    printf("%zu: %zu of %zu nodes %zu expected %g goal %g\n", splats, player->frame()->splats, player->info().resolution_counts[1], player->frame()->nodes, player->frame()->expected_error, player->frame()->goal_error);
     EXPECT_LT(error_of(*player), last) << splats << " splats: " << player->frame()->splats;
     last = error_of(*player);
   }
@@ -346,9 +345,10 @@ TEST_F(Slices, ClipPlanesCutTheVolumeAndLeaveTheFace) {
   // In front of the face is next to nothing: clipped splats end there.
   const Image face = player->image().value();
   const auto truth = exact(player->view());
-  for (std::size_t i = 0; i < truth.size(); ++i)
-    if (!std::isnan(truth[i]) && face.pixels[i].a == 1)
-      EXPECT_LT(glm::length(dvec3(face.pixels[i]) - scene.transfer_function.color(truth[i])), 0.12) << i;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    if (std::isnan(truth[i]) || face.pixels[i].a < 1) continue;
+    EXPECT_LT(glm::length(dvec3(face.pixels[i]) - scene.transfer_function.color(truth[i])), 0.12) << i;
+  }
 
   scene.slices.clear();
   scene.clip_planes = {{.point = {0, 0, 2}, .normal = {0, 0, 1}}};

@@ -110,8 +110,9 @@ TEST(ExactSlice, ConstantCellsAndMissingValues) {
   const auto around = exact_slice({mesh.points, lacking, mesh.tetrahedra}, view, plane, places.depths).value();
   EXPECT_GT(std::ranges::count_if(around, [](double v) { return v == 1; }), 100);
   for (std::size_t i = 0; i < around.size(); ++i)
-    if (std::isfinite(places.depths[i]) && glm::length(places.positions[i] - dvec3(0.5)) < 0.1)
+    if (std::isfinite(places.depths[i]) && glm::length(places.positions[i] - dvec3(0.5)) < 0.1) {
       EXPECT_TRUE(std::isnan(around[i]));
+    }
 }
 
 TEST(ExactSlice, ChecksItsInput) {
