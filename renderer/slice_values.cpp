@@ -22,10 +22,14 @@ constexpr std::uint64_t batch_records = std::uint64_t{1} << 18;  // whose splats
 // A splat that is thinner across than this share of its length counts as so thick: the plane still meets it.
 constexpr double thinnest = 1e-6;
 
-// Densities in material, which is 1 there on average: all splats as if boundary planes cut nothing off, and what the
-// planes leave. The latter may be less if the planes leave most of what is there.
-constexpr double least_whole = 0.3, least_left = 0.3, least_share = 0.5;
+// Least densities in material, which are 1 on average. Of all splats, as if boundary planes cut nothing off: where
+// these have boundaries, the material's edge is near, and it reaches no farther than to half of the density. Elsewhere
+// ripple must not leave holes.
+constexpr double least_whole = 0.3, least_of_bounded = 0.5;
 constexpr double least_of_octants = 0.05;  // their sizes fit the material less
+
+// And of what the planes leave: so much, or this share of all.
+constexpr double least_left = 0.3, least_share = 0.5;
 
 // A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
 // coordinates.
@@ -58,7 +62,8 @@ struct SplatOnPlane {
 struct Sums {
   std::vector<float> weight, value;  // of the splats that have material there
   std::vector<float> whole;          // weight, as if nothing were cut off at boundaries
-  explicit Sums(std::size_t pixels) : weight(pixels), value(pixels), whole(pixels) {}
+  std::vector<float> bounded;        // the same of splats with a boundary
+  explicit Sums(std::size_t pixels) : weight(pixels), value(pixels), whole(pixels), bounded(pixels) {}
 };
 
 // The directions along a plane.
@@ -100,7 +105,9 @@ class SliceDrawing {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
     for (std::size_t i = 0; i < depths.size(); ++i) {
       const double weight = sums_.weight[i], whole = sums_.whole[i];
-      if (depths[i] < infinity && whole >= least && weight >= std::min(least_left, least_share * whole))
+      if (!(depths[i] < infinity && weight > 0)) continue;
+      const double limit = least + (least_of_bounded - least) * static_cast<double>(sums_.bounded[i]) / whole;
+      if (whole >= limit && weight >= std::min(least_left, least_share * whole))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
       if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
     }
@@ -229,6 +236,7 @@ bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnP
 
 void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
   const dvec3 &q = splat.g[0], &w = rays_.w;
+  const bool bounded = splat.has_boundary();
   const double step = 1 / view_.focal, left = (0.5 - 0.5 * view_.width) / view_.focal;
   for (int y = std::max(first, splat.first); y <= std::min(last, splat.last); ++y) {
     const double b = (y + 0.5 - 0.5 * view_.height) / view_.focal;
@@ -253,6 +261,7 @@ void SliceDrawing::draw_rows(const SplatOnPlane& splat, int first, int last) {
       const double weight = splat.density * inside * std::sqrt(inside);
       const bool counts = !(glm::dot(splat.outwards, u) > 0);
       sums_.whole[row + x] += static_cast<float>(weight);
+      if (bounded) sums_.bounded[row + x] += static_cast<float>(weight);
       if (!counts) continue;
       sums_.weight[row + x] += static_cast<float>(weight);
       sums_.value[row + x] += static_cast<float>(weight * (splat.value + glm::dot(splat.gradient, u)));

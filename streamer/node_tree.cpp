@@ -12,8 +12,22 @@ using format::IndexPage;
 // Share of a splat's size. Rounding may move a point out of its node, and a splat beyond its size, by less than this.
 constexpr double position_slack = 1.0 / 16;
 
-// The share of a node's section that splats cover on a plane beside the node.
-constexpr double share_beside_slices = 0.1;
+// The least section that counts: splats cover some of a plane beside their node, too.
+constexpr double least_section = 0.05;
+
+// Returns the area of a plane in a cube, in faces of the cube: the density of the sum of three uniform distributions.
+double section_of(const Cube& cube, const Plane& plane) {
+  const dvec3 widths = glm::max(glm::abs(plane.normal), dvec3(1e-3));
+  const double end = plane.distance(cube.origin + 0.5 * cube.edge) / cube.edge + 0.5 * (widths.x + widths.y + widths.z);
+  double sum = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    double from = end, sign = 1;
+    for (int axis = 0; axis < 3; ++axis)
+      if (corner >> axis & 1) from -= widths[axis], sign = -sign;
+    if (from > 0) sum += sign * from * from;
+  }
+  return std::max(sum / (2 * widths.x * widths.y * widths.z), 0.0);
+}
 
 bool is_clipped(const Cube& cube, const ClipRegion& clip) {
   if (clip.box && !(glm::all(glm::greaterThanEqual(cube.origin, clip.box->low)) &&
@@ -169,15 +183,13 @@ bool NodeTree::shows(const Node& node) const {
   return visibility_.shows(summary.min, summary.max, summary.occupancy);
 }
 
-// The sections of a node's children add up to its own, on average over all positions of the plane.
+// The sections of a node's children add up to its own.
 double NodeTree::weight_within(const Node& node, double reach) const {
   double sum = 0;
   if (!(node.summary().min <= node.summary().max)) return sum;
   for (const Slice& slice : view_.slices) {
     if (!meets(node.cube, reach, slice.plane)) continue;
-    const double section = 1 / glm::dot(glm::abs(slice.plane.normal), dvec3(1));
-    const double share = meets(node.cube, 0, slice.plane) ? 1 : share_beside_slices;
-    sum += share * section * slice.opacity * slice.opacity;
+    sum += std::max(section_of(node.cube, slice.plane), least_section) * slice.opacity * slice.opacity;
   }
   return sum;
 }

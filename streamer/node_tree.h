@@ -92,8 +92,8 @@ class NodeTree {
   /// Whether something of the node may be visible.
   [[nodiscard]] bool is_visible(const Node& node) const;
 
-  /// Returns the sum of the squared opacities of the slices on which splats of the node may show, each weighted with the
-  /// area that they cover there, in sections of the cube.
+  /// Returns the sum of the squared opacities of the slices on which splats of the node may show, each times the
+  /// area that they cover there, in faces of the cube.
   [[nodiscard]] double slice_weight(const Node& node, std::size_t resolution) const;
 
   /// Whether the node's cube may reach into the picture, or its splats at a resolution. A node without visible values

@@ -89,7 +89,7 @@ void draw_offset(dvec3& point, const dvec3& normal, const Box& bounds) {
   const Plane plane = make_plane(point, normal);
   const dvec3 middle = middle_of(bounds);
   const double half = std::max(0.5 * glm::dot(glm::abs(plane.normal), bounds.extent()), 1e-300);
-  double offset = -plane.distance(middle);
+  double offset = 0.0 - plane.distance(middle);  // never -0
   const double least = -half, most = half;
   if (ImGui::SliderScalar("position", ImGuiDataType_Double, &offset, &least, &most, "%.4g"))
     point = middle + offset * plane.normal;
