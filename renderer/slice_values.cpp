@@ -22,13 +22,12 @@ constexpr std::uint64_t batch_records = std::uint64_t{1} << 18;  // whose splats
 // A splat that is thinner across than this share of its length counts as so thick: the plane still meets it.
 constexpr double thinnest = 1e-6;
 
-// Least densities in material, which are 1 on average. Of all splats, as if boundary planes cut nothing off: where
-// these have boundaries, the material's edge is near, and it reaches no farther than to half of the density. Elsewhere
-// ripple must not leave holes.
+// Material has a density of 1 on average. A place with less than this has none, as if boundary planes cut nothing off.
+// Ripple must not leave holes. Splats with boundaries are near the material's edge, where the limit is higher.
 constexpr double least_whole = 0.3, least_of_bounded = 0.5;
 constexpr double least_of_octants = 0.05;  // their sizes fit the material less
 
-// And of what the planes leave: so much, or this share of all.
+// The boundary planes must leave this density, or this share of it.
 constexpr double least_left = 0.3, least_share = 0.5;
 
 // A plane as a picture's rays see it. The ray of a pixel is d = (a, b, 1); it meets the plane at K d / (w . d) in view
@@ -162,12 +161,14 @@ void SliceDrawing::find_splats(const DrawRange& range, std::vector<SplatOnPlane>
     }
   };
   if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records()))
-    visit(*octants, [](const OctantShape& shape) { return octant_reach * static_cast<double>(shape.size); },
-          [](const RecordRow& of, std::uint32_t i) { return material_of(unpack_octant(of, i)); });
+    visit(
+        *octants, [](const OctantShape& shape) { return octant_reach * static_cast<double>(shape.size); },
+        [](const RecordRow& of, std::uint32_t i) { return material_of(unpack_octant(of, i)); });
   else
-    visit(std::get<std::vector<MomentsShape>>(row.records()),
-          [&](const MomentsShape& shape) { return reach_of(shape, row.deviation_scale()); },
-          [](const RecordRow& of, std::uint32_t i) { return unpack(of, i); });
+    visit(
+        std::get<std::vector<MomentsShape>>(row.records()),
+        [&](const MomentsShape& shape) { return reach_of(shape, row.deviation_scale()); },
+        [](const RecordRow& of, std::uint32_t i) { return unpack(of, i); });
 }
 
 // Adds a splat if it meets the plane. Material with a boundary is half of an ellipsoid that is stretched across the
@@ -199,7 +200,7 @@ void SliceDrawing::add_splat(const Material& m, const dvec3& origin, float weigh
   found.push_back(splat);
 }
 
-// Finds the rows of pixels that may show the ellipse in which the plane cuts a splat. Returns false if there is none.
+// The plane cuts a splat in an ellipse. Finds the rows of pixels that may show it. Returns false if there are none.
 bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnPlane& found) const {
   // |k0 + k1 s + k2 t| < 1, from the foot of the perpendicular on the plane.
   const double distance = plane_.distance(centre);
@@ -214,13 +215,14 @@ bool SliceDrawing::find_rows(const dmat3& to_ball, const dvec3& centre, SplatOnP
   // A parallelogram of conjugate diameters holds the ellipse.
   const double r1 = -glm::dot(k1, k0), r2 = -glm::dot(k2, k0), k22 = glm::dot(k2, k2);
   const double radius = std::sqrt(1 - nearest * nearest);
-  const dvec3 middle = foot + (k22 * r1 - k12 * r2) / determinant * along_[0] +
-                       (k11 * r2 - k12 * r1) / determinant * along_[1];
+  const dvec3 middle =
+      foot + (k22 * r1 - k12 * r2) / determinant * along_[0] + (k11 * r2 - k12 * r1) / determinant * along_[1];
   const dvec3 first = radius / std::sqrt(k11) * along_[0];
   const dvec3 second = radius / std::sqrt(determinant * k11) * (k11 * along_[1] - k12 * along_[0]);
   double low = infinity, high = -infinity;
   for (int corner = 0; corner < 4; ++corner) {
-    const dvec3 p = view_.to_view(middle + ((corner & 1) != 0 ? first : -first) + ((corner & 2) != 0 ? second : -second));
+    const dvec3 p =
+        view_.to_view(middle + ((corner & 1) != 0 ? first : -first) + ((corner & 2) != 0 ? second : -second));
     if (!view_.orthographic && !(p.z > 0)) {
       low = -infinity, high = infinity;
       break;
@@ -279,8 +281,8 @@ std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units
     for (; end < list.ranges.size() && records < batch_records; ++end) records += list.ranges[end].count;
     drawing.add(std::span(list.ranges).subspan(begin, end - begin));
   }
-  const bool octants = !list.ranges.empty() &&
-                       std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
+  const bool octants =
+      !list.ranges.empty() && std::holds_alternative<std::vector<OctantShape>>(list.ranges[0].row.shapes->records());
   return drawing.values(depths, octants ? least_of_octants : least_whole);
 }
 

@@ -14,8 +14,8 @@ namespace splatvol {
 /// with a value. `depths`: where the rays meet the plane; infinity: nowhere. `units`: of the splats.
 ///
 /// The value is the mean of the splats' linear fields, weighted by the density of their kernel. Material ends where the
-/// density is low, and at the boundary planes of most of the splats there. Works in parallel; the result does not depend
-/// on threads. Takes 24 bytes for each pixel, and up to 60 MB for splats.
+/// density is low, and at the boundary planes of most of the splats there. Works in parallel; the result does not
+/// depend on threads. Takes 24 bytes for each pixel, and up to 60 MB for splats.
 [[nodiscard]] std::vector<double> slice_values(const DrawList& list, const DrawingUnits& units, const View& view,
                                                const Plane& plane, std::span<const double> depths);
 

@@ -9,10 +9,11 @@
 namespace splatvol {
 namespace {
 
-constexpr double usual_width = 0.05;  // of the domain; a narrower peak shows the splats
+constexpr double usual_width = 0.02;  // of the domain
 
-// Optical depth of a shell in which the value changes as fast as its domain over the data's size.
-constexpr double usual_depth = 5;
+// Optical depth of a shell if the value runs through its domain over the data's size. A shell is still opaque if the
+// value changes a hundred times as fast: a translucent one would show the splats.
+constexpr double usual_depth = 200;
 
 // Returns the number with the fewest digits that is accepted: what was meant, without the rounding of t. Else the
 // number itself.

@@ -490,10 +490,10 @@ std::string scene_to_json(const Scene& scene) {
   // By its name only if it comes back to the last bit.
   const auto isovalue = isovalue_of(scene.transfer_function);
   if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
-    function["isovalue"] = {
-        {"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
+    function["isovalue"] = {{"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
   else
-    for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
+    for (const auto& [t, extinction] : scene.transfer_function.densities)
+      function["density"].push_back({t, extinction});
   document["lighting"] = false;
   if (scene.lighting)
     document["lighting"] = {{"ambient", scene.lighting->ambient}, {"diffuse", scene.lighting->diffuse}};

@@ -31,9 +31,8 @@ bool ClipRegion::excludes(const Box& other) const {
   if (box && (glm::any(glm::greaterThan(box->low, other.high)) || glm::any(glm::lessThan(box->high, other.low))))
     return true;
   const dvec3 centre = 0.5 * (other.low + other.high), half = 0.5 * other.extent();
-  return std::ranges::any_of(planes, [&](const Plane& plane) {
-    return plane.distance(centre) + glm::dot(glm::abs(plane.normal), half) < 0;
-  });
+  return std::ranges::any_of(
+      planes, [&](const Plane& plane) { return plane.distance(centre) + glm::dot(glm::abs(plane.normal), half) < 0; });
 }
 
 unsigned nearest_octant(const View& view, const Cube& node) {

@@ -8,8 +8,8 @@
 namespace splatvol {
 
 /// Clips a splat of the kernel moments, taking its material as normally distributed. Mass, centroid and value become
-/// exactly those of the material inside the region; the deviations change along the splat's axes, which stay. A splat that
-/// has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `region`: in
+/// exactly those of the material inside the region; the deviations change along the splat's axes, which stay. A splat
+/// that has no boundary and loses a good part gets the face as its boundary. A splat outside gets mass 0. `region`: in
 /// drawing units, relative to the origin of the splat's centre. Returns whether the splat has changed.
 bool clip(Material& splat, const ClipRegion& region);
 

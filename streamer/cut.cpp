@@ -241,7 +241,9 @@ class CutSelector {
   float covered_visibly(const Node& node, std::size_t resolution) const {
     const std::uint64_t occupied = node.summary().occupancy;
     const double visible =
-        tree_.slice_weight(node, resolution) > 0 ? 1 : std::popcount(occupied & tree_.visibility().bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
+        tree_.slice_weight(node, resolution) > 0
+            ? 1
+            : std::popcount(occupied & tree_.visibility().bins()) / std::max(1.0, 1.0 * std::popcount(occupied));
     return static_cast<float>(std::clamp(tree_.covered_percent(node, resolution) * visible, 1e-30, 1e6));
   }
 

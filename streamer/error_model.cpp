@@ -12,7 +12,7 @@ constexpr double calibration = 1.0 / 110;
 
 constexpr double shape_share = 1.0 / 50;
 constexpr double seam_share = 1.0 / 200;
-constexpr double slice_share = 10;  // of the contrast on slices
+constexpr double slice_share = 10;       // of the contrast on slices
 constexpr double smallest_pixels = 0.5;  // splats of this width show half of their error
 
 // At least this share of a node counts, even if less is in view: its splats reach out of its cube.

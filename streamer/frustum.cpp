@@ -37,7 +37,7 @@ Frustum::Frustum(const View& view, double smallest_reach_pixels) : view_(view) {
     return {glm::normalize(view.focal * inwards + half * view.forward), 0};
   };
   sides_ = {side(view.right, view.width), side(-view.right, view.width), side(view.up, view.height),
-             side(-view.up, view.height), Side{view.forward, 0}};
+            side(-view.up, view.height), Side{view.forward, 0}};
 }
 
 double Frustum::farthest(const Side& side, const Cube& cube) const {

@@ -14,7 +14,8 @@ namespace splatvol {
 /// Whether a ball of radius `reach` round a position in the cube may meet the plane. Never wrongly false.
 [[nodiscard]] bool meets(const Cube& cube, double reach, const Plane& plane);
 
-/// The part of space that may appear in the image. It is in front of the eye, and inside of the view's clip region. It projects into the image, or no farther outside than a splat without size reaches.
+/// The part of space that may appear in the image. It is in front of the eye, and inside of the view's clip region. It
+/// projects into the image, or no farther outside than a splat without size reaches.
 class Frustum {
  public:
   /// `smallest_reach_pixels`: how far from its centre a splat without size is drawn.

@@ -210,8 +210,8 @@ bool NodeTree::is_within_reach(const Node& node) const {
 
 bool NodeTree::is_within_reach(const Node& node, std::size_t resolution) const {
   const double reach = reach_of(node, resolution);
-  const bool touches = kernel_ == KernelKind::octant ? frustum_.touches(node.cube, reach)
-                                                     : frustum_.touches(grown(node.cube, reach), 0);
+  const bool touches =
+      kernel_ == KernelKind::octant ? frustum_.touches(node.cube, reach) : frustum_.touches(grown(node.cube, reach), 0);
   return touches && (view_.slices.empty() || shows(node) || weight_within(node, reach) > 0);
 }
 

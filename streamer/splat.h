@@ -55,5 +55,4 @@ inline constexpr double octant_smallest_reach_pixels = 1.5;
 inline constexpr double moments_reach = 2;
 inline constexpr double moments_smallest_reach_pixels = 1.5;
 
-
 }  // namespace splatvol

@@ -62,7 +62,7 @@ struct FrameProgress {
 /// counts them. Rows that the caller still holds when another frame has taken its place are the caller's memory.
 struct FrameSplats {
   DrawList list;
-  DrawList sliced;  // the splats near the view's slices, some perhaps not in `list`; not clipped
+  DrawList sliced;           // the splats near the view's slices, some perhaps not in `list`; not clipped
   std::uint64_t serial = 0;  // changes when the list changes, besides its weights
 
   // The chosen cut. A coarser detail than the one asked for is what the budget allows.

@@ -97,9 +97,9 @@ std::uint64_t Streamer::clipped_bytes(const Cut& cut) const {
 
 // Returns a bound on the bytes of a frame of resolution 0 alone, besides its rows. A splat may be a range of its own.
 std::uint64_t Streamer::coarsest_frame_bytes() const {
-  return info().resolution_counts[0] * (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes +
-                                        clipped_entry_bytes + most_clipped_bytes(kernel_, 1) + sizeof(DrawRange) +
-                                        sizeof(std::uint32_t));
+  return info().resolution_counts[0] *
+         (sizeof(CutItem) + sizeof(PointRange) + item_bytes + part_bytes + clipped_entry_bytes +
+          most_clipped_bytes(kernel_, 1) + sizeof(DrawRange) + sizeof(std::uint32_t));
 }
 
 // Returns a bound on what select_cut counts of a cut of resolution 0 alone.

@@ -132,11 +132,11 @@ void Streamer::set_weights(FadingCut fading) {
 }
 
 std::uint64_t Streamer::Frame::memory_bytes() const {
-  std::uint64_t bytes = fading.cut.memory_bytes() + fading.roles.size() * sizeof(FadingCut::Role) +
-                        fading.fades.size() * sizeof(Fade) + rows.size() * sizeof(Cache::Pointer) +
-                        (splats.list.ranges.size() + splats.sliced.ranges.size()) *
-                            (sizeof(DrawRange) + sizeof(std::uint32_t)) +
-                        drawn_items.size() * sizeof(std::uint32_t);
+  std::uint64_t bytes =
+      fading.cut.memory_bytes() + fading.roles.size() * sizeof(FadingCut::Role) + fading.fades.size() * sizeof(Fade) +
+      rows.size() * sizeof(Cache::Pointer) +
+      (splats.list.ranges.size() + splats.sliced.ranges.size()) * (sizeof(DrawRange) + sizeof(std::uint32_t)) +
+      drawn_items.size() * sizeof(std::uint32_t);
   for (const auto& [name, range] : clipped) {
     bytes += sizeof(name) + sizeof(range) + 4 * sizeof(void*);
     if (range.part == ClippedRange::Part::some) bytes += held_bytes(*range.row.shapes) + held_bytes(*range.row.values);

@@ -404,7 +404,8 @@ SlicePicture color_slice(const View& view, const Slice& slice, std::vector<doubl
     if (!std::isfinite(values[i]))
       picture.depths[i] = infinity;
     else if (picture.depths[i] < infinity)
-      picture.light.pixels[i] = vec4(vec3(slice.opacity * function.color(values[i])), static_cast<float>(slice.opacity));
+      picture.light.pixels[i] =
+          vec4(vec3(slice.opacity * function.color(values[i])), static_cast<float>(slice.opacity));
   });
   return picture;
 }

@@ -42,11 +42,11 @@ struct SlicePicture {
 [[nodiscard]] SlicePicture color_slice(const View& view, const Slice& slice, std::vector<double> depths,
                                        std::span<const double> values, const TransferFunction& function);
 
-/// Draws surfaces and slices: each pixel's centre has one ray. In a pixel, layer i holds the surface that the ray meets after i
-/// translucent ones, up to the nearest opaque one. Depths have double precision, rounded to single. A ray through an
-/// edge or a vertex meets one of the triangles there. Nothing is drawn behind the eye's plane, or outside of the clip
-/// region. Colours are lit as by `Lighting`, with the angle between ray and triangle; edges are dark lines about a pixel
-/// wide.
+/// Draws surfaces and slices: each pixel's centre has one ray. In a pixel, layer i holds the surface that the ray meets
+/// after i translucent ones, up to the nearest opaque one. Depths have double precision, rounded to single. A ray
+/// through an edge or a vertex meets one of the triangles there. Nothing is drawn behind the eye's plane, or outside of
+/// the clip region. Colours are lit as by `Lighting`, with the angle between ray and triangle; edges are dark lines
+/// about a pixel wide.
 ///
 /// Layers beyond `most_layers` translucent ones are joined with the last of these, in their order.
 /// Works in parallel; the result does not depend on threads. Takes 24 bytes for each point, besides 36 for each pixel

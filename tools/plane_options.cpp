@@ -76,7 +76,7 @@ void add_plane_options(CLI::App& app, PlaneOptions& options) {
       ->check(check_of(parse_plane));
   app.add_option("--isovalue", options.isovalue,
                  "Show a shell of one value, lit: the density is a narrow peak there, of this width in values "
-                 "(default: a twentieth of the domain)")
+                 "(default: a fiftieth of the domain)")
       ->type_name("VALUE[:WIDTH]")
       ->check(check_of(parse_isovalue));
 }

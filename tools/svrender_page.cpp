@@ -104,8 +104,8 @@ Result<Composition> compose(const RenderOptions& options) {
     SPLATVOL_TRY_ASSIGN(scene, read_scene(options));
     composition.scene = std::move(scene);
   }
-  const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.color_bar || options.turntable > 0 ||
-                            (composition.scene.outline && !composition.data);
+  const bool needs_volume = options.scene.empty() || options.planes.are_given() || options.color_bar ||
+                            options.turntable > 0 || (composition.scene.outline && !composition.data);
   std::shared_ptr<const format::Volume> volume;
   if (needs_volume) {
     SPLATVOL_TRY_ASSIGN(opened, open_step(options.volume, options.step));

@@ -51,7 +51,7 @@ dvec3 tip_of(const Plane& plane, const Projection& projection) {
   return plane.point + arrow_length * gui_unit() * projection.world_per_unit(plane.point) * plane.normal;
 }
 
-// The corners of the polygon in which a plane cuts a box, in order round its middle.
+// A plane cuts a box in a polygon. Returns its corners, in order round its middle.
 std::vector<dvec3> section_of(const Plane& plane, const Box& box) {
   const auto corner = [&](int c) {
     return dvec3(c & 1 ? box.high.x : box.low.x, c & 2 ? box.high.y : box.low.y, c & 4 ? box.high.z : box.low.z);
@@ -68,7 +68,8 @@ std::vector<dvec3> section_of(const Plane& plane, const Box& box) {
   dvec3 middle(0);
   for (const dvec3& p : corners) middle += p / static_cast<double>(corners.size());
   const dvec3 x = corners.front() - middle, y = glm::cross(plane.normal, x);
-  std::ranges::sort(corners, {}, [&](const dvec3& p) { return std::atan2(glm::dot(p - middle, y), glm::dot(p - middle, x)); });
+  std::ranges::sort(corners, {},
+                    [&](const dvec3& p) { return std::atan2(glm::dot(p - middle, y), glm::dot(p - middle, x)); });
   return corners;
 }
 
@@ -93,8 +94,9 @@ void draw_offset(dvec3& point, const dvec3& normal, const Box& bounds) {
   const double least = -half, most = half;
   if (ImGui::SliderScalar("position", ImGuiDataType_Double, &offset, &least, &most, "%.4g"))
     point = middle + offset * plane.normal;
-  hint("From the middle of the data, along the normal, in the units of the file's coordinates.\n"
-       "Control click: type a number.");
+  hint(
+      "From the middle of the data, along the normal, in the units of the file's coordinates.\n"
+      "Control click: type a number.");
 }
 
 }  // namespace

@@ -54,9 +54,9 @@ struct SceneSurface {
 
 /// A plane that shows the values on it, by the colours of the transfer function.
 struct SceneSlice {
-  dvec3 point{0};          // of the plane
-  dvec3 normal{1, 0, 0};   // any length but 0
-  double opacity = 1;      // [0, 1]; 1 hides what lies behind
+  dvec3 point{0};         // of the plane
+  dvec3 normal{1, 0, 0};  // any length but 0
+  double opacity = 1;     // [0, 1]; 1 hides what lies behind
   bool shown = true;
 
   [[nodiscard]] bool operator==(const SceneSlice&) const = default;

@@ -85,8 +85,7 @@ class Slices : public testing::Test {
       const double a = (static_cast<double>(i % view.width) + 0.5 - 0.5 * view.width) / view.focal;
       const double b = (0.5 * view.height - static_cast<double>(i / view.width) - 0.5) / view.focal;
       const double w = view.orthographic ? 1 : depths[i];
-      result.push_back(
-          {view.eye + a * w * view.right + b * w * view.up + depths[i] * view.forward, values[i]});
+      result.push_back({view.eye + a * w * view.right + b * w * view.up + depths[i] * view.forward, values[i]});
     }
     return result;
   }
@@ -101,8 +100,8 @@ class Slices : public testing::Test {
     const View& view = player.view();
     const Plane& plane = view.slices.front().plane;
     const auto truth = exact(view);
-    const auto values = slice_values(player.frame()->sliced, player.streamer().units(), view, plane,
-                                     slice_depths(view, plane));
+    const auto values =
+        slice_values(player.frame()->sliced, player.streamer().units(), view, plane, slice_depths(view, plane));
     double sum = 0, count = 0;
     for (std::size_t i = 0; i < values.size(); ++i)
       if (!std::isnan(truth[i]) && !std::isnan(values[i])) sum += std::pow(truth[i] - values[i], 2), ++count;
@@ -221,10 +220,10 @@ TEST_F(Slices, AnOpaqueSliceHidesTheVolumeBehind) {
   draw(*player, scene);
   const Image volume = player->image().value();
   EXPECT_FALSE(player->has_drawn_surfaces());
-  for (const SceneSlice& none : {SceneSlice{.point = dvec3(0.5), .shown = false},
-                                 SceneSlice{.point = dvec3(0.5), .opacity = 0},
-                                 SceneSlice{.point = {0, -5, 0}, .normal = {0, 1, 0}},
-                                 SceneSlice{.point = scene.camera.position, .normal = {1, 2, 3}}}) {
+  for (const SceneSlice& none :
+       {SceneSlice{.point = dvec3(0.5), .shown = false}, SceneSlice{.point = dvec3(0.5), .opacity = 0},
+        SceneSlice{.point = {0, -5, 0}, .normal = {0, 1, 0}},
+        SceneSlice{.point = scene.camera.position, .normal = {1, 2, 3}}}) {
     scene.slices = {none};
     draw(*player, scene);
     EXPECT_EQ(compare_images(player->image().value(), volume)->max, 0);
@@ -301,8 +300,8 @@ TEST_F(Slices, DoNotDependOnThreads) {
 TEST_F(Slices, FollowTheStep) {
   const auto step = [](int number) {
     return SeriesStep{fmt::format("step {}", number), 0.5 * number, [number]() -> Result<std::unique_ptr<Source>> {
-                        return std::make_unique<test::PieceSource>(std::vector{test::mesh_piece(
-                            test::lattice(12), [number](dvec3 p) { return linear(p) + number; })});
+                        return std::make_unique<test::PieceSource>(std::vector{
+                            test::mesh_piece(test::lattice(12), [number](dvec3 p) { return linear(p) + number; })});
                       }};
   };
   const std::string path = folder_ + "/series.svol";

@@ -47,9 +47,7 @@ Places places_of(const View& view, const Plane& plane) {
   return places;
 }
 
-bool is_in_cube(const dvec3& p, double margin) {
-  return std::min({p.x, p.y, p.z, 1 - p.x, 1 - p.y, 1 - p.z}) > margin;
-}
+bool is_in_cube(const dvec3& p, double margin) { return std::min({p.x, p.y, p.z, 1 - p.x, 1 - p.y, 1 - p.z}) > margin; }
 
 // A linear field is exact on every plane: along faces of cells, through vertices, with the eye inside, and far from the
 // origin.
@@ -120,8 +118,7 @@ TEST(ExactSlice, ChecksItsInput) {
   const View view = view_from({1.7, 2.1, 2.9}, dvec3(0.5));
   const Plane plane = make_plane(dvec3(0.5), {0, 0, 1}), outside = make_plane(dvec3(9), {0, 0, 1});
   const Places places = places_of(view, plane), far = places_of(view, outside);
-  EXPECT_THAT(exact_slice(mesh.view(), view, outside, far.depths).value(),
-              ::testing::Each(::testing::IsNan()));
+  EXPECT_THAT(exact_slice(mesh.view(), view, outside, far.depths).value(), ::testing::Each(::testing::IsNan()));
   EXPECT_FALSE(exact_slice(mesh.view(), view, plane, std::span(places.depths).first(9)));
   mesh.values.pop_back();
   EXPECT_FALSE(exact_slice(mesh.view(), view, plane, places.depths));

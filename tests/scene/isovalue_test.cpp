@@ -62,7 +62,7 @@ TEST(Isovalue, EndsWithTheDomain) {
 TEST(Isovalue, ShowsALitShellAndWidensTheDomain) {
   Scene scene = scene_with(ValueAxis::linear);
   ASSERT_TRUE(show_isovalue(scene, 130, std::nullopt, 10));
-  EXPECT_NEAR(scene.transfer_function.hi, 133.3, 1e-9);
+  EXPECT_NEAR(scene.transfer_function.hi, 131.32, 1e-9);
   EXPECT_EQ(scene.lighting, Lighting());
   EXPECT_GT(scene.transfer_function.extinction(130), 1);
 

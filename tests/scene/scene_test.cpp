@@ -113,11 +113,10 @@ TEST(ParseScene, NamesTheFieldNearestToAnUnknownOne) {
 }
 
 TEST(ParseScene, SlicesAndClipPlanesAreReadAndWrittenBack) {
-  json text = json::parse(changed("/slices", {{{"point", {1, 2, 3}}, {"normal", {0, 0, 2}}},
-                                              {{"point", {1e7, 0, 0}},
-                                               {"normal", {1e-200, 2e-200, -1e-200}},
-                                               {"opacity", 0.25},
-                                               {"shown", false}}}));
+  json text = json::parse(
+      changed("/slices",
+              {{{"point", {1, 2, 3}}, {"normal", {0, 0, 2}}},
+               {{"point", {1e7, 0, 0}}, {"normal", {1e-200, 2e-200, -1e-200}}, {"opacity", 0.25}, {"shown", false}}}));
   text["clip_planes"] = {{{"point", {0, 0, 0}}, {"normal", {3, 0, 4}}},
                          {{"point", {0, 1, 0}}, {"normal", {0, 1, 0}}, {"active", false}}};
   const auto scene = parse_scene(text.dump());
