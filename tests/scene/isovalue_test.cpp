@@ -14,7 +14,7 @@ using ::testing::HasSubstr;
 
 Scene scene_with(ValueAxis axis) {
   Scene scene;
-  scene.attribute = "p";
+  scene.attribute.assign(1, 'p');  // g++ 12 warns of an assigned literal
   scene.camera.position = {1, 2, 3};
   TransferFunction& function = scene.transfer_function;
   function.axis = axis;
