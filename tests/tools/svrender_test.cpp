@@ -112,9 +112,9 @@ TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
   EXPECT_GT(compare_images(picture("--clip-plane 0.5,0.5,0.5:0.1,0,1"), plain)->rmse, 0.01);
   EXPECT_GT(compare_images(picture("--isovalue 0.5"), plain)->rmse, 0.01);
   EXPECT_GT(compare_images(picture("--isovalue 0.5:0.2"), picture("--isovalue 0.5:0.01"))->rmse, 1e-3);
-  for (const char* options :
-       {"--slice 1,2:0,0,1", "--slice 1,2,3", "--slice 1,2,3:0,0,0", "--slice 1,2,3:0,0,nan", "--slice 1,2,3:0,0,1,",
-        "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1", "--isovalue x", "--isovalue 1:0", "--isovalue 1:"}) {
+  for (const char* options : {"--slice 1,2:0,0,1", "--slice 1,2,3", "--slice 1,2,3:0,0,0", "--slice 1,2,3:0,0,nan",
+                              "--slice 1,2,3:0,0,1,", "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1",
+                              "--isovalue x", "--isovalue 1:0", "--isovalue 1:"}) {
     const Outcome outcome = run(fmt::format("v.svol --scene s.json -o no.png {}", options));
     EXPECT_EQ(outcome.code, 2) << options;
     EXPECT_LT(outcome.text.size(), 250u) << outcome.text;
