@@ -252,7 +252,7 @@ void Session::begin_rest() {
 
 // Goes on to a finer picture, unless this one is the last.
 Status Session::finish_picture() {
-  SPLATVOL_TRY(sharpening_->add(*frame(), player_->rasterizer()));
+  SPLATVOL_TRY(sharpening_->add(*frame(), [this] { return player_->image(); }));
   settled_ = sharpening_->is_done();
   if (settled_) read_ahead(step() + 1);
   return {};

@@ -13,6 +13,7 @@
 #include "builder/build.h"
 #include "builder/series_build.h"
 #include "player/player.h"
+#include "player/sharpening.h"
 #include "reference/slice.h"
 #include "renderer/slice_values.h"
 #include "tests/builder/support/meshes.h"
@@ -211,6 +212,25 @@ TEST_F(Slices, GoalsSpendSplatsOnSlices) {
   const auto search = player->draw_to_error(0.01);
   ASSERT_TRUE(search) << search.error().message;
   EXPECT_LT(error_of(*player), 0.05);
+}
+
+// The volume shows nothing: pictures of it alone would not differ.
+TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
+  const auto player = open(waves, dvec3(0), 40);
+  Scene scene = player->scene();
+  scene.transfer_function.densities = {{0, 0}, {1, 0}};
+  scene.slices = {{.point = dvec3(0.5), .normal = {0.3, -0.2, 0.7}}};
+  ASSERT_TRUE(player->set_scene(scene));
+  Sharpening sharpening({.max_error = 0.002, .first_splats = 1024});
+  std::vector<double> errors;
+  while (!sharpening.is_done()) {
+    ASSERT_TRUE(player->draw_frame({.detail = sharpening.detail()}));
+    errors.push_back(error_of(*player));
+    ASSERT_TRUE(sharpening.add(*player->frame(), [&] { return player->image(); }));
+    ASSERT_LT(errors.size(), 20U);
+  }
+  EXPECT_GE(errors.size(), 3U);
+  EXPECT_LT(errors.back(), 0.3 * errors.front());
 }
 
 // Besides, a slice that is off or beside the data leaves the picture as it is, to the last bit.
