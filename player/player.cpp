@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -321,6 +322,8 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
 
 // Draws the volume in front of each layer of surfaces, and joins all.
 Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
+  const auto start = Clock::now();
+  double volume_seconds = 0;
   if (!view.slices.empty()) {
     surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
     surfaces_view_.reset();
@@ -328,6 +331,7 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
     surface_layers_ = draw_surfaces(surfaces_, {}, view);
     surfaces_view_ = view;
   }
+  times_.surfaces = seconds_since(start);
   if (surface_layers_.layers.empty()) return draw_volume(view);
   picture_.reset();
   FrameTimes sum;
@@ -337,7 +341,9 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
       // The layer outlives the drawing: it need not be shared.
       SPLATVOL_TRY(rasterizer_->set_surface_depths({std::shared_ptr<void>(), &layer.depths}));
       sample_spacing_ = 1;
+      const auto volume_start = Clock::now();
       SPLATVOL_TRY_ASSIGN(times, rasterizer_->draw(view, sort_, sample_spacing_));
+      volume_seconds += seconds_since(volume_start);
       SPLATVOL_TRY_ASSIGN(volume, rasterizer_->read_image());
       composite.add(volume, layer);
       sum.sort += times.sort, sum.upload += times.upload, sum.draw += times.draw;
@@ -348,6 +354,7 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   SPLATVOL_TRY(rasterizer_->set_surface_depths(nullptr));
   if (!drawn) return tl::unexpected(drawn.error());
   picture_ = composite.finish();
+  times_.surfaces = seconds_since(start) - volume_seconds;
   return sum;
 }
 
@@ -356,6 +363,7 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
   std::vector<SlicePicture> pictures;
   for (const Slice& slice : view.slices) {
     std::vector<double> depths = slice_depths(view, slice.plane);
+    if (std::ranges::none_of(depths, [](double depth) { return std::isfinite(depth); })) continue;
     const auto values = slice_values(frame_->sliced, streamer_->units(), view, slice.plane, depths);
     pictures.push_back(color_slice(view, slice, std::move(depths), values, scene_.transfer_function));
   }

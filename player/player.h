@@ -71,7 +71,8 @@ struct PlayerTimes {
   double cut = 0;    // choosing the splats
   double fetch = 0;  // reading and decoding them
   FrameTimes draw;
-  double frame = 0;  // all of it
+  double frame = 0;     // all of it
+  double surfaces = 0;  // of it, for surfaces and slices: fewer splats would hardly change it
 };
 
 /// What comparing pictures found out (ErrorControl).

@@ -102,14 +102,14 @@ class SliceDrawing {
 
   [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
-    for (std::size_t i = 0; i < depths.size(); ++i) {
+    tbb::parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
       const double weight = sums_.weight[i], whole = sums_.whole[i];
-      if (!(depths[i] < infinity && weight > 0)) continue;
+      if (!(depths[i] < infinity && weight > 0)) return;
       const double limit = least + (least_of_bounded - least) * static_cast<double>(sums_.bounded[i]) / whole;
       if (whole >= limit && weight >= std::min(least_left, least_share * whole))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / weight);
       if (!std::isfinite(values[i])) values[i] = std::numeric_limits<double>::quiet_NaN();
-    }
+    });
     return values;
   }
 

@@ -420,12 +420,12 @@ void SurfaceComposite::add(const Image& volume, const SurfaceLayer& layer) {
     light_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0, 0, 0, 1))};
     volume_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0))};
   }
-  for (std::size_t i = 0; i < volume.pixels.size(); ++i) {
+  tbb::parallel_for(std::size_t{0}, volume.pixels.size(), [&](std::size_t i) {
     vec4& light = light_.pixels[i];
     const vec4 &front = volume.pixels[i], &surface = layer.light.pixels[i];
     const vec3 between = vec3(front) - vec3(volume_.pixels[i]);
     light = vec4(vec3(light) + light.a * (between + (1 - front.a) * vec3(surface)), light.a * (1 - surface.a));
-  }
+  });
   volume_ = volume;
 }
 

@@ -21,6 +21,10 @@ constexpr double fade_seconds = 0.2;
 // The first picture at rest for an error has at least so many splats: it costs little.
 constexpr std::uint64_t least_first_splats = std::uint64_t{1} << 13;
 
+// With surfaces or slices, a moving picture has at least so many splats. Fewer are no faster: each is larger, and
+// surfaces are compared with each of its pixels.
+constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
+
 // Longest time that the picture of the step before stays. Then the new one is drawn as coarse as it is.
 constexpr double longest_wait_seconds = 2;
 
@@ -174,7 +178,7 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   FrameRequest request{.wait_seconds = awaits_step_ ? step_wait_seconds : 0,
                        .change = moves ? 1 : std::min(1.0, std::max(undrawn_seconds_, 0.01) / fade_seconds)};
   if (moves)
-    request.detail.goal = ErrorGoal{0, std::min(pacer_.splats(), player_->device_splats())};
+    request.detail.goal = ErrorGoal{0, std::min(moving_splats(), player_->device_splats())};
   else
     request.detail = sharpening_->detail();
   SPLATVOL_TRY(player_->choose(request));
@@ -194,8 +198,13 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(player_->draw(options));
   note_drawn();
   // Counts the splats that were allowed, not those drawn: the next finer cut may have many times as many.
-  if (moves) pacer_.add(request.detail.goal->max_splats, player_->times().frame);
+  const PlayerTimes& times = player_->times();
+  if (moves) pacer_.add(request.detail.goal->max_splats, times.frame - times.surfaces);
   return moves || !frame()->progress.settled ? Status{} : finish_picture();
+}
+
+std::uint64_t Session::moving_splats() const {
+  return player_->has_drawn_surfaces() ? std::max(pacer_.splats(), least_among_surfaces) : pacer_.splats();
 }
 
 void Session::note_drawn() {

@@ -158,6 +158,7 @@ class Session {
   [[nodiscard]] Status draw_aside(const DrawOptions& options);
   [[nodiscard]] Status end_drawing(bool is_busy);
   void stop_drawing();
+  [[nodiscard]] std::uint64_t moving_splats() const;
   void note_drawn();
   [[nodiscard]] Status finish_picture();
 

@@ -75,6 +75,12 @@ std::vector<dvec3> section_of(const Plane& plane, const Box& box) {
 
 dvec3 middle_of(const Box& bounds) { return 0.5 * (bounds.low + bounds.high); }
 
+// The point that the camera turns about, if it is in the data.
+dvec3 point_in_sight(const Scene& scene, const Box& bounds) {
+  const dvec3& point = scene.camera.focal_point;
+  return ClipRegion{bounds, {}}.contains(point) ? point : middle_of(bounds);
+}
+
 // The axis that is nearest to the line of sight, towards the eye.
 dvec3 towards_eye(const View& view) {
   dvec3 direction(0);
@@ -190,7 +196,7 @@ void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds
   ImGui::BeginDisabled(scene.clip_planes.size() >= most_planes);
   if (ImGui::SmallButton("add clip plane")) {
     selected_ = {false, scene.clip_planes.size()};
-    scene.clip_planes.push_back({.point = middle_of(bounds), .normal = -towards_eye(view)});
+    scene.clip_planes.push_back({.point = point_in_sight(scene, bounds), .normal = -towards_eye(view)});
   }
   ImGui::EndDisabled();
   hint("Hides all on one side of a plane.");
@@ -199,7 +205,7 @@ void SliceControls::draw_panel(Scene& scene, const View& view, const Box& bounds
 void SliceControls::add_slice(Scene& scene, const View& view, const Box& bounds) {
   if (scene.slices.size() >= most_planes) return;
   selected_ = {true, scene.slices.size()};
-  scene.slices.push_back({.point = middle_of(bounds), .normal = towards_eye(view)});
+  scene.slices.push_back({.point = point_in_sight(scene, bounds), .normal = towards_eye(view)});
 }
 
 void SliceControls::draw_isovalue(Scene& scene, const TransferFunction& fitting, const Box& bounds) {

@@ -17,7 +17,8 @@ class SliceControls {
   /// Draws the planes' part of the panel, and changes the scene. `bounds`: of the data.
   void draw_panel(Scene& scene, const View& view, const Box& bounds);
 
-  /// Adds a slice through the middle of the data, across the axis that is nearest to the line of sight.
+  /// Adds a slice through the point that the camera turns about, or else through the middle of the data. It lies across
+  /// the axis that is nearest to the line of sight.
   void add_slice(Scene& scene, const View& view, const Box& bounds);
 
   /// Draws the switch and the sliders of the isovalue. `fitting`: the function that is shown when it is switched off.
